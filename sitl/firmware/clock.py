@@ -22,6 +22,8 @@ from sitl.firmware.native.library import TruthRing
 _BATTERY_EVERY = 5  # guidance intervals
 _PAUSE_S = 0.25  # wall time that an ordered pace may run ahead by
 _MOST = 1000  # ticks at once, where there is no pace to keep
+_AHEAD_NS = 500_000_000  # of the newest telemetry that was heard: five of its intervals
+_LISTEN_S = 0.001  # wall time between looks whether it was
 
 
 class _Truth(NamedTuple):
@@ -125,6 +127,7 @@ class FirmwareClock:
         self._speed, self._patience_s = speed, patience_s
         self._processor = processor
         self._slow_until = -math.inf  # wall time up to which the pace is that of wall time
+        self._heard_ns: int | None = None  # time stamp of the newest telemetry
         self._truth = TruthHistory(bridge.plant, bridge.truths)
         self._may_run = threading.Event()
         self._stopped = False
@@ -169,6 +172,12 @@ class FirmwareClock:
         """Be no faster than wall time for the next `seconds` of it: somebody is being answered."""
         self._slow_until = time.monotonic() + seconds
 
+    def heard(self, t_ns: int) -> None:
+        """Telemetry of this instant was read. Time goes on up to half a second beyond the newest,
+        so that whoever is slow to read, or the firmware to send, misses nothing.
+        """
+        self._heard_ns = max(t_ns, self._heard_ns or 0)
+
     def exchange_battery(self) -> None:
         """Put in a fresh battery, while time stands still."""
         self.plant.exchange_battery()
@@ -193,12 +202,24 @@ class FirmwareClock:
 
     def _run_until_stopped(self) -> None:
         bridge, plant, run = self._bridge, self.plant, self._bridge.run
-        asked_s = paced_s = time.monotonic()
+        asked_s = paced_s = heard_s = time.monotonic()
         while not self._stopped:
             if not self._may_run.is_set():
                 bridge.rest()
-                asked_s = paced_s = time.monotonic()
+                asked_s = paced_s = heard_s = time.monotonic()
                 continue
+            heard_ns = self._heard_ns
+            if heard_ns is not None and plant.t_ns > heard_ns + _AHEAD_NS:
+                if time.monotonic() - heard_s > self._patience_s:
+                    raise FirmwareSilentError(
+                        f"no telemetry for {self._patience_s:g} s: the newest is of t "
+                        f"{heard_ns / 1e9:.2f} s, and time waits for more at "
+                        f"{plant.t_ns / 1e9:.2f} s"
+                    )
+                time.sleep(_LISTEN_S)
+                asked_s = time.monotonic()
+                continue
+            heard_s = time.monotonic()
             speed = self._speed if asked_s >= self._slow_until else min(self._speed, 1.0)
             if ticks := run(_MOST if math.isinf(speed) else plant.interval):
                 self._truth.keep_battery()

@@ -54,6 +54,7 @@ EACH_COUNTS = frozenset(
 # Wall time between looks at what has come. To wake up for each datagram would cost more than all
 # that is done with it; while a station waits for an answer it is worth that.
 _FLUSH_S, _ANSWER_FLUSH_S = 0.02, 0.002
+_LEAST_A = 0.1  # that electronics take while the motors are off
 _HEARTBEAT_S = 0.8  # wall time after which the last heartbeat is said again
 _ANSWER_S = 0.1  # wall time after a ground station's message that the vehicle answers in
 
@@ -110,9 +111,10 @@ class Writer:
     def __init__(self, system: int) -> None:
         self._mav = mav.MAVLink(None, srcSystem=system, srcComponent=mav.MAV_COMP_ID_BATTERY)
 
-    def battery(self, state: BatteryState) -> bytes:
-        """BATTERY_STATUS of a smart battery."""
+    def battery(self, state: BatteryState, capacity_mah: float) -> bytes:
+        """BATTERY_STATUS of a smart battery, with the time that it lasts at the present current."""
         cell = round(state.voltage_v * 1e3 / CELLS)
+        left_as = state.remaining * capacity_mah * 3.6
         return self._pack(
             mav.MAVLink_battery_status_message(
                 id=0,
@@ -124,6 +126,7 @@ class Writer:
                 current_consumed=round(state.consumed_mah),
                 energy_consumed=-1,
                 battery_remaining=round(100 * state.remaining),
+                time_remaining=round(left_as / max(state.current_a, _LEAST_A)),
             )
         )
 

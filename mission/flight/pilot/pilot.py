@@ -153,7 +153,7 @@ class Pilot:
                 return
             if left:
                 mode, said = self.watch.left_mission or (self.watch.mode, "")
-                because = _because(said or self.watch.last_warning)
+                because = _because(said or self.watch.why)
                 raise FlightError(f"the vehicle left the mission for {mode.name}{because}")
             await asyncio.sleep(POLL_S)
 
@@ -278,7 +278,7 @@ class Pilot:
         if watch.silence_s > self._stall_timeout_s:
             raise LinkLostError(
                 f"no sign of the vehicle for {watch.silence_s:.0f} s while it should {what}"
-                f"{_because(watch.last_warning)}"
+                f"{_because(watch.why)}"
             )
 
 

@@ -14,6 +14,10 @@ from mission.flight.pilot.calls import settled
 logger = logging.getLogger(__name__)
 
 _MOST_GRAVE = StatusTextType.EMERGENCY.value  # MAVSDK counts the other way round
+# Wall time after which a warning is no reason any more for what happens, and what the warnings of
+# checks before take-off begin with: in flight they are none at all.
+_STALE_S = 5.0
+_BEFORE_TAKEOFF = ("preflight", "prearm", "arm:")
 _CRASH = "crash"  # a critical text that begins so, of this vehicle ("Crashed") and of ArduPilot
 
 
@@ -32,18 +36,25 @@ class Watch:
         # Hear every status text, with its MAV_SEVERITY.
         self.listeners: list[Callable[[int, str], None]] = []
         self.crash = ""  # what the vehicle said of it
-        # Of the warnings since the last order: the first is why it was refused, the last is why
-        # it is no longer carried out.
+        # Of the warnings since the last order: the first is why it was refused.
         self.first_warning = ""
         self.last_warning = ""
-        # For which mode it left the mission since then, and its last warning by that time: what
-        # it does and says after that follows from it.
+        self._warned_at = -math.inf  # wall time of the last
+        # For which mode it left the mission since then, and why, as it said by that time: what it
+        # does and says after that follows from it.
         self.left_mission: tuple[FlightMode, str] | None = None
 
     @property
     def silence_s(self) -> float:
         """Wall seconds since something changed."""
         return asyncio.get_running_loop().time() - self._changed_at
+
+    @property
+    def why(self) -> str:
+        """The last warning, if it may be why an order is no longer carried out in flight."""
+        late = self._changed_at - self._warned_at > _STALE_S  # nothing changes where it fell silent
+        of_takeoff = self.last_warning.lower().startswith(_BEFORE_TAKEOFF)
+        return "" if late or of_takeoff else self.last_warning
 
     def order_given(self) -> None:
         """Warnings from now on may be about the order that is being given; older ones are not."""
@@ -86,7 +97,7 @@ class Watch:
     async def _watch_mode(self) -> None:
         async for mode in self._telemetry.subscribe_flight_mode():
             if self.mode == FlightMode.MISSION != mode:
-                self.left_mission = mode, self.last_warning
+                self.left_mission = mode, self.why
             self._take("mode", mode)
 
     async def _watch_landed(self) -> None:
@@ -105,8 +116,11 @@ class Watch:
             for listener in self.listeners:
                 listener(_MOST_GRAVE - status.type.value, status.text)
             if status.type >= StatusTextType.WARNING:
-                self.first_warning = self.first_warning or status.text
-                self.last_warning = status.text
+                self._warned(status.text)
             grave = status.type >= StatusTextType.CRITICAL
             if grave and status.text.lower().startswith(_CRASH):
                 self.crash = status.text
+
+    def _warned(self, text: str) -> None:
+        self.first_warning = self.first_warning or text
+        self.last_warning, self._warned_at = text, asyncio.get_running_loop().time()

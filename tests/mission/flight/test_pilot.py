@@ -122,16 +122,28 @@ class Modes:
             yield FlightMode[name]
 
 
-def test_the_mode_for_which_a_mission_is_left_is_kept(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(
+    ("said", "ago_s", "why"),
+    [
+        ("Battery low", 0.0, "Battery low"),
+        ("Battery low", 60.0, ""),
+        ("Preflight Fail: High Accelerometer Bias", 0.0, ""),
+        ("PreArm: Compasses inconsistent", 0.0, ""),
+    ],
+)
+def test_the_mode_for_which_a_mission_is_left_is_kept_with_what_may_be_the_reason(
+    monkeypatch: pytest.MonkeyPatch, said: str, ago_s: float, why: str
+) -> None:
     monkeypatch.setattr("mission.flight.pilot.watch.TelemetryAsync", Modes)
 
     async def run() -> tuple[FlightMode, str] | None:
         watch = Watch(cast("System", None))
-        watch.last_warning = "Battery low"
+        watch._warned(said)
+        watch._warned_at -= ago_s
         await watch._watch_mode()
         return watch.left_mission
 
-    assert asyncio.run(run()) == (FlightMode.RETURN_TO_LAUNCH, "Battery low")
+    assert asyncio.run(run()) == (FlightMode.RETURN_TO_LAUNCH, why)
 
 
 Worse = Callable[[Pilot], None]

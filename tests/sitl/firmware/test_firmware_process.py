@@ -12,12 +12,16 @@ from typing import cast
 import pytest
 from firmware_stand_ins import plant
 from patience import HANG_S, until
+from sitl_mavsdk import HOME
 
+from flightdyn.config import AircraftConfig
+from flightdyn.random import RandomStreams
 from sitl.config import FirmwareConfig, VehicleConfig
 from sitl.errors import FirmwareSilentError
 from sitl.firmware.bridge import Bridge
-from sitl.firmware.launch import FirmwareProcess, Launch, check_binary
-from sitl.firmware.vehicle import FirmwareVehicle
+from sitl.firmware.launch import FirmwareProcess, Launch, Order, Ports, check_binary
+from sitl.firmware.px4_launch import px4_launch
+from sitl.firmware.vehicle import FirmwareVehicle, plant_for
 
 
 def script(path: Path, text: str) -> str:
@@ -34,6 +38,16 @@ def alive(pid: int) -> bool:
     # A child of a process that nobody waits for stays as a zombie.
     state = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0]
     return state != "Z"
+
+
+def px4_stand_in(folder: Path) -> VehicleConfig:
+    """A vehicle under what is taken for PX4, which does nothing."""
+    for part in ("bin", "etc/init.d-posix"):
+        (folder / part).mkdir(parents=True)
+    (folder / "etc" / "init.d-posix" / "rcS").touch()
+    script(folder / "bin" / "px4", "sleep 600")
+    firmware = FirmwareConfig(path=folder / "bin" / "px4")
+    return VehicleConfig(autopilot="px4", firmware=firmware)
 
 
 def test_a_missing_binary_is_named(tmp_path: Path) -> None:
@@ -87,7 +101,9 @@ def test_it_ends_with_whoever_started_it_however_that_ends(
         tmp_path / "fw", f"trap '' TERM INT; echo $$ > {pids}; while :; do sleep 1; done"
     )
     program = (
-        "import sys, time; from pathlib import Path; "
+        "import signal, sys, time; from pathlib import Path; "
+        # A shell that runs the tests in the background has it ignored, and we inherit that.
+        "signal.signal(signal.SIGINT, signal.default_int_handler); "
         "from sitl.firmware.launch import FirmwareProcess; "
         f"FirmwareProcess([{firmware!r}], Path({str(tmp_path)!r}), {{}}); time.sleep(900)"
     )
@@ -120,12 +136,7 @@ def test_an_error_nobody_foresaw_ends_the_flight(
     def broken(_: FirmwareVehicle) -> None:
         raise ZeroDivisionError
 
-    for folder in ("bin", "etc/init.d-posix"):
-        (tmp_path / folder).mkdir(parents=True)
-    (tmp_path / "etc" / "init.d-posix" / "rcS").touch()
-    script(tmp_path / "bin" / "px4", "sleep 600")
-    firmware = FirmwareConfig(path=tmp_path / "bin" / "px4")
-    config = VehicleConfig(autopilot="px4", firmware=firmware)
+    config = px4_stand_in(tmp_path)
     vehicle = FirmwareVehicle(
         config,
         plant(),
@@ -144,3 +155,40 @@ def test_an_error_nobody_foresaw_ends_the_flight(
 
     with pytest.raises(ZeroDivisionError):
         asyncio.run(run())
+
+
+def test_two_px4_take_different_instances_where_ports_do_not_tell_them_apart(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As in two network namespaces: each has the ports of its own."""
+    monkeypatch.setattr("sitl.firmware.px4_launch.INSTANCES", range(238, 240))
+    order = Order(px4_stand_in(tmp_path), Ports(1, 2), 10.0)
+    monkeypatch.setattr("sitl.firmware.px4.Px4Bridge.open", lambda _: None)
+    launches = [px4_launch(order, plant()) for _ in range(2)]
+    instances = [launch.argv[launch.argv.index("-i") + 1] for launch in launches]
+    assert instances == ["238", "239"]
+    launches[0].bridge.close()
+    again = px4_launch(order, plant())
+    assert again.argv[again.argv.index("-i") + 1] == "238"
+    for launch in (launches[1], again):
+        launch.bridge.close()
+
+
+def test_px4_is_given_no_bias_that_it_would_take_for_a_broken_sensor(tmp_path: Path) -> None:
+    config = px4_stand_in(tmp_path)
+    limit_mps2 = 0.75 * 0.4  # of EKF2_ABL_LIM
+    assert 3 * turn_on_mps2(config) <= limit_mps2
+    set_so = config.model_copy(
+        update={
+            "aircraft": AircraftConfig.model_validate(
+                {"sensors": {"imu": {"accel_turn_on_mps2": 0.2}}}
+            )
+        }
+    )
+    assert turn_on_mps2(set_so) == 0.2
+
+
+def turn_on_mps2(config: VehicleConfig) -> float:
+    sensors = plant_for(config, home=HOME, streams=RandomStreams(1)).sensors
+    assert sensors is not None
+    return sensors.config.imu.accel_turn_on_mps2

@@ -145,12 +145,13 @@ def parsed(data: bytes) -> Any:
 def test_the_battery_is_said_as_a_part_of_the_vehicle() -> None:
     from flightdyn.state import BatteryState
 
-    data = Writer(7).battery(BatteryState(15.2, 11.0, 1234.0, 0.61))
+    data = Writer(7).battery(BatteryState(15.2, 11.0, 1234.0, 0.61), 5000.0)
     (message,) = parsed(data)
     assert (message.get_srcSystem(), message.get_srcComponent()) == (7, 180)
     assert message.voltages[:5] == [3800] * 4 + [65535]
     assert (message.current_battery, message.current_consumed) == (1100, 1234)
     assert message.battery_remaining == 61
+    assert message.time_remaining == 998  # 3050 mAh at 11 A; 0 would be read as none left
 
 
 def test_a_relay_that_fails_ends_the_flight() -> None:

@@ -1,0 +1,60 @@
+"""Simulated time under a firmware: it waits for those who read its telemetry."""
+
+import math
+import time
+from typing import cast
+
+from firmware_stand_ins import plant
+from patience import until
+
+from flightdyn.plant import Plant
+from sitl.firmware.bridge import Bridge
+from sitl.firmware.clock import FirmwareClock
+from sitl.firmware.native.library import TruthRing
+
+
+class Eager:
+    """A bridge whose firmware asks for every tick at once."""
+
+    connected = True
+
+    def __init__(self) -> None:
+        self.plant: Plant = plant()
+        self.truths = TruthRing(self.plant)
+
+    def run(self, ticks: int) -> int:
+        self.plant.clock.tick += ticks
+        return ticks
+
+    def rest(self) -> None:
+        time.sleep(0.001)
+
+    def close(self) -> None: ...
+
+
+def eager(patience_s: float) -> FirmwareClock:
+    clock = FirmwareClock(cast(Bridge, Eager()), speed=math.inf, patience_s=patience_s)
+    clock.start()
+    return clock
+
+
+def test_time_waits_for_whoever_reads_and_goes_on_as_far_as_they_have_read() -> None:
+    """A reader that a busy machine keeps from reading would else have a hole in the track."""
+    clock = eager(patience_s=60.0)
+    for read_s in (0.0, 7.0, 8.0):
+        clock.heard(round(read_s * 1e9))
+        clock.run()
+        until(lambda least_ns=(read_s + 0.5) * 1e9: clock.plant.t_ns >= least_ns)  # type: ignore[misc]
+        time.sleep(0.05)
+        assert clock.plant.t_ns < (read_s + 5.0) * 1e9
+    clock.stop()
+    assert clock.error is None
+
+
+def test_telemetry_that_stops_for_good_is_an_error_and_no_hole() -> None:
+    clock = eager(patience_s=0.1)
+    clock.heard(2_000_000_000)
+    clock.run()
+    until(lambda: clock.error is not None)
+    clock.stop()
+    assert "no telemetry for 0.1 s: the newest is of t 2.00 s" in str(clock.error)
