@@ -1,14 +1,30 @@
 """What can go wrong in learning. Every exception carries the values that explain it."""
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, fields
 from difflib import get_close_matches
 from pathlib import Path
+from typing import Any
+
+
+def told(value: object, how: Callable[[Any], str] = str, *, most: int = 500) -> str:
+    """What `how` (`str`, `repr`) says of a value, whatever it raises; at most so many characters.
+
+    It can be printed and written: lone surrogates become escapes.
+    """
+    try:
+        text = how(value)
+    except KeyboardInterrupt:
+        raise
+    except BaseException as error:
+        text = f"({kind_of(value)}, which fails to say what it is: {type(error).__name__})"
+    text = text if len(text) <= most else f"{text[: most - 3]}..."
+    return text.encode("utf-8", "backslashreplace").decode()
 
 
 def first_line(error: BaseException) -> str:
     """Kind and message of an exception, on one line."""
-    return f"{type(error).__name__}: {(str(error).splitlines() or [''])[0]}"
+    return f"{type(error).__name__}: {(told(error).splitlines() or [''])[0]}"
 
 
 def did_you_mean(name: str, known: Iterable[str]) -> str:
@@ -46,7 +62,7 @@ class SettingError(LearningInputError):
     allowed: str
 
     def __str__(self) -> str:
-        return f"{self.key} = {self.value!r}: {self.allowed}"
+        return f"{self.key} = {told(self.value, repr)}: {self.allowed}"
 
 
 FETCHED = ("mnist", "fashion-mnist", "cifar10")  # tasks whose files are published

@@ -7,7 +7,7 @@ it must have. `fl.plugin_code` finds it.
 import importlib.util
 import sys
 import traceback
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from copy import copy
 from dataclasses import dataclass, field, fields
@@ -19,9 +19,6 @@ from numpy.typing import DTypeLike, NDArray
 from fl.arrays import frozen
 from fl.errors import LearningError, LearningInputError, first_line, kind_of
 from fl.plugin_code import check_found, load, module_of
-
-# What code of others may raise; sys.exit() in it ends no run either.
-FAILURES = (Exception, SystemExit)
 
 Kind = TypeVar("Kind")
 
@@ -39,10 +36,25 @@ class PluginError(LearningInputError):
 def problem_of(name: str) -> str | None:
     """Why a plug-in is not found; its module is not imported, only the packages around it are."""
     try:
-        check_found(name)
-    except FAILURES as error:
-        return _not_imported(error)
+        with failures_as(lambda error: PluginError(_not_imported(error))):
+            check_found(name)
+    except PluginError as error:
+        return str(error)
     return None
+
+
+@contextmanager
+def failures_as(
+    make: Callable[[BaseException], Exception], *, but: tuple[type[BaseException], ...] = ()
+) -> Iterator[None]:
+    """Run code of others in the block: whatever it raises, sys.exit() too, becomes what `make`
+    makes of it, `but` those kinds, and Ctrl-C, which is not of its doing."""
+    try:
+        yield
+    except BaseException as error:
+        if isinstance(error, (KeyboardInterrupt, *but)):
+            raise
+        raise make(error) from error
 
 
 def needs_torch() -> str | None:
@@ -85,10 +97,8 @@ class PlugIn:
             refusal: it cannot be imported, or cannot be called.
         """
         plugin = cls(name, None, community)
-        try:
+        with failures_as(lambda error: plugin._error(cls.refusal, _not_imported(error))):
             inner = load(name)
-        except FAILURES as error:
-            raise plugin._error(cls.refusal, _not_imported(error)) from error
         if not callable(inner):
             plugin.refuse(f"is {kind_of(inner)}, not callable")
         return cls(name, inner, community)
@@ -101,11 +111,8 @@ class PlugIn:
             refusal: it cannot be imported or called, or makes something without the `members`.
         """
         factory = cls.found(name)
-        try:
+        with failures_as(lambda error: factory._told(cls.refusal, "calling it fails", error)):
             inner = factory.inner(*map(read_only, arguments))
-        except FAILURES as error:
-            reason = f"calling it fails: {first_line(error)}{factory._place(error)}"
-            raise factory._error(cls.refusal, reason) from error
         missing = [member for member in cls.members if not hasattr(inner, member)]
         if missing:
             factory.refuse(
@@ -169,17 +176,15 @@ class PlugIn:
         Raises:
             failure: one line with the place in its file.
         """
-        try:
+        with failures_as(lambda error: self._told(self.failure, doing, error), but=self.passed):
             yield
-        except self.passed:
-            raise
-        except FAILURES as error:
-            reason = f"{doing}: {first_line(error)}{self._place(error)}"
-            raise self._error(self.failure, reason) from error
 
     def refuse(self, reason: str) -> NoReturn:
         """Say that it breaks a rule. Raises `refusal`."""
         raise self._error(self.refusal, reason)
+
+    def _told(self, kind: type[Exception], doing: str, error: BaseException) -> Exception:
+        return self._error(kind, f"{doing}: {first_line(error)}{self._place(error)}")
 
     def _error(self, kind: type[Exception], reason: str) -> Exception:
         return kind(f"{self.key} = {self.name!r}: {reason}")

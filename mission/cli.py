@@ -10,6 +10,7 @@ from cyclopts.help import DefaultFormatter, HelpPanel
 from rich.console import Console, ConsoleOptions
 from rich.text import Text
 
+from fl.errors import told
 from mission.base.errors import EXIT_CODES, INTERRUPTED, AerofedError, InputError
 from mission.base.interrupts import end_deaf, hear_interruptions
 from mission.base.terminal import PLAIN, Terminal
@@ -62,6 +63,7 @@ class _Help(DefaultFormatter):
         super().__call__(console, options, panel)
 
 
+_MOST = 20_000  # characters of an error, which may tell of many keys
 _PARAMETER = Parameter(converter=_read, show_default=_default)
 _CODES = "\n".join(f"  {code:>3}  {what}" for code, what in EXIT_CODES.items())
 
@@ -144,7 +146,7 @@ def call(tokens: Sequence[str] | None = None) -> int:
         errors.print(f"aerofed: {usage.in_words(error)}")
         return InputError.exit_code
     except AerofedError as error:
-        for line in str(error).splitlines():
+        for line in told(error, most=_MOST).splitlines():
             errors.print(f"aerofed: {line}")
         return error.exit_code
     except MemoryError:

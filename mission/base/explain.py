@@ -9,7 +9,7 @@ from typing import Literal, TypeAlias, get_args, get_origin
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails, PydanticUndefined
 
-from fl.errors import did_you_mean
+from fl.errors import did_you_mean, told
 
 _LONG = 60  # characters of a value that are shown
 _WORDS = (  # of pydantic, and those that users of files know
@@ -88,14 +88,18 @@ def refusal(name: str, value: object, reason: str, blame: Blame) -> str:
 
 def shown(value: object) -> str:
     """A value as TOML and JSON have it; shortened if it is long."""
-    text = json.dumps(value) if value is None or isinstance(value, bool) else repr(value)
+    if value is None or isinstance(value, bool):
+        return json.dumps(value)
+    return told(value, _in_a_line, most=_LONG)
+
+
+def _in_a_line(value: object) -> str:
+    text = repr(value)
     if "\n" in text:  # of arrays
         text = " ".join(text.split())
-    if len(text) <= _LONG:
-        return text
-    if text.startswith("'/"):  # a path, which its end tells from others
+    if len(text) > _LONG and text.startswith("'/"):  # a path, which its end tells from others
         return f"'...{text[5 - _LONG :]}"
-    return f"{text[: _LONG - 3]}..."
+    return text
 
 
 def _key(item: ErrorDetails, data: object) -> Path:

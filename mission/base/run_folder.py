@@ -99,6 +99,7 @@ class RunFolder:
         """
         folder = RunFolder(path)
         try:
+            str(path).encode()
             if path.exists() and any(path.iterdir()) and not folder.stillborn:
                 told = folder.told()
                 goes_on = folder.resumable and told.get("resumable", True)
@@ -109,6 +110,8 @@ class RunFolder:
                 )
         except NotADirectoryError:
             raise InputError(f"{path}: the output folder is not a folder") from None
+        except UnicodeEncodeError:
+            raise InputError(f"{path}: the output folder's name is not UTF-8") from None
         except OSError as error:
             raise InputError(f"{path}: cannot read the output folder: {error.strerror}") from None
 

@@ -11,7 +11,7 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from fl.errors import did_you_mean
+from fl.errors import did_you_mean, told
 from fl.plugin_code import named
 from mission.base.errors import InputError
 from mission.base.explain import Blame, explain, refusal, shown
@@ -116,7 +116,7 @@ def _make_absolute(data: Mapping[str, Any], folder: Path) -> None:
 def _plain(value: object) -> object:
     """What JSON does not have: arrays and their scalars, as lists and numbers; plug-ins that are
     passed as objects, by their names; dates as text."""
-    return value.tolist() if hasattr(value, "tolist") else str(named(value))
+    return value.tolist() if hasattr(value, "tolist") else told(named(value))
 
 
 def _read(path: Path) -> dict[str, Any]:

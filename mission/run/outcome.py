@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from fl.errors import first_line
+from fl.errors import first_line, told
 from mission.base.errors import (
     AerofedError,
     CallbackError,
@@ -78,7 +78,7 @@ class Outcome:
     @property
     def summary(self) -> dict[str, str]:
         """Status and error as `summary.json` has them."""
-        why = {} if self.error is None else {"error": str(self.error)}
+        why = {} if self.error is None else {"error": told(self.error)}
         return {"status": self.status, **why}
 
     def raise_error(self, folder: Path, *, flown: bool = True, goes_on: str = "") -> None:
@@ -93,14 +93,17 @@ class Outcome:
         left = f"; {left} {folder}"
         if isinstance(self.error, UsersCodeError):
             path = folder / TRACEBACK
-            write_atomically(path, "".join(traceback.format_exception(self.error.__cause__)))
+            lines = "".join(traceback.format_exception(self.error.__cause__))
+            write_atomically(path, lines.encode("utf-8", "backslashreplace"))
             left = f"; the whole traceback is in {path}"
         # A full disk, or a callback, can be mended; the same plan, flight, training or code fails
         # again, and with other code the run would be another.
         again = PlanError | FlightError | TrainingError | UsersCodeError
         if isinstance(self.error, CallbackError) or not isinstance(self.error, again):
             left += goes_on
-        raise self.error.in_words(f"{self.error}{left}") from self.error.__cause__
+        raise self.error.in_words(
+            f"{told(self.error, most=20_000)}{left}"
+        ) from self.error.__cause__
 
 
 class Summary:

@@ -17,6 +17,7 @@ from cutting import cut_after
 import aerofed
 from fl.plugin_code import digest_of
 from mission.base.errors import UsersCodeError
+from mission.cli import call
 from mission.run.callbacks import CallbackContext, make_callbacks
 
 MODULE = """
@@ -262,6 +263,43 @@ def test_what_it_raises_is_named_with_its_line(
         assert type(error.__cause__).__name__ == raised.partition(":")[0]
         assert slip in (tmp_path / "out" / "traceback.txt").read_text()
         assert aerofed.load("out").status == "failed"
+
+
+WEIRD = """
+class Silent(Exception):
+    def __str__(self): raise ValueError
+class Worse(BaseException):
+    def __str__(self): raise SystemExit(3)
+class Tells:
+    def __init__(self, context): pass
+    def round_finished(self, report): raise {error}
+    def close(self): pass
+"""
+
+
+@pytest.mark.parametrize(
+    ("error", "told"),
+    [
+        ("Silent()", "Silent: (a Silent, which fails to say what it is: ValueError) ("),
+        ("Worse()", "Worse: (a Worse, which fails to say what it is: SystemExit) ("),
+        ("GeneratorExit('over')", "GeneratorExit: over ("),
+        ("ValueError('a\\ud800b' + 'x' * 10**7)", r"ValueError: a\ud800bxxxxxx"),
+        ("__import__('asyncio').CancelledError('no')", "CancelledError: no ("),
+    ],
+)
+def test_whatever_it_raises_becomes_one_short_line(
+    error: str, told: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    Path("weird.py").write_text(WEIRD.format(error=error))
+    sys.modules.pop("weird", None)
+    given = {**SMALL, "mission.rounds": 1, "callbacks": '["weird:Tells"]'}
+    sets = [word for key, value in given.items() for word in ("--set", f"{key}={value}")]
+    assert call(["run", "--out", "out", *sets, "--quiet"]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert f"callbacks = 'weird:Tells': round_finished() of round 1: {told}" in line
+    assert len(line) < 1500
+    assert json.loads(Path("out/summary.json").read_text())["status"] == "failed"
+    assert Path("out/traceback.txt").exists()
 
 
 GREEDY = """

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from rich.console import Console
 
+from fl.errors import told
 from fl.plugin_code import PassedObject, bring
 from mission.base.console import RunConsole
 from mission.base.errors import AerofedError, InputError
@@ -114,6 +115,6 @@ def _goes_on(folder: RunFolder) -> bool:
 def failed(error: AerofedError | OSError, folder: Path) -> RunEnd:
     """The end of a run that an error made."""
     if isinstance(error, AerofedError):
-        return RunEnd(error.exit_code, str(error))
+        return RunEnd(error.exit_code, told(error))
     where, why = error.filename or folder, error.strerror or error
     return RunEnd(InputError.exit_code, f"{where}: {why}")

@@ -87,3 +87,11 @@ def test_what_is_refused_leaves_no_folder_and_no_live_view(
     assert call([*what, "--live", "--live-port", "0", "--out", str(out)]) in (2, 5)
     assert View.open == 0
     assert not out.exists()
+
+
+def test_a_folder_whose_name_is_not_utf8_is_refused_in_one_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert call(["run", "--set", "mission.flight=none", "--out", f"{tmp_path}/o\udcff"]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.endswith(r"o\udcff: the output folder's name is not UTF-8")
