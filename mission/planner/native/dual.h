@@ -8,7 +8,7 @@
 #include "newton.h"
 
 enum { MAX_NEWTON = 60, MAX_HALVINGS = 20 };
-static const double NEAR_M = 20.0; /* of a leg between stops that are merged loosely */
+static const double NEAR_M = 40.0; /* of a leg between stops that are merged loosely */
 static const double EPS_START = 30.0;  /* the barrier starts heavier: starts are not centred */
 static const double EPS_FACTOR = 0.15; /* it gets lighter by this once the decrement is under */
 static const double CENTRED = 0.5;     /* this many barrier weights a leg */
@@ -84,17 +84,28 @@ static double promise_of(const Node *node, int64_t k, const Relaxation *relaxati
     return relaxation->promise[k * relaxation->radii + node->level[k]];
 }
 
-/* Metres that the stop at a position takes at least, beyond its leg. */
-static double stopping(const Node *node, int64_t k, const Problem *problem)
+/* What a leg and the stop at its end take at least: `slope` times its metres, and `fixed` more. */
+typedef struct {
+    double slope, fixed;
+} Taken;
+
+/* Of the stop at a position. What it takes is concave in its leg, so that between the leg's shortest
+   and longest length it lies above the chord. */
+static Taken taken(const Node *node, int64_t k, const Problem *problem)
 {
     const Relaxation *relaxation = &problem->relaxation;
     const Point *at = problem->devices.at, here = at[node->order[k]];
-    if (!is_loose(&problem->limits) || node->edge[k] == MERGED) return 0.0;
-    double leg = -relaxation->outer_m[node->interval[k]];
-    if (k == 0) leg += between(here, (Point){0.0, 0.0});
-    else leg += between(here, at[node->order[k - 1]]) - relaxation->outer_m[node->interval[k - 1]];
-    if (node->edge[k] == BARRED) leg = most(leg, NEAR_M);
-    return stop_of(&problem->limits, leg);
+    if (!is_loose(&problem->limits)) return (Taken){1.0, 0.0};
+    if (node->edge[k] == MERGED) return (Taken){1.0 + stop_of(&problem->limits, NEAR_M) / NEAR_M, 0.0};
+    double apart = between(here, k == 0 ? (Point){0.0, 0.0} : at[node->order[k - 1]]);
+    double around = relaxation->outer_m[node->interval[k]];
+    if (k > 0) around += relaxation->outer_m[node->interval[k - 1]];
+    const double shortest = most(apart - around, node->edge[k] == BARRED ? NEAR_M : 0.0);
+    const double longest = least(apart + around, problem->limits.length);
+    const double lowest = stop_of(&problem->limits, shortest);
+    if (!(longest > shortest)) return (Taken){1.0, lowest};
+    const double rise = (stop_of(&problem->limits, longest) - lowest) / (longest - shortest);
+    return (Taken){1.0 + rise, lowest - rise * shortest};
 }
 
 /* Fill in how long the legs of a lane may be, what each metre counts, and who is off the order.
@@ -114,14 +125,14 @@ static void fill_timed(Solver *solver, int i, const Node *node)
     }
     for (int64_t k = 0; k < node->size; k++) {
         Link *link = all->link + k;
-        link->cone[i] *= count * count;
-        link->near[i] = is_loose(&problem->limits) && node->edge[k] == MERGED ? NEAR_M : 0.0;
+        const Taken leg = taken(node, k, problem);
+        link->cone[i] *= (count * leg.slope) * (count * leg.slope);
         count += node->wait[k];
     }
     for (int64_t k = node->size - 1; k >= 0; k--) {
         behind += devices->hover[node->order[k]];
         if (node->wait[k] > 0.0) length += node->wait[k] * (devices->after[node->order[k]] - behind);
-        behind += stopping(node, k, problem);
+        behind += taken(node, k, problem).fixed;
     }
     all->length[i] = problem->limits.length - behind + length;
 }
@@ -135,7 +146,7 @@ static void fill_lane(Solver *solver, int i, const Node *node)
     for (int64_t k = 0; k < node->size; k++) {
         Link *link = solver->all.link + k;
         const int64_t device = node->order[k], row = node->interval[k];
-        const double c = node->edge[k] == MERGED ? FREE : 1.0;
+        const double c = node->edge[k] == MERGED && !is_loose(&problem->limits) ? FREE : 1.0;
         link->at.x[i] = problem->devices.at[device].x;
         link->at.y[i] = problem->devices.at[device].y;
         link->delta[i] = problem->devices.delta[device];

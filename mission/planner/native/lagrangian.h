@@ -54,7 +54,6 @@ typedef struct {
     Wide floor;       /* least curvature of H */
     Intervals interval;
     WidePoint y, trial; /* multipliers, and those to look at */
-    Wide near; /* metres of its leg that may cost anything */
     WidePoint gradient; /* at the trial, by y */
     WidePoint cross;    /* d2 / dy dmu */
     WideSym block;      /* diagonal block of the Hessian; once eliminated, its inverse */
@@ -185,16 +184,6 @@ static void look_beside(Lanes *all, const Problem *problem)
         all->bound += at.h;
         all->slope += at.slope;
         all->bend += at.bend;
-    }
-    for (Link *link = all->link; link < all->link + all->size; link++) {
-        const WidePoint y = link->trial;
-        const Wide far = wide_root(y.x * y.x + y.y * y.y + all->soft * all->soft);
-        const Wide pull = link->near / far, turn = pull / (far * far);
-        all->bound += link->near * far;
-        link->gradient.x += pull * y.x;
-        link->gradient.y += pull * y.y;
-        wide_add_to(&link->block, (WideSym){
-            pull - turn * y.x * y.x, -turn * y.x * y.y, pull - turn * y.y * y.y});
     }
 }
 

@@ -71,7 +71,9 @@ static int64_t pick_stopping(const Node *node, const Path *path, const Problem *
     for (int64_t i = 0; i < node->size; i++) {
         if (node->edge[i] != UNDECIDED) continue;
         const double leg = between(path->points[i + 1], path->points[i]);
-        const double missing = stop_of(&problem->limits, leg) - stopping(node, i, problem);
+        const Taken counted = taken(node, i, problem);
+        const double missing =
+            stop_of(&problem->limits, leg) + (1.0 - counted.slope) * leg - counted.fixed;
         if (missing > least_m) {
             best = i;
             least_m = missing;
@@ -203,7 +205,8 @@ static void weigh_turns(Node *node, const Path *path, const Problem *problem)
             at = k;
         }
         if (over < 0.0) node->wait[k] *= EASED;
-        behind += between(path->points[k + 1], path->points[k]) + stopping(node, k, problem);
+        const Taken leg = taken(node, k, problem);
+        behind += leg.slope * between(path->points[k + 1], path->points[k]) + leg.fixed;
     }
     if (at >= 0) node->wait[at] += STRICTER;
 }
