@@ -30,7 +30,8 @@ _OURS = {"__main__", "aerofed", "fl", "flightdyn", "mission", "native", "sitl"}
 # Of one process only, in a pickle: numbers that cloudpickle draws, and that of a notebook.
 _DRAWN = re.compile(r"[0-9a-f]{32}|ipykernel_\d+")
 
-_imported: dict[str, str] = {}  # the digests of modules as they were imported
+_imported: dict[str, str] = {}  # files and digests of modules as they were imported
+_searched: set[str] = set()  # the working directory, where it stands in sys.path for plug-ins
 _passed: dict[str, "PassedObject"] = {}
 
 
@@ -104,8 +105,13 @@ def check_found(name: str) -> None:
 def module_of(name: str) -> str:
     """The module that a plug-in is looked for in, which may be in the working directory."""
     here = str(Path.cwd())
+    for there in _searched - {here}:  # a session has moved on: the same name is another's there
+        with suppress(ValueError):
+            sys.path.remove(there)
+        _searched.remove(there)
     if here not in sys.path:
         sys.path.append(here)  # after all others
+        _searched.add(here)
     return _path(name).partition(":")[0]
 
 
@@ -123,7 +129,7 @@ def load(name: str) -> object:
         return _passed_as(name).value
     sources = _sources(module)
     for each, source in sources.items():
-        now = _digest(_reached(sources, each))
+        now = f"{source.file} {_digest(_reached(sources, each))}"
         if _imported.get(each) != now and not _is_installed(source.file):
             sys.modules.pop(each, None)
             with suppress(OSError, NotImplementedError):
@@ -258,10 +264,11 @@ def _digest(sources: Mapping[str, _Source]) -> str:
 
 def _root(module: str) -> Path | None:
     """The folder that a module's outermost package lies in; None where it has no file."""
-    try:
-        spec = importlib.util.find_spec(module.partition(".")[0])
-    except ValueError:  # a script, or a module that was made without a file
+    if module == "__main__":
         return None
+    # As Python looks for what is not imported yet: the module of that name may be another folder's.
+    found = (finder.find_spec(module.partition(".")[0], None) for finder in sys.meta_path)
+    spec = next(filter(None, found), None)
     places = [*(spec.submodule_search_locations or ())] if spec else []
     place = places[0] if places else spec.origin if spec and spec.has_location else None
     return Path(place).parent if place else None

@@ -21,6 +21,7 @@ from fl.errors import LearningError, LearningInputError, first_line, kind_of
 from fl.plugin_code import check_found, load, module_of
 
 Kind = TypeVar("Kind")
+_COPIED_BYTES = 1 << 24
 
 
 @dataclass(eq=False)
@@ -207,7 +208,8 @@ def read_only(value: Any) -> Any:
     """The same value, in which no array can be written to; also within lists, tuples, tables and
     frozen dataclasses, of which it makes copies where it must."""
     if isinstance(value, np.ndarray):
-        return frozen(value.view()) if value.flags.writeable else value
+        # torch, say, writes to an array whatever its flags: to a copy, where that costs little.
+        return frozen(value.copy("K") if value.nbytes <= _COPIED_BYTES else value.view())
     if type(value) in (list, tuple):
         return type(value)(map(read_only, value))
     if isinstance(value, Mapping):

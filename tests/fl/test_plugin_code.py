@@ -7,9 +7,12 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
+from fl.arrays import frozen
 from fl.plugin_code import checked_name, digest_of, label_of, load
+from fl.plugins import read_only
 
 
 @pytest.fixture(autouse=True)
@@ -118,3 +121,30 @@ def test_a_label_is_no_part_of_what_a_plug_in_is() -> None:
 def test_code_of_a_library_is_that_of_its_package() -> None:
     assert digest_of("json:loads") == digest_of("json:dumps") != digest_of("ast:parse")
     assert digest_of("math:sqrt") == digest_of("nowhere_at_all:make")
+
+
+def test_a_session_that_moves_on_has_the_code_of_where_it_is(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write(edited_c="def make(): return 'here'")
+    first = digest_of("edited_c:make")
+    assert made("edited_c:make") == "here"
+    (tmp_path / "other").mkdir()
+    monkeypatch.chdir(tmp_path / "other")
+    write(edited_c="def make(): return 'there'")
+    assert made("edited_c:make") == "there"
+    assert digest_of("edited_c:make") != first
+    monkeypatch.chdir(tmp_path)
+    assert made("edited_c:make") == "here"
+    assert digest_of("edited_c:make") == first
+
+
+def test_who_writes_whatever_the_flags_say_writes_to_a_copy() -> None:
+    """torch.from_numpy() does, and so does who sets the flag of a view."""
+    ours = np.zeros(5)
+    theirs = read_only((ours, frozen(ours.view())))
+    for given in theirs:
+        assert not given.flags.writeable
+        given.setflags(write=True)
+        given += 1.0
+    assert not ours.any()
