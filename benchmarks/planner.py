@@ -24,8 +24,7 @@ from pathlib import Path
 
 import numpy as np
 
-from fl.radio.channel import CHANNEL_PRESETS
-from mission.commands.planning import served_radius
+from fl.radio.channel import CHANNEL_PRESETS, served_radius_m
 from mission.figures.plan import plan_picture
 from mission.figures.render import save_all
 from mission.planner.certified import CertifiedPlanner, ExploringPlanner, instance, relax
@@ -106,7 +105,7 @@ def small(layouts: int, channels: Sequence[str], *, max_nodes: int) -> None:
             for steps in (8, 10)
             for seed in range(layouts)
         ]
-        title = f"{channel} ({served_radius(CHANNEL_PRESETS[channel]):.0f} m)"
+        title = f"{channel} ({served_radius_m(CHANNEL_PRESETS[channel]):.0f} m)"
         tables = [tabled(problem) for problem in problems]
         print(
             f"{title:30} {'tables, once a channel and reach':87} {np.median(tables):11.2f}"

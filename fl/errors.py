@@ -82,8 +82,8 @@ class DataMissingError(LearningInputError):
         get = f"; get it by: aerofed data fetch {folder} --task {self.dataset}" if fetched else ""
         if self.folder is None:
             return (
-                f"{self.dataset}: needs files: give their folder by --data-dir FOLDER; needed: "
-                f"{self.wanted}{get}"
+                f"{self.dataset}: needs files: give their folder (--data-dir FOLDER, in Python "
+                f"data_dir); needed: {self.wanted}{get}"
             )
         return f"{self.dataset}: not found in {self.folder}; looked for {self.wanted}{get}"
 

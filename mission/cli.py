@@ -19,6 +19,7 @@ from mission.commands import (
     data,
     fly,
     init,
+    link_budget,
     log,
     plan,
     report,
@@ -85,7 +86,7 @@ app.command(run.run, name="run")
 app.command(compare.compare, name="compare")
 app.command(report.report, name="report")
 app.command(plan.plan, name="plan")
-app.command(plan.link_budget, name="link-budget")
+app.command(link_budget.link_budget, name="link-budget")
 app.command(sitl.sitl, name="sitl")
 app.command(world.world, name="world")
 app.command(fly.fly, name="fly")

@@ -2,8 +2,13 @@
 
 from dataclasses import fields
 
-from fl.radio.channel import CHANNEL_PRESETS, DEFAULT_PRESET, Channel, average_per
-from mission.commands.planning import served_radius
+from fl.radio.channel import (
+    CHANNEL_PRESETS,
+    DEFAULT_PRESET,
+    Channel,
+    average_per,
+    served_radius_m,
+)
 
 HEAD = """# Channels
 
@@ -96,7 +101,7 @@ def page() -> str:
     lines = ["| preset | radius | overhead | what |", "|---|---:|---:|---|"]
     for name, channel in presets:
         mark = " (default)" if name == DEFAULT_PRESET else ""
-        radius = served_radius(channel)
+        radius = served_radius_m(channel)
         reach = f"{radius:.0f} m" if radius > 0.0 else "none"
         per = float(average_per(channel, 0.0))
         overhead = f"{per:.4f}" if per >= 0.0001 else "under 0.0001"

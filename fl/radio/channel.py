@@ -299,3 +299,10 @@ CHANNEL_PRESETS: Mapping[str, Channel] = {
     "dense-urban": _preset(extra_db=17.0, environment=(12.08, 0.11)),
     "high-rise": _preset(extra_db=17.0, environment=(27.23, 0.08)),
 }
+
+
+def served_radius_m(channel: Channel, *, per: float = 0.5) -> float:
+    """Largest horizontal distance in whole metres up to which the mean PER stays under a limit."""
+    r_m = np.arange(0.0, 50_000.0)
+    above = np.flatnonzero(average_per(channel, r_m) > per)
+    return float(r_m[-1]) if not len(above) else max(0.0, float(r_m[above[0]]) - 1.0)

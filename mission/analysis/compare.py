@@ -7,7 +7,7 @@ straights and at corners stand apart.
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from typing import Annotated, Any
 
 import numpy as np
@@ -169,13 +169,14 @@ class RunComparison:
     total: Comparison
     devices: tuple[DeviceComparison, ...]
 
-    def to_json(self) -> dict[str, object]:
-        """Plain values; NaN as None."""
+    @property
+    def values(self) -> dict[str, object]:
+        """What `aerofed compare --json` prints."""
         return {
-            "source": str(self.run.path),
-            "rounds": [plain(item) for item in self.rounds],
-            "total": plain(self.total),
-            "devices": [plain(item) for item in self.devices],
+            "source": self.run.path,
+            "rounds": self.rounds,
+            "total": self.total,
+            "devices": self.devices,
         }
 
 
@@ -229,10 +230,3 @@ def _device(run: FlightData, device: int, community: str) -> DeviceComparison:
 def _made(items: Sequence[Measured], number: int | None) -> Comparison:
     made: dict[str, Any] = {name: how.by(items) for name, how in told(Comparison, Made)}
     return Comparison(round=number, **made)
-
-
-def plain(item: Comparison | DeviceComparison) -> dict[str, object]:
-    return {
-        key: None if isinstance(value, float) and not math.isfinite(value) else value
-        for key, value in asdict(item).items()
-    }

@@ -20,7 +20,6 @@ from mission.log.records import UNKNOWN_ROUND, RoundRecord
 from mission.log.values import NS_PER_S, EventRecord, FlightData, Track
 
 _FINISHED = "finished"
-FENCE_SHOWN = 2.2  # times the area: a larger one would make the rest of the map small
 
 
 @dataclass(frozen=True)
@@ -118,23 +117,6 @@ def ground_speed(track: Track) -> Floats:
         return np.zeros(len(track.t_ns))
     velocity = np.gradient(track.pos_m[:, :2], track.t_ns / NS_PER_S, axis=0)
     return np.asarray(np.linalg.norm(velocity, axis=1), dtype=np.float64)
-
-
-def extent(run: FlightData, *, margin: float) -> tuple[Floats, Floats]:
-    """The south-west and north-east corners (2,) of a map of a run: the area, everything planned
-    and flown, the fence where it is not far away, and `margin` times the area's size around it.
-    """
-    size = np.array(run.area.size_m)
-    points = [np.zeros((1, 2)), size[None], run.truth.pos_m[:, :2]]
-    points += [plan.route_m for plan in run.plans]
-    points += [
-        zone.outline_m
-        for zone in run.fence
-        if np.all(np.ptp(zone.outline_m, axis=0) < FENCE_SHOWN * size.max())
-    ]
-    every = np.vstack(points)
-    air = margin * float(size.max())
-    return every.min(axis=0) - air, every.max(axis=0) + air
 
 
 def _whole_rounds(data: FlightData) -> FlightData:

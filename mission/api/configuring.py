@@ -1,13 +1,11 @@
 """What a run is told: configurations by name, file or value, and channels."""
 
-import re
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias
 
-from mission.base.errors import AerofedError, InputError
+from mission.base.errors import InputError
 
 if TYPE_CHECKING:
     from fl.radio.channel import Channel
@@ -15,14 +13,6 @@ if TYPE_CHECKING:
 
 # A name ("quickstart"), a TOML file, or a configuration.
 Source: TypeAlias = "str | Path | RunConfig"
-
-# What errors call an option, and what it is called in Python.
-_ARGUMENTS = {
-    "--data-dir FOLDER": "data_dir=FOLDER",
-    "(--out)": "(out=FOLDER)",
-}
-_OPTION = re.compile(r"(?<!\S)--(engine|jobs|address) ")
-_RESUME = re.compile(r"aerofed run --resume (.+?)(?= goes on$|$)", re.MULTILINE)
 
 
 def config(
@@ -92,27 +82,6 @@ def as_path(path: object, what: str) -> Path:
     if not isinstance(path, str | PathLike):
         raise InputError(f"{what} = {path!r}: must be a path")
     return Path(path)
-
-
-@contextmanager
-def python_words(other: Mapping[str, str] | None = None) -> Iterator[None]:
-    """Have errors of the block name Python's arguments and calls, where they name options.
-
-    `other` holds options beside those that many functions have, each with its argument.
-
-    Raises:
-        AerofedError: the same one, in other words.
-    """
-    try:
-        yield
-    except AerofedError as error:
-        text = _RESUME.sub(lambda found: f"aerofed.resume({found[1]!r})", str(error))
-        text = _OPTION.sub(r"\1 = ", text)
-        for option, argument in {**_ARGUMENTS, **(other or {})}.items():
-            text = text.replace(option, argument)
-        if text == str(error):
-            raise
-        raise error.in_words(text) from error.__cause__
 
 
 def folder(path: Path | str | None, what: str) -> Path | None:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from pydantic import ValidationError
 
-from mission.api.configuring import Source, config, folder, python_words
+from mission.api.configuring import Source, config, folder
 from mission.base.errors import InputError
 
 if TYPE_CHECKING:
@@ -86,5 +86,4 @@ def first_problem(
     from mission.scenario.scenario import build_scenario
 
     resolved = config(source, overrides)
-    with python_words():
-        return build_scenario(resolved, data_dir=folder(data_dir, "data_dir")).first_problem()
+    return build_scenario(resolved, data_dir=folder(data_dir, "data_dir")).first_problem()

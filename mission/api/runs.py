@@ -7,7 +7,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from mission.api.configuring import Source, as_path, config, folder, python_words
+from mission.api.configuring import Source, as_path, config, folder
 from mission.api.figures import Figure, chosen
 from mission.base.errors import INTERRUPTED, InputError
 
@@ -183,7 +183,7 @@ def run(
         resolved = config(resolved, {"mission.strategy": strategy})
     data = folder(data_dir, "data_dir")
     given = None if out is None else as_path(out, "out")
-    with python_words(), output_folder(given, resolved.run_name) as path:
+    with output_folder(given, resolved.run_name) as path:
 
         def fly(console: "RunConsole") -> int:
             from mission.run.session import fly_session
@@ -208,8 +208,7 @@ def resume(path: Path | str, *, quiet: bool = True) -> Run:
 
         return resume_session(found, console=console)
 
-    with python_words({f"--resume {found}:": f"path = {str(path)!r}:"}):
-        return _flown(fly, found, quiet=quiet)
+    return _flown(fly, found, quiet=quiet)
 
 
 def load(path: Path | str) -> Run:

@@ -6,7 +6,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, SupportsIndex
 
-from mission.api.configuring import Source, as_path, config, folder, python_words
+from mission.api.configuring import Source, as_path, config, folder
 from mission.api.figures import Figure, chosen
 from mission.api.runs import Run, load
 from mission.base.errors import INTERRUPTED, InputError
@@ -124,8 +124,7 @@ def sweep(
     from mission.sweep.grid import Axis, make_grid
 
     chosen = EngineChoice(engine, jobs, address)
-    with python_words():
-        chosen.check()
+    chosen.check()
     for name, values in {"strategies": strategies, **(settings or {})}.items():
         if isinstance(values, str) or not isinstance(values, Iterable):
             raise InputError(f"{name} = {values!r}: must be a list of values, also where it is one")
@@ -139,15 +138,14 @@ def sweep(
     data = folder(data_dir, "data_dir")
     from mission.sweep.sweep import sweep as execute
 
-    with python_words():
-        code = execute(
-            grid,
-            path,
-            data_dir=data,
-            engine=chosen,
-            run_figures=run_figures,
-            console=Console(quiet=quiet),
-        )
+    code = execute(
+        grid,
+        path,
+        data_dir=data,
+        engine=chosen,
+        run_figures=run_figures,
+        console=Console(quiet=quiet),
+    )
     if code == INTERRUPTED:
         raise KeyboardInterrupt(f"{path} was interrupted; the same call goes on")
     return Sweep(path)

@@ -49,7 +49,7 @@ def alone_in(folder: Path, lock: Path, *, who: str, chosen: bool = False) -> Ite
                 if not os.path.samestat(os.fstat(file.fileno()), lock.stat()):
                     raise BlockingIOError
             except (BlockingIOError, FileNotFoundError):
-                another = ", or give another (--out)" if chosen else ""
+                another = ", or name another" if chosen else ""
                 raise InputError(
                     f"{folder}: another {who} is at work in this folder; "
                     f"wait until it has ended{another}"

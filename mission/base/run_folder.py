@@ -214,7 +214,7 @@ def output_folder(given: Path | None, name: str) -> Iterator[Path]:
         except FileExistsError:
             if not RUNS.is_dir():  # a file, or a link to what is not there
                 raise InputError(
-                    f"{RUNS}: not a folder, and so none for {path.name}; give another (--out)"
+                    f"{RUNS}: not a folder, and so none for {path.name}; name another folder"
                 ) from None
             continue
         except OSError as error:
@@ -238,7 +238,7 @@ def output_folder(given: Path | None, name: str) -> Iterator[Path]:
 
 def _unwritable(path: Path, error: OSError) -> InputError:
     return InputError(
-        f"{path}: cannot write the output folder: {error.strerror}; give another (--out)"
+        f"{path}: cannot write the output folder: {error.strerror}; name another folder"
     )
 
 

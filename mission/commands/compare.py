@@ -1,6 +1,5 @@
 """`aerofed compare`."""
 
-import json
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -9,7 +8,7 @@ from rich.console import Console
 
 from mission.base.errors import InputError
 from mission.base.terminal import PLAIN, Terminal
-from mission.commands.options import Json
+from mission.commands.options import Json, print_json
 
 if TYPE_CHECKING:
     from mission.analysis.compare import RunComparison
@@ -57,7 +56,7 @@ def compare(
         draw_comparison(found, figure)
     console = Terminal.for_tables()
     if as_json:
-        console.print_json(json.dumps([item.to_json() for item in found]))
+        print_json([item.values for item in found])
     else:
         for table in side_by_side(found, width=console.width) if others else tables(found[0]):
             console.print(table)

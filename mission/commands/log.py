@@ -1,5 +1,6 @@
 """`aerofed log`: look into flight logs, verify, save, export and compare them."""
 
+from dataclasses import asdict
 from pathlib import Path
 from typing import Literal
 
@@ -9,7 +10,7 @@ from rich.table import Table
 from mission.base.errors import LIMITS_NOT_MET, InputError
 from mission.base.run_folder import RunFolder
 from mission.base.terminal import PLAIN, Terminal
-from mission.commands.options import Json, plain, print_json
+from mission.commands.options import Json, print_json
 from mission.log import DamagedLogError
 
 Form = Literal["csv", "parquet", "kml", "attachments"]
@@ -64,8 +65,8 @@ def info(log: Path, *, as_json: Json = False) -> int:
     log = _file(log)
     found = look(log)
     if as_json:
-        topics = [{**plain(topic), "rate_hz": topic.rate_hz} for topic in found.topics]
-        print_json({**plain(found), "messages": found.messages, "topics": topics})
+        topics = [{**asdict(topic), "rate_hz": topic.rate_hz} for topic in found.topics]
+        print_json({**asdict(found), "messages": found.messages, "topics": topics})
         return 0
     console = Terminal.for_tables(**PLAIN)
     console.print(

@@ -1,11 +1,8 @@
 """Options that several commands have, and what is made of them."""
 
-import json
-import math
 from collections.abc import Mapping, Sequence
-from dataclasses import fields, is_dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
@@ -73,23 +70,11 @@ def load(
 
 
 def print_json(value: object) -> None:
-    """Print a value as JSON; what JSON has no number for (NaN, infinity) as null."""
-    Terminal(**PLAIN).print(json.dumps(plain(value), indent=2, allow_nan=False))
+    """Print a value of dataclasses, paths and arrays as JSON; NaN and infinity as null."""
+    from pydantic_core import to_json
 
-
-def plain(value: Any) -> Any:
-    """A value of dataclasses, paths and arrays as JSON has it."""
-    if is_dataclass(value) and not isinstance(value, type):
-        return {field.name: plain(getattr(value, field.name)) for field in fields(value)}
-    if isinstance(value, Mapping):
-        return {str(key): plain(item) for key, item in value.items()}
-    if isinstance(value, Path):
-        return str(value)
-    if hasattr(value, "tolist"):
-        return plain(value.tolist())
-    if isinstance(value, list | tuple):
-        return [plain(item) for item in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value
+    text = to_json(value, indent=2, inf_nan_mode="null", fallback=lambda array: array.tolist())
+    Terminal(**PLAIN).print(text.decode())
 
 
 def console(*, quiet: bool, live: bool, live_port: int) -> RunConsole:

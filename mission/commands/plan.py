@@ -1,4 +1,4 @@
-"""`aerofed plan` and `aerofed link-budget`."""
+"""`aerofed plan`."""
 
 import math
 from collections.abc import Sequence
@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from rich import box
-from rich.console import Console
 from rich.table import Table
 
 from fl.plugin_code import label_of
@@ -156,43 +155,6 @@ def _problems_of_file(path: Path, config: "RunConfig") -> _Task:
     problems = read_problems(path)
     strategy = Optimised(make_planner(config.planner), fairness=True)
     return _Task(problems, strategy, f"{path} · planner {config.planner.kind}")
-
-
-def link_budget(config: Path | None = None, *, set_: Overrides = (), as_json: Json = False) -> int:
-    """Print the packet error rate over distance, the served radius, and the logistic fit.
-
-    Example: aerofed link-budget paper --set channel.extra_gain_db=3
-
-    Parameters
-    ----------
-    config
-        TOML file whose channel is shown. Without one, the quick start's.
-    set_
-        Override any key: --set channel.preset=literal
-    as_json
-        Print JSON, with every number at full precision.
-    """
-    from mission.commands.planning import budget_report
-
-    resolved = load(config, set_)
-    preset, limits = resolved.channel.preset, resolved.mission.altitudes_m
-    heights = limits or resolved.mission.heights_m[:1]
-    reports = [budget_report(resolved.channel.channel(altitude_m=height)) for height in heights]
-    if as_json:
-        every = [
-            {"preset": preset, "altitude_m": height, **report.numbers, "warning": report.warning}
-            for height, report in zip(heights, reports, strict=True)
-        ]
-        print_json(every if limits else every[0])
-        return 0
-    console = Terminal(**PLAIN)
-    for height, report in zip(heights, reports, strict=True):
-        console.print(f"channel {preset}, {height:g} m above")
-        for line in report.lines:
-            console.print(line)
-        if report.warning:
-            Console(stderr=True, **PLAIN).print(f"warning: {report.warning}")
-    return 0
 
 
 def _write_qgc(path: Path, problem: "RoundProblem", made: "Sortie", scenario: "Scenario") -> None:

@@ -1,14 +1,11 @@
-"""What `aerofed plan` and `aerofed link-budget` do, apart from reading their arguments."""
+"""What `aerofed plan` does, apart from reading its arguments."""
 
 import re
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-import numpy as np
-
-from fl.radio.channel import Channel, average_per, fit_logistic, link_budget
 from mission.base.errors import InputError, PlanError
 from mission.config.models import AreaConfig
 from mission.planner.check import check_plan
@@ -16,9 +13,6 @@ from mission.planner.files import NamedPlan, NamedProblem, write_plans
 from mission.planner.flyable import foresee_round
 from mission.planner.problem import RoundProblem
 from mission.scenario.strategies import Sortie
-
-BUDGET_DISTANCES_M = (0, 25, 50, 75, 100, 150, 200, 300, 400, 600, 800)
-BAD_OVERHEAD_PER = 0.5
 
 
 @dataclass(frozen=True)
@@ -113,54 +107,3 @@ def _file_name(number: int, name: str) -> str:
     """Ids are free text; the number keeps two that differ in odd signs apart."""
     safe = re.sub(r"[^A-Za-z0-9._-]+", "_", name)[:60]
     return f"{number:03d}-{safe}.png"
-
-
-@dataclass(frozen=True)
-class BudgetReport:
-    """The link budget as lines of text, and a warning where there is one."""
-
-    lines: tuple[str, ...]
-    numbers: Mapping[str, object]  # the same for programs
-    warning: str | None
-
-
-def budget_report(channel: Channel) -> BudgetReport:
-    """PER over distance, the radius served, and how well the logistic stand-in fits."""
-    overhead = link_budget(channel)
-    fit = fit_logistic(channel)
-    lines = [str(overhead), "", "distance m   PER"]
-    distances = np.array(BUDGET_DISTANCES_M, dtype=np.float64)
-    per_at = average_per(channel, distances)
-    for distance, per in zip(distances, per_at, strict=True):
-        lines.append(f"{distance:10.0f}   {per:.4f}")
-    radius = served_radius(channel)
-    lines += [
-        "",
-        f"served radius (PER 0.5): {radius:.0f} m"
-        if radius > 0.0
-        else "served radius (PER 0.5): none, not even straight overhead",
-        "stand-in for the PER in the planners paper and paper_literal, over the elevation theta: "
-        f"1 / (1 + exp(b1 theta + b2)), b1 = {fit.b1_per_rad:.2f} per rad, b2 = {fit.b2:.2f}, "
-        f"wrong by {fit.worst_error:.3f} at most",
-    ]
-    warning = None
-    if overhead.per > BAD_OVERHEAD_PER:
-        warning = (
-            f"PER straight overhead is {overhead.per:.3f}: most packets are lost wherever the "
-            "aircraft flies; choose another channel preset or raise tx_power_db"
-        )
-    numbers = {
-        "overhead": overhead,
-        "distance_m": distances,
-        "per": per_at,
-        "served_radius_m": radius,
-        "logistic": fit,
-    }
-    return BudgetReport(tuple(lines), numbers, warning)
-
-
-def served_radius(channel: Channel, *, per: float = 0.5) -> float:
-    """Largest horizontal distance in whole metres up to which the PER stays under a limit."""
-    r = np.arange(0.0, 50_000.0)
-    above = np.flatnonzero(average_per(channel, r) > per)
-    return float(r[-1]) if not len(above) else max(0.0, float(r[above[0]]) - 1.0)

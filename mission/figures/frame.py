@@ -1,13 +1,12 @@
 """The ground of every map: axes in metres, and the lines on it."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any, TypeAlias
+from typing import Any, Self, TypeAlias
 
 import altair as alt
 import numpy as np
 
 from mission.analysis.load import flown
-from mission.base.airspace import Airspace
 from mission.base.arrays import Floats
 from mission.figures.style import (
     BAND,
@@ -29,8 +28,8 @@ from mission.log.values import FlightData, PlanRecord
 NoFly: TypeAlias = Mapping[str, Any]  # an area of `area.no_fly`, as the configuration has it
 Lines: TypeAlias = list[tuple[str, int, Floats]]  # kind, round (0: of all), points (n, 2)
 
-_NAME_PX = 10  # the font of areas' names
-_ROOMY_PX = 500.0  # wide maps have room for names beside their areas
+_MARGIN = 0.04  # of the extent, around it
+_FENCE_SHOWN = 2.2  # times the rest: a larger one would make that small
 TOLERANCE_M = 0.15  # what thinning may move a flown path: a tenth of a pixel
 # Colour, width and dashes of each kind of line, in the order in which they lie.
 _LINES: Mapping[str, tuple[str, float, list[int]]] = {
@@ -80,6 +79,23 @@ class MapFrame:
         self.width, self.height = width, width * float((high - low)[1] / (high - low)[0])
         self._low, self._high, self._chosen = low, high, chosen
 
+    @classmethod
+    def around(
+        cls,
+        points: Sequence[Floats],
+        fences: Sequence[Floats],
+        width: float,
+        *,
+        chosen: int | None = None,
+    ) -> Self:
+        """What holds all points (n, 2), and those fences that do not make the rest of it small."""
+        every = np.vstack(points)
+        widest = _FENCE_SHOWN * np.ptp(every, axis=0).max()
+        every = np.vstack((every, *(f for f in fences if np.ptp(f, axis=0).max() < widest)))
+        low, high = every.min(axis=0), every.max(axis=0)
+        air = _MARGIN * float((high - low).max() or 1.0)
+        return cls(low - air, high + air, width, chosen=chosen)
+
     def x(self, field: str = "x:Q") -> alt.X:
         """Encoding of the east axis."""
         domain = [float(self._low[0]), float(self._high[0])]
@@ -104,38 +120,26 @@ class MapFrame:
         chosen: alt.Chart = made.transform_filter("datum.round == 0 || datum.round == shown")
         return chosen
 
-    def ground(self, run: FlightData) -> list[alt.Chart]:
-        """What must not be flown, and home."""
-        x, y = run.area.home_m
-        home = self.chart(table(round=[0], x=[x], y=[y]))
-        return [
-            *self.areas(*zones_of(run)),
-            home.mark_point(shape="square", stroke=SOFT, size=60, strokeWidth=1.5, opacity=1),
-        ]
+    def home(self, at_m: tuple[float, float]) -> alt.Chart:
+        """The mark of home."""
+        x, y = at_m
+        made: alt.Chart = self.chart(table(round=[0], x=[x], y=[y])).mark_point(
+            shape="square", stroke=SOFT, size=60, strokeWidth=1.5, opacity=1
+        )
+        return made
 
     def areas(self, rings: Sequence[Floats], zones: Sequence[NoFly]) -> list[alt.Chart]:
         """What must not be flown, filled, and those of `zones` that are flown above or below,
-        dashed; and names, where there is room.
+        dashed.
 
         A polygon is a closed line.
         """
-        layers: list[alt.Chart] = []
-        open_rings: list[Floats] = []
-        for ring, name, is_open in _named(rings, zones):
-            if is_open:
-                open_rings.append(ring)
-            at_m, below = self._place(ring, name)
-            if (below and self.width < _ROOMY_PX) or not self._on_map(at_m):
-                continue
-            text = self.chart(table(round=[0], x=at_m[:1], y=at_m[1:]))
-            layers.append(
-                text.mark_text(text=name, fontSize=_NAME_PX, color=SOFT, dy=_NAME_PX * below)
-            )
+        open_rings = [ring for ring, _, is_open in named_areas(rings, zones) if is_open]
         looks: tuple[tuple[Sequence[Floats], dict[str, Any]], ...] = (
             (rings, {"strokeWidth": 0, "fill": FENCE, "fillOpacity": 0.12}),
             (open_rings, {"stroke": SOFT, "strokeWidth": 1.0, "strokeDash": [3, 3]}),
         )
-        return layers + [
+        return [
             alt.Chart(line_table([("no-fly area", 0, np.vstack((ring, ring[:1])))]))
             .mark_line(clip=True, **look)
             .encode(self.x(), self.y(), alt.Order("step:Q"))
@@ -143,27 +147,14 @@ class MapFrame:
             for ring in some
         ]
 
-    def names_beside(
-        self, rings: Sequence[Floats], zones: Sequence[NoFly]
-    ) -> list[tuple[str, Floats]]:
-        """Names that `areas` has no room for, and the places beside which they may stand."""
-        if self.width >= _ROOMY_PX:
-            return []
-        placed = ((name, self._place(ring, name)) for ring, name, _ in _named(rings, zones))
-        return [(name, at_m) for name, (at_m, below) in placed if below and self._on_map(at_m)]
+    @property
+    def pixel_m(self) -> float:
+        """Metres of one pixel."""
+        return float((self._high - self._low)[0]) / self.width
 
-    def _on_map(self, at_m: Floats) -> bool:
+    def shows(self, at_m: Floats) -> bool:
+        """Whether a place (2,) is on the map."""
         return bool(((at_m >= self._low) & (at_m <= self._high)).all())
-
-    def _place(self, ring: Floats, name: str) -> tuple[Floats, bool]:
-        """Where an area's name stands: in its middle, or where that has no room below it."""
-        middle, metres = ring.mean(axis=0), (self._high - self._low)[0] / self.width
-        half = np.array([0.28 * len(name), 0.5]) * _NAME_PX * metres
-        box = np.array([(x, y) for x in np.linspace(-1.0, 1.0, 9) for y in (-1.0, 1.0)]) * half
-        if Airspace(keep_in=ring).allows(middle + box).all():
-            return middle, False
-        lowest = ring[:, 1] <= ring[:, 1].min() + metres
-        return np.asarray(ring[lowest].mean(axis=0)), True
 
     def lines(self, lines: Lines) -> list[alt.Chart]:
         """Paths by kind, in their own looks; of other rounds than the chosen one faintly."""
@@ -195,13 +186,14 @@ class MapFrame:
             )
         ]
 
-    def waypoints(self, plans: Sequence[PlanRecord]) -> list[alt.Chart]:
-        """Corners of the plans, and where they start."""
+    def waypoints(self, paths: Sequence[tuple[int, Floats]]) -> list[alt.Chart]:
+        """Corners of paths (N, 2), each with its round, and where they start."""
+        x, y = np.concatenate([points for _, points in paths]).T
         data = table(
-            round=[plan.round for plan in plans for _ in plan.waypoints_m],
-            x=np.concatenate([plan.waypoints_m[:, 0] for plan in plans]),
-            y=np.concatenate([plan.waypoints_m[:, 1] for plan in plans]),
-            waypoint=[step for plan in plans for step in range(len(plan.waypoints_m))],
+            round=[number for number, points in paths for _ in points],
+            x=x,
+            y=y,
+            waypoint=[step for _, points in paths for step in range(len(points))],
         )
         tip = [
             alt.Tooltip("waypoint:Q"),
@@ -223,13 +215,23 @@ class MapFrame:
         return layered(layers, title=title, width=self.width, height=self.height, **more)
 
 
+def run_frame(run: FlightData, width: float, *, chosen: int | None = None) -> MapFrame:
+    """A map of a run's area, and of all that was planned and flown."""
+    points = [np.array([(0.0, 0.0), run.area.size_m]), run.truth.pos_m[:, :2]]
+    points += [plan.route_m for plan in run.plans]
+    fences = [zone.outline_m for zone in run.fence]
+    return MapFrame.around(points, fences, width, chosen=chosen)
+
+
 def zones_of(run: FlightData) -> tuple[list[Floats], list[NoFly]]:
     """The outlines that a run keeps out of, and all areas of its configuration."""
     rings = [zone.outline_m for zone in run.fence if not zone.keep_in]
     return rings, list(run.config.get("area", {}).get("no_fly", ()))
 
 
-def _named(rings: Sequence[Floats], zones: Sequence[NoFly]) -> Iterator[tuple[Floats, str, bool]]:
+def named_areas(
+    rings: Sequence[Floats], zones: Sequence[NoFly]
+) -> Iterator[tuple[Floats, str, bool]]:
     """Outline and name of every area, and whether the flight is above or below it."""
     for zone in zones:
         ring, name = np.asarray(zone["polygon_m"], dtype=np.float64), zone["name"]

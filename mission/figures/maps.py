@@ -1,83 +1,63 @@
 """Maps of a run: planned against flown, who was served and from where."""
 
 import math
-from collections.abc import Mapping, Sequence
-from typing import TypeAlias
+from collections.abc import Sequence
 
 import altair as alt
 import numpy as np
 
-from mission.analysis.load import extent
 from mission.base import polyline
 from mission.base.arrays import Floats
-from mission.base.palette import community_colour
-from mission.figures.frame import MapFrame, line_table, run_lines, zones_of
+from mission.figures.frame import MapFrame, line_table, run_frame, run_lines, zones_of
+from mission.figures.marks import NOT_SERVED, RoundMarks, Scene, Sent, layers
 from mission.figures.places import item_numbers, places
 from mission.figures.style import (
-    CROWD,
     INK,
     PAPER,
-    RING,
-    SOFT,
     Chart,
     arranged,
-    dot_radii,
     heading,
-    importance_size,
-    keys,
-    named,
-    per_key,
-    per_scale,
     table,
 )
-from mission.figures.words import CROWDED, NAME, Drawn, Look, Word, gathered, words
-from mission.log.records import LATE, RoundRecord, UplinkRecord
+from mission.figures.words import NAME, Look, Word, gathered
+from mission.log.records import LATE, RoundRecord
 from mission.log.values import FlightData, PlanRecord
 
 _MAPS = 12  # small multiples on one picture
 _WIDTH, _PANEL = 640.0, 300.0
-_MARGIN = 0.04  # of the area, around it
 _FEW = 8  # rounds that can be told apart on one map
 _SAME_END_M = 15.0  # ends that are closer share their words
 _THIN_PX, _WIDER_PX = 2.6, 1.1  # the path of a round, and of each before it of few
-_HOME_PX = 5.0
-# A cross in a ring.
-_LOST = (
-    f"{RING}M-0.55,-0.42L-0.42,-0.55L0.55,0.42L0.42,0.55Z"
-    "M-0.55,0.42L-0.42,0.55L0.55,-0.42L0.42,-0.55Z"
-)
-_LATE_SHAPE = "M-0.8,-1L0.8,-1L-0.8,1L0.8,1Z"  # an hourglass
-_NOT_SERVED = "not served"
-_AREA = Look(6.0, 8.0, SOFT)  # of areas without room for their names
-
-Served: TypeAlias = Mapping[int, UplinkRecord]  # by device
 
 
 def overview(run: FlightData, about: str) -> Chart:
     """All rounds on one map: flown coloured by round, planned dashed over it."""
-    frame = MapFrame(*extent(run, margin=_MARGIN), _WIDTH)
+    frame = run_frame(run, _WIDTH)
     lines = run_lines(run, run.plans)
     flights = [line for line in lines if line[0] == "flown"]
     planned = [line for line in lines if line[0] == "planned"]
-    importance = np.mean([plan.importance for plan in run.plans], axis=0)
-    sized_by = "mean importance" if len(run.plans) > 1 else "importance"
     few = len(flights) <= _FEW
-    layers = [
-        *frame.ground(run),
+    rings, zones = zones_of(run)
+    scene = Scene(
+        run.devices,
+        [RoundMarks(0, np.mean([plan.importance for plan in run.plans], axis=0), {})],
+        rings,
+        zones,
+        [(kind, 0, points) for kind, _, points in lines],
+        np.array(run.area.home_m),
+        names=[(NAME, _ends(flights) if few else []), (NAME, [_home(run)])],
+        sized_by="mean importance" if len(run.plans) > 1 else "importance",
+    )
+    between = [
+        frame.home(run.area.home_m),
         *frame.lines([line for line in lines if line[0] not in ("planned", "flown")]),
         *(_by_round(frame, flights) if flights else []),
         frame.chart(line_table(planned))
         .mark_line(stroke=INK, strokeWidth=0.7, strokeDash=[2, 5])
         .encode(alt.Order("step:Q"), alt.Detail("part:N")),
-        *_devices(run, frame, [(0, importance, {})], sized_by),
-        *words(
-            frame,
-            [*_device_words(run, {}), (NAME, _ends(flights) if few else []), (NAME, [_home(run)])],
-            _drawn(run, [importance], [(0, points) for _, _, points in lines]),
-        ),
     ]
     title = heading("Planned (dashed) and flown paths, all rounds", about)
-    return frame.finished(layers, title)
+    return frame.finished(layers(frame, scene, between), title)
 
 
 def round_maps(run: FlightData, about: str) -> Chart:
@@ -100,34 +80,32 @@ def round_map(
     The parameter `everything` shows the flown paths of the others too.
     """
     chosen = plans[0].round if len(plans) > 1 else None
-    frame = MapFrame(*extent(run, margin=_MARGIN), width, chosen=chosen)
-    served = {plan.round: _served(run, plan.round) for plan in plans}
-    lines = [(plan.round, plan.route_m) for plan in plans]
-    lines += [(number, link) for number, of in served.items() for link in _link_lines(run, of)]
-    lines += [(0, points) for _, _, points in run_lines(run, [])]
-    beside = frame.names_beside(*zones_of(run))
-    is_round = run.plan_file is None
-    starts = [Word("start", tuple(plan.waypoints_m[0]), plan.round) for plan in plans]
-    layers = [
-        *frame.ground(run),
-        *_links(run, frame, served),
-        *frame.lines(run_lines(run, plans)),
-        *(frame.waypoints(plans) if is_round else places(frame, run)),
-        *_devices(run, frame, [(p.round, p.importance, served[p.round]) for p in plans]),
-        *words(
-            frame,
-            [
-                *_device_words(run, served),
-                (Look(), [] if run.plan_file is None else item_numbers(run.plan_file)),
-                (_AREA, [Word(name, tuple(at_m)) for name, at_m in beside]),
-                (NAME, [_home(run)]),
-                (NAME, starts if is_round else []),
-            ],
-            _drawn(run, [plan.importance for plan in plans], lines),
-        ),
-    ]
+    frame = run_frame(run, width, chosen=chosen)
+    rounds = [RoundMarks(p.round, p.importance, _sent(run, p.round)) for p in plans]
+    late = (LATE,) if any(uplink.outcome == LATE for uplink in run.uplinks) else ()
+    names = [(NAME, [_home(run)])]
+    if run.plan_file is None:
+        marks = frame.waypoints([(plan.round, plan.waypoints_m) for plan in plans])
+        names += [(NAME, [Word("start", tuple(p.waypoints_m[0]), p.round) for p in plans])]
+    else:
+        marks = places(frame, run)
+        names.insert(0, (Look(), item_numbers(run.plan_file)))
+    rings, zones = zones_of(run)
+    scene = Scene(
+        run.devices,
+        rounds,
+        rings,
+        zones,
+        [*run_lines(run, []), *(("planned", plan.round, plan.route_m) for plan in plans)],
+        np.array(run.area.home_m),
+        names=names,
+        outcomes=("delivered", "lost", *late, NOT_SERVED) if run.uplinks else (),
+    )
+    between = [frame.home(run.area.home_m), *frame.lines(run_lines(run, plans)), *marks]
     title = _round_title(run, plans[0]) if len(plans) == 1 else "Planned and flown"
-    return frame.finished(layers, heading(title, about) if about else {"text": title})
+    return frame.finished(
+        layers(frame, scene, between), heading(title, about) if about else {"text": title}
+    )
 
 
 def record_of(run: FlightData, plan: PlanRecord) -> RoundRecord | None:
@@ -147,8 +125,16 @@ def _round_title(run: FlightData, plan: PlanRecord) -> str:
     return f"round {plan.round} · {arrived} · {record.flown_path_m:.0f} m{height}"
 
 
-def _served(run: FlightData, number: int) -> Served:
-    return {item.device: item for item in run.uplinks if item.round == number}
+def _sent(run: FlightData, number: int) -> dict[int, Sent]:
+    """Who sent in a round, where the aircraft really was."""
+    found = {}
+    for item in run.uplinks:
+        if item.round == number:
+            met = math.isfinite(item.slot_t_s) and item.outcome != LATE
+            from_m = np.array([item.true_x_m, item.true_y_m]) if met else None
+            per, outcome, t_s = item.true_per, item.outcome, item.slot_t_s
+            found[item.device] = Sent(number, item.device, item.step, from_m, per, outcome, t_s)
+    return found
 
 
 def _by_round(frame: MapFrame, lines: list[tuple[str, int, Floats]]) -> list[alt.Chart]:
@@ -217,113 +203,6 @@ def _ends(lines: list[tuple[str, int, Floats]]) -> list[Word]:
 
 def _home(run: FlightData) -> Word:
     return Word("home", run.area.home_m)
-
-
-def _device_words(run: FlightData, served: Mapping[int, Served]) -> list[tuple[Look, list[Word]]]:
-    """Their numbers; in a crowd of which it is known, of those only that one asks about."""
-    at_m, count = [tuple(at) for at in run.devices.pos_m], len(run.devices.community)
-    if count > CROWD and served:
-        asked = [
-            Word(str(k), at_m[k], number)
-            for number, of in served.items()
-            for k, uplink in of.items()
-            if uplink.outcome in ("lost", LATE)
-        ]
-        return [(CROWDED, asked)]
-    every = [Word(str(k), at_m[k]) for k in range(count)]
-    return [(CROWDED if count > CROWD else Look(), every)]
-
-
-def _drawn(run: FlightData, importance: Sequence[Floats], lines: list[tuple[int, Floats]]) -> Drawn:
-    most = np.max(importance, axis=0)
-    radii = dot_radii(most, float(most.max(initial=0.0)))
-    dots = np.column_stack((run.devices.pos_m, radii)) if len(radii) else np.empty((0, 3))
-    return Drawn(np.vstack((dots, (*run.area.home_m, _HOME_PX))), lines)
-
-
-def _link_lines(run: FlightData, served: Served) -> list[Floats]:
-    return [
-        np.array([[uplink.true_x_m, uplink.true_y_m], run.devices.pos_m[uplink.device]])
-        for uplink in _met(served)
-    ]
-
-
-def _met(served: Served) -> list[UplinkRecord]:
-    """Transmissions whose slots the aircraft reached in time."""
-    return [u for u in served.values() if math.isfinite(u.slot_t_s) and u.outcome != LATE]
-
-
-def _links(run: FlightData, frame: MapFrame, served: Mapping[int, Served]) -> list[alt.Chart]:
-    """From the slot, where each transmission was met, to its device; coloured by the true PER."""
-    met = [uplink for of in served.values() for uplink in _met(of)]
-    if not met:
-        return []
-    at_m = run.devices.pos_m[[uplink.device for uplink in met]]
-    numbers = {key: [getattr(u, key) for u in met] for key in ("round", "device", "step")}
-    from_m = {"x": [u.true_x_m for u in met], "y": [u.true_y_m for u in met]}
-    rates = {"per": [u.true_per for u in met], "t_s": [u.slot_t_s for u in met]}
-    data = table(**numbers, **from_m, x2=at_m[:, 0], y2=at_m[:, 1], **rates)
-    tip = [
-        alt.Tooltip("device:Q"),
-        alt.Tooltip("step:Q", title="slot"),
-        alt.Tooltip("t_s:Q", title="time (s)", format=".1f"),
-        alt.Tooltip("per:Q", title="true PER", format=".3~g"),
-    ]
-    colour = alt.Color("per:Q", title="link: PER", scale=per_scale(), legend=per_key())
-    links = frame.chart(data).encode(color=colour, tooltip=tip)
-    return [
-        links.mark_rule(strokeWidth=1.2).encode(alt.X2(field="x2"), alt.Y2(field="y2")),
-        links.mark_point(filled=True, size=14, opacity=1),
-    ]
-
-
-def _devices(
-    run: FlightData,
-    frame: MapFrame,
-    rounds: Sequence[tuple[int, Floats, Served]],
-    sized_by: str = "importance",
-) -> list[alt.Chart]:
-    """Colour: community. Area: importance. Shape: what became of the update; ring: not served."""
-    names, count = run.devices.communities, len(run.devices.community)
-    if not count:
-        return []
-    outcome = any(served for *_, served in rounds)
-    each = [served.get(k) for *_, served in rounds for k in range(count)]
-    data = table(
-        round=[number for number, *_ in rounds for _ in range(count)],
-        device=list(range(count)) * len(rounds),
-        community=list(run.devices.community) * len(rounds),
-        x=np.tile(run.devices.pos_m[:, 0], len(rounds)),
-        y=np.tile(run.devices.pos_m[:, 1], len(rounds)),
-        importance=np.concatenate([importance for _, importance, _ in rounds]),
-        outcome=[_NOT_SERVED if uplink is None else uplink.outcome for uplink in each],
-        per=[math.nan if uplink is None else uplink.true_per for uplink in each],
-    )
-    most = max(float(importance.max(initial=0.0)) for _, importance, _ in rounds)
-    tip = [
-        alt.Tooltip("device:Q"),
-        alt.Tooltip("community:N"),
-        alt.Tooltip("importance:Q", title=sized_by, format=".3~g"),
-    ]
-    marks = frame.chart(data).encode(
-        fill=alt.Fill(
-            "community:N",
-            scale=named(names, [community_colour(k) for k in range(len(names))]),
-            legend=keys(names, symbolStrokeColor="transparent", symbolOpacity=1.0),
-        ),
-        size=importance_size(most, count, sized_by),
-    )
-    if not outcome:
-        return [marks.mark_point(stroke=None, opacity=1).encode(tooltip=tip)]
-    some_late = any(uplink.outcome == LATE for uplink in run.uplinks)
-    late = {LATE: _LATE_SHAPE} if some_late else {}
-    looks = {"delivered": "circle", "lost": _LOST, **late, _NOT_SERVED: RING}
-    key = keys(list(looks), symbolFillColor=SOFT, symbolStrokeColor="transparent", symbolSize=90)
-    became = marks.mark_point(stroke=None, opacity=1).encode(
-        shape=alt.Shape("outcome:N", scale=named(list(looks), list(looks.values())), legend=key),
-        tooltip=[*tip, "outcome:N", alt.Tooltip("per:Q", title="true PER", format=".3~g")],
-    )
-    return [became]
 
 
 def _evenly(items: Sequence[PlanRecord], most: int) -> list[PlanRecord]:

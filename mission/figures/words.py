@@ -12,9 +12,9 @@ from mission.figures.frame import MapFrame
 from mission.figures.style import INK, PAPER, SOFT, table
 
 # Towards where from the mark, the best first: dx and dy in pixels, of which down is more.
-_SIDES = ((1, -1), (1, 1), (-1, -1), (-1, 1), (1, 0), (-1, 0), (0, -1), (0, 1))
+SIDES = ((1, -1), (1, 1), (-1, -1), (-1, 1), (1, 0), (-1, 0), (0, -1), (0, 1))
 _ALIGN = {1: "left", 0: "center", -1: "right"}
-_ROUND_THE_MARK = {(1, 1): (0.8, 0.7), (1, 0): (1.15, 0.0), (0, 1): (0.0, 1.4)}
+_ROUND_THE_MARK = {(0, 0): (0.0, 0.0), (1, 1): (0.8, 0.7), (1, 0): (1.15, 0.0), (0, 1): (0.0, 1.4)}
 _WIDE, _HIGH = 0.56, 0.9  # of a character, and of a word, in font sizes
 _EACH_PX = 4.0  # between the points that a line is taken for
 _ORDER, _LINE, _DOT, _WORD, _OUTSIDE = 0.6, 2.0, 3.0, 0.5, 20.0  # what covering one costs
@@ -27,6 +27,7 @@ class Word:
     text: str
     at_m: tuple[float, ...]  # x and y
     round: int = 0
+    sides: Sequence[tuple[int, int]] = SIDES  # where it may stand; (0, 0): on the place itself
 
 
 @dataclass(frozen=True)
@@ -123,7 +124,7 @@ def _best(
     away = np.hypot(*(dots[:, :2] - at).T)
     rivals = dots[(away > 1.0) & (away <= 1.5 * reach + dots[:, 2])]
     best: tuple[float, tuple[int, int], Floats] | None = None
-    for rank, side in enumerate(_SIDES):
+    for rank, side in enumerate(word.sides):
         dx, dy = _offset(side, look.gap_px)
         left, top = at[0] + dx - (1 - side[0]) / 2.0 * wide, at[1] + dy - high / 2.0
         box = np.array([left, top, left + wide, top + high])

@@ -11,7 +11,7 @@ from pymavlink.dialects.v20 import common as mav
 
 from flightdyn.random import RandomStreams
 from flightdyn.state import GeodeticPoint
-from mission.analysis.compare import RunComparison, compare_run, plain
+from mission.analysis.compare import RunComparison, compare_run
 from mission.analysis.comparison_text import tables
 from mission.analysis.load import load_run, reached
 from mission.base import polyline
@@ -189,8 +189,10 @@ class _PlanFlight:
         self.totals.add(run.data.rounds[0])
         write_atomically(summary.folder.path / "track.csv", _track_csv(run.data))
         self.comparison = compare_run(run)
-        numbers = plain(self.comparison.total).items()
-        summary.add(planned_and_flown={key: value for key, value in numbers if value is not None})
+        numbers = {**vars(self.comparison.total)}
+        del numbers["round"]  # of all, and there is but one
+        known = {key: value for key, value in numbers.items() if math.isfinite(value)}
+        summary.add(planned_and_flown=known)
         last = max(self.order.path.places)
         if self.ended and last not in reached(run.data):
             raise FlightError(f"item {last} was never reached")

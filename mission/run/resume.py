@@ -106,9 +106,9 @@ def refuse_others(folder: RunFolder) -> None:
     """
     path = folder.path
     if not path.exists():
-        raise InputError(f"--resume {path}: no such folder")
+        raise InputError(f"{path}: no such folder")
     if not path.is_dir():
-        raise InputError(f"--resume {path}: a file; give the folder that aerofed run left")
+        raise InputError(f"{path}: a file; give the folder that aerofed run left")
     if (folder.checkpoint / ROUNDS).exists():
         return
     if (path / ROUNDS).exists():
@@ -119,7 +119,7 @@ def refuse_others(folder: RunFolder) -> None:
         hint = "the run ended before its first checkpoint; the command that began it begins it anew"
     else:
         hint = f"it has no {folder.checkpoint.name}/{ROUNDS}"
-    raise InputError(f"--resume {path}: not a folder that aerofed run left: {hint}")
+    raise InputError(f"{path}: not a folder that aerofed run left: {hint}")
 
 
 def other_code(name: str, then: str | None, now: str | None) -> str:

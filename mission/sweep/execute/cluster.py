@@ -58,7 +58,7 @@ class RayEngine:
             self._ray: Any = importlib.import_module("ray")
         except ImportError:
             raise InputError(
-                "--engine ray: Ray is not installed: pip install 'aerofed[ray]'"
+                "engine = ray: Ray is not installed: pip install 'aerofed[ray]'"
             ) from None
         try:
             read = _data_sets(configs, data_dir)
@@ -69,7 +69,7 @@ class RayEngine:
         self._jobs = jobs
         if self._cpus() < 1:
             self._ray.shutdown()
-            raise LinkLostError(f"--address {address}: no machine of the cluster offers a CPU")
+            raise LinkLostError(f"address = {address}: no machine of the cluster offers a CPU")
         # No retry by Ray: only the sweep knows how often a run was lost.
         self._fly = self._ray.remote(num_cpus=1, max_retries=0)(_task())
         self._versions = library_versions()
@@ -92,9 +92,9 @@ class RayEngine:
             )
         except (OSError, ValueError, RuntimeError, self._ray.exceptions.RayError) as error:
             doing = (
-                "--engine ray: cannot start Ray here"
+                "engine = ray: cannot start Ray here"
                 if address is None
-                else f"--address {address}: cannot reach Ray"
+                else f"address = {address}: cannot reach Ray"
             )
             raise LinkLostError(f"{doing}: {first_line(error)}") from None
 
@@ -150,7 +150,7 @@ class RayEngine:
             if versions[name] != here
         )
         raise InputError(
-            f"--engine ray: machine {machine} has other versions: {named}; install the same on "
+            f"engine = ray: machine {machine} has other versions: {named}; install the same on "
             "all machines of the cluster"
         )
 

@@ -45,18 +45,18 @@ class EngineChoice:
         """Refuse options that do not fit the engine, before anything is written.
 
         Raises:
-            InputError: naming the option.
+            InputError: naming it.
         """
         if self.name not in get_args(EngineName):
             names = " or ".join(get_args(EngineName))
-            raise InputError(f"--engine {self.name}: must be {names}")
+            raise InputError(f"engine = {self.name}: must be {names}")
         if self.jobs is not None and self.jobs < 1:
-            raise InputError(f"--jobs {self.jobs}: at least 1")
+            raise InputError(f"jobs = {self.jobs}: at least 1")
         if self.address is not None and self.name != "ray":
-            raise InputError(f"--address {self.address}: belongs to --engine ray")
+            raise InputError(f"address = {self.address}: belongs to engine = ray")
         if self.address is not None and "://" in self.address:
             raise InputError(
-                f"--address {self.address}: must be HOST:PORT of a cluster that this machine is "
+                f"address = {self.address}: must be HOST:PORT of a cluster that this machine is "
                 "part of; ray start --address=HOST:PORT makes it one"
             )
 

@@ -279,7 +279,8 @@ def test_missing_files_are_named(tmp_path: Path, task: str) -> None:
         for part in (task, str(folder), wanted):
             assert part in str(caught.value)
     with pytest.raises(
-        LearningInputError, match=f"--data-dir FOLDER; .* aerofed data fetch FOLDER --task {task}"
+        LearningInputError,
+        match=f"--data-dir FOLDER, .* aerofed data fetch FOLDER --task {task}",
     ):
         load(task, data_dir=None)
 

@@ -297,11 +297,11 @@ def test_configurations(tmp_path: Path) -> None:
         (lambda: aerofed.channel(altitude_m=0.0), "channel: altitude_m = 0.0: must be above 0"),
         (lambda: aerofed.load("nowhere"), "nowhere: no such run folder"),
         (lambda: aerofed.load_sweep("nowhere"), "nowhere"),
-        (lambda: aerofed.resume("nowhere"), "^path = 'nowhere': no such folder"),
-        (lambda: aerofed.first_problem("paper"), "give their folder by data_dir=FOLDER"),
-        (lambda: aerofed.run("paper"), "needs files: give their folder by data_dir=FOLDER"),
-        (lambda: aerofed.sweep("paper"), "needs files: give their folder by data_dir=FOLDER"),
-        (lambda: aerofed.run(out="/proc/a"), r"/proc/a: cannot write .* another \(out=FOLDER\)$"),
+        (lambda: aerofed.resume("nowhere"), "^nowhere: no such folder"),
+        (lambda: aerofed.first_problem("paper"), "give their folder .* in Python data_dir"),
+        (lambda: aerofed.run("paper"), "needs files: give their folder .* in Python data_dir"),
+        (lambda: aerofed.sweep("paper"), "needs files: give their folder .* in Python data_dir"),
+        (lambda: aerofed.run(out="/proc/a"), r"/proc/a: cannot write .* name another folder$"),
         (lambda: aerofed.Sweep(Path("some")).run("nope"), "^some/runs/nope: "),
         (aerofed.compare, "give at least one run"),
         (lambda: aerofed.compare("x", rounds=0), "rounds = 0: must be at least 1"),
@@ -373,7 +373,7 @@ def test_a_folder_in_use_names_the_argument(tmp_path: Path, fly: Callable[..., o
     lock.parent.mkdir(exist_ok=True)
     with lock.open("w") as file:
         fcntl.flock(file, fcntl.LOCK_EX)
-        with pytest.raises(aerofed.InputError, match=r"or give another \(out=FOLDER\)$"):
+        with pytest.raises(aerofed.InputError, match=r"or name another$"):
             fly(out=tmp_path)
 
 
@@ -382,7 +382,7 @@ def test_a_file_where_runs_belong_names_the_argument(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     Path("runs").touch()
-    with pytest.raises(aerofed.InputError, match=r"^runs: .* another \(out=FOLDER\)$"):
+    with pytest.raises(aerofed.InputError, match=r"^runs: .* name another folder$"):
         aerofed.run()
 
 

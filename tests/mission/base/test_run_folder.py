@@ -67,10 +67,10 @@ def test_a_folder_that_cannot_be_made_names_the_way_out(
     make(Path("runs"))
     with pytest.raises(InputError) as refused, output_folder(None, "one"):
         pass
-    assert str(refused.value) == ("runs: not a folder, and so none for one; give another (--out)")
+    assert str(refused.value) == ("runs: not a folder, and so none for one; name another folder")
 
 
-@pytest.mark.parametrize(("chosen", "way_out"), [(True, ", or give another (--out)"), (False, "")])
+@pytest.mark.parametrize(("chosen", "way_out"), [(True, ", or name another"), (False, "")])
 def test_a_folder_in_use_names_the_way_out(tmp_path: Path, chosen: bool, way_out: str) -> None:
     folder = RunFolder.create(tmp_path / "one")
     with folder.lock(), pytest.raises(InputError) as refused, folder.lock(chosen=chosen):

@@ -181,7 +181,7 @@ MESSAGES = {
     ("run", "--vehicle", "foo"): "--vehicle foo: no address of a vehicle; it must be udpin://",
     ("run", "--set", "seed=-1"): "command line: seed = -1: must be greater than or equal to 0",
     ("run", "--set", "mission.path_budget_m=0"): "path_budget_m = 0: must be greater than 0",
-    ("run", "paper"): "give their folder by --data-dir FOLDER",
+    ("run", "paper"): "give their folder (--data-dir FOLDER",
     ("run", "paper", "--data-dir", "."): "get it by: aerofed data fetch . --task cifar10",
     ("data", "check", "nowhere"): "no such folder; aerofed data fetch nowhere makes it",
     ("data", "check", "."): "holds none of the data sets; aerofed data fetch . downloads them",

@@ -384,8 +384,8 @@ def _missing(tasks: list[tuple[str, str | None]], data_dir: Path | None = None) 
         ),
         (
             [("npz", "a.npz"), ("npz", "b.npz"), ("npz", "a.npz"), ("npz", "/elsewhere/c.npz")],
-            "npz: needs files: give their folder by --data-dir FOLDER; needed: the file a.npz "
-            "(communities.data_file)",
+            "npz: needs files: give their folder (--data-dir FOLDER, in Python data_dir); needed: "
+            "the file a.npz (communities.data_file)",
             ["npz (b.npz)"],
         ),
         ([("mnist", None), ("digits", None)], "mnist: needs files: ", []),

@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from fl.radio.channel import CHANNEL_PRESETS, average_per
+from fl.radio.channel import CHANNEL_PRESETS, average_per, served_radius_m
 from flightdyn.config import LimitsConfig
 from mission.base.errors import InputError
 from mission.base.explain import tables
-from mission.commands.planning import budget_report, plan_problems, served_radius
+from mission.commands.planning import plan_problems
 from mission.planner.config import PlannerConfig
 from mission.planner.errors import PlanInputError
 from mission.planner.factory import make_planner
@@ -292,19 +292,8 @@ def test_an_output_that_cannot_be_written(tmp_path):
         plan_problems(problems, method=planner, figure_dir=path)
 
 
-def test_the_link_budget_warns_where_nothing_gets_through():
-    good = budget_report(CHANNEL_PRESETS["suburban"])
-    assert good.warning is None
-    assert "served radius (PER 0.5): 185 m" in good.lines
-    assert any("wrong by 0.02" in line for line in good.lines)
-    bad = budget_report(CHANNEL_PRESETS["literal"])
-    assert bad.warning is not None
-    assert "PER straight overhead is 1.000" in bad.warning
-    assert any("not even straight overhead" in line for line in bad.lines)
-
-
 @pytest.mark.parametrize("preset", ["suburban+10dB", "suburban+30dB"])
 def test_the_served_radius_is_where_half_gets_through(preset):
-    radius = served_radius(CHANNEL_PRESETS[preset])
+    radius = served_radius_m(CHANNEL_PRESETS[preset])
     assert average_per(CHANNEL_PRESETS[preset], radius) <= 0.5
     assert average_per(CHANNEL_PRESETS[preset], radius + 1.0) > 0.5

@@ -246,7 +246,7 @@ def test_resume_of_what_is_no_run(
     (tmp_path / made).parent.mkdir(parents=True)
     (tmp_path / made).touch()
     assert call(["run", "--resume", str(tmp_path / given)]) == 2
-    refused(capsys, f"--resume {tmp_path / given}", words)
+    refused(capsys, f"{tmp_path / given}", words)
 
 
 def test_no_two_runs_in_one_folder(stopped: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -244,5 +244,5 @@ def test_a_ray_that_cannot_start_is_one_line(project: Path, tmp_path: Path) -> N
     _, errors = process.communicate(timeout=HANG_S)
     assert process.returncode == 5
     assert errors.count("\n") == 1
-    assert "--engine ray: cannot start Ray here" in errors
+    assert "engine = ray: cannot start Ray here" in errors
     assert "107 bytes" in errors

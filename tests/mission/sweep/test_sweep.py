@@ -396,8 +396,8 @@ def test_a_worker_killed_while_idle_is_replaced(
 @pytest.mark.parametrize(
     ("more", "words"),
     [
-        (["--jobs", "0"], ["--jobs 0", "at least 1"]),
-        (["--address", "x:1"], ["--address x:1", "--engine ray"]),
+        (["--jobs", "0"], ["jobs = 0", "at least 1"]),
+        (["--address", "x:1"], ["address = x:1", "engine = ray"]),
         (["--engine", "ray", "--address", "ray://x:1"], ["ray://x:1", "HOST:PORT", "ray start"]),
         (["--strategies", "cov,,ideal"], ["--strategies cov,,ideal"]),
         (["--data-dir", "nowhere"], ["nowhere", "no such folder"]),
