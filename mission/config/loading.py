@@ -136,4 +136,5 @@ def _in_words(error: ValueError, text: str) -> str:
     key, equals, _ = line.partition("=")
     if equals and "Cannot overwrite a value" in str(error):
         return f"line {number}: {key.strip()}: given twice in its table; leave one of them out"
-    return f"{error}: {shown(line)}" if found and line else str(error)
+    placed = found or "at end of document" in str(error)
+    return f"{error}: {shown(line)}" if placed and line else str(error)

@@ -434,7 +434,7 @@ def test_an_interrupted_notebook_keeps_what_was_flown_and_goes_on(
         with pytest.raises(KeyboardInterrupt, match="resume"):
             wait(cell())
     assert aerofed.load(tmp_path / "cut").status == "interrupted"
-    with pytest.raises(aerofed.InputError, match="or go on with it: aerofed run --resume .*cut$"):
+    with pytest.raises(aerofed.InputError, match=r"or go on with it: aerofed run --resume .*cut$"):
         aerofed.run("quickstart", SMALL, out=tmp_path / "cut")
     wait(again())
     for name in TABLES:

@@ -186,7 +186,7 @@ def test_no_devices_and_no_problems_are_fine(tmp_path):
 )
 def test_what_is_wrong_is_named(tmp_path, content, message):
     path = write(tmp_path, content)
-    with pytest.raises(PlanInputError) as caught:
+    with pytest.raises(InputError) as caught:
         read_problems(path)
     said = str(caught.value)
     assert said.startswith(f"{path}: ")
