@@ -5,10 +5,8 @@ import math
 from flightdyn.config import AircraftConfig
 from flightdyn.errors import FlightInputError
 from flightdyn.frames import Triple, frozen, yaw_of
-from flightdyn.guidance.attitude import attitude_along
-from flightdyn.guidance.control import AttitudeOrder, Controller
+from flightdyn.guidance.control import AttitudeOrder, Controller, attitude_along
 from flightdyn.guidance.guidance import Guidance
-from flightdyn.guidance.inner_loops import InnerLoops
 from flightdyn.guidance.path import FlightPath, PathProgress
 from flightdyn.guidance.pursuit import Target
 from flightdyn.inertial import Earth
@@ -39,7 +37,7 @@ class Aircraft(Plant):
         super().__init__(config, home=home, streams=streams)
         # JSBSim's ground is at its sea level, and so is its gravity.
         earth = Earth.at(home.lat_deg, 0.0)
-        inner = InnerLoops(self.vehicle, dt_s=self.clock.dt_s)
+        inner = self.vehicle.inner_loops
         self.navigation: Navigation
         if self.sensors is None:
             self.navigation = TrueNavigation(self, inner)
@@ -52,7 +50,6 @@ class Aircraft(Plant):
         self._guidance = Guidance(
             self.controller, config.limits, dt_s=dt_s, yaw=yaw_of(self.navigation.state().q)
         )
-        self._near = False
         self.armed = False
 
     def step(self) -> None:
@@ -65,7 +62,7 @@ class Aircraft(Plant):
         Returns how many.
         """
         navigation, guidance = self.navigation, self._guidance
-        if self._near or self.low:
+        if guidance.corner_near or self.low:
             most = 1
         elif guidance.pursuing:  # the reference is made anew for each guidance step
             most = min(most, self.to_guidance_step)
@@ -73,33 +70,24 @@ class Aircraft(Plant):
         ticks = navigation.fly(most, self.controller.guide)
         self.passed(ticks)
         if guidance.look():  # flown up to a guidance step, which is the one that tells
-            self._near = guidance.corner_near
             return ticks
         if self.impact_mps is not None and self.armed:
             self.disarm()
         navigation.sense()
-        if self.clock.tick % self.interval == 0:
-            self._guide()
-        elif self._near:
-            self._pass_corners()
+        to_guide = self.clock.tick % self.interval == 0
+        if to_guide:
+            navigation.update()
+        if guidance.corner_near:
+            here = navigation.state()
+            guidance.pass_corners(here.p, here.v)
+        if to_guide:
+            guidance.step(navigation.carried, navigation.state)
         return ticks
 
     @property
     def to_guidance_step(self) -> int:
         """Ticks left until the next guidance step."""
         return self.interval - self.clock.tick % self.interval
-
-    def _guide(self) -> None:
-        navigation, guidance = self.navigation, self._guidance
-        navigation.update()
-        if self._near:
-            self._pass_corners()
-        guidance.step(navigation.carried, navigation.state)
-        self._near = guidance.corner_near
-
-    def _pass_corners(self) -> None:
-        here = self.navigation.state()
-        self._guidance.pass_corners(here.p, here.v)
 
     @property
     def belief(self) -> Kinematics:

@@ -26,10 +26,6 @@ class SimClock:
         """Length of a tick in seconds."""
         return self.dt_ns / NS_PER_S
 
-    def advance(self) -> None:
-        """Advance simulated time by one tick."""
-        self.tick += 1
-
     def ticks(self, duration_s: float, *, what: str) -> int:
         """The ticks in `duration_s`; refused where that is not a whole number of at least one."""
         exact = duration_s * NS_PER_S / self.dt_ns

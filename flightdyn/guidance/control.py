@@ -5,9 +5,9 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from flightdyn.config import LimitsConfig
-from flightdyn.frames import Quaternion, Triple
-from flightdyn.guidance.inner_loops import InnerLoops
+from flightdyn.frames import Quaternion, Triple, quaternion_from_euler
 from flightdyn.native.library import Guide
+from flightdyn.native.ticks import Inner
 from flightdyn.physics.airframe.parameters import Airframe
 
 
@@ -47,12 +47,24 @@ class AttitudeOrder:
     climb_mps: float = 0.0
 
 
+def attitude_along(thrust: Triple, *, yaw: float) -> Quaternion:
+    """The attitude of a body whose thrust points along `thrust` and its nose to `yaw`."""
+    size = math.sqrt(thrust[0] ** 2 + thrust[1] ** 2 + thrust[2] ** 2)
+    n, e, d = -thrust[0] / size, -thrust[1] / size, -thrust[2] / size  # body z axis
+    c, s = math.cos(yaw), math.sin(yaw)
+    # The body z axis in a frame that is turned by yaw alone tells pitch, then roll.
+    ahead, right = c * n + s * e, c * e - s * n
+    pitch = math.atan2(ahead, d)
+    roll = math.atan2(-right, math.hypot(ahead, d))
+    return quaternion_from_euler(roll, pitch, yaw)
+
+
 class Controller:
     """Guidance steps and outer loop, which run in C, between navigation and inner loops."""
 
     def __init__(
         self,
-        inner: InnerLoops,
+        inner: Inner,
         airframe: Airframe,
         limits: LimitsConfig,
         *,

@@ -43,7 +43,7 @@ class Guidance:
         self._controller = controller
         self._memory = memory = controller.memory
         memory.yaw = memory.yaw_order = yaw
-        memory.landed = memory.contact = memory.touching = 1.0
+        memory.landed = memory.contact = memory.touching = True
         self._limits = limits
         self._dt = dt_s
         self._corners: list[Corner] = []
@@ -61,7 +61,7 @@ class Guidance:
 
     @armed.setter
     def armed(self, armed: bool) -> None:
-        self._memory.armed = float(armed)
+        self._memory.armed = armed
 
     @property
     def landed(self) -> bool:
@@ -84,13 +84,13 @@ class Guidance:
 
     def look_at(self, place: Triple | None) -> None:
         """Head towards a place on the way; None: along the course."""
-        self._memory.interested = float(place is not None)
+        self._memory.interested = place is not None
         self._memory.interest[:] = place or (0.0, 0.0, 0.0)
 
     def idle(self) -> None:
         """Motors turn without lift when armed."""
         self._memory.mode = NOTHING
-        self._memory.pointed = 0.0
+        self._memory.pointed = False
         self._controller.track(None)
         self._forget_corners()
 
@@ -105,8 +105,8 @@ class Guidance:
         _, v = self._start(nav)
         trajectory, corners = plan_path(path, self._limits, start_vel=v)
         self._begin(trajectory, self._memory.yaw, course=True)
-        self._memory.path = 1.0
-        self._memory.too_fast = float(path.speeds_mps.max() > self._limits.speed_mps)
+        self._memory.path = True
+        self._memory.too_fast = bool(path.speeds_mps.max() > self._limits.speed_mps)
         self._corners, self._next = corners, 1
         self._look_ahead()
         self.progress.passed = corners[0].count
@@ -117,10 +117,10 @@ class Guidance:
         m.mode = TRACK
         m.t = trajectory.start_s
         m.rate = m.smooth_rate = m.room = 1.0
-        m.over = m.waited = m.went = m.finished = m.stalled = m.missed = 0.0
-        m.path = m.too_fast = 0.0
+        m.over = m.waited = m.went = m.missed = 0.0
+        m.finished = m.stalled = m.path = m.too_fast = False
         m.yaw_order = yaw
-        m.course = float(course)
+        m.course = course
         self._forget_corners()
 
     def _forget_corners(self) -> None:
@@ -141,7 +141,7 @@ class Guidance:
             p, v = self._start(nav)
             self.idle()
             m.p[:], m.v[:], m.a[:] = p, v, (0.0, 0.0, 0.0)
-            m.mode, m.pointed = TARGET, 1.0
+            m.mode, m.pointed = TARGET, True
         self._target = target
 
     def attitude(self, order: AttitudeOrder) -> None:
@@ -150,7 +150,7 @@ class Guidance:
         if m.mode != ATTITUDE:
             self.idle()
             m.mode = ATTITUDE
-        m.oriented = float(order.q_frd_to_ned is not None)
+        m.oriented = order.q_frd_to_ned is not None
         m.q[:] = order.q_frd_to_ned or (1.0, 0.0, 0.0, 0.0)
         m.rates[:] = order.rates_radps
         m.thrust_order = math.nan if order.collective is None else order.collective

@@ -17,7 +17,8 @@ static void idle(Guide *g, const Gains *k, int armed)
 {
     for (int i = 0; i < 3; i++) g->integral[i] = g->thrust[i] = g->error[i] = g->feed[i] = 0;
     g->thrust[2] = -1;
-    g->drag[0] = g->drag[1] = g->lagged = g->saturated = g->lift = 0;
+    g->drag[0] = g->drag[1] = g->lagged = g->lift = 0;
+    g->saturated = 0;
     g->effectiveness = 1;
     g->collective = armed ? k->idle : 0;
 }

@@ -69,24 +69,30 @@ enum { FINISHED = 1, STALLED = 2, LIMITED = 4, NEAR = 8 }; /* what there is to n
 
 /* The guidance's memory, its orders and what comes of them. */
 typedef struct {
-    /* By Python: */
-    double mode, armed;
-    double yaw_order, spin;            /* heading to turn to (rad), which turns by itself (rad/s) */
-    double course, interested, interest[3]; /* whether to look along the course, or at a place */
-    double path, too_fast;             /* whether the trajectory is a path; beyond the limits */
+    /* By Python; what is 0 or 1 is a whole number: */
+    int64_t mode, armed;
+    int64_t course, interested; /* whether to look along the course, or at a place */
+    double interest[3];
+    double yaw_order, spin;     /* heading to turn to (rad), which turns by itself (rad/s) */
+    int64_t path, too_fast;     /* whether the trajectory is a path; beyond the limits */
     double soon, corner[3], normal[3]; /* when the next corner may be passed, its plane or zeros */
-    double q[4], oriented, rates[3], thrust_order, climb; /* of an attitude; thrust may be NaN */
+    int64_t oriented;                  /* whether an attitude is ordered, or rates alone */
+    double q[4], rates[3], thrust_order, climb; /* of an attitude; thrust may be NaN */
     /* The reference: */
-    double p[3], v[3], a[3], pointed; /* the setpoint, and whether there is one */
+    int64_t pointed; /* whether there is a setpoint */
+    double p[3], v[3], a[3];
     double yaw, yaw_rate;
     double t, rate, smooth_rate, room, along[3]; /* on the trajectory's clock */
-    double waited, went, over, finished, stalled, missed;
+    double waited, went, over, missed;
+    int64_t finished, stalled;
     /* The controller: */
-    double integral[3], drag[2], lagged, effectiveness, saturated, thrust[3], wanted_yaw;
+    int64_t saturated;
+    double integral[3], drag[2], lagged, effectiveness, thrust[3], wanted_yaw;
     /* To the inner loops and the land detector: */
     double error[3], feed[3], collective, lift, descend, sink, knock;
     /* The land detector: seconds of quiet, and what it believes. */
-    double quiet, touching, contact, landed;
+    double quiet;
+    int64_t touching, contact, landed;
     int64_t noted; /* of the trajectory, at the last step */
 } Guide;
 

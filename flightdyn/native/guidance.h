@@ -166,7 +166,7 @@ static int guide(const Guidance *guidance, const Strapdown *carried, Inner *inne
     double r[3][3];
     matrix(r, nav->q);
     const double heading = arc_tangent2(r[1][0], r[0][0]);
-    const int mode = g->armed ? (int)g->mode : NOTHING;
+    const int64_t mode = g->armed ? g->mode : NOTHING;
     if (!g->armed) { /* what it stands on may have been turned: no heading to come back to */
         g->yaw = g->yaw_order = heading;
         g->yaw_rate = 0;
@@ -184,7 +184,7 @@ static int guide(const Guidance *guidance, const Strapdown *carried, Inner *inne
         if (mode == ATTITUDE) {
             keep_attitude(g, k, nav, force, !g->landed);
             g->yaw = g->yaw_order = heading;
-            g->descend = g->lift < PRESSED_LIFT;
+            g->descend = g->lift < PRESSED_LIFT ? 1 : 0; /* m/s, of any size */
         } else {
             idle(g, k, g->armed != 0);
         }

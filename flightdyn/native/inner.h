@@ -5,7 +5,7 @@
 
 #include "interpreter.h"
 
-typedef struct { /* the inner loops' end, `flightdyn.guidance.inner_loops` */
+typedef struct { /* the inner loops' end, `Multirotor.inner_loops` */
     const Interpreter *python;
     void *set_rates[3], *set_errors[3], *set_feeds[3], *set_collective;
     double bias[3];            /* to be taken off the rates */

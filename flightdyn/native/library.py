@@ -266,24 +266,23 @@ class Memory(ctypes.Structure):
     """The guidance's memory, its orders and what comes of them; see `flight.h`."""
 
     _fields_ = (
-        ("mode", _DOUBLE), ("armed", _DOUBLE),
+        ("mode", _INT), ("armed", _INT),
+        ("course", _INT), ("interested", _INT), ("interest", _THREE),
         ("yaw_order", _DOUBLE), ("spin", _DOUBLE),
-        ("course", _DOUBLE), ("interested", _DOUBLE), ("interest", _THREE),
-        ("path", _DOUBLE), ("too_fast", _DOUBLE),
+        ("path", _INT), ("too_fast", _INT),
         ("soon", _DOUBLE), ("corner", _THREE), ("normal", _THREE),
-        ("q", _DOUBLE * 4), ("oriented", _DOUBLE), ("rates", _THREE),
+        ("oriented", _INT), ("q", _DOUBLE * 4), ("rates", _THREE),
         ("thrust_order", _DOUBLE), ("climb", _DOUBLE),
-        ("p", _THREE), ("v", _THREE), ("a", _THREE), ("pointed", _DOUBLE),
+        ("pointed", _INT), ("p", _THREE), ("v", _THREE), ("a", _THREE),
         ("yaw", _DOUBLE), ("yaw_rate", _DOUBLE),
         ("t", _DOUBLE), ("rate", _DOUBLE), ("smooth_rate", _DOUBLE), ("room", _DOUBLE),
         ("along", _THREE), ("waited", _DOUBLE), ("went", _DOUBLE), ("over", _DOUBLE),
-        ("finished", _DOUBLE), ("stalled", _DOUBLE), ("missed", _DOUBLE),
-        ("integral", _THREE), ("drag", _DOUBLE * 2), ("lagged", _DOUBLE),
-        ("effectiveness", _DOUBLE), ("saturated", _DOUBLE), ("thrust", _THREE),
-        ("wanted_yaw", _DOUBLE),
+        ("missed", _DOUBLE), ("finished", _INT), ("stalled", _INT),
+        ("saturated", _INT), ("integral", _THREE), ("drag", _DOUBLE * 2), ("lagged", _DOUBLE),
+        ("effectiveness", _DOUBLE), ("thrust", _THREE), ("wanted_yaw", _DOUBLE),
         ("error", _THREE), ("feed", _THREE), ("collective", _DOUBLE), ("lift", _DOUBLE),
         ("descend", _DOUBLE), ("sink", _DOUBLE), ("knock", _DOUBLE),
-        ("quiet", _DOUBLE), ("touching", _DOUBLE), ("contact", _DOUBLE), ("landed", _DOUBLE),
+        ("quiet", _DOUBLE), ("touching", _INT), ("contact", _INT), ("landed", _INT),
         ("noted", _INT),
     )  # fmt: skip
 

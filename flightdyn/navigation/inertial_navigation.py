@@ -5,10 +5,10 @@ from statistics import pstdev
 
 from flightdyn.errors import FlightInputError
 from flightdyn.frames import Triple
-from flightdyn.guidance.inner_loops import InnerLoops
 from flightdyn.inertial import Earth, NavState
 from flightdyn.instruments import Readings
 from flightdyn.native.library import Guide, Loop
+from flightdyn.native.ticks import Inner
 from flightdyn.navigation.error_model import Alignment
 from flightdyn.navigation.estimator import Estimator
 from flightdyn.navigation.measurements import Biases
@@ -30,7 +30,7 @@ class InertialNavigation:
         self,
         plant: Plant,
         sensors: SensorSuite,
-        inner: InnerLoops,
+        inner: Inner,
         *,
         earth: Earth,
     ) -> None:
@@ -71,7 +71,7 @@ class InertialNavigation:
         pressures = fields = 0
         for _ in range(count):
             self._plant.vehicle.run()
-            clock.advance()
+            clock.tick += 1
             for i, value in enumerate(sensors.imu.sample()):
                 sums[i] += value / count
             pressure, field = sensors.slow()

@@ -9,11 +9,10 @@ from typing import Protocol
 import numpy as np
 
 from flightdyn.frames import Triple, frozen
-from flightdyn.guidance.inner_loops import InnerLoops
 from flightdyn.inertial import NavState
 from flightdyn.instruments import Readings
 from flightdyn.native.library import Guide, Increments, Loop, Strapdown
-from flightdyn.native.ticks import AXES, Imu
+from flightdyn.native.ticks import AXES, Imu, Inner
 from flightdyn.plant import Plant
 from flightdyn.state import GnssFix, Innovation, Kinematics
 
@@ -46,7 +45,7 @@ class Navigation(Protocol):
 class TrueNavigation:
     """The autopilot is handed the truth: for tests of the control alone."""
 
-    def __init__(self, plant: Plant, inner: InnerLoops) -> None:
+    def __init__(self, plant: Plant, inner: Inner) -> None:
         self._plant = plant
         self._vehicle = plant.vehicle
         self._clock = plant.clock

@@ -21,7 +21,7 @@ from flightdyn.frames import (
     rotation_matrix,
     wrap_pi,
 )
-from flightdyn.native.ticks import Gauges, Getter, Setter
+from flightdyn.native.ticks import Gauges, Getter, Inner, Setter
 from flightdyn.physics.airframe.parameters import QUAD_X, Airframe
 from flightdyn.physics.atmosphere import pressure_pa, temperature_k
 from flightdyn.physics.wind import FT_M, steady_wind_ned, wind_at_20ft
@@ -177,10 +177,15 @@ class Multirotor:
         self._throttle = [get(f"fcs/throttle-pos-norm[{i}]") for i in range(4)]
         self._rpm = [get(f"{engine}/propeller-rpm") for engine in engines]
         self._thrust = [get(f"{engine}/thrust-lbs") for engine in engines]
-        self.set_errors = [put(f"fcs/in/error-{axis}") for axis in "pqr"]
-        self.set_rates = [put(f"fcs/in/rate-{axis}") for axis in "pqr"]
-        self.set_feeds = [put(f"fcs/in/feed-{axis}") for axis in "pqr"]
+        rates, errors, feeds = (
+            [put(f"fcs/in/{order}-{axis}") for axis in "pqr"] for order in ("rate", "error", "feed")
+        )
         self.set_collective = put("fcs/in/collective")
+        # Where rates and orders are written to, by a native loop. The FCS takes the rotation from
+        # the believed to the wanted attitude, in body axes. The guidance gives it at its own rate;
+        # between its steps the rotation is carried on with the believed body rates, so that the
+        # attitude loop closes at every tick.
+        self.inner_loops = Inner(rates, errors, feeds, self.set_collective, dt_s=self._dt_s)
         self._hold = put("fcs/in/hold")
         self.set_battery_voltage = put("fcs/in/battery-v")
         self._direct = put("fcs/in/direct")

@@ -8,6 +8,17 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
+from flightdyn.config import LimitsConfig
+from flightdyn.foresight import (
+    SETTLING_S,
+    foresee,
+    least_duration,
+    least_energy,
+    longest_within,
+)
+from flightdyn.guidance.path import FlightPath
+from flightdyn.guidance.path_plan import passing_times
+from flightdyn.physics.power import power_w
 from mission.base import polyline
 from mission.base.arrays import Floats
 
@@ -40,7 +51,7 @@ class Performance:
     speed_mps: float
     widest_m: float  # acceptance radius at most: less where a plan bears less
     # What the guidance keeps to; None: always at its speed, as where nothing is flown.
-    guidance: "LimitsConfig | None"
+    guidance: LimitsConfig | None
     density: float = 1.0  # of the air, over that at sea level
     wind_mps: tuple[float, float] = (0.0, 0.0)  # the air's velocity, east and north
     pace: float = 1.0  # times as long as the guidance's own: of vehicles that fly otherwise
@@ -87,8 +98,6 @@ class Performance:
         """Metres that no path of a duration exceeds, whatever its corners."""
         if self.guidance is None:
             return duration_s * self.speed_mps
-        from flightdyn.foresight import longest_within
-
         if math.isinf(duration_s):
             return math.inf
         return longest_within(
@@ -99,8 +108,6 @@ class Performance:
         """Seconds that no path of a length is flown in less."""
         if self.guidance is None:
             return length_m / self.speed_mps
-        from flightdyn.foresight import least_duration
-
         least_s = least_duration(length_m, speed_mps=self.speed_mps, limits=self.guidance)
         return least_s * self.pace
 
@@ -137,8 +144,6 @@ class Performance:
         from a leg of that length on, on which the full speed is reached."""
         if self.guidance is None:
             return 0.0, 0.0
-        from flightdyn.foresight import SETTLING_S
-
         speed_mps = self.fastest_mps * self.pace
         fixed_m = speed_mps * (self.guidance.smoothing_s + SETTLING_S)
         return fixed_m, speed_mps**2 / self.guidance.acceleration_mps2
@@ -154,8 +159,6 @@ class Performance:
     @property
     def least_w(self) -> float:
         """Watts that nothing flown takes less."""
-        from flightdyn.physics.power import power_w
-
         return float(power_w(np.linspace(0.0, 40.0, 401), density=self.density).min()) / _ROUNDED
 
     def hover_j(self, duration_s: float) -> float:
@@ -167,9 +170,6 @@ class Performance:
         if self.guidance is None:
             passed_s = (polyline.along(points_m) / self.speed_mps).tolist()
             return passed_s, passed_s[-1]
-        from flightdyn.foresight import SETTLING_S
-        from flightdyn.guidance.path_plan import passing_times
-
         passed_s = passing_times(self._path(points_m, radius_m), self.guidance)
         return [at_s * self.pace for at_s in passed_s], (passed_s[-1] + SETTLING_S) * self.pace
 
@@ -177,8 +177,6 @@ class Performance:
         """Joules of a run."""
         if self.guidance is None:
             return self._cruise_w * polyline.length(points_m) / self.speed_mps
-        from flightdyn.foresight import foresee
-
         path, wind = self._path(points_m, radius_m), (*self.wind_mps, 0.0)
         leg = foresee(path, self.guidance, density=self.density, wind_mps=wind)
         longer_s = leg.duration_s * (self.pace - 1.0)
@@ -201,9 +199,7 @@ class Performance:
     def _runs_known(self) -> dict[tuple[str, bytes, float], Any]:
         return {}
 
-    def _path(self, points_m: Floats, radius_m: float) -> "FlightPath":
-        from flightdyn.guidance.path import FlightPath
-
+    def _path(self, points_m: Floats, radius_m: float) -> FlightPath:
         count = len(points_m)
         return FlightPath(
             np.column_stack((points_m, np.zeros(count))),
@@ -220,14 +216,10 @@ class Performance:
         return self._level_w(self.speed_mps)
 
     def _level_w(self, speed_mps: float) -> float:
-        from flightdyn.physics.power import power_w
-
         return float(power_w(np.array([speed_mps]), density=self.density)[0])
 
     @cached_property
     def _energy_table(self) -> tuple[Floats, Floats]:
-        from flightdyn.foresight import least_energy
-
         assert self.guidance is not None
         lengths = np.arange(0.0, _LONGEST_M + _ENERGY_STEP_M, _ENERGY_STEP_M)
         joules = least_energy(

@@ -116,11 +116,12 @@ def fly():
     guide = Guide(gains, inner)
     guide.track(trajectory.pieces)
     memory = guide.memory
-    memory.armed = memory.effectiveness = memory.course = memory.path = 1.0
+    memory.armed = memory.course = memory.path = True
+    memory.effectiveness = 1.0
     memory.rate = memory.smooth_rate = memory.room = 1.0
     for step in range(2000):
         memory.mode = (TRACK, TRACK, TARGET, ATTITUDE, NOTHING)[step // 100 % 5]
-        memory.oriented = memory.q[0] = 1.0
+        memory.oriented, memory.q[0] = True, 1.0
         memory.thrust_order = float("nan") if step % 2 else 0.4
         samples = rng.normal(0.0, 1.0, (5, 6)) - (0, 0, 0, 0, 0, 9.81)
         increments.add(samples.ravel().tolist(), dt_s=dt)

@@ -127,7 +127,7 @@ def test_a_structure_of_another_size_than_in_c():
         _fields_ = (("steps", ctypes.c_int64), ("per_step", ctypes.c_int64))
 
     loaded = load(building.library("planner"))
-    with pytest.raises(LibraryError, match=r"Limits has 24 bytes there, 16 in Python$"):
+    with pytest.raises(LibraryError, match=r"Limits has \d+ bytes there, 16 in Python$"):
         check_sizes(loaded, Limits=Short)
 
 

@@ -1,5 +1,6 @@
 """From a MAVSDK URL to a pilot for the vehicle that answers there."""
 
+import logging
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from typing import Any
@@ -8,14 +9,15 @@ from mavsdk.asyncio import Configuration, Mavsdk
 from mavsdk.autopilot import Autopilot
 from mavsdk.component_type import ComponentType
 from mavsdk.exceptions import MavsdkError
-from mavsdk.logging import log_subscribe
+from mavsdk.logging import LogLevel, log_subscribe
 
 from mission.base.errors import LinkLostError
-from mission.flight.pilot.calls import log_mavsdk
 from mission.flight.pilot.dialects import ARDUPILOT, PX4
 from mission.flight.pilot.pilot import Pilot
 from sitl.block import following
 from sitl.links import RawLink
+
+logger = logging.getLogger(__name__)
 
 CONNECT_TIMEOUT_S = 10.0  # of a vehicle in this process or on this machine
 
@@ -26,7 +28,7 @@ class NoVehicleError(LinkLostError):
 
 def ground_station() -> Mavsdk:
     """MAVSDK as a ground station, its messages in our log; an asynchronous context manager."""
-    log_subscribe(log_mavsdk)
+    log_subscribe(_log_mavsdk)
     return Mavsdk(Configuration.create_with_component_type(ComponentType.GROUND_STATION))
 
 
@@ -83,3 +85,11 @@ async def connect(
 def _why(error: MavsdkError) -> str:
     """MAVSDK's word for what keeps it from opening a connection, in small letters."""
     return str(error).rpartition(": ")[2].replace("_", " ").lower()
+
+
+def _log_mavsdk(level: LogLevel, message: str, _file: str | None, _line: int) -> bool:
+    """Take MAVSDK's own messages into ours; for `log_subscribe`."""
+    # MAVSDK's complaints are for whoever debugs; what matters of them becomes our own errors.
+    worth = logging.INFO if level in (LogLevel.WARN, LogLevel.ERROR) else logging.DEBUG
+    logger.log(worth, "mavsdk: %s", message)
+    return True

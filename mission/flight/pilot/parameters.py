@@ -10,7 +10,7 @@ from mavsdk.asyncio.plugins.param import ParamAsync
 from mavsdk.exceptions import MavsdkError
 
 from mission.base.errors import AerofedError, FlightError
-from mission.flight.pilot.calls import reason, settled
+from mission.flight.pilot.raw_messages import reason, settled
 
 logger = logging.getLogger(__name__)
 

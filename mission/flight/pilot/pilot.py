@@ -16,11 +16,18 @@ from flightdyn.state import GeodeticPoint
 from mission.base.errors import FlightError, LinkLostError
 from mission.flight.flight_plan import FlightPlan
 from mission.flight.mission_items import mission_items
-from mission.flight.pilot.calls import Answer, reason, settled
 from mission.flight.pilot.dialects import PX4, Dialect
 from mission.flight.pilot.parameters import Parameters
 from mission.flight.pilot.raw_items import as_dialect, raw_items, same_mission
-from mission.flight.pilot.raw_messages import ACCEPTED, CUSTOM_MODE, DO_SET_MODE, Messages
+from mission.flight.pilot.raw_messages import (
+    ACCEPTED,
+    CUSTOM_MODE,
+    DO_SET_MODE,
+    Answer,
+    Messages,
+    reason,
+    settled,
+)
 from mission.flight.pilot.watch import Watch
 from mission.flight.plan_file import PlanFile
 from sitl.autopilot.codec.orders import MissionItem

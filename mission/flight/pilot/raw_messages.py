@@ -1,19 +1,23 @@
-"""MAVLink messages of one vehicle as fields, and commands to it, beside MAVSDK's plugins."""
+"""Calls into MAVSDK, and what its plugins lack: messages as fields, commands to one vehicle."""
 
+import asyncio
 import json
 import logging
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Awaitable
+from typing import TypeVar
 
 from mavsdk.asyncio import System
 from mavsdk.asyncio.plugins.mavlink_direct import MavlinkDirectAsync
 from mavsdk.exceptions import MavsdkError
 from mavsdk.plugins.mavlink_direct import MavlinkMessage
 
-from mission.flight.pilot.calls import settled
 from sitl.autopilot.codec.orders import Fields
 
 logger = logging.getLogger(__name__)
 
+Answer = TypeVar("Answer")
+
+SETTLE_TIMEOUT_S = 10.0  # MAVSDK's own time-outs are shorter
 ACCEPTED = 0  # MAV_RESULT
 SET_MESSAGE_INTERVAL = 511
 DO_SET_MODE = 176
@@ -32,6 +36,27 @@ _ARDUPILOT = """<?xml version="1.0"?>
 <extensions/>
 <field type="float" name="airspeed_variance">Airspeed variance.</field>
 </message></messages></mavlink>"""
+
+
+async def settled(call: Awaitable[Answer]) -> Answer:
+    """The result of a MAVSDK call. An interruption is raised when the call has ended.
+
+    The call runs in a thread, and MAVSDK must not be taken down under it: both would wait for
+    ever.
+    """
+    running = asyncio.ensure_future(call)
+    try:
+        return await asyncio.shield(running)
+    except asyncio.CancelledError:
+        await asyncio.wait((running,), timeout=SETTLE_TIMEOUT_S)
+        if running.done() and not running.cancelled():
+            running.exception()  # seen, so that nobody reports it as forgotten
+        raise
+
+
+def reason(error: MavsdkError) -> str:
+    """MAVSDK's result alone, without the arguments of the call."""
+    return str(error).partition(";")[0]
 
 
 class Messages:

@@ -9,7 +9,7 @@ from mavsdk.asyncio import System
 from mavsdk.asyncio.plugins.telemetry import TelemetryAsync
 from mavsdk.plugins.telemetry import FlightMode, LandedState, StatusTextType
 
-from mission.flight.pilot.calls import settled
+from mission.flight.pilot.raw_messages import settled
 
 logger = logging.getLogger(__name__)
 

@@ -8,7 +8,7 @@ DT_S = 0.02
 
 
 def standing() -> Memory:
-    return Memory(touching=1.0, contact=1.0, landed=1.0)
+    return Memory(touching=True, contact=True, landed=True)
 
 
 def airborne() -> Memory:

@@ -152,7 +152,7 @@ def test_paths_are_read_only() -> None:
 def test_clock_counts_whole_ticks() -> None:
     clock = SimClock(250)
     for _ in range(1_000_000):
-        clock.advance()
+        clock.tick += 1
     assert clock.t_ns == 4_000_000_000_000
     assert clock.ticks(0.02, what="interval") == 5
     with pytest.raises(FlightInputError, match=r"interval = 0.003 s is not a whole number"):

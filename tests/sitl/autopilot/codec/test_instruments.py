@@ -10,7 +10,7 @@ from sitl_desk import Desk, of
 from sitl_mavsdk import HOME, make_vehicle
 
 from flightdyn.frames import quaternion_from_euler, rotation_matrix
-from flightdyn.guidance.attitude import attitude_along
+from flightdyn.guidance.control import attitude_along
 from sitl.autopilot.codec.instruments import INSTRUMENTS
 from sitl.autopilot.codec.telemetry import TELEMETRY
 from sitl.autopilot.protocol.streams import DEFAULT_RATES_HZ, SERVED_RATES_HZ
