@@ -5,7 +5,7 @@ import math
 from flightdyn.config import AircraftConfig
 from flightdyn.errors import FlightInputError
 from flightdyn.frames import Triple, frozen, yaw_of
-from flightdyn.guidance.control import AttitudeOrder, Controller, attitude_along
+from flightdyn.guidance.control import AttitudeOrder, attitude_along, outer_loop
 from flightdyn.guidance.guidance import Guidance
 from flightdyn.guidance.path import FlightPath, PathProgress
 from flightdyn.guidance.pursuit import Target
@@ -44,11 +44,11 @@ class Aircraft(Plant):
         else:
             self.navigation = InertialNavigation(self, self.sensors, inner, earth=earth)
         dt_s = config.guidance_interval_s
-        self.controller = Controller(
+        self._guide = outer_loop(
             inner, self.vehicle.airframe, config.limits, dt_s=dt_s, gravity_mps2=earth.gravity_mps2
         )
         self._guidance = Guidance(
-            self.controller, config.limits, dt_s=dt_s, yaw=yaw_of(self.navigation.state().q)
+            self._guide, config.limits, dt_s=dt_s, yaw=yaw_of(self.navigation.state().q)
         )
         self.armed = False
 
@@ -67,7 +67,7 @@ class Aircraft(Plant):
         elif guidance.pursuing:  # the reference is made anew for each guidance step
             most = min(most, self.to_guidance_step)
         most = min(most, self.due - self.clock.tick)
-        ticks = navigation.fly(most, self.controller.guide)
+        ticks = navigation.fly(most, self._guide)
         self.passed(ticks)
         if guidance.look():  # flown up to a guidance step, which is the one that tells
             return ticks
@@ -186,12 +186,12 @@ class Aircraft(Plant):
 
     def instruments(self) -> Instruments:
         """Readings and actuator orders of the parts at this instant."""
-        control, full = self.controller, self.vehicle.airframe.rotor_max_thrust_n
+        control, full = self._guide.memory, self.vehicle.airframe.rotor_max_thrust_n
         thrusts = self.vehicle.rotor_thrusts_n()
         return Instruments(
             readings=self.navigation.readings(),
             setpoint=self._guidance.setpoint,
-            q_wanted=attitude_along(control.wanted_thrust, yaw=control.wanted_yaw),
+            q_wanted=attitude_along(control.thrust, yaw=control.wanted_yaw),
             collective=control.collective,
             # A rotor's thrust grows with the square of its speed.
             motors=tuple(math.sqrt(min(1.0, max(0.0, thrust / full))) for thrust in thrusts),

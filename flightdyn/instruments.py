@@ -28,7 +28,7 @@ class Instruments:
 
     readings: Readings
     setpoint: Setpoint | None  # the guidance's, None while it has none
-    q_wanted: Quaternion  # the attitude that the controller turns to
+    q_wanted: Quaternion  # attitude setpoint of the outer loop
     collective: float  # thrust that it orders, 1 = full
     motors: tuple[float, ...]  # speed of each rotor, 1 = full
     wind_ned_mps: Vector  # true velocity of the air

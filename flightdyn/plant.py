@@ -126,7 +126,7 @@ class Plant:
 
     @property
     def truth(self) -> Kinematics:
-        """Where the aircraft is."""
+        """True position, velocity, attitude and rates of this tick."""
         return self.vehicle.kinematics(self.clock.t_ns)
 
     @property

@@ -1,6 +1,7 @@
 """The outer loop's gains and orders. The loop itself is `native/control.h`."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -47,8 +48,8 @@ class AttitudeOrder:
     climb_mps: float = 0.0
 
 
-def attitude_along(thrust: Triple, *, yaw: float) -> Quaternion:
-    """The attitude of a body whose thrust points along `thrust` and its nose to `yaw`."""
+def attitude_along(thrust: Sequence[float], *, yaw: float) -> Quaternion:
+    """The attitude whose thrust points along `thrust` (NED), and whose nose to `yaw` (rad)."""
     size = math.sqrt(thrust[0] ** 2 + thrust[1] ** 2 + thrust[2] ** 2)
     n, e, d = -thrust[0] / size, -thrust[1] / size, -thrust[2] / size  # body z axis
     c, s = math.cos(yaw), math.sin(yaw)
@@ -59,49 +60,23 @@ def attitude_along(thrust: Triple, *, yaw: float) -> Quaternion:
     return quaternion_from_euler(roll, pitch, yaw)
 
 
-class Controller:
-    """Guidance steps and outer loop, which run in C, between navigation and inner loops."""
-
-    def __init__(
-        self,
-        inner: Inner,
-        airframe: Airframe,
-        limits: LimitsConfig,
-        *,
-        dt_s: float,
-        gravity_mps2: float,
-        gains: Gains | None = None,
-    ) -> None:
-        k = gains or Gains()
-        full = 4 * airframe.rotor_max_thrust_n / airframe.mass_kg  # m/s2 at collective 1
-        slope = math.tan(math.radians(limits.tilt_deg))
-        self.guide = Guide((
-            dt_s, gravity_mps2, full, slope, airframe.idle_collective, k.position, k.velocity,
-            k.integral, k.integral_limit, k.lead_s, k.drag_lag_s, k.drag_limit, k.thrust_lag_s,
-            k.motor_lag_s, k.most_thrust, math.radians(limits.yaw_rate_degps),
-        ), inner)  # fmt: skip
-        self.memory = self.guide.memory
-        self.memory.effectiveness = 1.0
-        self.memory.thrust[2] = -1.0
-        self.track, self.step = self.guide.track, self.guide.step
-
-    @property
-    def wanted_thrust(self) -> Triple:
-        """Specific-force setpoint (thrust over mass), NED, m/s2."""
-        x, y, z = self.memory.thrust
-        return x, y, z
-
-    @property
-    def wanted_yaw(self) -> float:
-        """Yaw setpoint (rad)."""
-        return float(self.memory.wanted_yaw)
-
-    @property
-    def collective(self) -> float:
-        """Thrust ordered last, 1 = full."""
-        return float(self.memory.collective)
-
-    @property
-    def effectiveness(self) -> float:
-        """Measured over commanded thrust; 1 is nominal."""
-        return float(self.memory.effectiveness)
+def outer_loop(
+    inner: Inner,
+    airframe: Airframe,
+    limits: LimitsConfig,
+    *,
+    dt_s: float,
+    gravity_mps2: float,
+) -> Guide:
+    """Guidance steps and outer loop in C, every `dt_s`, whose orders `inner` takes."""
+    k = Gains()
+    full = 4 * airframe.rotor_max_thrust_n / airframe.mass_kg  # m/s2 at collective 1
+    slope = math.tan(math.radians(limits.tilt_deg))
+    guide = Guide((
+        dt_s, gravity_mps2, full, slope, airframe.idle_collective, k.position, k.velocity,
+        k.integral, k.integral_limit, k.lead_s, k.drag_lag_s, k.drag_limit, k.thrust_lag_s,
+        k.motor_lag_s, k.most_thrust, math.radians(limits.yaw_rate_degps),
+    ), inner)  # fmt: skip
+    guide.memory.effectiveness = 1.0
+    guide.memory.thrust[2] = -1.0
+    return guide

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable
 from flightdyn.config import LimitsConfig
 from flightdyn.errors import FlightInputError
 from flightdyn.frames import Triple
-from flightdyn.guidance.control import AttitudeOrder, Controller, Setpoint
+from flightdyn.guidance.control import AttitudeOrder, Setpoint
 from flightdyn.guidance.path import FlightPath, PathProgress
 from flightdyn.guidance.path_plan import Corner, brake_and_go, plan_path
 from flightdyn.guidance.pursuit import Target, pursue, wanted_velocity
@@ -21,6 +21,7 @@ from flightdyn.native.library import (
     STALLED,
     TARGET,
     TRACK,
+    Guide,
     Strapdown,
 )
 
@@ -34,14 +35,12 @@ _LATE_S = 3.0  # after it, it is passed, however far off
 class Guidance:
     """The order in force and how far it has been carried out.
 
-    Trajectories are tracked in C (`flightdyn/native/guidance.h`), in the controller's memory.
+    Trajectories are tracked in C (`flightdyn/native/guidance.h`), in the memory of `guide`.
     """
 
-    def __init__(
-        self, controller: Controller, limits: LimitsConfig, *, dt_s: float, yaw: float
-    ) -> None:
-        self._controller = controller
-        self._memory = memory = controller.memory
+    def __init__(self, guide: Guide, limits: LimitsConfig, *, dt_s: float, yaw: float) -> None:
+        self._guide = guide
+        self._memory = memory = guide.memory
         memory.yaw = memory.yaw_order = yaw
         memory.landed = memory.contact = memory.touching = True
         self._limits = limits
@@ -76,7 +75,7 @@ class Guidance:
 
     @property
     def setpoint(self) -> Setpoint | None:
-        """What the controller is to follow; None while it is told nothing, or an attitude."""
+        """What the outer loop is to follow; None while it is told nothing, or an attitude."""
         m = self._memory
         if not m.pointed:
             return None
@@ -91,7 +90,7 @@ class Guidance:
         """Motors turn without lift when armed."""
         self._memory.mode = NOTHING
         self._memory.pointed = False
-        self._controller.track(None)
+        self._guide.track(None)
         self._forget_corners()
 
     def hold(self, nav: NavState, pos: Triple, yaw: float) -> None:
@@ -113,7 +112,7 @@ class Guidance:
 
     def _begin(self, trajectory: Trajectory, yaw: float, *, course: bool) -> None:
         m = self._memory
-        self._controller.track(trajectory.pieces)
+        self._guide.track(trajectory.pieces)
         m.mode = TRACK
         m.t = trajectory.start_s
         m.rate = m.smooth_rate = m.room = 1.0
@@ -169,7 +168,7 @@ class Guidance:
         pursuing = self.pursuing
         if pursuing and m.armed:
             self._after_target(state())
-        self._controller.step(carried)
+        self._guide.step(carried)
         if pursuing:
             m.mode = TARGET
         self.look()

@@ -141,10 +141,6 @@ class InertialNavigation:
             return NavState.of(t_ns, self.carried)
         return self.estimator.ahead(loop.taken, t_ns, dt_s=self._dt_s)
 
-    def position(self) -> Triple:
-        """Believed position of this tick (m, NED)."""
-        return self.state().p
-
     def belief(self) -> Kinematics:
         """Believed state of this tick."""
         rates = self._believed_rates()

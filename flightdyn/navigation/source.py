@@ -8,7 +8,7 @@ from typing import Protocol
 
 import numpy as np
 
-from flightdyn.frames import Triple, frozen
+from flightdyn.frames import frozen
 from flightdyn.inertial import NavState
 from flightdyn.instruments import Readings
 from flightdyn.native.library import Guide, Increments, Loop, Strapdown
@@ -30,8 +30,6 @@ class Navigation(Protocol):
     def update(self) -> None: ...
 
     def state(self) -> NavState: ...
-
-    def position(self) -> Triple: ...
 
     def belief(self) -> Kinematics: ...
 
@@ -91,10 +89,6 @@ class TrueNavigation:
         """True state of this tick."""
         v = self._vehicle
         return NavState(self._clock.t_ns, v.position_ned(), v.velocity_ned(), v.attitude())
-
-    def position(self) -> Triple:
-        """Position of this tick (m, NED)."""
-        return self._vehicle.position_ned()
 
     def belief(self) -> Kinematics:
         """True state of this tick: a perfect estimate."""

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 from pymavlink.dialects.v20 import common as mav
 
+from flightdyn.state import GeodeticPoint
 from mission.base.area import Area
 from mission.base.arrays import Floats
 from mission.log.values import Zone
@@ -16,20 +17,17 @@ from sitl.autopilot.parameters import Parameters
 
 def fence_items(area: Area) -> list[MissionItem]:
     """The fence of an area's airspace as it is uploaded; nothing where it is open."""
-    space = area.airspace
-    rings = [(mav.MAV_CMD_NAV_FENCE_POLYGON_VERTEX_EXCLUSION, ring) for ring in space.keep_out]
-    if space.keep_in is not None:
-        rings.append((mav.MAV_CMD_NAV_FENCE_POLYGON_VERTEX_INCLUSION, space.keep_in))
     items: list[MissionItem] = []
-    for command, ring in rings:
-        for ned in area.to_ned(ring, 0.0):
-            place = area.frame.to_geodetic(ned)
+    for zone in airspace_zones(area):
+        for place in corners_of(zone, area):
             items.append(
                 MissionItem(
                     seq=len(items),
-                    command=command,
+                    command=mav.MAV_CMD_NAV_FENCE_POLYGON_VERTEX_INCLUSION
+                    if zone.keep_in
+                    else mav.MAV_CMD_NAV_FENCE_POLYGON_VERTEX_EXCLUSION,
                     frame=mav.MAV_FRAME_GLOBAL,
-                    params=(float(len(ring)), 0.0, 0.0, 0.0),
+                    params=(float(len(zone.outline_m)), 0.0, 0.0, 0.0),
                     x=place.lat_deg,
                     y=place.lon_deg,
                     z=0.0,
@@ -44,6 +42,11 @@ def airspace_zones(area: Area) -> tuple[Zone, ...]:
     space = area.airspace
     zones = [Zone(ring, keep_in=False) for ring in space.keep_out]
     return (*zones, *(() if space.keep_in is None else (Zone(space.keep_in, keep_in=True),)))
+
+
+def corners_of(zone: Zone, area: Area) -> list[GeodeticPoint]:
+    """The corners of a zone on the globe, in its order."""
+    return [area.frame.to_geodetic(ned) for ned in area.to_ned(zone.outline_m, 0.0)]
 
 
 _CORNERS = 72  # of a circle: its outline lies within a thousandth of the radius

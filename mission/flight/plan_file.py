@@ -19,6 +19,7 @@ from mission.base.area import Area
 from mission.base.errors import InputError
 from mission.base.run_folder import write_atomically
 from mission.base.user_files import decoded, read_bytes
+from mission.flight.fence_zones import airspace_zones, corners_of
 from mission.flight.flight_plan import FlightPlan
 from mission.flight.mission_items import mission_items
 from sitl.autopilot.codec.orders import MissionItem
@@ -267,11 +268,19 @@ def write_round_plan(path: Path, plan: FlightPlan, area: Area) -> None:
             }
         )
     home = area.home
+    polygons = [
+        {
+            "inclusion": zone.keep_in,
+            "polygon": [[place.lat_deg, place.lon_deg] for place in corners_of(zone, area)],
+            "version": 1,
+        }
+        for zone in airspace_zones(area)
+    ]
     document = {
         "fileType": "Plan",
         "version": 1,
         "groundStation": "Aerofed",
-        "geoFence": {"circles": [], "polygons": _polygons(area), "version": 2},
+        "geoFence": {"circles": [], "polygons": polygons, "version": 2},
         "rallyPoints": {"points": [], "version": 2},
         "mission": {
             "version": 2,
@@ -289,20 +298,6 @@ def write_round_plan(path: Path, plan: FlightPlan, area: Area) -> None:
     except OSError as error:
         raise InputError(f"{path}: cannot write: {error.strerror}") from None
     write_atomically(path, json.dumps(document, indent=2, allow_nan=False) + "\n")
-
-
-def _polygons(area: Area) -> list[dict[str, object]]:
-    """The areas that must not be flown, and the fence."""
-    space = area.airspace
-    rings = [(False, ring) for ring in space.keep_out]
-    if space.keep_in is not None:
-        rings.append((True, space.keep_in))
-    polygons: list[dict[str, object]] = []
-    for inclusion, ring in rings:
-        places = [area.frame.to_geodetic(ned) for ned in area.to_ned(ring, 0.0)]
-        corners = [[place.lat_deg, place.lon_deg] for place in places]
-        polygons.append({"inclusion": inclusion, "polygon": corners, "version": 1})
-    return polygons
 
 
 def _or_null(value: float) -> float | None:

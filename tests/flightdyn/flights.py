@@ -112,7 +112,7 @@ def fly(aircraft: Aircraft, path: FlightPath, limit_s: float = 300.0) -> Track:
             track.passed_at.append(aircraft.belief.pos_ned_m)
         if (aircraft.t_ns // aircraft.dt_ns) % 5 == 0:
             truth.append(aircraft.vehicle.position_ned())
-            belief.append(aircraft.navigation.position())
+            belief.append(aircraft.navigation.state().p)
             command.append(aircraft.cmd_pos_ned_m)
     track.seconds = (aircraft.t_ns - begin) * 1e-9
     track.truth, track.belief = np.array(truth), np.array(belief)

@@ -127,11 +127,11 @@ def test_sub_tick_positions_continue_the_track() -> None:
     aircraft = make(sensors=SensorsConfig())
     take_off(aircraft, 20.0)
     aircraft.follow(path_along(legs(aircraft.belief.pos_ned_m, (0, 60), 60.0)))
-    last = aircraft.navigation.position()
+    last = aircraft.navigation.state().p
     worst = 0.0
     for _ in range(2000):
         aircraft.step()
-        here = aircraft.navigation.position()
+        here = aircraft.navigation.state().p
         moved = math.dist(here, last)
         speed = math.dist((0, 0, 0), tuple(aircraft.belief.vel_ned_mps))
         worst = max(worst, abs(moved - speed * DT))

@@ -105,7 +105,7 @@ class Watch:
             self._take("landed", landed)
 
     def _take(self, name: str, value: object) -> None:
-        """Told again and again, it is no progress."""
+        """Note a value; only one that differs from the last is a sign of life."""
         if value != getattr(self, name):
             self._changed()
         setattr(self, name, value)

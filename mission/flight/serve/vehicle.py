@@ -7,24 +7,20 @@ from collections.abc import Callable, Sequence
 from contextlib import AsyncExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from flightdyn.random import RandomStreams
-from mission.base.area import Area
 from mission.base.errors import InputError
 from mission.config.models import LinkConfig, RunConfig
 from mission.flight.failures import of_a_vehicle, of_settings
 from mission.flight.ground_stations import station_links
+from mission.flight.serve.flight_logs import FlightLogs
 from sitl.errors import LinkError
 from sitl.links import UdpLink
 from sitl.logfolder import LogFolder
 from sitl.pace import Simulation
 from sitl.vehicle import Vehicle
-
-if TYPE_CHECKING:
-    from mission.flight.serve.flight_logs import FlightLogs
 
 _APART_M = 5.0  # homes, towards the east
 _MOST = 64
@@ -54,7 +50,7 @@ class Served:
 
     vehicle: Vehicle
     urls: tuple[str, ...]
-    logs: "FlightLogs | None"
+    logs: FlightLogs | None
     link: LinkConfig
 
 
@@ -95,7 +91,7 @@ def _served(config: RunConfig, i: int, udp: Sequence[str], logs: Path | None) ->
         streams = RandomStreams(streams.seed(f"vehicle/{i}"))
     area = config.area.build()
     area = replace(area, home=area.frame.to_geodetic(np.array([0.0, i * _APART_M, 0.0])))
-    recorder = None if logs is None else _recorder(logs, area)
+    recorder = None if logs is None else FlightLogs(logs, area=area)
     with of_settings():
         vehicle = Vehicle(
             config.vehicle.model_copy(update={"system_id": config.vehicle.system_id + i}),
@@ -109,13 +105,6 @@ def _served(config: RunConfig, i: int, udp: Sequence[str], logs: Path | None) ->
         )
     urls = [link_url(_counted_up(text, i) if at == 0 else text) for at, text in enumerate(udp)]
     return Served(vehicle, tuple(urls), recorder, config.link)
-
-
-def _recorder(folder: Path, area: Area) -> "FlightLogs":
-    # Imports much that is not needed without it.
-    from mission.flight.serve.flight_logs import FlightLogs
-
-    return FlightLogs(folder, area=area)
 
 
 def _counted_up(text: str, i: int) -> str:

@@ -202,5 +202,5 @@ def test_thrust_is_learnt_where_the_air_is_thin() -> None:
     worth = sum(vehicle.rotor_thrusts_n()) / ordered
     # Density falls to 0.863 kg/m3 (ICAO 7488); a lighter load lets the rotors turn a little faster.
     assert 0.863 / 1.225 < worth < 0.85
-    assert aircraft.controller.effectiveness == pytest.approx(worth, rel=0.01)
+    assert aircraft._guide.memory.effectiveness == pytest.approx(worth, rel=0.01)
     assert aircraft.truth.alt_rel_m == pytest.approx(30.0, abs=0.02)

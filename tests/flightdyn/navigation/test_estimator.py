@@ -156,7 +156,7 @@ def test_exact_sensors_in_the_real_physics_are_nearly_exact() -> None:
     aircraft.follow(path_along(legs(aircraft.belief.pos_ned_m, (0, 90, 135), 120.0)))
     for _ in range(5000):
         aircraft.step()
-        assert aircraft.navigation.position() == pytest.approx(
+        assert aircraft.navigation.state().p == pytest.approx(
             aircraft.vehicle.position_ned(), abs=0.02
         )
     assert aircraft.belief.vel_ned_mps == pytest.approx(aircraft.truth.vel_ned_mps, abs=0.02)
