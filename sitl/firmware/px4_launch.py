@@ -164,8 +164,9 @@ def fitting(order: Order, plant: Plant) -> dict[str, float]:
         "MPC_THR_HOVER": HOVER_THRUST,
         "SIM_BAT_ENABLE": 0,  # the aircraft's own battery is reported to it
         # PX4 takes no flight time from a battery that is reported to it, and reads that as none
-        # left. It may warn: else, doing nothing included, it would hold for some seconds.
-        "COM_FLTT_LOW_ACT": 1,
+        # left. Nothing shall be done then, and not after a hold, in which somebody may take over.
+        "COM_FLTT_LOW_ACT": 0,
+        "COM_FAIL_ACT_T": 0,
         "SDLOG_MODE": -1,  # the run's own log holds the flight
     }
 

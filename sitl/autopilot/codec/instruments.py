@@ -7,13 +7,13 @@ from functools import cached_property
 
 from pymavlink.dialects.v20 import common as mav
 
-from flightdyn.frames import Triple, euler_from_quaternion, rotation_matrix
+from flightdyn.frames import Triple, rotation_matrix
 from flightdyn.instruments import Instruments
 from flightdyn.physics.atmosphere import altitude_m, temperature_k
 from flightdyn.state import BatteryState, GeodeticPoint, GnssFix, Kinematics, Vector
 from sitl.autopilot.codec import units as u
 
-_NAN3 = (math.nan, math.nan, math.nan)
+_NAN11 = (math.nan,) * 11
 _ZERO_C_K = 273.15
 _G_MPS2 = 9.80665
 _PWM_LEAST, _PWM_SPAN = 1000, 1000
@@ -151,46 +151,33 @@ def _covariance(stds: list[float] | None) -> list[float]:
 
 def _attitude_target(s: Snapshot) -> mav.MAVLink_message:
     i = s.dials.instruments
-    return mav.MAVLink_attitude_target_message(
+    return u.sparse(
+        mav.MAVLink_attitude_target_message,
         time_boot_ms=u.ms(s.t_ns),
         type_mask=0b111,  # the rates are the attitude loop's own
         q=list(i.q_wanted),
-        body_roll_rate=0.0,
-        body_pitch_rate=0.0,
-        body_yaw_rate=0.0,
         thrust=math.sqrt(i.collective),  # of the rotors' speed, as it is ordered
     )
 
 
 def _position_target(s: Snapshot) -> mav.MAVLink_message:
     to = s.dials.instruments.setpoint
-    head = (u.ms(s.t_ns), mav.MAV_FRAME_LOCAL_NED)
-    if to is None:
-        return mav.MAVLink_position_target_local_ned_message(
-            *head, _IGNORE_ALL, *_NAN3, *_NAN3, *_NAN3, math.nan, math.nan
-        )
+    numbers = _NAN11 if to is None else (*to.p, *to.v, *to.a, to.yaw, to.yaw_rate)
+    mask = _IGNORE_ALL if to is None else 0
     return mav.MAVLink_position_target_local_ned_message(
-        *head, 0, *to.p, *to.v, *to.a, to.yaw, to.yaw_rate
+        u.ms(s.t_ns), mav.MAV_FRAME_LOCAL_NED, mask, *numbers
     )
 
 
 def _position_target_global(s: Snapshot) -> mav.MAVLink_message:
-    to, place = s.dials.instruments.setpoint, s.dials.target
-    head = (u.ms(s.t_ns), mav.MAV_FRAME_GLOBAL_INT)
-    if to is None or place is None:
-        return mav.MAVLink_position_target_global_int_message(
-            *head, _IGNORE_ALL, 0, 0, *_NAN3[:1], *_NAN3, *_NAN3, math.nan, math.nan
-        )
+    """The same, with its place on the globe."""
+    local, place = _position_target(s), s.dials.target
+    lat, lon, alt = (0, 0, math.nan)
+    if place is not None:
+        lat, lon, alt = u.deg_e7(place.lat_deg), u.deg_e7(place.lon_deg), place.alt_msl_m
+    rest = (getattr(local, name) for name in local.fieldnames[6:])  # what follows the position
     return mav.MAVLink_position_target_global_int_message(
-        *head,
-        0,
-        u.deg_e7(place.lat_deg),
-        u.deg_e7(place.lon_deg),
-        place.alt_msl_m,
-        *to.v,
-        *to.a,
-        to.yaw,
-        to.yaw_rate,
+        local.time_boot_ms, mav.MAV_FRAME_GLOBAL_INT, local.type_mask, lat, lon, alt, *rest
     )
 
 
@@ -210,16 +197,13 @@ def _actuators(s: Snapshot) -> mav.MAVLink_message:
 
 def _wind(s: Snapshot) -> mav.MAVLink_message:
     north, east, down = map(float, s.dials.instruments.wind_ned_mps)
-    return mav.MAVLink_wind_cov_message(
+    return u.sparse(
+        mav.MAVLink_wind_cov_message,
         time_usec=u.us(s.t_ns),
         wind_x=north,
         wind_y=east,
         wind_z=down,
-        var_horiz=0.0,
-        var_vert=0.0,
         wind_alt=s.position.alt_msl_m,
-        horiz_accuracy=0.0,
-        vert_accuracy=0.0,
     )
 
 
@@ -237,38 +221,16 @@ def _estimator_status(s: Snapshot) -> mav.MAVLink_message:
         flags |= mav.ESTIMATOR_POS_HORIZ_ABS | mav.ESTIMATOR_PRED_POS_HORIZ_ABS
     across, upright = _position_stds(s.dials.instruments.readings.stds)
     ratio = s.dials.innovation_ratios
-    return mav.MAVLink_estimator_status_message(
+    return u.sparse(
+        mav.MAVLink_estimator_status_message,
         time_usec=u.us(s.t_ns),
         flags=flags,
         vel_ratio=ratio.get("gnss velocity", 0.0),
         pos_horiz_ratio=ratio.get("gnss position", 0.0),
         pos_vert_ratio=ratio.get("baro", 0.0),
         mag_ratio=ratio.get("heading", 0.0),
-        hagl_ratio=0.0,
-        tas_ratio=0.0,
         pos_horiz_accuracy=across,
         pos_vert_accuracy=upright,
-    )
-
-
-def _sim_state(s: Snapshot) -> mav.MAVLink_message:
-    w, x, y, z = (float(part) for part in s.truth.q_frd_to_ned)
-    roll, pitch, yaw = euler_from_quaternion((w, x, y, z))
-    xacc, yacc, zacc = s.dials.instruments.readings.specific_force_mps2
-    xgyro, ygyro, zgyro = map(float, s.truth.omega_frd_radps)
-    place, stds = s.true_position, s.dials.instruments.readings.stds
-    across, upright = _position_stds(stds)
-    vn, ve, vd = map(float, s.truth.vel_ned_mps)
-    return mav.MAVLink_sim_state_message(
-        *(w, x, y, z),
-        *(roll, pitch, yaw),
-        *(xacc, yacc, zacc),
-        *(xgyro, ygyro, zgyro),
-        *(place.lat_deg, place.lon_deg, place.alt_msl_m),
-        *(across, upright),
-        *(vn, ve, vd),
-        lat_int=u.deg_e7(place.lat_deg),
-        lon_int=u.deg_e7(place.lon_deg),
     )
 
 
@@ -301,7 +263,6 @@ INSTRUMENTS: Mapping[int, Callable[[Snapshot], mav.MAVLink_message | None]] = {
     mav.MAVLINK_MSG_ID_POSITION_TARGET_LOCAL_NED: _position_target,
     mav.MAVLINK_MSG_ID_POSITION_TARGET_GLOBAL_INT: _position_target_global,
     mav.MAVLINK_MSG_ID_HIGHRES_IMU: _highres_imu,
-    mav.MAVLINK_MSG_ID_SIM_STATE: _sim_state,
     mav.MAVLINK_MSG_ID_ESTIMATOR_STATUS: _estimator_status,
     mav.MAVLINK_MSG_ID_WIND_COV: _wind,
     mav.MAVLINK_MSG_ID_VIBRATION: _vibration,

@@ -50,20 +50,14 @@ def _heartbeat(s: Snapshot) -> mav.MAVLink_message:
 
 
 def _sys_status(s: Snapshot) -> mav.MAVLink_message:
-    return mav.MAVLink_sys_status_message(
+    return u.sparse(
+        mav.MAVLink_sys_status_message,
         onboard_control_sensors_present=s.sensors_present,
         onboard_control_sensors_enabled=s.sensors_present,
         onboard_control_sensors_health=s.sensors_healthy,
-        load=0,
         voltage_battery=u.mv(s.battery.voltage_v),
         current_battery=u.ca(s.battery.current_a),
         battery_remaining=u.percent(s.battery.remaining),
-        drop_rate_comm=0,
-        errors_comm=0,
-        errors_count1=0,
-        errors_count2=0,
-        errors_count3=0,
-        errors_count4=0,
     )
 
 
@@ -74,17 +68,11 @@ def _system_time(s: Snapshot) -> mav.MAVLink_message:
 def _gps_raw(s: Snapshot) -> mav.MAVLink_message:
     fix, position = s.gnss, s.gnss_position
     if fix is None or position is None:
-        return mav.MAVLink_gps_raw_int_message(
+        return u.sparse(
+            mav.MAVLink_gps_raw_int_message,
             time_usec=u.us(s.t_ns),
             fix_type=mav.GPS_FIX_TYPE_NO_FIX,
-            lat=0,
-            lon=0,
-            alt=0,
-            eph=_UNKNOWN_U16,
-            epv=_UNKNOWN_U16,
-            vel=_UNKNOWN_U16,
-            cog=_UNKNOWN_U16,
-            satellites_visible=0,
+            **dict.fromkeys(("eph", "epv", "vel", "cog"), _UNKNOWN_U16),
         )
     north, east = float(fix.vel_ned_mps[0]), float(fix.vel_ned_mps[1])
     return mav.MAVLink_gps_raw_int_message(
@@ -224,17 +212,10 @@ def _software_version() -> int:
 
 
 def _version(_: Snapshot) -> mav.MAVLink_message:
-    return mav.MAVLink_autopilot_version_message(
+    return u.sparse(
+        mav.MAVLink_autopilot_version_message,
         capabilities=_CAPABILITIES,
         flight_sw_version=_software_version(),
-        middleware_sw_version=0,
-        os_sw_version=0,
-        board_version=0,
-        flight_custom_version=[0] * 8,
-        middleware_custom_version=[0] * 8,
-        os_custom_version=[0] * 8,
-        vendor_id=0,
-        product_id=0,
         uid=_UID,
     )
 
@@ -250,24 +231,20 @@ def _flight_information(s: Snapshot) -> mav.MAVLink_message:
 
 def _ground_truth(s: Snapshot) -> mav.MAVLink_message:
     vx, vy, vz = map(float, s.truth.vel_ned_mps)
-    rates = tuple(map(float, s.truth.omega_frd_radps))
-    return mav.MAVLink_hil_state_quaternion_message(
+    rollspeed, pitchspeed, yawspeed = map(float, s.truth.omega_frd_radps)
+    return u.sparse(
+        mav.MAVLink_hil_state_quaternion_message,
         time_usec=u.us(s.t_ns),
         attitude_quaternion=[float(part) for part in s.truth.q_frd_to_ned],
-        rollspeed=rates[0],
-        pitchspeed=rates[1],
-        yawspeed=rates[2],
+        rollspeed=rollspeed,
+        pitchspeed=pitchspeed,
+        yawspeed=yawspeed,
         lat=u.deg_e7(s.true_position.lat_deg),
         lon=u.deg_e7(s.true_position.lon_deg),
         alt=u.mm(s.true_position.alt_msl_m),
         vx=u.cm_s(vx),
         vy=u.cm_s(vy),
         vz=u.cm_s(vz),
-        ind_airspeed=0,
-        true_airspeed=0,
-        xacc=0,
-        yacc=0,
-        zacc=0,
     )
 
 

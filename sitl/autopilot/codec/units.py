@@ -1,6 +1,9 @@
 """From SI units and degrees to the integers of MAVLink's fields, clamped to what they hold."""
 
 import math
+from typing import Any
+
+from pymavlink.dialects.v20 import common as mav
 
 _INT16 = 2**15 - 1
 _UINT16 = 2**16 - 1
@@ -82,3 +85,10 @@ def us(t_ns: int) -> int:
 def ms(t_ns: int) -> int:
     """Nanoseconds to milliseconds, unsigned 32 bit."""
     return max(t_ns, 0) // 1_000_000 % 2**32
+
+
+def sparse(kind: type[mav.MAVLink_message], **fields: Any) -> mav.MAVLink_message:
+    """A message with these fields; all others are zero, MAVLink's "not provided" for them."""
+    sizes = zip(kind.ordered_fieldnames, kind.array_lengths, strict=True)
+    zeros = {name: [0] * size if size else 0 for name, size in sizes}
+    return kind(**(zeros | fields))
