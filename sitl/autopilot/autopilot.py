@@ -197,7 +197,7 @@ class Autopilot:
 
     def greet(self) -> None:
         """Somebody has joined a link: send a heartbeat with the next `poll`."""
-        self._report.nudged.add(mav.MAVLINK_MSG_ID_HEARTBEAT)
+        self._report.nudge(mav.MAVLINK_MSG_ID_HEARTBEAT)
 
     def poll(self, now: float) -> list[bytes]:
         """Frames to send now: answers, news, and telemetry that is due."""
@@ -238,7 +238,7 @@ class Autopilot:
         reason = self.flight.rewind_mission(msg.seq)
         if reason is not None:
             self._report.say(f"Set current item refused: {reason}")
-        self._report.mission_changed()
+        self._report.nudge(mav.MAVLINK_MSG_ID_MISSION_CURRENT)
 
     def _set_mode(self, _peer: Peer, msg: mav.MAVLink_set_mode_message, _now: float) -> None:
         try:

@@ -78,7 +78,7 @@ class Injector:
         if unit not in _UNITS or kind not in mav.enums["FAILURE_TYPE"]:
             raise UnsupportedError
         instance = 0.0 if math.isnan(instance) else instance
-        if not ranges.whole(instance, ranges.Range(0, _MOTORS if unit == _MOTOR else 1, "")):
+        if instance not in ranges.Range(0, _MOTORS if unit == _MOTOR else 1, whole=True):
             raise RefusedError(f"no instance {instance:g}")
         try:
             if kind == _OK:

@@ -60,7 +60,7 @@ class Monitor:
         landed = self._flight.landed_state
         if landed != self._landed:
             self._landed = landed
-            self._report.landed_state()
+            self._report.nudge(mav.MAVLINK_MSG_ID_EXTENDED_SYS_STATE)
         limited = self._aircraft.progress.speed_limited
         if limited is not self._limited:
             self._limited = limited

@@ -138,13 +138,8 @@ class Parameters:
             SitlInputError: a name or value is not acceptable; says which, and what is.
         """
         for name, value in values.items():
-            spec = SPECS.get(name)
-            if spec is None:
-                raise SitlInputError(f"{origin}: no parameter {name}; there are {known_names()}")
-            if not spec.allows(value):
-                raise SitlInputError(
-                    f"{origin}: {name} = {value:g} is not within [{spec.low:g}, {spec.high:g}]"
-                )
+            if why := refusal(name, value):
+                raise SitlInputError(f"{origin}: {name} = {value:g}: {why}")
         self._values.update({name: SPECS[name].stored(value) for name, value in values.items()})
 
     def set(self, name: str, value: float) -> bool:
@@ -163,9 +158,16 @@ class Parameters:
         return dict(self._values)
 
 
-def known_names() -> str:
-    """All parameter names in one line, for error messages."""
-    return ", ".join(spec.name for spec in TABLE)
+def refusal(name: str, value: float) -> str:
+    """Why a parameter cannot have a value, and what is allowed; empty if it can."""
+    spec = SPECS.get(name)
+    if spec is None:
+        close = get_close_matches(name, SPECS, n=1)
+        hint = f"; did you mean {close[0]}?" if close else ""
+        return f"no such parameter{hint} (known: {', '.join(SPECS)})"
+    unit = f", in {spec.unit}" if spec.unit else ""
+    allowed = f"must be a number from {spec.low:g} to {spec.high:g}{unit}"
+    return "" if spec.allows(value) else allowed
 
 
 def parameters_of(config: VehicleConfig) -> Parameters:
@@ -192,16 +194,8 @@ def problems_of(vehicle: VehicleConfig) -> Iterator[tuple[str, object, str]]:
             except SitlInputError as error:
                 yield "parameter_file", str(path), str(error)
     for name, value in vehicle.parameters.items():
-        spec = SPECS.get(name)
-        if spec is None:
-            close = get_close_matches(name, SPECS, n=1)
-            hint = f"; did you mean {close[0]}?" if close else ""
-            reason = f"no such parameter{hint} (known: {known_names()})"
-            yield f"parameters.{name}", value, reason
-        elif not spec.allows(value):
-            unit = f", in {spec.unit}" if spec.unit else ""
-            reason = f"must be a number from {spec.low:g} to {spec.high:g}{unit}"
-            yield f"parameters.{name}", value, reason
+        if why := refusal(name, value):
+            yield f"parameters.{name}", value, why
 
 
 def load_parameters(path: Path) -> dict[str, float]:

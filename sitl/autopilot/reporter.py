@@ -83,17 +83,9 @@ class Reporter:
         self.nudged |= _STATE
         self._sink("armed", "armed" if armed else "disarmed", None, mav.MAV_SEVERITY_INFO)
 
-    def landed_state(self) -> None:
-        """The landed state has changed."""
-        self.nudged.add(mav.MAVLINK_MSG_ID_EXTENDED_SYS_STATE)
-
-    def mission_changed(self) -> None:
-        """Current item, total or state of the mission have changed."""
-        self.nudged.add(mav.MAVLINK_MSG_ID_MISSION_CURRENT)
-
-    def home_changed(self) -> None:
-        """The home position has changed."""
-        self.nudged.add(mav.MAVLINK_MSG_ID_HOME_POSITION)
+    def nudge(self, kind: int) -> None:
+        """What a telemetry message says has changed: send it at once."""
+        self.nudged.add(kind)
 
     def reached(self, seq: int, *, place: bool) -> None:
         """A mission item has been reached (`place`) or carried out."""

@@ -33,10 +33,10 @@ def ardupilot_launch(order: Order, plant: Plant) -> Launch:
         *("--sim-port-out", str(bridge.port)),
         *("--home", f"{home.lat_deg:.9f},{home.lon_deg:.9f},{home.alt_msl_m:.3f},{heading:.2f}"),
         *("--defaults", _DEFAULTS),
-        *("--serial0", f"udpclient:127.0.0.1:{order.ports.ours}"),
+        *("--serial0", f"udpclient:127.0.0.1:{order.our_port}"),
         *("--serial1", "none:1"),
         *("--serial2", "none:2"),
-        *("--rc-in-port", str(order.ports.firmware)),
+        *("--rc-in-port", str(order.its_port)),
         *("--sysid", str(order.vehicle.system_id)),
         *order.vehicle.firmware.arguments,
     )

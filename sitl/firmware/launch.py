@@ -1,7 +1,6 @@
 """How a firmware is started for a bridge, and its process: its console kept, ended for certain."""
 
 import os
-import socket
 import subprocess
 import sys
 from collections.abc import Mapping, Sequence
@@ -11,7 +10,7 @@ from pathlib import Path
 from sitl.config import VehicleConfig
 from sitl.errors import FirmwareSilentError
 from sitl.firmware import supervisor
-from sitl.firmware.bridge import Bridge, bound
+from sitl.firmware.bridge import Bridge
 
 CONSOLE = "console.log"
 _END_S = 2 * supervisor.GRACE_S + 2.0
@@ -104,25 +103,12 @@ class FirmwareProcess:
 
 
 @dataclass(frozen=True)
-class Ports:
-    """UDP ports on this machine that MAVLink goes between."""
-
-    ours: int
-    firmware: int
-
-    @classmethod
-    def to(cls, link: socket.socket) -> "Ports":
-        """Ports to the socket `link` from one that is free."""
-        with bound(socket.SOCK_DGRAM, 0) as free:
-            return cls(link.getsockname()[1], free.getsockname()[1])
-
-
-@dataclass(frozen=True)
 class Order:
-    """The vehicle, the ports and the speed that a firmware is started for."""
+    """The vehicle, the UDP ports of MAVLink and the speed that a firmware is started for."""
 
     vehicle: VehicleConfig
-    ports: Ports
+    our_port: int  # where it is heard
+    its_port: int  # where it listens
     speed_mps: float  # the fastest of the mission
 
 
@@ -134,7 +120,6 @@ class Launch:
     argv: tuple[str, ...]
     files: Mapping[str, str]  # text by name, for its folder
     env: Mapping[str, str] = field(default_factory=dict)
-    own_scripts: bool = False  # found in its folder before the firmware's own
 
     def start(self, folder: Path, *, processor: int | None = None) -> FirmwareProcess:
         """Make `folder` with the files in it, and start the firmware there.
@@ -146,9 +131,4 @@ class Launch:
         folder.mkdir()
         for name, text in self.files.items():
             (folder / name).write_text(text, encoding="utf-8")
-        env = dict(self.env)
-        if self.own_scripts:
-            # Its own folder, as the firmware sees it: a path that is relative to us leads it
-            # nowhere.
-            env["PATH"] = f".{os.pathsep}{os.environ.get('PATH', os.defpath)}"
-        return FirmwareProcess(self.argv, folder, env, processor=processor)
+        return FirmwareProcess(self.argv, folder, self.env, processor=processor)

@@ -14,6 +14,7 @@ import time
 from flightdyn.physics.atmosphere import altitude_m, temperature_k
 from flightdyn.plant import Plant
 from flightdyn.state import GeodeticPoint, GnssFix
+from sitl.autopilot.codec import units as u
 from sitl.errors import FirmwareError, FirmwareRestartedError
 from sitl.firmware.bridge import LOOK_S, bound, give_up_soon, sensors_of
 from sitl.firmware.native.library import (
@@ -188,24 +189,16 @@ def gps_payload(t_us: int, fix: GnssFix, place: GeodeticPoint) -> bytes:
     n, e, d = fix.vel_ned_mps.tolist()
     return _GPS.pack(
         t_us,
-        round(place.lat_deg * 1e7),
-        round(place.lon_deg * 1e7),
-        round(place.alt_msl_m * 1e3),
-        _unsigned_cm(fix.std_horizontal_m),
-        _unsigned_cm(fix.std_vertical_m),
-        _unsigned_cm((n * n + e * e) ** 0.5),
-        _cm(n),
-        _cm(e),
-        _cm(d),
+        u.deg_e7(place.lat_deg),
+        u.deg_e7(place.lon_deg),
+        u.mm(place.alt_msl_m),
+        u.ucm_s(fix.std_horizontal_m),  # cm here: 65535 is not known, as of a speed
+        u.ucm_s(fix.std_vertical_m),
+        u.ucm_s(math.hypot(n, e)),
+        u.cm_s(n),
+        u.cm_s(e),
+        u.cm_s(d),
         _UNKNOWN_COURSE,
         _FIX_3D,
         min(fix.satellites, 254),  # 255: not known
     )
-
-
-def _cm(metres: float) -> int:
-    return round(min(max(metres * 100, -32768), 32767))
-
-
-def _unsigned_cm(metres: float) -> int:
-    return round(min(metres * 100, 65534))  # 65535: not known

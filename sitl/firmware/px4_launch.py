@@ -59,8 +59,13 @@ def px4_launch(order: Order, plant: Plant) -> Launch:
         bridge,
         argv,
         files={"px4-rc.params": _parameters(order, plant), "px4-rc.mavlink": _mavlink(order)},
-        env={"PX4_SIM_MODEL": _MODEL, "PWD": _HERE},
-        own_scripts=True,
+        # Its folder, where these files are, comes before its own scripts: as the firmware sees it,
+        # which a path that is relative to us would lead nowhere.
+        env={
+            "PX4_SIM_MODEL": _MODEL,
+            "PWD": _HERE,
+            "PATH": f".{os.pathsep}{os.environ.get('PATH', os.defpath)}",
+        },
     )
 
 
@@ -118,8 +123,8 @@ def _hold(path: str) -> int | None:
 
 
 def _mavlink(order: Order) -> str:
-    port = order.ports.firmware
-    start = f"mavlink start -x -u {port} -r 4000000 -f -m custom -o {order.ports.ours}"
+    port = order.its_port
+    start = f"mavlink start -x -u {port} -r 4000000 -f -m custom -o {order.our_port}"
     streams = (f"mavlink stream -u {port} -s {k} -r {v}" for k, v in _STREAMS_HZ.items())
     return "\n".join(("#!/bin/sh", start, *streams, ""))
 

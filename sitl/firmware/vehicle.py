@@ -20,7 +20,7 @@ from sitl.firmware.ardupilot import LOOPS_HZ, slowest_rate_hz
 from sitl.firmware.ardupilot_launch import ardupilot_launch, check_arducopter
 from sitl.firmware.bridge import bound
 from sitl.firmware.clock import FirmwareClock
-from sitl.firmware.launch import FirmwareProcess, Launch, Order, Ports
+from sitl.firmware.launch import FirmwareProcess, Order
 from sitl.firmware.px4_launch import etc_of, px4_launch
 from sitl.firmware.relay import Hear, Relay, Writer
 from sitl.links import Link
@@ -53,18 +53,6 @@ def check_firmware(vehicle: VehicleConfig) -> None:
         etc_of(path)
     else:
         check_arducopter(path)
-
-
-def prepare(order: Order, plant: Plant) -> Launch:
-    """Open the bridge and put together how the firmware is started.
-
-    Raises:
-        LinkError: no port can be had.
-        FirmwareSilentError: the binary, or what belongs to it, is not there.
-    """
-    if order.vehicle.autopilot == "px4":
-        return px4_launch(order, plant)
-    return ardupilot_launch(order, plant)
 
 
 def plant_for(vehicle: VehicleConfig, *, home: GeodeticPoint, streams: RandomStreams) -> Plant:
@@ -133,7 +121,10 @@ class FirmwareVehicle:
         async with AsyncExitStack() as opened:
             sock = bound(socket.SOCK_DGRAM, 0)
             opened.callback(sock.close)
-            order = Order(self._vehicle, Ports.to(sock), self._mission_speed_mps)
+            with bound(socket.SOCK_DGRAM, 0) as free:
+                ports = sock.getsockname()[1], free.getsockname()[1]
+            order = Order(self._vehicle, *ports, self._mission_speed_mps)
+            prepare = px4_launch if self._vehicle.autopilot == "px4" else ardupilot_launch
             launch = prepare(order, self.plant)
             processor = _shared_processor()
             self.clock = FirmwareClock(launch.bridge, speed=self._speed, processor=processor)

@@ -160,7 +160,7 @@ def _attitude_target(s: Snapshot) -> mav.MAVLink_message:
     )
 
 
-def _position_target(s: Snapshot) -> mav.MAVLink_message:
+def _position_target(s: Snapshot) -> mav.MAVLink_position_target_local_ned_message:
     to = s.dials.instruments.setpoint
     numbers = _NAN11 if to is None else (*to.p, *to.v, *to.a, to.yaw, to.yaw_rate)
     mask = _IGNORE_ALL if to is None else 0

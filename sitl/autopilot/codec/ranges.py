@@ -9,14 +9,17 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class Range:
-    """A closed interval of allowed numbers, with their unit."""
+    """A closed interval of allowed numbers, with their unit; of integers where it is `whole`."""
 
     low: float
     high: float
-    unit: str
+    unit: str = ""
+    whole: bool = False
 
-    def __contains__(self, value: float) -> bool:
-        return self.low <= value <= self.high
+    def __contains__(self, value: object) -> bool:
+        if not isinstance(value, int | float) or not self.low <= value <= self.high:
+            return False
+        return not self.whole or value == int(value)
 
     def __str__(self) -> str:
         return f"{self.low:g} to {self.high:g} {self.unit}".rstrip()
@@ -31,21 +34,16 @@ TURN = Range(-3_600.0, 3_600.0, "deg")
 HOLD = Range(0.0, 86_400.0, "s")
 ACCEPTANCE = Range(0.0, 10_000.0, "m")
 FENCE_RADIUS = Range(0.01, 1e6, "m")
-CORNERS = Range(3, 5_000, "")
-ITEM = Range(0, 65_535, "")
-REPEATS = Range(0, 1_000_000, "")
+CORNERS = Range(3, 5_000, whole=True)
+ITEM = Range(0, 65_535, whole=True)
+REPEATS = Range(0, 1_000_000, whole=True)
 ORBIT_RADIUS = Range(1.0, 1_000.0, "m")
-ORBIT_YAW = Range(0, 5, "")
+ORBIT_YAW = Range(0, 5, whole=True)
 ORBIT_SPEED = Range(0.0, 10.0, "m/s")
 AWAY = Range(-100_000.0, 100_000.0, "m")  # of a setpoint, in the local frame
 VELOCITY = Range(-100.0, 100.0, "m/s")
 ACCELERATION = Range(-100.0, 100.0, "m/s2")
 HEADING = Range(-4 * 3.1415927, 4 * 3.1415927, "rad")
 SPIN = Range(-20.0, 20.0, "rad/s")
-THRUST = Range(0.0, 1.0, "")
+THRUST = Range(0.0, 1.0)
 INTERVAL = Range(-1.0, 3.6e9, "us")
-
-
-def whole(value: float, within: Range) -> bool:
-    """Whether `value` is an integer in the range."""
-    return value in within and value == int(value)

@@ -239,7 +239,7 @@ class Flight:
                 return "Mission is being flown: hold before a new one"
             self._enter(Mode.HOLD, "mission replaced at its end", None)  # it was loitering there
         self.mission.replace(items)
-        self._report.mission_changed()
+        self._report.nudge(mav.MAVLINK_MSG_ID_MISSION_CURRENT)
         return None
 
     def rewind_mission(self, seq: int) -> str | None:
@@ -251,7 +251,7 @@ class Flight:
             self.mission.rewind(seq)
             if flying:
                 self._manoeuvre = self._fly_on(self._stages())
-        self._report.mission_changed()
+        self._report.nudge(mav.MAVLINK_MSG_ID_MISSION_CURRENT)
         return None
 
     def hold(self, why: str | None = None) -> str | None:
@@ -302,7 +302,7 @@ class Flight:
     def set_home(self, home: GeodeticPoint) -> None:
         """Move home to a place."""
         self.guard.home = home
-        self._report.home_changed()
+        self._report.nudge(mav.MAVLINK_MSG_ID_HOME_POSITION)
 
     # --- transitions ----------------------------------------------------------------------------
 
@@ -331,7 +331,7 @@ class Flight:
     def _enter(self, mode: Mode, why: str, manoeuvre: do.Manoeuvre | None) -> None:
         self._manoeuvre = manoeuvre
         self._goal = None
-        self._report.landed_state()
+        self._report.nudge(mav.MAVLINK_MSG_ID_EXTENDED_SYS_STATE)
         if mode is not self.mode:
             self.mode = mode
             self._report.mode(mode, why)
@@ -365,7 +365,7 @@ class Flight:
         if last == mav.MAV_CMD_NAV_LOITER_UNLIM:
             return  # stays in the mission, at an item without end
         self.mission.finish()
-        self._report.mission_changed()
+        self._report.nudge(mav.MAVLINK_MSG_ID_MISSION_CURRENT)
         if last == mav.MAV_CMD_NAV_RETURN_TO_LAUNCH and self.return_home("mission") is None:
             return
         if last == mav.MAV_CMD_NAV_LAND:
@@ -409,7 +409,7 @@ class Flight:
         """Begin the stages of the mission, or go on with them."""
         self.mission.start()
         self._ended_by = None
-        self._report.mission_changed()
+        self._report.nudge(mav.MAVLINK_MSG_ID_MISSION_CURRENT)
         return self.navigator.fly(stages, reached=self._reached, ended=self._ended)
 
     def _ended(self, command: int) -> None:

@@ -122,8 +122,7 @@ class Orbits:
         yaw = 0.0 if math.isnan(yaw) else yaw
         demand_within("radius", abs(radius), ranges.ORBIT_RADIUS)
         demand_within("speed", abs(speed), ranges.ORBIT_SPEED)
-        if not ranges.whole(yaw, ranges.ORBIT_YAW):
-            raise RefusedError(f"yaw behaviour {yaw:g}, {ranges.ORBIT_YAW} are allowed")
+        demand_within("yaw behaviour", yaw, ranges.ORBIT_YAW)
         north, east, down = map(float, self._aircraft.belief.pos_ned_m)
         frame = self._flight.frame
         if not (math.isnan(lat_deg) or math.isnan(lon_deg)):

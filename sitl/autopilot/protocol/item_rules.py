@@ -1,50 +1,90 @@
-"""What each mission item may be, judged as it is uploaded."""
+"""What each mission item may be, judged as it is uploaded: one table."""
 
 import math
-from dataclasses import replace
+from collections.abc import Container, Mapping
+from dataclasses import dataclass
+from typing import TypeAlias
 
 from pymavlink.dialects.v20 import common as mav
 
 from sitl.autopilot.codec import ranges
 from sitl.autopilot.codec.orders import GLOBAL_FRAMES, RELATIVE_FRAMES, MissionItem
 
-# Items with a position; those of the second set may leave it open (NaN): "right here".
-_PLACES = frozenset(
-    {mav.MAV_CMD_NAV_WAYPOINT, mav.MAV_CMD_NAV_LOITER_UNLIM, mav.MAV_CMD_NAV_LOITER_TIME}
-)
-_OPEN_PLACES = frozenset({mav.MAV_CMD_NAV_TAKEOFF, mav.MAV_CMD_NAV_LAND})
-_DELAYS = frozenset({mav.MAV_CMD_NAV_DELAY, mav.MAV_CMD_CONDITION_DELAY})
-_PLAIN = frozenset(
-    {
-        mav.MAV_CMD_NAV_RETURN_TO_LAUNCH,
-        mav.MAV_CMD_CONDITION_YAW,
-        mav.MAV_CMD_DO_CHANGE_SPEED,
-        mav.MAV_CMD_DO_JUMP,
-        *_DELAYS,
-    }
-)
-_FENCE_POLYGONS = frozenset(
-    {mav.MAV_CMD_NAV_FENCE_POLYGON_VERTEX_INCLUSION, mav.MAV_CMD_NAV_FENCE_POLYGON_VERTEX_EXCLUSION}
-)
-_FENCE_CIRCLES = frozenset(
-    {mav.MAV_CMD_NAV_FENCE_CIRCLE_INCLUSION, mav.MAV_CMD_NAV_FENCE_CIRCLE_EXCLUSION}
-)
-PLACES = _PLACES | _OPEN_PLACES
-NAVIGATION = PLACES | frozenset({mav.MAV_CMD_NAV_RETURN_TO_LAUNCH, mav.MAV_CMD_NAV_DELAY})
-_SPEED_TYPES = (0, 1)  # air speed, ground speed: the same to a multirotor that measures neither
+Allowed: TypeAlias = tuple[Container[float], ...]  # a number is in one of them
+
+
+@dataclass(frozen=True, slots=True)
+class _Rule:
+    """What an item of one command may be."""
+
+    params: tuple[Allowed, ...] = ()  # parameters 1 and 2, as far as they are looked at
+    optional: bool = False  # these may be left open (NaN)
+    ground: bool = False  # it has a latitude and a longitude
+    height: bool = False  # and an altitude
+    anywhere: bool = False  # both of the ground may be left open (NaN): "right here"
+
+    def wrong(self, item: MissionItem) -> int | None:
+        """The MAV_MISSION_RESULT that refuses an item; None where nothing does."""
+        here = self.anywhere and math.isnan(item.x) and math.isnan(item.y)
+        if self.ground and item.frame not in GLOBAL_FRAMES:
+            return mav.MAV_MISSION_UNSUPPORTED_FRAME
+        if self.ground and not here:
+            if item.x not in ranges.LATITUDE:
+                return mav.MAV_MISSION_INVALID_PARAM5_X
+            if item.y not in ranges.LONGITUDE:
+                return mav.MAV_MISSION_INVALID_PARAM6_Y
+        if self.height and item.z not in _altitudes(item):
+            return mav.MAV_MISSION_INVALID_PARAM7
+        results = mav.MAV_MISSION_INVALID_PARAM1, mav.MAV_MISSION_INVALID_PARAM2
+        for value, allowed, result in zip(item.params, self.params, results, strict=False):
+            left_open = self.optional and math.isnan(value)
+            if not (left_open or any(value in part for part in allowed)):
+                return result
+        return None
+
+
+_HOLD: Allowed = (ranges.HOLD,)
+_LOITER = _Rule((_HOLD,), optional=True, ground=True, height=True)
+_OPEN_PLACE = _Rule(ground=True, height=True, anywhere=True)
+_DELAY = _Rule((_HOLD,))
+_FENCE_POLYGON = _Rule(((ranges.CORNERS,),), ground=True)
+_FENCE_CIRCLE = _Rule(((ranges.FENCE_RADIUS,),), ground=True)
+_MISSION: Mapping[int, _Rule] = {
+    mav.MAV_CMD_NAV_WAYPOINT: _Rule(
+        (_HOLD, (ranges.ACCEPTANCE,)), optional=True, ground=True, height=True
+    ),
+    mav.MAV_CMD_NAV_LOITER_UNLIM: _LOITER,
+    mav.MAV_CMD_NAV_LOITER_TIME: _LOITER,
+    mav.MAV_CMD_NAV_TAKEOFF: _OPEN_PLACE,
+    mav.MAV_CMD_NAV_LAND: _OPEN_PLACE,
+    mav.MAV_CMD_NAV_RETURN_TO_LAUNCH: _Rule(),
+    mav.MAV_CMD_NAV_DELAY: _DELAY,
+    mav.MAV_CMD_CONDITION_DELAY: _DELAY,
+    mav.MAV_CMD_CONDITION_YAW: _Rule(((ranges.TURN,),)),
+    # Air and ground speed are the same to a multirotor that measures neither; -1 keeps the speed,
+    # -2 returns to the default.
+    mav.MAV_CMD_DO_CHANGE_SPEED: _Rule((((0.0, 1.0),), (ranges.SPEED, (-1.0, -2.0)))),
+    mav.MAV_CMD_DO_JUMP: _Rule(((ranges.ITEM,), (ranges.REPEATS,))),
+}
+_RULES: Mapping[int, Mapping[int, _Rule]] = {
+    mav.MAV_MISSION_TYPE_MISSION: _MISSION,
+    mav.MAV_MISSION_TYPE_FENCE: {
+        mav.MAV_CMD_NAV_FENCE_POLYGON_VERTEX_INCLUSION: _FENCE_POLYGON,
+        mav.MAV_CMD_NAV_FENCE_POLYGON_VERTEX_EXCLUSION: _FENCE_POLYGON,
+        mav.MAV_CMD_NAV_FENCE_CIRCLE_INCLUSION: _FENCE_CIRCLE,
+        mav.MAV_CMD_NAV_FENCE_CIRCLE_EXCLUSION: _FENCE_CIRCLE,
+    },
+    mav.MAV_MISSION_TYPE_RALLY: {mav.MAV_CMD_NAV_RALLY_POINT: _Rule(ground=True, height=True)},
+}
+# Items with a position, and all that lead the aircraft somewhere or keep it there.
+PLACES = frozenset(command for command, rule in _MISSION.items() if rule.ground)
+NAVIGATION = PLACES | {mav.MAV_CMD_NAV_RETURN_TO_LAUNCH, mav.MAV_CMD_NAV_DELAY}
 
 
 def check_item(item: MissionItem) -> int:
     """MAV_MISSION_ACCEPTED where the vehicle can carry out `item`, or what is wrong with it."""
-    match item.mission_type:
-        case mav.MAV_MISSION_TYPE_MISSION:
-            wrong = _mission(item)
-        case mav.MAV_MISSION_TYPE_FENCE:
-            wrong = _fence(item)
-        case mav.MAV_MISSION_TYPE_RALLY if item.command == mav.MAV_CMD_NAV_RALLY_POINT:
-            wrong = _place(item)
-        case _:
-            wrong = mav.MAV_MISSION_UNSUPPORTED
+    rule = _RULES.get(item.mission_type, {}).get(item.command)
+    wrong = mav.MAV_MISSION_UNSUPPORTED if rule is None else rule.wrong(item)
     return wrong or mav.MAV_MISSION_ACCEPTED
 
 
@@ -64,69 +104,6 @@ def why_refused(item: MissionItem, verdict: int) -> str:
     return words[verdict]
 
 
-def _mission(item: MissionItem) -> int | None:
-    if item.command in _PLACES:
-        return _place(item) or _times(item)
-    if item.command in _OPEN_PLACES:
-        here = math.isnan(item.x) and math.isnan(item.y)
-        return _place(replace(item, x=0.0, y=0.0) if here else item)
-    return _plain(item) if item.command in _PLAIN else mav.MAV_MISSION_UNSUPPORTED
-
-
-def _place(item: MissionItem) -> int | None:
-    high = None if item.z in _altitudes(item) else mav.MAV_MISSION_INVALID_PARAM7
-    return _horizontal(item) or high
-
-
 def _altitudes(item: MissionItem) -> ranges.Range:
     """The altitudes that an item may have, in its frame."""
     return ranges.HEIGHT if item.frame in RELATIVE_FRAMES else ranges.ALTITUDE
-
-
-def _times(item: MissionItem) -> int | None:
-    """Hold time and acceptance radius: not given (NaN), or in range."""
-    first, second = item.params[0], item.params[1]
-    if not (math.isnan(first) or first in ranges.HOLD):
-        return mav.MAV_MISSION_INVALID_PARAM1
-    waypoint = item.command == mav.MAV_CMD_NAV_WAYPOINT
-    if waypoint and not (math.isnan(second) or second in ranges.ACCEPTANCE):
-        return mav.MAV_MISSION_INVALID_PARAM2
-    return None
-
-
-def _plain(item: MissionItem) -> int | None:
-    first, second = item.params[0], item.params[1]
-    if item.command == mav.MAV_CMD_DO_CHANGE_SPEED:
-        if first not in _SPEED_TYPES:
-            return mav.MAV_MISSION_INVALID_PARAM1
-        # -1 keeps the speed, -2 returns to the default.
-        kept = second in (-1.0, -2.0)
-        return None if kept or second in ranges.SPEED else mav.MAV_MISSION_INVALID_PARAM2
-    if item.command in _DELAYS:
-        return None if first in ranges.HOLD else mav.MAV_MISSION_INVALID_PARAM1
-    if item.command == mav.MAV_CMD_CONDITION_YAW:
-        return None if first in ranges.TURN else mav.MAV_MISSION_INVALID_PARAM1
-    if item.command == mav.MAV_CMD_DO_JUMP:
-        if not ranges.whole(first, ranges.ITEM):
-            return mav.MAV_MISSION_INVALID_PARAM1
-        return None if ranges.whole(second, ranges.REPEATS) else mav.MAV_MISSION_INVALID_PARAM2
-    return None
-
-
-def _fence(item: MissionItem) -> int | None:
-    size = item.params[0]
-    if item.command in _FENCE_POLYGONS:
-        possible = ranges.whole(size, ranges.CORNERS)
-    elif item.command in _FENCE_CIRCLES:
-        possible = size in ranges.FENCE_RADIUS
-    else:
-        return mav.MAV_MISSION_UNSUPPORTED
-    return _horizontal(item) if possible else mav.MAV_MISSION_INVALID_PARAM1
-
-
-def _horizontal(item: MissionItem) -> int | None:
-    if item.frame not in GLOBAL_FRAMES:
-        return mav.MAV_MISSION_UNSUPPORTED_FRAME
-    if item.x not in ranges.LATITUDE:
-        return mav.MAV_MISSION_INVALID_PARAM5_X
-    return None if item.y in ranges.LONGITUDE else mav.MAV_MISSION_INVALID_PARAM6_Y

@@ -7,7 +7,6 @@ import signal
 import subprocess
 import sys
 from pathlib import Path
-from typing import cast
 
 import pytest
 from firmware_stand_ins import plant
@@ -18,8 +17,7 @@ from flightdyn.config import AircraftConfig
 from flightdyn.random import RandomStreams
 from sitl.config import FirmwareConfig, VehicleConfig
 from sitl.errors import FirmwareSilentError
-from sitl.firmware.bridge import Bridge
-from sitl.firmware.launch import FirmwareProcess, Launch, Order, Ports, check_binary
+from sitl.firmware.launch import FirmwareProcess, Order, check_binary
 from sitl.firmware.px4_launch import px4_launch
 from sitl.firmware.vehicle import FirmwareVehicle, plant_for
 
@@ -40,12 +38,12 @@ def alive(pid: int) -> bool:
     return state != "Z"
 
 
-def px4_stand_in(folder: Path) -> VehicleConfig:
-    """A vehicle under what is taken for PX4, which does nothing."""
+def px4_stand_in(folder: Path, does: str = "sleep 600") -> VehicleConfig:
+    """A vehicle under a shell script that is taken for PX4."""
     for part in ("bin", "etc/init.d-posix"):
         (folder / part).mkdir(parents=True)
     (folder / "etc" / "init.d-posix" / "rcS").touch()
-    script(folder / "bin" / "px4", "sleep 600")
+    script(folder / "bin" / "px4", does)
     firmware = FirmwareConfig(path=folder / "bin" / "px4")
     return VehicleConfig(autopilot="px4", firmware=firmware)
 
@@ -120,12 +118,13 @@ def test_scripts_given_to_it_are_found_first_wherever_its_folder_is(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    firmware = script(tmp_path / "fw", ". hook.sh")
-    launch = Launch(cast(Bridge, None), (firmware,), {"hook.sh": "echo ours"}, own_scripts=True)
+    config = px4_stand_in(tmp_path, does="mavlink() { echo ours; }; . px4-rc.mavlink")
+    launch = px4_launch(Order(config, 1, 2, 10.0), plant())
     process = launch.start(Path("firmware"))
     until(lambda: bool(process.died))
-    assert process.last_words() == "ours"
+    assert process.last_words(1) == "ours"
     process.stop()
+    launch.bridge.close()
 
 
 def test_an_error_nobody_foresaw_ends_the_flight(
@@ -162,7 +161,7 @@ def test_two_px4_take_different_instances_where_ports_do_not_tell_them_apart(
 ) -> None:
     """As in two network namespaces: each has the ports of its own."""
     monkeypatch.setattr("sitl.firmware.px4_launch.INSTANCES", range(238, 240))
-    order = Order(px4_stand_in(tmp_path), Ports(1, 2), 10.0)
+    order = Order(px4_stand_in(tmp_path), 1, 2, 10.0)
     monkeypatch.setattr("sitl.firmware.px4.Px4Bridge.open", lambda _: None)
     launches = [px4_launch(order, plant()) for _ in range(2)]
     instances = [launch.argv[launch.argv.index("-i") + 1] for launch in launches]

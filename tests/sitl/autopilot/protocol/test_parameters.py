@@ -141,9 +141,9 @@ def test_a_bad_line_is_named(tmp_path: Path, line: str) -> None:
 
 
 def test_configuration_and_file_are_checked_when_the_vehicle_is_made(tmp_path: Path) -> None:
-    with pytest.raises(SitlInputError, match="no parameter SPEED; there are BAT_"):
+    with pytest.raises(SitlInputError, match=r"SPEED = 3: no such parameter \(known: BAT_"):
         Desk(VehicleConfig(parameters={"SPEED": 3.0}))
-    with pytest.raises(SitlInputError, match=r"GF_ACTION = 9 is not within \[0, 5\]"):
+    with pytest.raises(SitlInputError, match="GF_ACTION = 9: must be a number from 0 to 5"):
         Desk(VehicleConfig(parameters={"GF_ACTION": 9.0}))
     path = tmp_path / "start.parm"
     path.write_text("RTL_RETURN_ALT 45\nMPC_XY_CRUISE 12\n")
