@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Protocol
+from typing import Any, Protocol
 
 import foxglove
 from foxglove.mcap import MCAPWriteOptions
@@ -21,16 +21,18 @@ class Sink(Protocol):
     def close(self) -> None: ...
 
 
-def channels(context: foxglove.Context) -> dict[str, foxglove.Channel]:
-    """A channel for each topic of a flight log, by its name."""
+def channels(context: foxglove.Context) -> dict[str, Any]:
+    """A channel for each topic of a flight log, by its name.
+
+    Not by the library's constructor: it keeps every channel that was ever made, 55 KB for a log.
+    """
     return {
-        topic.name: foxglove.Channel(
+        topic.name: context._create_channel(
             topic.name,
             message_encoding=topic.encoding,
             schema=foxglove.Schema(
                 name=topic.schema_name, encoding=topic.schema_encoding, data=topic.schema
             ),
-            context=context,
         )
         for topic in TOPICS
     }
@@ -53,10 +55,10 @@ class McapSink:
         # A chunk ends with each flush, and goes into the file as a whole, or not at all.
         options = MCAPWriteOptions(chunk_size=None, compression_threads=0, disable_seeking=True)
         self._writer = foxglove.open_mcap(self.file, context=self._context, writer_options=options)
-        self._channels = channels(self._context)
+        self._log = {name: channel.log for name, channel in channels(self._context).items()}
 
     def write(self, topic: Topic, t_ns: int, data: bytes) -> None:
-        self._channels[topic.name].log(data, log_time=t_ns)
+        self._log[topic.name](data, t_ns)
 
     def metadata(self, name: str, values: Mapping[str, str]) -> None:
         """Write a named set of strings (an MCAP Metadata record)."""

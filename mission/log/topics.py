@@ -85,7 +85,7 @@ def fields(schema: bytes) -> dict[str, dict[str, Any]]:
 
 
 TF = _foxglove(
-    "/tf", fox.FrameTransform, "frame `area` to `aircraft` (x forward, y left, z up); 5 Hz"
+    "/tf", fox.FrameTransform, "frame `area` to `aircraft` (x forward, y left, z up); 2 Hz"
 )
 TRUE_POSE = _foxglove(
     "/true/pose", fox.PoseInFrame, "where the aircraft is; 10 Hz, under a firmware 20 Hz"

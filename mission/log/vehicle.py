@@ -28,7 +28,7 @@ Write = Callable[[Topic, int, bytes], None]
 class LogRates:
     """How often each kind of message is written, in simulated hertz; poses at every sample."""
 
-    tf_hz: float = 5.0  # viewers interpolate
+    tf_hz: float = 2.0  # viewers interpolate, and the true pose says the same at every sample
     velocity_hz: float = 2.0
     command_hz: float = 1.0
     location_hz: float = 1.0

@@ -8,6 +8,7 @@ import re
 from pathlib import Path
 from typing import Any
 
+import foxglove.channel
 import numpy as np
 import pymap3d
 import pytest
@@ -239,9 +240,15 @@ def test_what_happens_is_written_after_the_samples_before_it(tmp_path: Path) -> 
     ]
     with (tmp_path / "a.mcap").open("rb") as stream:
         written = [
-            m.log_time for _, c, m in make_reader(stream).iter_messages() if c.topic == "/tf"
+            m.log_time for _, c, m in make_reader(stream).iter_messages() if c.topic == "/est/pose"
         ]
-    assert written == [0, 2e8, 4e8]
+    assert written == [0, 1e8, 2e8, 3e8, 4e8]
+
+
+def test_a_log_that_is_closed_leaves_nothing_in_the_library(tmp_path: Path) -> None:
+    before = len(foxglove.channel._channels_by_id)
+    FlightLog(tmp_path / "a.mcap", area=AREA, devices=devices(np.random.default_rng(1))).close()
+    assert len(foxglove.channel._channels_by_id) == before
 
 
 def test_ground_and_devices_come_with_every_plan(made: Fixed) -> None:
