@@ -35,9 +35,9 @@ def _of_kind(config: PlannerConfig) -> Planner:
         from mission.planner.sqp import SqpPlanner
 
         return SqpPlanner()
-    from mission.planner.paper.alternation import LiteralPlanner, PaperPlanner
+    from mission.planner.paper.alternation import PaperPlanner
 
-    return LiteralPlanner() if config.kind == "paper_literal" else PaperPlanner()
+    return PaperPlanner(literal=config.kind == "paper_literal")
 
 
 class CustomPlanner(OwnCode):

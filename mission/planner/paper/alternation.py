@@ -2,6 +2,7 @@
 
 import logging
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
@@ -33,11 +34,17 @@ def logistic(channel: Channel) -> LogisticFit:
     return fit_logistic(channel)
 
 
+@dataclass(frozen=True)
 class PaperPlanner:
     """The alternation with the exact cone r >= |v - u|: three starts, best true iterate kept.
 
+    `literal` is the alternation as printed, for study: r linearised, one start, the last iterate.
+    The linearised r is a relaxation: the ascent is not monotone and may end far below its start.
+
     No bound is proven: `upper_bound` is NaN where anything had to be decided.
     """
+
+    literal: bool = False
 
     def plan(self, problem: RoundProblem) -> RoundPlan:
         """Plan one round.
@@ -47,8 +54,13 @@ class PaperPlanner:
         """
         if (at_rest := plan_without_moving(problem)) is not None:
             return at_rest
-        program = path_program(problem.steps, len(problem.devices_m), exact_cone=True)
+        exact = not self.literal
+        program = path_program(problem.steps, len(problem.devices_m), exact_cone=exact)
         smooth = _smooth_success(problem)
+        if self.literal:
+            start = greedy_walk(problem, smooth)
+            *_, (path, _, _) = ascend(problem, start, program=program)
+            return finish(problem, path)
         best = finish(problem, np.tile(problem.start_m, (problem.steps, 1)))
         for power in METRE_POWERS:
             start = greedy_walk(problem, smooth, metre_power=power)
@@ -57,27 +69,6 @@ class PaperPlanner:
                 if candidate.value > best.value:
                     best = candidate
         return best
-
-
-class LiteralPlanner:
-    """The alternation as printed, for study: r linearised, one start, the last iterate.
-
-    The linearised r is a relaxation: the ascent is not monotone and may end far below its
-    start.
-    """
-
-    def plan(self, problem: RoundProblem) -> RoundPlan:
-        """Plan one round.
-
-        Raises:
-            PlanInputError: the problem makes no sense.
-        """
-        if (at_rest := plan_without_moving(problem)) is not None:
-            return at_rest
-        program = path_program(problem.steps, len(problem.devices_m), exact_cone=False)
-        start = greedy_walk(problem, _smooth_success(problem))
-        *_, (path, _, _) = ascend(problem, start, program=program)
-        return finish(problem, path)
 
 
 def ascend(

@@ -1,4 +1,4 @@
-"""Every fault of the configuration, at both ends of its range: the run ends, and says why."""
+"""Every fault of the configuration, at the ends of its range: the run ends, and says why."""
 
 import json
 from pathlib import Path
@@ -34,7 +34,8 @@ CASES = [
     pytest.param(kind, strength, at_s, id=f"{kind}-{index}-at-{at_s:g}")
     for kind in KINDS
     for index, strength in enumerate(ends(kind))
-    for at_s in (0.0, 20.0)
+    # Before take-off the upper end is enough: what differs by the sign is the flight.
+    for at_s in ((0.0, 20.0) if strength == ends(kind)[-1] else (20.0,))
 ]
 
 

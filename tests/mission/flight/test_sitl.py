@@ -150,7 +150,7 @@ def test_it_listens_for_whoever_comes() -> None:
         (["--count", "0"], ["--count 0", "from 1 to 64"]),
         (["--count", "3", "--set", "vehicle.system_id=249"], ["--count 3", "up to 250"]),
         (["--home", "north,8,1"], ["--home north,8,1", "LAT,LON,ALT"]),
-        (["--home", "47,200,1"], ["--home: longitude 200.0", "from -180 to 180"]),
+        (["--home", "47,200,1"], ["--home: longitude 200.0", "less than or equal to 180"]),
         (["--set", "vehicle.system_id=0"], ["vehicle.system_id = 0"]),
         (["--set", "vehicle.parameters.NO_SUCH=1"], ["NO_SUCH"]),
     ],
