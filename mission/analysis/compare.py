@@ -53,7 +53,7 @@ def _max_abs(values: Floats) -> float:
 
 
 def _of(reduce: Callable[[Floats], float], name: str) -> Made:
-    """Of all samples or slots alike, not of the rounds."""
+    """A statistic of all rounds' samples (or slots) pooled, not a mean of the rounds' own."""
     return Made(lambda items: reduce(np.concatenate([getattr(item, name) for item in items])))
 
 

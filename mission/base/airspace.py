@@ -18,11 +18,11 @@ from mission.base.arrays import Bools, Floats
 
 _SLACK_M = 1e-6  # of the margin: what is at the margin is free
 _TURN = math.pi / 3  # of an outline's corner that one point leads around
-_REMEMBERED = 10_000  # ways
-_TOGETHER = 50  # places that may be free
+_CACHED_WAYS = 10_000  # ways
+_TRIED_AT_ONCE = 50  # places that may be free
 _REACHES = np.linspace(0.25, 8.0, 32)  # how far around a point is looked, in margins
 _DIRECTIONS = np.linspace(0.0, 2.0 * math.pi, 32, endpoint=False)
-_AROUND = np.column_stack((np.cos(_DIRECTIONS), np.sin(_DIRECTIONS)))
+_RAYS = np.column_stack((np.cos(_DIRECTIONS), np.sin(_DIRECTIONS)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,9 +48,9 @@ class Airspace:
 
     @cached_property
     def _rings(self) -> list[Floats]:
-        """The outlines, the free side on their left."""
-        rings = [_turning(ring, clockwise=True) for ring in self.keep_out]
-        fence = [] if self.keep_in is None else [_turning(self.keep_in, clockwise=False)]
+        """Every outline (n, 2), turned so that the free side is on the left of its edges."""
+        rings = [_oriented(ring, clockwise=True) for ring in self.keep_out]
+        fence = [] if self.keep_in is None else [_oriented(self.keep_in, clockwise=False)]
         return rings + fence
 
     @property
@@ -59,24 +59,24 @@ class Airspace:
         return self.margin_m + 2 * _SLACK_M
 
     @cached_property
-    def _corners(self) -> Floats:
-        """(V, 2) the points that ways lead over."""
-        every = np.vstack([_around(ring, self._beside_m) for ring in self._rings])
+    def _vertices(self) -> Floats:
+        """(V, 2) vertices of the visibility graph: free points about the outlines' corners."""
+        every = np.vstack([_rounded_corners(ring, self._beside_m) for ring in self._rings])
         return every[self.free(every)]
 
     @cached_property
-    def _nooks(self) -> Floats:
-        """(V, 2) the places at the margin from two edges that meet."""
-        every = np.vstack([_between(ring, self._beside_m) for ring in self._rings])
+    def _concave_vertices(self) -> Floats:
+        """(V, 2) free points at the margin from both edges that meet in an inner corner."""
+        every = np.vstack([_offset_intersections(ring, self._beside_m) for ring in self._rings])
         return every[self.free(every)]
 
     @cached_property
-    def _net(self) -> tuple[Floats, NDArray[np.int32]]:
-        """(V, V) lengths of the shortest ways between the corners, and their last but one."""
+    def _visibility_graph(self) -> tuple[Floats, NDArray[np.int32]]:
+        """Visibility graph: (V, V) lengths of shortest paths between vertices, and predecessors."""
         # Imported here: few ask, and every configuration is read by way of this module.
         from scipy.sparse.csgraph import shortest_path
 
-        corners, count = self._corners, len(self._corners)
+        corners, count = self._vertices, len(self._vertices)
         i, j = np.triu_indices(count, 1)
         seen = self.clear(corners[i], corners[j])
         direct = np.full((count, count), np.inf)
@@ -173,14 +173,20 @@ class Airspace:
         far = np.maximum(np.hypot(*away.T), _SLACK_M)[:, None]
         beside = self._beside_m
         # Where the margins of two outlines meet, the nearest place is at neither's side.
-        rings = (point_m + reach * beside * _AROUND for reach in _REACHES)
+        rings = (point_m + reach * beside * _RAYS for reach in _REACHES)
         places = np.vstack(
-            (feet + beside * left, feet + beside * away / far, self._corners, self._nooks, *rings)
+            (
+                feet + beside * left,
+                feet + beside * away / far,
+                self._vertices,
+                self._concave_vertices,
+                *rings,
+            )
         )
         places = places[np.hypot(*(places - point_m).T).argsort(kind="stable")]
         outside = self.outside(point_m[None])[0]
-        for first in range(0, len(places), _TOGETHER):
-            some = places[first : first + _TOGETHER]
+        for first in range(0, len(places), _TRIED_AT_ONCE):
+            some = places[first : first + _TRIED_AT_ONCE]
             some = some[self.free(some)]
             if outside:
                 some = some[~self.crosses(np.broadcast_to(point_m, some.shape), some)]
@@ -206,7 +212,7 @@ class Airspace:
         """
         key = (from_m.tobytes(), to_m.tobytes())
         if key not in self._ways:
-            if len(self._ways) >= _REMEMBERED:
+            if len(self._ways) >= _CACHED_WAYS:
                 self._ways.clear()
             way = self._way(from_m, to_m)
             self._ways[key] = way, polyline.length(way)
@@ -223,8 +229,8 @@ class Airspace:
         if not self.free(from_m[None])[0]:
             out = self._nearest(from_m)
             return np.vstack((from_m[None], self.way(out, to_m)))
-        corners, (lengths, before) = self._corners, self._net
-        ends = [self._seen(point, corners) for point in (from_m, to_m)]
+        corners, (lengths, before) = self._vertices, self._visibility_graph
+        ends = [self._visible(point, corners) for point in (from_m, to_m)]
         total = ends[0][:, None] + lengths + ends[1][None, :] if len(corners) else np.empty((0, 0))
         if not total.size or not np.isfinite(total.min()):
             raise ValueError("there is no way")
@@ -234,8 +240,8 @@ class Airspace:
             chain.append(int(before[first, chain[-1]]))
         return np.vstack((from_m[None], corners[chain[::-1]], to_m[None]))
 
-    def _seen(self, point_m: Floats, corners: Floats) -> Floats:
-        """(V,) distances to the corners in sight; infinity to the others."""
+    def _visible(self, point_m: Floats, corners: Floats) -> Floats:
+        """(V,) distances to the vertices that are visible; infinity to the others."""
         seen = self.clear(np.broadcast_to(point_m, corners.shape), corners)
         return np.where(seen, np.hypot(*(corners - point_m).T), np.inf)
 
@@ -277,13 +283,13 @@ def _area(ring_m: Floats) -> float:
     return float((x * np.roll(y, -1) - y * np.roll(x, -1)).sum() / 2.0)
 
 
-def _turning(ring_m: Floats, *, clockwise: bool) -> Floats:
+def _oriented(ring_m: Floats, *, clockwise: bool) -> Floats:
     ring_m = ring_m[(ring_m != np.roll(ring_m, 1, axis=0)).any(axis=1)]  # each corner once
     return ring_m if (_area(ring_m) < 0.0) == clockwise else ring_m[::-1]
 
 
-def _between(ring_m: Floats, margin_m: float) -> Floats:
-    """Where the edges' parallels on the left meet, at corners that the free side fills."""
+def _offset_intersections(ring_m: Floats, margin_m: float) -> Floats:
+    """Intersections of the offset lines (at the margin, to the left) of edges that meet."""
     into = ring_m - np.roll(ring_m, 1, axis=0)
     out = np.roll(ring_m, -1, axis=0) - ring_m
     normals = [np.column_stack((-e[:, 1], e[:, 0])) / np.hypot(*e.T)[:, None] for e in (into, out)]
@@ -293,7 +299,7 @@ def _between(ring_m: Floats, margin_m: float) -> Floats:
     return np.asarray(ring_m + 2.0 * margin_m * middle / np.where(sharp, 1.0, square)[:, None])
 
 
-def _around(ring_m: Floats, margin_m: float) -> Floats:
+def _rounded_corners(ring_m: Floats, margin_m: float) -> Floats:
     """Points about the corners that stick out into the free side, on the left."""
     points: list[Floats] = []
     into = ring_m - np.roll(ring_m, 1, axis=0)

@@ -12,19 +12,19 @@ from mission.base.terminal import PLAIN
 
 @dataclass(frozen=True)
 class RunConsole:
-    """Where a run is shown, and what else it shows."""
+    """The terminal that a run reports to, and the port of its live view."""
 
     out: Console
     quiet: bool = False  # only errors are printed
     live_port: int | None = None  # of Foxglove's view of the log; 0: any free one
 
     def say(self, text: str) -> None:
-        """A line for people."""
+        """Print a line, unless quiet."""
         if not self.quiet:
             self.out.print(text, **PLAIN)
 
     def show(self, table: Table) -> None:
-        """A table for people."""
+        """Print a table, unless quiet."""
         if not self.quiet:
             self.out.print(table)
 

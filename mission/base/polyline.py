@@ -11,7 +11,7 @@ def legs(points: Floats) -> Floats:
 
 
 def length(points: Floats) -> float:
-    """The sum of the legs between (n, d) points."""
+    """Length of the polyline through (n, d) points."""
     return float(legs(points).sum())
 
 

@@ -29,7 +29,7 @@ _LOCK = ".lock"
 
 
 class _Inside:
-    """The path of a file or folder in a run's folder."""
+    """Descriptor: the path of a file or folder of that name in a run's folder."""
 
     def __init__(self, name: str) -> None:
         self._name = name

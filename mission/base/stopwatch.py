@@ -1,4 +1,4 @@
-"""Wall time by phase."""
+"""Wall time by phase of a run: set-up, flight, planning, learning, figures."""
 
 import time
 from collections.abc import Iterator

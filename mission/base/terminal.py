@@ -31,7 +31,7 @@ class Terminal(Console):
 
     @property  # type: ignore[misc]  # nobody sets it
     def file(self) -> IO[str]:
-        """What it writes to."""
+        """The stream that it writes to."""
         return self.stream or sys.stdout
 
     def print(self, *objects: Any, **options: Any) -> None:
@@ -42,7 +42,7 @@ class Terminal(Console):
             self._fall_silent(error)
 
     def on_broken_pipe(self) -> None:
-        """Rich's own answer would be to exit."""
+        """Go on silently; rich itself would exit."""
         self._fall_silent(BrokenPipeError(errno.EPIPE, os.strerror(errno.EPIPE)))
 
     def _fall_silent(self, error: OSError) -> None:

@@ -120,7 +120,7 @@ def _check_targets(out: Path | None, qgc: Path | None, figure: Path | None) -> N
 
 @dataclass(frozen=True)
 class _Task:
-    """What is to be planned, and by whom."""
+    """Problems to plan, the strategy that plans them, and the scenario that they come from."""
 
     problems: "Sequence[NamedProblem]"
     strategy: "Strategy"

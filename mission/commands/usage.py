@@ -80,7 +80,7 @@ def _shown(argument: Argument) -> str:
 
 
 def _words(kind: Any) -> str:
-    """What a value may be."""
+    """The type of an option in words: a number, one of some choices."""
     if get_origin(kind) is Annotated:
         return _words(get_args(kind)[0])
     if get_origin(kind) in (Union, UnionType):

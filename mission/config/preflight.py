@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 
 class Problem(NamedTuple):
-    """A key whose value cannot be used."""
+    """A key, its value, and why that cannot be used on this machine."""
 
     key: str
     value: object

@@ -20,7 +20,7 @@ _TIME = "simulated time (s)"
 
 
 def flight_charts(comparison: RunComparison) -> list[Chart]:
-    """Errors against the plan, by round."""
+    """Cross-track error, corner cuts, estimate error and lateness, by round."""
     items = comparison.rounds
     rounds = [item.round for item in items if item.round is not None]
 
@@ -94,7 +94,7 @@ def along_chart(comparison: RunComparison) -> Chart:
 
 
 def condition_charts(run: FlightData) -> list[Chart]:
-    """Battery, and wind where there was any."""
+    """Battery charge over time, and the true wind where there was any."""
     return [
         *([_battery(run)] if len(run.battery.t_ns) else []),
         *([_wind(run.wind)] if np.any(run.wind.vel_mps) else []),
@@ -102,7 +102,7 @@ def condition_charts(run: FlightData) -> list[Chart]:
 
 
 def estimator_charts(run: FlightData) -> list[Chart]:
-    """A chart for each sensor of the estimator."""
+    """Normalised innovation of each sensor of the estimator over time, with its gate at 1."""
     return [
         _innovations(sensor, index, track)
         for index, (sensor, track) in enumerate(run.innovations.items())

@@ -20,7 +20,7 @@ _ALONG = "along the plan (m)"
 
 
 def profiles(flights: Sequence[RunComparison]) -> Chart:
-    """Along the planned path, a line a flight."""
+    """The charts of `profile_charts` under each other, as one picture."""
     about = flights[0].run.about if len(flights) == 1 else f"{len(flights)} flights"
     return stacked(profile_charts(flights), title="Along the plan", about=about)
 

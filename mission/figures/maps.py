@@ -126,7 +126,7 @@ def _round_title(run: FlightData, plan: PlanRecord) -> str:
 
 
 def _sent(run: FlightData, number: int) -> dict[int, Sent]:
-    """Who sent in a round, where the aircraft really was."""
+    """Transmissions of a round by device, from the true positions of the aircraft."""
     found = {}
     for item in run.uplinks:
         if item.round == number:
@@ -189,7 +189,7 @@ def _arrows(
 
 
 def _ends(lines: list[tuple[str, int, Floats]]) -> list[Word]:
-    """Rounds that ended at each place."""
+    """Words at the ends of flown paths: which rounds ended there."""
     ends = gathered([(points[-1], number) for _, number, points in lines], _SAME_END_M)
     return [
         Word(

@@ -47,6 +47,6 @@ def places(frame: MapFrame, run: FlightData) -> list[alt.Chart]:
 
 
 def item_numbers(plan: PlanFileRecord) -> list[Word]:
-    """The numbers of the items beside their places."""
+    """The mission items' sequence numbers, one word for items that share a place."""
     each = gathered([(place[:2], seq) for seq, place in plan.places_m.items()], _NEAR_M)
     return [Word(", ".join(map(str, items)), tuple(at)) for at, items in each]

@@ -121,19 +121,19 @@ def line_keys(names: Sequence[str]) -> alt.Legend:
 
 
 def named(names: Sequence[str], values: Sequence[str | float | Sequence[float]]) -> alt.Scale:
-    """A look for each name."""
+    """An ordinal scale: a colour, shape or width for each name."""
     return alt.Scale(type="ordinal", domain=list(names), range=list(values))
 
 
 def per_scale() -> alt.Scale:
-    """From an error rate to its colour."""
+    """Colour scale of packet error rates, 0 to 1."""
     marks = [0.0, 0.5, 1.0]
     colours = [css_colour(per_colour(per)) for per in marks]
     return alt.Scale(domain=marks, range=colours, interpolate="rgb", clamp=True)
 
 
 def per_key() -> alt.Legend:
-    """Links by their error rate."""
+    """Legend of the links' packet error rates."""
     return alt.Legend(values=[0.0, 0.5, 1.0], columns=3, symbolType="stroke", symbolSize=220,
                       symbolStrokeWidth=2.2, format="~g")  # fmt: skip
 
@@ -144,13 +144,13 @@ def _areas(count: int) -> tuple[float, float]:
 
 
 def dot_radii(importance: Floats, most: float) -> Floats:
-    """(K,) in pixels, of the dots of all devices."""
+    """(K,) radii in pixels of the devices' dots; their areas grow with importance (K,)."""
     low, high = _areas(len(importance))
     return np.asarray(np.sqrt((low + (high - low) * importance / (most or 1.0)) / np.pi))
 
 
 def importance_size(most: float, count: int, title: str = "importance") -> alt.Size:
-    """Area of a device's dot, with its key."""
+    """Size encoding (area) of a device's dot by importance, with its legend."""
     scale = alt.Scale(domain=[0.0, most or 1.0], range=list(_areas(count)))
     legend = alt.Legend(
         title=title,
