@@ -51,9 +51,10 @@ def compare(
     found = [compare_run(item, rounds=rounds) for item in loaded]
     _warn_of_lengths(found, aside)
     if figure is not None:
-        from mission.figures.run import draw_comparison
+        from mission.figures.render import save
+        from mission.figures.run import comparison_figure
 
-        draw_comparison(found, figure)
+        save(comparison_figure(found), figure)
     console = Terminal.for_tables()
     if as_json:
         print_json([item.values for item in found])

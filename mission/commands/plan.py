@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Literal
 from rich import box
 from rich.table import Table
 
-from fl.plugin_code import label_of
 from mission.base.errors import InputError
 from mission.base.tables import number
 from mission.base.terminal import PLAIN, Terminal
@@ -129,6 +128,7 @@ class _Task:
 
 
 def _first_round(config: "RunConfig", data_dir: Path | None) -> _Task:
+    from fl.plugin_code import label_of
     from mission.planner.files import NamedProblem
     from mission.scenario.scenario import build_scenario
     from mission.scenario.strategies import FIXED_PATHS

@@ -10,7 +10,7 @@ from mission.figures.charts import Series, line_chart
 from mission.figures.flight import profiles
 from mission.figures.learning import learning_charts
 from mission.figures.maps import overview, round_map, round_maps
-from mission.figures.render import save, save_all, stacked
+from mission.figures.render import save_all, stacked
 from mission.figures.style import Chart
 
 _KINDS: tuple[tuple[str, str, Callable[[Comparison], float]], ...] = (
@@ -49,16 +49,6 @@ def run_pictures(loaded: LoadedRun) -> dict[str, Chart]:
         charts = learning_charts(run)
         pictures["learning.png"] = stacked(charts, title="What was learnt", about=about)
     return pictures
-
-
-def draw_comparison(runs: Sequence[RunComparison], target: Path) -> Path:
-    """Draw several runs into one picture, `comparison_figure`; returns the file.
-
-    Raises:
-        InputError: the picture cannot be written.
-    """
-    save(comparison_figure(runs), target)
-    return target
 
 
 def comparison_figure(runs: Sequence[RunComparison]) -> Chart:

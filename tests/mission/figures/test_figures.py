@@ -32,7 +32,7 @@ from mission.figures.learning import learning_charts, radio_charts
 from mission.figures.maps import overview, round_map, round_maps
 from mission.figures.plan import plan_picture
 from mission.figures.render import save, save_all, stacked
-from mission.figures.run import comparison_figure, draw_comparison, draw_run
+from mission.figures.run import comparison_figure, draw_run
 from mission.figures.style import SOFT
 from mission.figures.words import Drawn, Look, Word, words
 from mission.log.records import RoundRecord, UplinkRecord
@@ -379,11 +379,12 @@ def test_runs_side_by_side(tmp_path: Path) -> None:
     for run, label in zip(runs, keys(spec)["color"], strict=True):
         drawn = [row["y"] for row in spec["datasets"][name] if row["series"] == label]
         np.testing.assert_allclose(drawn, [r.true_objective for r in run.rounds], rtol=1e-5)
-    assert draw_comparison(runs, tmp_path / "c.png").read_bytes().startswith(PNG)
+    save(comparison_figure(runs), tmp_path / "c.png")
+    assert (tmp_path / "c.png").read_bytes().startswith(PNG)
     with pytest.raises(InputError, match="not a kind of picture"):
-        draw_comparison(runs, tmp_path / "c.txt")
+        save(comparison_figure(runs), tmp_path / "c.txt")
     with pytest.raises(InputError, match="cannot write"):
-        draw_comparison(runs, tmp_path / "no" / "c.png")
+        save(comparison_figure(runs), tmp_path / "no" / "c.png")
 
 
 def test_a_run_without_a_round_gets_no_picture(tmp_path: Path) -> None:
