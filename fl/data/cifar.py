@@ -88,7 +88,11 @@ def decode_python(name: str, content: bytes, *, path: str) -> Batch:
 
 
 def decode_binary(content: bytes, *, path: str) -> Batch:
-    """A binary batch."""
+    """Pixels (n, 3072) of uint8 and labels (n,) of a batch in the binary version.
+
+    Raises:
+        DataDamagedError: it is cut short, or holds a label beyond 9.
+    """
     if len(content) % (PIXELS + 1):
         raise DataDamagedError(
             path, f"{len(content)} bytes are no whole number of {PIXELS + 1}-byte records"

@@ -90,7 +90,7 @@ class FedAvg(_Uncorrected):
     mu: float = 0.0
 
     def init(self, model: Vector, devices: int) -> AlgorithmState:  # noqa: ARG002  # protocol
-        """Nothing is kept."""
+        """An empty state."""
         return {}
 
     def apply(

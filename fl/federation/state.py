@@ -134,5 +134,5 @@ def _community_of(arrays: Arrays) -> CommunityState:
 
 
 def _within(arrays: Arrays, folder: str) -> Arrays:
-    """The arrays whose keys begin so, by the rest of them."""
+    """The arrays whose keys begin with `folder`, by their keys without it."""
     return {key.removeprefix(folder): v for key, v in arrays.items() if key.startswith(folder)}

@@ -14,8 +14,6 @@ class LogError(InputError):
 
     def __init__(self, path: Path, reason: str) -> None:
         super().__init__(f"{path}: {reason}")
-        self.path = path
-        self.reason = reason
 
 
 class ForeignLogError(LogError):
@@ -23,7 +21,7 @@ class ForeignLogError(LogError):
 
 
 class DamagedLogError(LogError):
-    """Cut short or altered. `offset` is the first byte that is not sound."""
+    """Cut short or altered; `offset` is the first byte that is not sound."""
 
     def __init__(self, path: Path, reason: str, offset: int) -> None:
         super().__init__(
@@ -31,4 +29,3 @@ class DamagedLogError(LogError):
             f"damaged at byte {offset}: {reason} "
             f"(`aerofed log recover {path}` keeps everything that is sound)",
         )
-        self.offset = offset

@@ -141,7 +141,7 @@ def _csv(table: Mapping[str, Column]) -> bytes:
 
 
 def _timed(record: LearningRecord | BatteryTrack) -> dict[str, Column]:
-    """Its fields, with seconds in place of nanoseconds."""
+    """The fields of a record as columns, its time in seconds."""
     fields = {**vars(record), "t_ns": record.t_ns / 1e9}
     return {"t_s" if name == "t_ns" else name: value for name, value in fields.items()}
 

@@ -109,7 +109,7 @@ def _devices(contents: Contents) -> Devices:
 
 
 def _fence(contents: Contents) -> tuple[Zone, ...]:
-    """The latest that was written: all of them are the same."""
+    """The zones of the last fence record; those before it are the same."""
     rows = [row for _, row in contents.decoded(topics.FENCE)]
     return tuple(
         Zone(np.array(outline, dtype=np.float64).reshape(-1, 2), keep_in)

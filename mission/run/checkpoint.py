@@ -29,7 +29,7 @@ from mission.scenario.strategies import Sortie
 
 @dataclass(frozen=True)
 class RoundMemory:
-    """One finished round: what flying it again does not tell."""
+    """What a checkpoint keeps of a finished round: flying it again tells the rest."""
 
     importance: Floats  # (K,)
     sortie: Sortie | None  # None: ideal

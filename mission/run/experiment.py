@@ -100,7 +100,7 @@ class Experiment(ABC):
         """Distance flown, in words."""
 
     def _recalled(self) -> RoundMemory | None:
-        """The next round as it was before the run was interrupted."""
+        """What the checkpoint kept of the next round; None where it was not flown before."""
         done = self.totals.rounds_done
         return self.memory[done] if done < len(self.memory) else None
 

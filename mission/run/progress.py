@@ -144,7 +144,7 @@ def _objective(value: float) -> str:
 
 
 def _change(record: RoundRecord) -> str:
-    """What the flight made of the planned objective."""
+    """The flown objective less the planned one, in percent of that."""
     if record.plan_objective == 0.0:
         return "0.0 %"
     share = 100 * (record.true_objective / record.plan_objective - 1)

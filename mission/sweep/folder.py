@@ -186,7 +186,7 @@ def _left_out(old: Manifest, new: Manifest) -> list[str]:
 
 
 def _option(key: str, values: list[Any]) -> str:
-    """How all these values are asked for."""
+    """The option of `aerofed sweep` that asks for all these values of a key."""
     if key == "seed":  # they count up from the configuration's
         return f"--seeds {max(values) - min(values) + 1}"
     listed = ",".join(value if isinstance(value, str) else json.dumps(value) for value in values)

@@ -124,7 +124,7 @@ def _with_start(run: RunResult, clock: Floats, column: str) -> tuple[Floats, Flo
 
 
 def differ(values: Sequence[float], others: Sequence[float]) -> bool:
-    """Whether a value that is known differs from the other."""
+    """Whether two lists differ anywhere but where one has no value (NaN)."""
     return any(abs(a - b) > 0.0 for a, b in zip(values, others, strict=True))
 
 

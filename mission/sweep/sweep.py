@@ -71,7 +71,7 @@ def sweep(
 
 @dataclass(frozen=True)
 class _Sweep:
-    """What a sweep is about."""
+    """A sweep under way: its runs, folder, data and console."""
 
     grid: Grid
     folder: SweepFolder

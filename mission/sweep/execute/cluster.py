@@ -37,7 +37,7 @@ _LEFT_BEHIND = ["runs/", ".git/", ".venv/", "venv/", "__pycache__/", "*.mcap"]
 
 
 class RayEngine:
-    """One Ray task of one CPU for each run."""
+    """Runs on a Ray cluster, each a task of one CPU."""
 
     def __init__(
         self,

@@ -18,7 +18,7 @@ from mission.sweep.execute.worker import ENVIRONMENT, RunEnd, RunFinished, RunOr
 
 
 class LocalEngine:
-    """joblib's loky processes, one slot each."""
+    """Runs in loky's processes on this machine, each in a pool of its own."""
 
     def __init__(self, jobs: int | None) -> None:
         self._free: list[ProcessPoolExecutor] = []

@@ -124,7 +124,7 @@ def _curves(picture: Picture, panel: Panel, where: str) -> Chart:
 
 
 def _series(label: str, index: int, curve: Curve) -> Series:
-    """One that nobody flew is dashed: it is a bound, not a rival."""
+    """A group's curve with its interval; dashed where it flies nothing, as `ideal`: a bound."""
     known = bool(np.isfinite(curve.low).any())
     return Series(
         label, community_colour(index), curve.x, curve.mean,

@@ -41,7 +41,7 @@ class Gain:
 
     @property
     def differences(self) -> tuple[float, ...]:
-        """Final accuracy, one difference a seed."""
+        """The method's final accuracy less the other's, for each seed."""
         return tuple(mine - other for mine, other in self.finals)
 
     def at_equal(self, what: str) -> tuple[float, ...]:
@@ -52,13 +52,13 @@ class Gain:
 
     @property
     def relative(self) -> float:
-        """Of the means over seeds; NaN where the other learnt nothing."""
+        """Ratio of the mean accuracies over seeds, less 1; NaN where the other learnt nothing."""
         mine, other = (math.fsum(values) for values in zip(*self.finals, strict=True))
         return mine / other - 1.0 if other > 0.0 else math.nan
 
     @property
     def interval(self) -> Interval:
-        """Mean difference within a seed."""
+        """Mean of `differences` with its 95 % confidence interval."""
         return interval(self.differences)
 
     @property
