@@ -1,5 +1,7 @@
 """Flight logs of a vehicle that stands alone: a file from each arming to the disarming after it."""
 
+import logging
+from contextlib import suppress
 from pathlib import Path
 from tempfile import TemporaryFile
 
@@ -12,6 +14,7 @@ from mission.log.writer import FlightLog
 from sitl.logfolder import next_log
 from sitl.observer import VehicleEvent, VehicleSample
 
+_LOGGER = logging.getLogger(__name__)
 _NOBODY = Devices(np.zeros((0, 2)), ())
 
 
@@ -39,9 +42,18 @@ class FlightLogs:
 
     def sampled(self, sample: VehicleSample) -> None:
         if self._log is not None:
-            self._log.sampled(sample)
+            try:
+                self._log.sampled(sample)
+            except InputError as error:
+                self._give_up(error)
 
     def happened(self, event: VehicleEvent) -> None:
+        try:
+            self._happened(event)
+        except InputError as error:
+            self._give_up(error)
+
+    def _happened(self, event: VehicleEvent) -> None:
         armed = event.kind == "armed" and event.text == "armed"
         if armed and self._log is None:
             self.being_written = next_log(self._folder)
@@ -52,6 +64,13 @@ class FlightLogs:
             self._log.happened(event)
         if event.kind == "armed" and not armed:
             self.close()
+
+    def _give_up(self, error: InputError) -> None:
+        """A full disk, or a file that somebody deletes, ends the log and not the flight."""
+        _LOGGER.warning("%s; the rest of this flight is not recorded", error)
+        with suppress(InputError):
+            self.close()
+        self._log = self.being_written = None
 
     def close(self) -> None:
         """Complete the file that is being written."""

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from synthetic_flight import AREA
 
-from flightdyn.state import Kinematics
+from flightdyn.state import BatteryState, Kinematics
 from mission.base.errors import InputError
 from mission.flight.serve.flight_logs import FlightLogs
 from mission.log.inspection import info
 from sitl.logfolder import next_log
-from sitl.observer import VehicleEvent
+from sitl.observer import VehicleEvent, VehicleSample
 
 _ZERO = np.zeros(3)
 STILL = Kinematics(0, _ZERO, _ZERO, np.array([1.0, 0.0, 0.0, 0.0]), _ZERO)
@@ -37,3 +37,28 @@ def test_a_folder_that_takes_no_files_is_refused_in_one_line() -> None:
 def test_a_link_to_nowhere_is_not_written_through(tmp_path: Path) -> None:
     (tmp_path / "flight-0001.mcap").symlink_to(tmp_path / "elsewhere")
     assert next_log(tmp_path).name == "flight-0002.mcap"
+
+
+def test_a_log_that_is_deleted_ends_and_the_flight_goes_on(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    logs = FlightLogs(tmp_path, area=AREA)
+    still = BatteryState(22.0, 1.0, 0.0, 1.0)
+
+    def fly(start_s: int) -> None:
+        logs.happened(VehicleEvent(start_s * 10**9, "armed", "armed", STILL, STILL))
+        for t_s in range(start_s, start_s + 5):
+            t_ns = t_s * 10**9
+            logs.sampled(VehicleSample(t_ns, STILL, STILL, None, None, still, "hold", armed=True))
+            if t_s == 2:
+                (tmp_path / "flight-0001.mcap").unlink()
+        logs.happened(VehicleEvent((start_s + 5) * 10**9, "armed", "disarmed", STILL, STILL))
+
+    fly(0)
+    (line,) = caplog.messages
+    assert "flight-0001.mcap: deleted or moved" in line
+    assert line.endswith("the rest of this flight is not recorded")
+    fly(10)
+    assert [path.name for path in tmp_path.iterdir()] == ["flight-0001.mcap"]
+    assert info(tmp_path / "flight-0001.mcap").start_s == 10.0
+    assert len(caplog.messages) == 1
