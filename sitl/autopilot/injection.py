@@ -67,7 +67,7 @@ class Injector:
         self._monitor = monitor
 
     def commands(self) -> Commands:
-        """Who answers which command."""
+        """The handler of each MAV_CMD that is carried out."""
         return {mav.MAV_CMD_INJECT_FAILURE: self._command}
 
     def _command(self, order: CommandOrder) -> None:

@@ -81,7 +81,7 @@ class Monitor:
         self._faults = faults
 
     def snapshot(self, failsafes: Failsafes, orbit: Orbit | None) -> Snapshot:
-        """The vehicle as it is."""
+        """The values that telemetry messages are made from, at this instant."""
         aircraft, flight = self._aircraft, self._flight
         belief, truth = aircraft.belief, aircraft.truth
         fix, fenced = self._guard.gnss(), self._guard.fenced

@@ -111,7 +111,7 @@ class ArduPilotBridge:
             raise FirmwareRestartedError("ArduPilot has started anew")
 
     def _send(self) -> None:
-        """What the sensors say at this tick."""
+        """Answer the request: a line of JSON with the sensors' readings at this tick."""
         plant, sensors = self.plant, self._sensors
         if plant.clock.tick >= sensors.due:
             baro, _ = sensors.slow()

@@ -27,7 +27,7 @@ _LISTEN_S = 0.001  # wall time between looks whether it was
 
 
 class _Truth(NamedTuple):
-    """The physical state as numbers; attitude and arrays are made when somebody asks."""
+    """The physical state as numbers (SI, NED, body FRD); arrays are made when somebody asks."""
 
     t_ns: int
     position_ned: Triple
@@ -63,7 +63,7 @@ class TruthHistory:
 
     @property
     def newest(self) -> Moment:
-        """The newest truth."""
+        """The physical state at the end of the newest guidance interval."""
         truth = self._kept(self._ring.newest)
         return _between(truth, truth, truth.t_ns)
 
@@ -162,11 +162,6 @@ class FirmwareClock:
             yield
         finally:
             self.rest()
-
-    @property
-    def running(self) -> bool:
-        """Whether time goes on."""
-        return self._may_run.is_set()
 
     def at_wall_pace(self, seconds: float) -> None:
         """Be no faster than wall time for the next `seconds` of it: somebody is being answered."""

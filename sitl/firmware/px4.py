@@ -118,7 +118,7 @@ class Px4Bridge:
         return max(ticks, 1)
 
     def _send(self) -> None:
-        """What the sensors say at this tick."""
+        """Send HIL_SENSOR of this tick, after HIL_GPS where a solution is due."""
         sensors, t_ns = self._sensors, self.plant.t_ns
         if self.plant.clock.tick >= sensors.due:
             self._read_slow()

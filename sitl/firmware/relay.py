@@ -88,23 +88,6 @@ def packets(datagram: bytes) -> Iterator[Packet]:
         at = end
 
 
-class Reader:
-    """Packets as messages: a dictionary of fields by MAVLink's names."""
-
-    def __init__(self) -> None:
-        self._mav = mav.MAVLink(None)
-
-    def read(self, packet: Packet) -> tuple[str, Fields] | None:
-        """The message's name and fields; None where the packet is damaged."""
-        try:
-            message = self._mav.decode(bytearray(packet.data))
-        except mav.MAVError:
-            return None
-        fields = message.to_dict()
-        del fields["mavpackettype"]
-        return message.get_type(), fields
-
-
 class Writer:
     """What the relay itself says to the firmware, as a part of its vehicle."""
 
@@ -166,7 +149,7 @@ class Relay:
         self._links = links
         self._asked, self._each_second = asked, each_second
         self._hear, self._heard = hear, heard
-        self._reader = Reader()
+        self._parser = mav.MAVLink(None)
         self._firmware: tuple[str, int] | None = None
         self._newest: dict[tuple[int, int], bytes] = {}  # by component and message
         self._vehicle_heartbeat = self._station_heartbeat = b""
@@ -209,9 +192,7 @@ class Relay:
                 break
             for packet in packets(datagram):
                 if packet.number in self._heard:
-                    message = self._reader.read(packet)
-                    if message is not None:
-                        self._hear(*message)
+                    self._tell(packet)
                 if packet.number == HEARTBEAT and packet.component == 1:
                     self._beat(packet)
                 if packet.number in EACH_COUNTS:
@@ -220,6 +201,16 @@ class Relay:
                     self._newest[packet.component, packet.number] = packet.data
         if at_once:
             self._to_stations(at_once)
+
+    def _tell(self, packet: Packet) -> None:
+        """Hand over a message by its name and fields; a damaged one is dropped."""
+        try:
+            message = self._parser.decode(bytearray(packet.data))
+        except mav.MAVError:
+            return
+        fields = message.to_dict()
+        del fields["mavpackettype"]
+        self._hear(message.get_type(), fields)
 
     def _beat(self, packet: Packet) -> None:
         self.vehicle = self.vehicle or packet

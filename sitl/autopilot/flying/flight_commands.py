@@ -43,7 +43,7 @@ class FlightCommands:
         self._pilots = pilots
 
     def commands(self) -> Commands:
-        """Who answers which command."""
+        """The handler of each MAV_CMD that is carried out."""
         flight = self._flight
         return {
             mav.MAV_CMD_COMPONENT_ARM_DISARM: self._arm,

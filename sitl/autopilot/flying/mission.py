@@ -71,7 +71,7 @@ class Mission:
         self.current = max(len(self.items) - 1, 0)
 
     def message(self, *, in_mission_mode: bool) -> mav.MAVLink_message:
-        """MISSION_CURRENT as things stand."""
+        """MISSION_CURRENT: current item, number of items, state, and whether it is flown."""
         return mav.MAVLink_mission_current_message(
             self.current,
             len(self.items),

@@ -100,7 +100,7 @@ class Orbits:
         return self._orbit if self._flight.mode is Mode.ORBIT else None
 
     def commands(self) -> Commands:
-        """Who answers which command."""
+        """The handler of each MAV_CMD that is carried out."""
         return {mav.MAV_CMD_DO_ORBIT: self._command}
 
     def _command(self, order: CommandOrder) -> None:

@@ -31,7 +31,7 @@ class Follower:
         self._course_rad = 0.0
 
     def handlers(self) -> Handlers:
-        """Who handles which message."""
+        """The handler of each message class that is taken."""
         return {mav.MAVLink_follow_target_message: self._receive}
 
     def _receive(self, _peer: Peer, msg: mav.MAVLink_follow_target_message, _now: float) -> None:

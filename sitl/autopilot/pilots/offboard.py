@@ -48,7 +48,7 @@ class Offboard(StreamPilot):
         self._flight.needs[Need.SETPOINTS] = self._flyable
 
     def handlers(self) -> Handlers:
-        """Who handles which message."""
+        """The handler of each message class that is taken."""
         return {
             _LocalTarget: self._receive,
             _GlobalTarget: self._receive,

@@ -51,7 +51,7 @@ class Sticks(StreamPilot):
         self._flight.needs[Need.STICKS] = lambda: self._alive
 
     def handlers(self) -> Handlers:
-        """Who handles which message."""
+        """The handler of each message class that is taken."""
         return {
             mav.MAVLink_manual_control_message: self._manual_control,
             mav.MAVLink_rc_channels_override_message: self._override,

@@ -26,7 +26,7 @@ class Burst:
         self._messages, self._next = messages, now
 
     def stop(self) -> None:
-        """Send no more."""
+        """Drop the messages that are left."""
         self._messages, self._next = iter(()), math.inf
 
     def poll(self, now: float) -> None:

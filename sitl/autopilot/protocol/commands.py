@@ -98,7 +98,7 @@ class CommandServer:
         return frozenset(self._commands)
 
     def handlers(self) -> Handlers:
-        """Who handles which message."""
+        """The handler of each message class that is taken."""
         return {
             mav.MAVLink_command_long_message: self._receive,
             mav.MAVLink_command_int_message: self._receive,

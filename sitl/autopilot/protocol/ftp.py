@@ -86,7 +86,7 @@ class FtpServer:
         }
 
     def handlers(self) -> Handlers:
-        """Who handles which message."""
+        """The handler of each message class that is taken."""
         return {mav.MAVLink_file_transfer_protocol_message: self._receive}
 
     def _receive(
@@ -133,7 +133,7 @@ class FtpServer:
         self.burst.start(self._parts(peer, request, file), now)
 
     def _parts(self, peer: Peer, request: _Request, file: _File) -> Iterator[mav.MAVLink_message]:
-        """A file from an offset to its end."""
+        """The messages of a burst: a file from an offset to its end."""
         number, offset, complete = request.number, request.offset, False
         ack, read = mav.MAV_FTP_OPCODE_ACK, mav.MAV_FTP_OPCODE_BURSTREADFILE
         while not complete:

@@ -27,7 +27,7 @@ class LogServer:
         self.burst = Burst(outbox, at_once=_AT_ONCE, every_s=0.005)
 
     def handlers(self) -> Handlers:
-        """Who handles which message."""
+        """The handler of each message class that is taken."""
         return {
             mav.MAVLink_log_request_list_message: self._list,
             mav.MAVLink_log_request_data_message: self._begin,

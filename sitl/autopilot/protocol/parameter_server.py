@@ -36,7 +36,7 @@ class ParameterServer:
         self.burst = Burst(outbox, at_once=20, every_s=0.01)
 
     def handlers(self) -> Handlers:
-        """Who handles which message."""
+        """The handler of each message class that is taken."""
         return {
             mav.MAVLink_param_request_list_message: self._list,
             mav.MAVLink_param_request_read_message: self._read,
@@ -44,7 +44,7 @@ class ParameterServer:
         }
 
     def commands(self) -> Commands:
-        """Who answers which command."""
+        """The handler of each MAV_CMD that is carried out."""
         return {mav.MAV_CMD_PREFLIGHT_STORAGE: self._store}
 
     def _store(self, order: CommandOrder) -> None:

@@ -30,7 +30,7 @@ class NoPayload:
         self._said: set[str] = set()
 
     def handlers(self) -> Handlers:
-        """Who handles which message."""
+        """The handler of each message class that is taken."""
         return dict.fromkeys(_DROPPED, self._drop) | {
             mav.MAVLink_serial_control_message: self._shell,
             mav.MAVLink_param_ext_set_message: self._refuse_parameter,

@@ -59,7 +59,7 @@ class Streams:
         self._asked: set[int] = set()  # to be sent once
 
     def commands(self) -> Commands:
-        """Who answers which command."""
+        """The handler of each MAV_CMD that is carried out."""
         home, version = mav.MAVLINK_MSG_ID_HOME_POSITION, mav.MAVLINK_MSG_ID_AUTOPILOT_VERSION
         return {
             mav.MAV_CMD_GET_HOME_POSITION: lambda *_: self._send_once(home),

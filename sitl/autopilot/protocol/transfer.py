@@ -43,19 +43,11 @@ class _Upload:
     peer: Peer
     kind: int
     count: int
-    deadline: float
-    asked: int = 1
+    asked_at: float  # wall time (s) of the last request; of a complete one, of its end
+    asked: int = 1  # times, for the same item
     items: list[MissionItem] = field(default_factory=list)
     lossy: bool = False  # something had to be asked for again
     old: bool = False  # asked for by the old message
-
-
-@dataclass(frozen=True, slots=True)
-class _Completed:
-    peer: Peer
-    kind: int
-    count: int
-    at: float
 
 
 @dataclass(slots=True)
@@ -88,12 +80,12 @@ class MissionTransfer:
         self._lists: dict[int, tuple[MissionItem, ...]] = {MISSION: (), FENCE: (), RALLY: ()}
         self._upload: _Upload | None = None
         self._downloads: dict[tuple[Peer, int], _Download] = {}
-        self._completed: _Completed | None = None
+        self._completed: _Upload | None = None
         self._repeated: dict[Peer, _Repeated] = {}  # the newest answer to each, on a bad link
 
     @property
     def lists(self) -> Lists:
-        """What was accepted last."""
+        """The lists that were accepted last, by MAV_MISSION_TYPE."""
         return self._lists
 
     def restore(self, lists: Lists) -> None:
@@ -102,7 +94,7 @@ class MissionTransfer:
             self._take(kind, items)
 
     def handlers(self) -> Handlers:
-        """Who handles which message. Those about lists that nobody knows are dropped."""
+        """The handler of each message class; messages about unknown lists are dropped."""
         handlers: Handlers = {
             mav.MAVLink_mission_count_message: self._count,
             mav.MAVLink_mission_item_message: self._item,
@@ -134,7 +126,7 @@ class MissionTransfer:
     def poll(self, now: float) -> None:
         """Ask again for an item that has not come; give up in the end."""
         upload = self._upload
-        if upload is not None and now >= upload.deadline:
+        if upload is not None and now >= upload.asked_at + REQUEST_AGAIN_S:
             if upload.asked >= REQUESTS_PER_ITEM:
                 self._finish(upload, mav.MAV_MISSION_OPERATION_CANCELLED)
             else:
@@ -153,7 +145,7 @@ class MissionTransfer:
 
     def due(self) -> float:
         """When `poll` has something to do; infinite for never."""
-        upload = math.inf if self._upload is None else self._upload.deadline
+        upload = math.inf if self._upload is None else self._upload.asked_at + REQUEST_AGAIN_S
         return min([upload, *(repeated.due for repeated in self._repeated.values())])
 
     def _count(self, peer: Peer, msg: mav.MAVLink_mission_count_message, now: float) -> None:
@@ -200,7 +192,7 @@ class MissionTransfer:
         if upload.lossy:
             self._repeated[peer] = _Repeated(self._outbox[-1], now + _REPEAT_S)
         if verdict == mav.MAV_MISSION_ACCEPTED:
-            self._completed = _Completed(peer, upload.kind, upload.count, now)
+            self._completed, upload.asked_at = upload, now
 
     def _thank_again(self, peer: Peer, item: MissionItem, now: float) -> None:
         """Still sending items of a complete upload: our acknowledgement was lost.
@@ -211,7 +203,7 @@ class MissionTransfer:
         done = self._completed
         if done is None or (done.peer, done.kind) != (peer, item.mission_type):
             return
-        if item.seq < done.count and now - done.at >= REQUEST_AGAIN_S:
+        if item.seq < done.count and now - done.asked_at >= REQUEST_AGAIN_S:
             self._ack(peer, item.mission_type, mav.MAV_MISSION_ACCEPTED)
 
     def _list(self, peer: Peer, msg: mav.MAVLink_mission_request_list_message, now: float) -> None:
@@ -268,7 +260,7 @@ class MissionTransfer:
         return verdict
 
     def _ask(self, upload: _Upload, now: float) -> None:
-        upload.deadline = now + REQUEST_AGAIN_S
+        upload.asked_at = now
         # Who has not answered once may know the old message only (dronekit); MAVSDK knows the new
         # one only, and ends an upload by the old one.
         if not upload.items:
