@@ -9,7 +9,6 @@ pictures call it.
 import ast
 import hashlib
 import importlib
-import importlib.metadata
 import importlib.util
 import re
 import sys
@@ -286,4 +285,6 @@ def _path(name: str) -> str:
 
 def _entry_points() -> dict[str, str]:
     """Import paths by the name of the entry point."""
+    import importlib.metadata  # with email in it, for which no `--help` waits
+
     return {item.name: item.value for item in importlib.metadata.entry_points(group=GROUP)}

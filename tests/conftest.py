@@ -12,10 +12,15 @@ from drawing import undrawn
 hypothesis.settings.register_profile("aerofed", deadline=None)
 hypothesis.settings.load_profile("aerofed")
 
-# A background job of a shell starts with SIGINT ignored and hands that down; the tests of Ctrl-C
-# need processes that hear it. xdist's workers inherit it from the controlling process.
-if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
-    signal.signal(signal.SIGINT, signal.default_int_handler)
+# A background job of a shell starts with SIGINT ignored, one of nohup with SIGHUP, and hands that
+# down; the tests of interruptions need processes that hear them. xdist's workers inherit it from
+# the controlling process.
+for _number, _heard in (
+    (signal.SIGINT, signal.default_int_handler),
+    (signal.SIGHUP, signal.SIG_DFL),
+):
+    if signal.getsignal(_number) is signal.SIG_IGN:
+        signal.signal(_number, _heard)
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

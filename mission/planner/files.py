@@ -128,8 +128,9 @@ def read_problems(path: Path) -> tuple[NamedProblem, ...]:
     """All problems of a file, in its order.
 
     Raises:
-        PlanInputError: the file cannot be read, is not JSON, or holds a wrong key, value or
-            shape, or the same id twice; the message names file, problem, key and value.
+        InputError: the file cannot be read, or is not JSON.
+        PlanInputError: it holds a wrong key, value or shape, or the same id twice; the message
+            names file, problem, key and value.
     """
     data = read_json(path)
     if not isinstance(data, list):

@@ -70,7 +70,7 @@ def test_outcome_and_gain(state: SweepState) -> None:
     ("manifest", "words"),
     [
         (None, ["not a sweep's folder", "sweep.json"]),
-        ("{", ["cannot read"]),
+        ("{", ["not valid JSON"]),
         ({"format": 1, "axes": {"seed": [1]}}, ["not written by a sweep of this version"]),
         ({"format": 1, "axes": {"strategy": ["cov"], "seed": 1}}, ["not written by a sweep"]),
         (
