@@ -147,7 +147,7 @@ def test_each_panel_begins_a_row_and_all_have_one_key() -> None:
     titles = [[chart["title"]["text"] for chart in block["concat"]] for block in spec["vconcat"]]
     assert titles == [[f"{n}: accuracy, extra_gain_db = {k}.0" for k in range(7)] for n in "ab"]
     for block in (spec, *spec["vconcat"]):
-        assert block["resolve"]["scale"]["color"] == "shared"
+        assert "resolve" not in block, "scales are shared where nothing else is said"
     few = described(sweep_pictures("s", by_setting(3, 1))["accuracy-rounds.png"])
     assert ["layer" in chart for chart in few["vconcat"]] == [True, True]
 
