@@ -231,6 +231,8 @@ def _show(
         Terminal(**PLAIN).print(loose)
     by_id = {entry.id: entry.problem for entry in problems}
     for named in plans:
+        if named.plan.ended:
+            Terminal(**PLAIN).print(f"{named.id}: the search: {named.plan.ended}")
         if not named.plan.schedule.any():
             Terminal(**PLAIN).print(f"{named.id}: {_nobody(by_id[named.id], named.plan)}")
 

@@ -62,7 +62,8 @@ class CertifiedAltitudes:
             return plan
         proof = _Proof(problem, self.inner.goal)
         bound = proof.lower()
-        return bounded(problem, proof.best, bound, proof.nodes)
+        made = bounded(problem, proof.best, bound, proof.nodes)
+        return replace(made, ended=proof.ended if made.gap > self.inner.goal.gap else "")
 
 
 @dataclass(frozen=True)
@@ -105,6 +106,7 @@ class _Proof:
     goal: Goal
     best: RoundPlan = field(init=False)
     nodes: int = 0
+    ended: str = ""  # of the last search that has proven less than was asked for
     _spent: int = 0  # in nodes
     _parts: list[_Part] = field(init=False)
 
@@ -154,6 +156,7 @@ class _Proof:
             found = search(case, known, Goal(gap, self.goal.max_nodes))
             self.nodes += found.nodes
             self._spent += found.nodes
+            self.ended = found.ended or self.ended
             self._offer(altitude_m, found)
             bounds.append(found.bound)
             least = min(least, gap)

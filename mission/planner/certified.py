@@ -44,6 +44,7 @@ ORDER_SHARE = {2: 0.0, 3: 0.0, 4: 0.03, 5: 0.3, 6: 0.3}
 # Beyond MOST_DEVICES a node costs more the more there are, and many never narrow the gap: this many
 # divided by the devices are looked into.
 SHARED_NODES = 40_000
+UNSEARCHED = f"with over {MOST_DEVICES} devices and {SOME_STEPS} steps nothing is searched"
 
 
 class CertifiedPlanner:
@@ -74,7 +75,7 @@ class CertifiedPlanner:
         case = case_of(problem)
         found = search(case, case.explored(), self.goal)
         made = finish(problem, fit_budget(problem.start_m + found.way, problem.path_budget_m))
-        return bounded(problem, made, found.bound, found.nodes)
+        return replace(bounded(problem, made, found.bound, found.nodes), ended=found.ended)
 
 
 class ExploringPlanner:
@@ -177,7 +178,9 @@ def search(case: Case, found: Found, goal: Goal) -> Found:
     if goal.max_nodes > 0 and count <= MOST_DEVICES and found.value > 0.0 and found.gap > goal.gap:
         other = case.explored(min(MANY_TRIES, goal.max_nodes))
         if other.value > found.value:
-            found = replace(other, bound=found.bound, nodes=found.nodes)
+            found = replace(other, bound=found.bound, nodes=found.nodes, ended=found.ended)
+    if found.bound > 0.0 and found.gap > goal.gap and not found.nodes:
+        found = replace(found, ended=UNSEARCHED if goal.max_nodes else "it may look into no node")
     return found
 
 

@@ -255,5 +255,6 @@ def _plan(entry: NamedPlan) -> dict[str, object]:
         "gap": plan.gap if proven else None,
         **({} if plan.altitude_m is None else {"altitude_m": plan.altitude_m}),
         "nodes": plan.nodes,
+        **({"ended": plan.ended} if plan.ended else {}),
         "time_s": entry.time_s,
     }

@@ -34,13 +34,14 @@ if TYPE_CHECKING:  # which makes ready to search
 _SHARES = (1.0, 0.95, 0.9, 0.85, 0.8, 0.75, 0.7, 0.6, 0.5, 0.4)
 _UPLOAD_SHARES = (0.9, 0.75, 0.6, 0.45, 0.3)
 _PRICES = (0.2, 0.4, 0.6)  # shares of the devices that are worth less a second
-_ROUGH_TRIED, _TRIED, _ROUGH_STEPS = 10, 4, 8  # paths that are improved a little, and wholly
+_ROUGH_TRIED, _TRIED, _ROUGH_STEPS = 8, 3, 8  # paths that are improved a little, and wholly
 _MOST_DEVICES = 40  # that a path is grown towards: the way between any two of them is needed
 _FIRSTS = 8  # devices, each of which one path is grown from
 _FREE_M = 20.0  # of a way that one more device takes: less counts as this
 _ROUNDS, _WORTH = 3, 5e-4  # of programs and detours; the gain for which there is another
 _NEAR_M = 15.0  # waypoints of one turn
 _ALIKE = 0.003  # of the value: plans that differ by less are taken for one
+_LOOSE = "its bound counts less than all that corners, ways around areas and turns take"
 _GAIN = 1e-6  # of the value: less is no improvement
 
 
@@ -66,34 +67,32 @@ class LimitedPlanner:
             return self.inner.plan(problem)
         problem = replace(problem, path_budget_m=problem.most_m, importance=servable(problem))
         ideal = self.inner.plan(_free(problem))
-        best = self._best(problem, ideal)
         bound = ideal.upper_bound  # NaN stays, where none is proven
         # A way out of an area leads nearer to devices than anybody is allowed to be.
         if not np.isnan(bound) and problem.airspace.allows(problem.start_m[None])[0]:
             bound = min(bound, reach_bound(problem))
-        if self.goal is not None:
-            from mission.planner.timed import timed_bound
+        fixed = problem.at(ideal.altitude_m)
+        best = fitted(fixed, ideal.waypoints_m)
+        if best is None or best.value < ideal.value * (1.0 - _GAIN):
+            tried = [standing(fixed), *([] if best is None else [best])]
+            tried += [plan for path in self._paths(fixed) if (plan := fitted(fixed, path))]
+            chosen = _best(tried, _ROUGH_TRIED)
+            if self.goal is not None:
+                from mission.planner.timed import timed_bound
 
-            bound = min(bound, timed_bound(problem, best.value, self.goal))
+                timed, relaxed = timed_bound(problem, chosen[0].value, self.goal)
+                bound = min(bound, timed)
+                chosen += [plan for path in relaxed if (plan := fitted(fixed, path))]
+            best = _improved(fixed, chosen)
+        if problem.altitudes_m is not None:
+            higher = fitted(problem, best.waypoints_m, above=best.value)
+            best = higher or replace(best, altitude_m=ideal.altitude_m)
         if problem.limits is not None:
             best = replace(best, foreseen=foresee_round(problem, best))
-        return bounded(problem, best, bound, ideal.nodes)
-
-    def _best(self, problem: RoundProblem, ideal: RoundPlan) -> RoundPlan:
-        """The best plan that fits, given the one without areas and limits."""
-        from mission.planner.sqp import ascended
-
-        fixed = problem.at(ideal.altitude_m)
-        first = fitted(fixed, ideal.waypoints_m)
-        if first is None or first.value < ideal.value * (1.0 - _GAIN):
-            tried = [standing(fixed), *([] if first is None else [first])]
-            tried += [plan for path in self._paths(fixed) if (plan := fitted(fixed, path))]
-            rough = [ascended(fixed, plan, _ROUGH_STEPS) for plan in _best(tried, _ROUGH_TRIED)]
-            first = max((improved(fixed, plan) for plan in _best(rough, _TRIED)), key=_value)
-        if problem.altitudes_m is None:
-            return first
-        higher = fitted(problem, first.waypoints_m, above=first.value)
-        return higher or replace(first, altitude_m=ideal.altitude_m)
+        best = bounded(problem, best, bound, ideal.nodes)
+        if self.goal is None or best.gap <= self.goal.gap:
+            return replace(best, ended="")
+        return replace(best, ended=ideal.ended or _LOOSE)
 
     def _paths(self, problem: RoundProblem) -> list[Floats]:
         """Paths (N, 2) to begin with: of a planner that is given fewer metres, and grown ones."""
@@ -131,6 +130,14 @@ def servable(problem: RoundProblem) -> Floats:
     if problem.limits is None or problem.ready_in_s is None:
         return problem.importance
     return np.where(problem.ready_in_s <= problem.longest_s, problem.importance, 0.0)
+
+
+def _improved(problem: RoundProblem, plans: list[RoundPlan]) -> RoundPlan:
+    """The best that can be made of plans: all improved a little, the best of those wholly."""
+    from mission.planner.sqp import ascended
+
+    rough = [ascended(problem, plan, _ROUGH_STEPS) for plan in plans]
+    return max((improved(problem, plan) for plan in _best(rough, _TRIED)), key=_value)
 
 
 def _value(plan: RoundPlan) -> float:

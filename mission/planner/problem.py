@@ -141,6 +141,7 @@ class RoundPlan:
     # Height above home in metres, chosen within the problem's limits; None: those name one.
     altitude_m: float | None = None
     foreseen: Foreseen | None = None  # what its flight takes, where time or energy is limited
+    ended: str = ""  # why less is proven than was asked for; empty where the gap is met
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "waypoints_m", as_waypoints(self.waypoints_m))

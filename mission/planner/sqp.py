@@ -196,16 +196,15 @@ def _corners(problem: RoundProblem, plan: RoundPlan, nudge_m: float) -> tuple[Fl
     def beyond() -> float:
         return performance.timing(points, hold_s, radius)[1] * speed - polyline.length(points)
 
+    still = beyond()
     for index, stop in enumerate(stops):
         if index == 0 or not stop.steps:
             continue
         for axis in (0, 1):
+            here_m = points[index, axis]
             points[index, axis] += nudge_m
-            free[stop.steps[0], axis] = beyond()
-            points[index, axis] -= 2.0 * nudge_m
-            free[stop.steps[0], axis] -= beyond()
-            points[index, axis] += nudge_m
-    free /= 2.0 * nudge_m
+            free[stop.steps[0], axis] = (beyond() - still) / nudge_m
+            points[index, axis] = here_m
     # Joules count as the seconds that they last at the flight's mean power.
     taken = share_of(problem, plan)
     flown_m = performance.timing(points, hold_s, radius)[1] * speed

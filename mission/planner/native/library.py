@@ -1,7 +1,7 @@
 """The C interface of planning (`planner.h`), every size and pointer checked once."""
 
 import ctypes
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -44,9 +44,10 @@ class _Functions(ctypes.Structure):
             _DOUBLE, _POINTER, _POINTER, _INT, _INT, _POINTER, _POINTER)),
         ("search_orders", ctypes.CFUNCTYPE(
             _INT, _POINTER, _POINTER, _POINTER, _DOUBLE, _INT, _INT, _POINTER, _POINTER, _POINTER,
-            _POINTER)),
+            _POINTER, _POINTER)),
         ("search_places", ctypes.CFUNCTYPE(
-            _INT, _POINTER, _POINTER, _DOUBLE, _INT, _INT, _POINTER, _POINTER, _POINTER, _POINTER)),
+            _INT, _POINTER, _POINTER, _DOUBLE, _INT, _INT, _POINTER, _POINTER, _POINTER, _POINTER,
+            _POINTER)),
         ("assign", ctypes.CFUNCTYPE(ctypes.c_int, _INT, _INT, _INT, _POINTER, _POINTER)),
         ("match", ctypes.CFUNCTYPE(_DOUBLE, _POINTER, _POINTER, _POINTER, _POINTER)),
         ("order_bound", ctypes.CFUNCTYPE(
@@ -147,6 +148,11 @@ def _check_range(name: str, indices: Ints, end: int) -> None:
         raise ValueError(f"{name} must be from 0 to {end - 1}")
 
 
+_ENDED = (  # by `Ended` of planner.h
+    "after {nodes} nodes nothing was left to divide",
+    "it ended after {nodes} nodes, as many as it may look into",
+    "it ended after {nodes} of {most} nodes, as at its pace the rest of them would not do",
+)
 _LIBRARY = load(library("planner"))
 check_sizes(_LIBRARY, Devices=_Devices, Limits=_Limits, Relaxation=_Relaxation, Planner=_Functions)
 _FUNCTIONS = functions(_LIBRARY, _Functions)
@@ -198,6 +204,7 @@ class Found:
     assigned: Ints  # (K,) who is served at which step, -1: nobody
     bound: float  # that no plan exceeds
     nodes: int = 0  # looked into
+    ended: str = ""  # why a search has proven less than was asked for
 
     @property
     def gap(self) -> float:
@@ -247,7 +254,7 @@ def _searched(
         raise ValueError(f"nothing to search for: {plan.value=}")
     _check_range("assigned", plan.assigned + 1, limits.steps + 1)
     way, assigned = plan.way.copy(), plan.assigned.copy()
-    value, bound = _DOUBLE(plan.value), _DOUBLE()
+    value, bound, ended = _DOUBLE(plan.value), _DOUBLE(), _INT()
     nodes = function(
         *map(ctypes.addressof, shared),
         effort.gap,
@@ -257,10 +264,16 @@ def _searched(
         address(way, np.float64, (limits.steps, 2), written=True),
         address(assigned, np.int64, (shared[0].count,), written=True),
         ctypes.addressof(bound),
+        ctypes.addressof(ended),
     )
     if nodes < 0:
         raise MemoryError("too little memory to search for a plan")
-    return Found(value.value, way, assigned, min(plan.bound, bound.value), plan.nodes + nodes)
+    lower, all_nodes = min(plan.bound, bound.value), plan.nodes + nodes
+    found = Found(value.value, way, assigned, lower, all_nodes)
+    if found.gap <= effort.gap * (1.0 + 1e-9):
+        return found
+    why = _ENDED[ended.value].format(nodes=all_nodes, most=plan.nodes + effort.max_nodes)
+    return replace(found, ended=why)
 
 
 def assign(worth: Floats, per_step: int) -> Ints:

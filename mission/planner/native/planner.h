@@ -43,6 +43,10 @@ typedef struct {
     const double *promise;      /* (K, B) bound of delta f for a device out of reach of radius b */
 } Relaxation;
 
+/* Why a search has ended: the gap is met, or nothing is left to divide; after all of its nodes; or at
+   a pace at which the rest of them would not do. */
+enum Ended { DONE, OUT_OF_NODES, TOO_SLOW };
+
 enum { MOST_DEVICES = 40 }; /* of a search: its masks have a bit for every gap of an order */
 
 /* The same functions for every kind of processor. Where memory is short they give back NaN or -1. */
@@ -54,15 +58,16 @@ typedef struct {
                       int64_t *assigned);
     /* Improve on a plan, of a value above 0, until none can be better by more than the relative
        gap, or `max_nodes` have been looked into; at most `max_open` are open. Needs 1 to
-       MOST_DEVICES devices and a positive length. Writes the bound; returns the nodes looked into. */
+       MOST_DEVICES devices and a positive length. Writes the bound and why it ended; returns the nodes
+       looked into. */
     int64_t (*search_orders)(const Devices *, const Limits *, const Relaxation *, double gap,
                              int64_t max_nodes, int64_t max_open, double *value, Point *way,
-                             int64_t *assigned, double *bound);
+                             int64_t *assigned, double *bound, int64_t *ended);
     /* The same by branching on where the stops are, which is for few of them and any number of
        devices. */
     int64_t (*search_places)(const Devices *, const Limits *, double gap, int64_t max_nodes,
                              int64_t max_open, double *value, Point *way, int64_t *assigned,
-                             double *bound);
+                             double *bound, int64_t *ended);
 
     /* Assign each of the devices to a step or to none (-1), at most `per_step` to each, so that the
        most of `worth` (devices, steps) is earned; 0, or -1 where memory is short. */

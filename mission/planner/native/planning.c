@@ -22,7 +22,7 @@ static double explore(
 static int64_t search_orders(
     const Devices *devices, const Limits *limits, const Relaxation *relaxation, double gap,
     int64_t max_nodes, int64_t max_open, double *value, Point *way, int64_t *assigned,
-    double *bound)
+    double *bound, int64_t *ended)
 {
     const Problem problem = {*devices, *limits, *relaxation};
     Arena arena = {0};
@@ -42,6 +42,7 @@ static int64_t search_orders(
     set_up_solver(&all->children->solver, &problem);
     const Proof proof = prove(&problem, gap, max_nodes, &plan, all);
     *bound = proof.bound;
+    *ended = proof.ended;
     *value = plan.value;
     close_tree(&all->tree);
     release(&arena);
@@ -51,7 +52,7 @@ static int64_t search_orders(
 
 static int64_t search_places(
     const Devices *devices, const Limits *limits, double gap, int64_t max_nodes, int64_t max_open,
-    double *value, Point *way, int64_t *assigned, double *bound)
+    double *value, Point *way, int64_t *assigned, double *bound, int64_t *ended)
 {
     Arena arena = {0};
     Space all = {0};
@@ -63,6 +64,7 @@ static int64_t search_places(
     if (all.programme.best) search_space(devices, limits, gap, max_nodes, &plan, &all);
     const int64_t nodes = all.programme.best ? all.proof.nodes : -1;
     *bound = all.proof.bound;
+    *ended = all.proof.ended;
     *value = plan.value;
     free(all.programme.best);
     release(&arena);

@@ -248,6 +248,7 @@ static int improve(Search *all, const Problem *problem, const Goal *goal, Plan *
 typedef struct {
     double bound; /* that no plan exceeds */
     int64_t nodes; /* looked into */
+    enum Ended ended;
 } Proof;
 
 /* How a search gets on. */
@@ -275,7 +276,7 @@ static Proof prove(const Problem *problem, double gap, int64_t max_nodes, Plan *
 {
     Tree *tree = &all->tree;
     Node *node = &all->node;
-    Proof proof = {plan->value, 0}; /* the largest bound among all that was closed */
+    Proof proof = {plan->value, 0, DONE}; /* the largest bound among all that was closed */
     Progress progress = {FIRST_LOOK / problem->devices.count, INFINITY};
     for (int64_t k = 0; k < problem->devices.count; k++) node->mask[k] = 1;
     node->bound = rest_of(node, problem);
@@ -291,8 +292,11 @@ static Proof prove(const Problem *problem, double gap, int64_t max_nodes, Plan *
     while (tree->open > 0) {
         double enough = plan->value / (1.0 - gap);
         const double left = 1.0 - plan->value / best_open(tree);
-        if (best_open(tree) <= enough || proof.nodes >= max_nodes ||
-            is_hopeless(&progress, proof.nodes, left, gap, max_nodes)) {
+        if (best_open(tree) > enough) {
+            if (proof.nodes >= max_nodes) proof.ended = OUT_OF_NODES;
+            else if (is_hopeless(&progress, proof.nodes, left, gap, max_nodes)) proof.ended = TOO_SLOW;
+        }
+        if (best_open(tree) <= enough || proof.ended != DONE) {
             proof.bound = most(proof.bound, best_open(tree));
             break;
         }

@@ -352,7 +352,7 @@ static void search_space(
 {
     Programme *work = &all->programme;
     Queue *queue = &all->queue;
-    all->proof = (Proof){plan->value, 0};
+    all->proof = (Proof){plan->value, 0, DONE};
     fill_rises(&work->cells);
     for (int64_t k = 0; k < devices->count; k++)
         work->at_start[k] =
@@ -361,6 +361,7 @@ static void search_space(
     while (queue->count > 0) {
         double enough = plan->value / (1.0 - gap);
         if (queue->open[0]->bound <= enough || all->proof.nodes >= max_nodes) {
+            if (queue->open[0]->bound > enough) all->proof.ended = OUT_OF_NODES;
             all->proof.bound = most(all->proof.bound, queue->open[0]->bound);
             break;
         }

@@ -196,6 +196,7 @@ def test_a_cap_on_nodes_leaves_an_honest_gap():
     assert few.gap > 0.01
     assert many.upper_bound <= few.upper_bound
     assert few.value <= many.upper_bound
+    assert few.ended == "it ended after 3 nodes, as many as it may look into"
 
 
 def test_a_search_ends_early_where_its_pace_says_that_it_would_not_end_in_time():
@@ -208,6 +209,8 @@ def test_a_search_ends_early_where_its_pace_says_that_it_would_not_end_in_time()
     assert 20_000 < slow.nodes < 60_000
     assert hopeless.gap > 0.2
     assert hopeless.nodes < 6000
+    assert slow.ended == ""
+    assert f"after {hopeless.nodes} of 60000 nodes, as at its pace" in hopeless.ended
 
 
 def test_a_plan_above_its_bound_is_an_error_that_carries_both():
@@ -226,6 +229,7 @@ def test_hundreds_of_devices_get_a_plan_and_a_bound():
     plan = CertifiedPlanner().plan(problem)
     check_plan(problem, plan)
     assert plan.nodes == 0
+    assert "nothing is searched" in plan.ended
     assert 0.0 < plan.value <= plan.upper_bound
 
 
