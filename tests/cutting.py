@@ -9,7 +9,8 @@ import pytest
 import aerofed
 from mission.api.runs import Run
 from mission.base.errors import FlightError
-from mission.run.recorder import FolderRecorder, RoundResult
+from mission.run.callbacks import RoundReport
+from mission.run.recorder import FolderRecorder
 
 
 def check_resumed(
@@ -31,9 +32,9 @@ def cut_after(patch: pytest.MonkeyPatch, number: int) -> None:
     """Have a run fail with FlightError("cut") as soon as that round is in its checkpoint."""
     finished = FolderRecorder.finished
 
-    def cut(self: FolderRecorder, result: RoundResult) -> None:
-        finished(self, result)
-        if result.record.round == number:
+    def cut(self: FolderRecorder, report: RoundReport, *learnt: Any) -> None:
+        finished(self, report, *learnt)
+        if report.round.round == number:
             raise FlightError("cut")
 
     patch.setattr(FolderRecorder, "finished", cut)

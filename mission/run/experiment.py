@@ -15,9 +15,10 @@ from mission.base.tables import count
 from mission.base.user_code import errors_of_learning
 from mission.log.records import UNKNOWN_ROUND, RoundRecord, UplinkRecord
 from mission.run.budget import RunTotals
+from mission.run.callbacks import RoundReport
 from mission.run.checkpoint import RoundMemory
 from mission.run.outcome import Summary
-from mission.run.recorder import FolderRecorder, RoundResult
+from mission.run.recorder import FolderRecorder
 from mission.scenario.limits import Budget, budget_of
 from mission.scenario.scenario import Scenario
 
@@ -117,14 +118,14 @@ class Experiment(ABC):
     def _show(self, what: str) -> None:
         """Tell people what this round is about to do."""
         rounds = self.scenario.config.mission.rounds
-        self.recorder.phase(f"round {self.totals.next_round}/{rounds}: {what}")
+        self.recorder.progress.phase(f"round {self.totals.next_round}/{rounds}: {what}")
 
     def _finish(
         self, record: RoundRecord, memory: RoundMemory, served: tuple[UplinkRecord, ...] = ()
     ) -> None:
-        remembered = self._recalled() is not None
+        report = RoundReport(record, served, memory.learnt, again=self._recalled() is not None)
         with self.stopwatch("log"):
-            self.recorder.finished(RoundResult(record, served, memory, self.state, remembered))
+            self.recorder.finished(report, memory, self.state)
         self.totals.add(record)
 
 

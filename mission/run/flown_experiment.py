@@ -24,7 +24,7 @@ from mission.planner.performance import Foreseen
 from mission.planner.problem import RoundProblem
 from mission.run.checkpoint import RoundMemory
 from mission.run.experiment import Experiment
-from mission.run.gate import UplinkGate, slots, turns
+from mission.run.gate import slots, turns, uplinks
 from mission.scenario.limits import Amount
 from mission.scenario.strategies import Sortie, Strategy
 from sitl.observer import VehicleObserver
@@ -69,7 +69,7 @@ class FlownExperiment(Experiment):
 
     async def _rounds(self, flyer: Flyer) -> None:
         self._stage = "take-off"
-        self.recorder.phase("take-off")
+        self.recorder.progress.phase("take-off")
         with self.stopwatch("fly"):
             if fence := fence_items(self.scenario.area):
                 await flyer.set_fence(fence)
@@ -80,7 +80,7 @@ class FlownExperiment(Experiment):
             self._stage = f"round {self.totals.next_round}"
             await self._round(flyer)
         self._stage = "landing"
-        self.recorder.phase("landing")
+        self.recorder.progress.phase("landing")
         with self.stopwatch("fly"):
             await flyer.land()
 
@@ -151,17 +151,15 @@ class FlownExperiment(Experiment):
         self, problem: RoundProblem, sortie: Sortie, plan: FlightPlan, flight: Flight
     ) -> tuple[UplinkRecord, ...]:
         number, scenario = self.totals.next_round, self.scenario
-        gate = UplinkGate(
-            scenario.area,
-            scenario.community_of,
-            scenario.radio,
-            "instantaneous" if scenario.config.channel.gate == "instantaneous" else "average",
-        )
-        return gate.uplinks(
+        return uplinks(
             number,
             problem,
             sortie.plan,
             turns(problem, sortie.plan, slots(plan, flight), flight),
+            area=scenario.area,
+            community_of=scenario.community_of,
+            radio=scenario.radio,
+            gate="instantaneous" if scenario.config.channel.gate == "instantaneous" else "average",
             rng=scenario.streams.generator(f"uplink/{number}"),
             work=self.work if scenario.device_times else None,
         )

@@ -2,13 +2,13 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 
 import numpy as np
 
 from fl.federation.device_work import DeviceWork
 from fl.radio.channel import Channel
-from fl.radio.uplink import Arrivals, CustomRadio, Gate, deliver
+from fl.radio.uplink import CustomRadio, Gate, deliver
 from mission.base.area import Area
 from mission.base.arrays import Bools, Floats
 from mission.flight.flight_plan import FlightPlan
@@ -65,98 +65,83 @@ def _after(arrival: Passage, seconds: float, flight: Flight) -> Passage | None:
     return flight.at(instant) if instant <= flight.t_ns[-1] else None
 
 
-@dataclass(frozen=True)
-class UplinkGate:
-    """Lets updates through, or not; the same in all rounds of a run."""
+def uplinks(
+    round_number: int,
+    problem: RoundProblem,
+    plan: RoundPlan,
+    passages: Mapping[int, Passage],
+    *,
+    area: Area,
+    community_of: Sequence[str],
+    radio: Channel | CustomRadio,
+    rng: np.random.Generator,
+    gate: Gate = "average",
+    work: DeviceWork | None = None,
+) -> tuple[UplinkRecord, ...]:
+    """One record per scheduled device, in order of step and device; `passages` by device.
 
-    area: Area
-    community_of: Sequence[str]  # (K,)
-    radio: Channel | CustomRadio  # gives the rates where the aircraft was
-    gate: Gate = "average"
+    Updates are drawn at the true positions, where `radio` gives the rates; `rng` is this round's
+    own stream. `work` is what the devices are at, where they take time: some are late then, and
+    send nothing.
+    """
+    true_m = {device: _place(area, passage.true_ned_m) for device, passage in passages.items()}
+    count = len(problem.devices_m)
+    horizontal, height = np.zeros(count), np.zeros(count)
+    late, sends = np.zeros(count, dtype=bool), np.zeros(count, dtype=bool)
+    for device, (x, y, height[device]) in true_m.items():
+        horizontal[device] = math.dist((x, y), problem.devices_m[device])
+        late[device] = work is not None and passages[device].t_ns < work.ready_ns[device]
+        sends[device] = not late[device]
+    channel = problem.channel
+    arrivals = deliver(
+        channel,
+        horizontal,
+        height_m=height,
+        transmitted=sends,
+        rng=rng,
+        radio=radio,
+        gate=gate,
+    )
 
-    def uplinks(
-        self,
-        round_number: int,
-        problem: RoundProblem,
-        plan: RoundPlan,
-        passages: Mapping[int, Passage],
-        *,
-        rng: np.random.Generator,
-        work: DeviceWork | None = None,
-    ) -> tuple[UplinkRecord, ...]:
-        """One record per scheduled device, in order of step and device; `passages` by device.
-
-        Updates are drawn at the true positions; `rng` is this round's own stream. `work` is what
-        the devices are at, where they take time: some are late then, and send nothing.
-        """
-        late, arrivals = self._arrivals(problem, passages, rng, work)
-        channel = problem.channel
-
-        records = []
-        for step, device in np.argwhere(plan.schedule).tolist():
-            passage = passages.get(device)
-            where, ground = plan.waypoints_m[step], problem.devices_m[device]
-            t_s = est_per = math.nan
-            est = true = (math.nan, math.nan, math.nan)
-            if passage is not None:
-                t_s = passage.t_ns / 1e9
-                est, true = self._place(passage.est_ned_m), self._place(passage.true_ned_m)
-                est_per = 1.0 if late[device] else _per(self.radio, ground, est)
-            record = UplinkRecord(
-                round=round_number,
-                device=device,
-                community=self.community_of[device],
-                step=step,
-                slot_t_s=t_s,
-                plan_x_m=float(where[0]),
-                plan_y_m=float(where[1]),
-                est_x_m=est[0],
-                est_y_m=est[1],
-                est_alt_m=est[2],
-                true_x_m=true[0],
-                true_y_m=true[1],
-                true_alt_m=true[2],
-                plan_per=_per(channel, ground, (*where, channel.altitude_m)),
-                est_per=est_per,
-                true_per=float(arrivals.per[device]),
-                importance=float(problem.importance[device]),
-                delivered=bool(arrivals.delivered[device]),
-            )
-            if work is not None:
-                record = _timed(record, work, late=late, upload_s=_upload_s(problem, device))
-            records.append(record)
-        return tuple(records)
-
-    def _arrivals(
-        self,
-        problem: RoundProblem,
-        passages: Mapping[int, Passage],
-        rng: np.random.Generator,
-        work: DeviceWork | None,
-    ) -> tuple[Bools, Arrivals]:
-        """Who of the devices that had their turn is late, (K,), and who gets through."""
-        count = len(problem.devices_m)
-        horizontal, height = np.zeros(count), np.zeros(count)
-        late, sends = np.zeros(count, dtype=bool), np.zeros(count, dtype=bool)
-        for device, passage in passages.items():
-            x, y, height[device] = self._place(passage.true_ned_m)
-            horizontal[device] = math.dist((x, y), problem.devices_m[device])
-            late[device] = work is not None and passage.t_ns < work.ready_ns[device]
-            sends[device] = not late[device]
-        found = deliver(
-            problem.channel,
-            horizontal,
-            height_m=height,
-            transmitted=sends,
-            rng=rng,
-            radio=self.radio,
-            gate=self.gate,
+    records = []
+    for step, device in np.argwhere(plan.schedule).tolist():
+        passage = passages.get(device)
+        where, ground = plan.waypoints_m[step], problem.devices_m[device]
+        t_s = est_per = math.nan
+        est = true = (math.nan, math.nan, math.nan)
+        if passage is not None:
+            t_s = passage.t_ns / 1e9
+            est, true = _place(area, passage.est_ned_m), true_m[device]
+            est_per = 1.0 if late[device] else _per(radio, ground, est)
+        record = UplinkRecord(
+            round=round_number,
+            device=device,
+            community=community_of[device],
+            step=step,
+            slot_t_s=t_s,
+            plan_x_m=float(where[0]),
+            plan_y_m=float(where[1]),
+            est_x_m=est[0],
+            est_y_m=est[1],
+            est_alt_m=est[2],
+            true_x_m=true[0],
+            true_y_m=true[1],
+            true_alt_m=true[2],
+            plan_per=_per(channel, ground, (*where, channel.altitude_m)),
+            est_per=est_per,
+            true_per=float(arrivals.per[device]),
+            importance=float(problem.importance[device]),
+            delivered=bool(arrivals.delivered[device]),
         )
-        return late, found
+        if work is not None:
+            record = _timed(record, work, late=late, upload_s=_upload_s(problem, device))
+        records.append(record)
+    return tuple(records)
 
-    def _place(self, pos_ned_m: Floats) -> tuple[float, float, float]:
-        x, y = self.area.from_ned(pos_ned_m)
-        return float(x), float(y), -float(pos_ned_m[2])
+
+def _place(area: Area, pos_ned_m: Floats) -> tuple[float, float, float]:
+    x, y = area.from_ned(pos_ned_m)
+    return float(x), float(y), -float(pos_ned_m[2])
 
 
 def _timed(

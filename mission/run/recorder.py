@@ -29,17 +29,6 @@ from mission.run.progress import Progress, make_progress
 from mission.scenario.scenario import Scenario
 
 
-@dataclass(frozen=True)
-class RoundResult:
-    """Everything about one round, for those who record it."""
-
-    record: RoundRecord
-    uplinks: tuple[UplinkRecord, ...]
-    memory: RoundMemory
-    state: FederationState  # after the round
-    remembered: bool  # flown again, from a checkpoint
-
-
 @dataclass
 class FolderRecorder:
     """Hands what happens to all who keep or show it. Nothing that it does alters the run."""
@@ -80,35 +69,33 @@ class FolderRecorder:
         path = self.folder.plans / f"round-{round_number:03d}.plan"
         write_round_plan(path, flight_plan, self.scenario.area)
 
-    def finished(self, result: RoundResult) -> None:
-        """Log and tabulate a finished round; from here on it is kept whatever happens."""
-        record, learnt = result.record, result.memory.learnt
+    def finished(self, report: RoundReport, memory: RoundMemory, state: FederationState) -> None:
+        """Log and tabulate a finished round; from here on it is kept whatever happens.
+
+        `state` is that of learning after the round.
+        """
+        record = report.round
         if record.scheduled == 0:
             self.progress.notice(
                 f"round {record.round}: no device is within reach of the path, and ready in time; "
                 "area.home_m, mission.path_budget_m, the channel and compute times decide who is"
             )
-        self.log.uplinks(result.uplinks)
-        self.learnt(record.round, learnt)
+        self.log.uplinks(report.uplinks)
+        self.learnt(record.round, report.learning)
         self.log.round(record)
-        self.uplinks.extend(result.uplinks)
+        self.uplinks.extend(report.uplinks)
         self.rounds.extend([record])
-        if not result.remembered:
+        if not report.again:
             # Log and tables hold all that the old ones held.
             InterruptedFiles(self.folder).discard()
-            self.checkpoint.save(self.scenario.federation, result.state, result.memory)
+            self.checkpoint.save(self.scenario.federation, state, memory)
         self.progress.round_done(record, real_time_factor=self._speed(record))
-        report = RoundReport(record, result.uplinks, learnt, again=result.remembered)
         self.callbacks.round_finished(report)
 
     def learnt(self, round_number: int, learnt: RoundLearning) -> None:
         """Log and tabulate what the models know after a round; 0 is before the first."""
         self.log.learning(round_number, accuracy=learnt.accuracy, cov=learnt.cov, loss=learnt.loss)
         self.devices.extend(self._devices(round_number, learnt))
-
-    def phase(self, name: str) -> None:
-        """Show the phase."""
-        self.progress.phase(name)
 
     def notice(self, text: str) -> None:
         """Log and show a line."""

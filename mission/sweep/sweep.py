@@ -118,34 +118,25 @@ class _Sweep:
                 run.name, run.config, path, data_dir, here, self.run_figures, plugins, objects
             )
 
-        slots = min(workers.slots, len(todo))
-        progress = Lines(console)
-        if console.is_terminal:
-            progress = Bar(console, self.folder, every)
-        ended = 0
-
-        def watch(run: SweepRun | None, end: RunEnd | None, running: Sequence[SweepRun]) -> None:
-            nonlocal ended
-            if run is not None and end is not None:
-                ended += 1
-            if run is None:
-                progress.update(done=before + ended, running=running)
-                return
-            if end is None:
-                progress.say(f"{run.name}: its worker died; another takes the run")
-                return
-            # Of a single run the error follows at once.
-            why = f": {end.message}" if len(todo) > 1 else ""
-            outcome = f"failed{why}" if end.exit_code else _outcome(self.folder, run)
-            progress.say(f"run {before + ended}/{len(every)} {run.name}: {outcome}")
-
-        try:
+        progress = Bar(console, self.folder, every) if console.is_terminal else Lines(console)
+        ends: dict[str, RunEnd] = {}
+        with closing(progress):
             if before:
                 progress.say(f"{before} of {len(every)} runs are done already")
+            slots = min(workers.slots, len(todo))
             progress.say(f"{count(len(todo), 'run')}, {slots} at a time")
-            return execute_all(todo, workers, order=order, watch=watch)
-        finally:
-            progress.close()
+            for run, end, running in execute_all(todo, workers, order=order):
+                if run is None:
+                    progress.update(done=before + len(ends), running=running)
+                elif end is None:
+                    progress.say(f"{run.name}: its worker died; another takes the run")
+                else:
+                    ends[run.name] = end
+                    # Of a single run the error follows at once.
+                    why = f": {end.message}" if len(todo) > 1 else ""
+                    outcome = f"failed{why}" if end.exit_code else _outcome(self.folder, run)
+                    progress.say(f"run {before + len(ends)}/{len(every)} {run.name}: {outcome}")
+        return ends
 
 
 def same_by_design(configs: Sequence[RunConfig]) -> str:

@@ -11,7 +11,7 @@ import shutil
 import socket
 import tempfile
 import zipfile
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -26,7 +26,6 @@ from mission.config.preflight import code_digests
 from mission.sweep.execute.worker import (
     ENVIRONMENT,
     RunEnd,
-    RunFinished,
     RunOrder,
     execute,
     failed,
@@ -112,7 +111,7 @@ class RayEngine:
         packed, data = self._ray.cloudpickle.dumps(order), list(self._data.items())
         self._flying[self._fly.remote(self._versions, packed, data)] = order
 
-    def wait(self, timeout_s: float) -> tuple[RunFinished, ...]:
+    def wait(self, timeout_s: float) -> dict[str, RunEnd | None]:
         """Runs that ended; one whose process or machine died has no end.
 
         Raises:
@@ -120,11 +119,11 @@ class RayEngine:
             Exception: whatever a run raised that is no error of the application.
         """
         ready, _ = self._ray.wait(list(self._flying), timeout=timeout_s)
-        return tuple(RunFinished(order, self._end(ref, order)) for ref, order in self._taken(ready))
-
-    def _taken(self, ready: Sequence[Any]) -> Iterator[tuple[Any, RunOrder]]:
+        ended = {}
         for ref in ready:
-            yield ref, self._flying.pop(ref)
+            order = self._flying.pop(ref)
+            ended[order.name] = self._end(ref, order)
+        return ended
 
     def _end(self, ref: Any, order: RunOrder) -> RunEnd | None:
         lost = self._ray.exceptions

@@ -1,14 +1,14 @@
 """Where the runs of a sweep are executed, and the loop that hands them out until all have ended."""
 
 from collections import Counter, deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, Protocol, get_args
 
 from mission.base.errors import InputError
 from mission.config.models import RunConfig
-from mission.sweep.execute.worker import RunEnd, RunFinished, RunOrder
+from mission.sweep.execute.worker import RunEnd, RunOrder
 from mission.sweep.grid import SweepRun
 
 ATTEMPTS = 3  # of a run whose worker dies, the first included
@@ -26,8 +26,11 @@ class Engine(Protocol):
     def start(self, order: RunOrder) -> None:
         """Begin a run; there must be a free slot."""
 
-    def wait(self, timeout_s: float) -> tuple[RunFinished, ...]:
-        """The runs that ended since the last call, waiting at most so long for one."""
+    def wait(self, timeout_s: float) -> Mapping[str, RunEnd | None]:
+        """The runs that ended since the last call, by name, waiting at most so long for one.
+
+        None: its worker died, which says nothing about the run.
+        """
 
     def close(self) -> None:
         """End the workers, also those that are at work."""
@@ -79,34 +82,27 @@ class EngineChoice:
         return LocalEngine(self.jobs)
 
 
-Watch = Callable[[SweepRun | None, RunEnd | None, Sequence[SweepRun]], None]
-
-
 def execute_all(
-    runs: Sequence[SweepRun], engine: Engine, *, order: Callable[[SweepRun], RunOrder], watch: Watch
-) -> dict[str, RunEnd]:
-    """Execute every run; how each ended, by name. A run whose worker dies is handed to another.
+    runs: Sequence[SweepRun], engine: Engine, *, order: Callable[[SweepRun], RunOrder]
+) -> Iterator[tuple[SweepRun | None, RunEnd | None, Sequence[SweepRun]]]:
+    """Execute every run. A run whose worker dies is handed to another.
 
-    `watch(run, end, running)` is called for each run that ends (`end` None: another goes on with
-    it) and between (`run` None). The engine stays open.
+    Yields each run that ended, how (None: another worker goes on with it) and who is still at
+    work, and between them no run. The engine stays open.
     """
     waiting, attempts = deque(runs), Counter[str]()
     running: dict[str, SweepRun] = {}
-    ends: dict[str, RunEnd] = {}
     while waiting or running:
         while waiting and len(running) < engine.slots:
             run = waiting.popleft()
             attempts[run.name] += 1
             running[run.name] = run
             engine.start(order(run))
-        for ended in engine.wait(POLL_S):
-            run, end = running.pop(ended.order.name), ended.end
+        for name, end in engine.wait(POLL_S).items():
+            run = running.pop(name)
             if end is None and attempts[run.name] >= ATTEMPTS:
                 end = RunEnd(1, f"its worker died {ATTEMPTS} times (out of memory?)")
             if end is None:
                 waiting.append(run)
-            else:
-                ends[run.name] = end
-            watch(run, end, tuple(running.values()))
-        watch(None, None, tuple(running.values()))
-    return ends
+            yield run, end, tuple(running.values())
+        yield None, None, tuple(running.values())

@@ -14,7 +14,7 @@ import joblib
 from joblib.externals.loky import ProcessPoolExecutor
 from joblib.externals.loky.process_executor import TerminatedWorkerError
 
-from mission.sweep.execute.worker import ENVIRONMENT, RunEnd, RunFinished, RunOrder, execute
+from mission.sweep.execute.worker import ENVIRONMENT, RunEnd, RunOrder, execute
 
 
 class LocalEngine:
@@ -22,13 +22,8 @@ class LocalEngine:
 
     def __init__(self, jobs: int | None) -> None:
         self._free: list[ProcessPoolExecutor] = []
-        self._running: dict[Future[RunEnd], tuple[RunOrder, ProcessPoolExecutor]] = {}
-        self._slots = jobs or joblib.cpu_count()
-
-    @property
-    def slots(self) -> int:
-        """Runs at a time: as many as asked for, by default one for each core."""
-        return self._slots
+        self._running: dict[Future[RunEnd], tuple[str, ProcessPoolExecutor]] = {}
+        self.slots = jobs or joblib.cpu_count()  # runs at a time
 
     def start(self, order: RunOrder) -> None:
         """Begin a run in an idle process, or in a new one."""
@@ -36,7 +31,7 @@ class LocalEngine:
         before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
         try:
             future, pool = self._submit(order)
-            self._running[future] = (order, pool)
+            self._running[future] = (order.name, pool)
         finally:
             signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
@@ -47,10 +42,12 @@ class LocalEngine:
                 return pool.submit(execute, order), pool
             except TerminatedWorkerError:  # it was killed while it was idle
                 pool.shutdown(kill_workers=True)
-        pool = _pool()
+        pool = ProcessPoolExecutor(
+            max_workers=1, initializer=_prepare, initargs=(os.getpid(),), env=ENVIRONMENT
+        )
         return pool.submit(execute, order), pool
 
-    def wait(self, timeout_s: float) -> tuple[RunFinished, ...]:
+    def wait(self, timeout_s: float) -> dict[str, RunEnd | None]:
         """Runs that ended; one whose process was killed has no end.
 
         Raises:
@@ -58,22 +55,22 @@ class LocalEngine:
                 other run that ended was told.
         """
         done, _ = wait(self._running, timeout_s, FIRST_COMPLETED)
-        ended: list[RunFinished] = []
+        ended: dict[str, RunEnd | None] = {}
         bug: BaseException | None = None
         for future in done:
             error = future.exception()
             if error is not None and not isinstance(error, TerminatedWorkerError):
                 bug = error  # stays among the running: the next call raises it
                 continue
-            order, pool = self._running.pop(future)
+            name, pool = self._running.pop(future)
             if error is None:
                 self._free.append(pool)
             else:
                 pool.shutdown(kill_workers=True)
-            ended.append(RunFinished(order, None if error else future.result()))
+            ended[name] = None if error else future.result()
         if bug is not None and not ended:
             raise bug
-        return tuple(ended)
+        return ended
 
     def close(self) -> None:
         """Kill the processes: the next sweep goes on with what they had not finished."""
@@ -81,12 +78,6 @@ class LocalEngine:
             pool.shutdown(kill_workers=True)
         self._free.clear()
         self._running.clear()
-
-
-def _pool() -> ProcessPoolExecutor:
-    return ProcessPoolExecutor(
-        max_workers=1, initializer=_prepare, initargs=(os.getpid(),), env=ENVIRONMENT
-    )
 
 
 def _prepare(parent: int) -> None:

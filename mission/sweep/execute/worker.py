@@ -43,14 +43,6 @@ class RunEnd:
     message: str = ""
 
 
-@dataclass(frozen=True)
-class RunFinished:
-    """A run that is over."""
-
-    order: RunOrder
-    end: RunEnd | None  # None: its worker died, which says nothing about the run
-
-
 def execute(order: RunOrder) -> RunEnd:
     """Fly one run, from its last finished round where it was cut off.
 

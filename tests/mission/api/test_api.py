@@ -414,13 +414,14 @@ def test_an_interrupted_notebook_keeps_what_was_flown_and_goes_on(
     monkeypatch: pytest.MonkeyPatch,
     wait: Callable[[Any], object],
 ) -> None:
-    from mission.run.recorder import FolderRecorder, RoundResult
+    from mission.run.callbacks import RoundReport
+    from mission.run.recorder import FolderRecorder
 
     finished = FolderRecorder.finished
 
-    def press(self: FolderRecorder, result: RoundResult) -> None:
-        finished(self, result)
-        if result.record.round == 1:
+    def press(self: FolderRecorder, report: RoundReport, *learnt: Any) -> None:
+        finished(self, report, *learnt)
+        if report.round.round == 1:
             signal.pthread_kill(threading.main_thread().ident or 0, signal.SIGINT)
 
     async def cell() -> aerofed.Run:

@@ -14,7 +14,7 @@ from mission.flight.track import Flight, Passage
 from mission.log.records import UplinkRecord
 from mission.planner.problem import RoundPlan, RoundProblem
 from mission.planner.stops import Stop, stops_of
-from mission.run.gate import UplinkGate, slots
+from mission.run.gate import slots, uplinks
 
 CHANNEL = CHANNEL_PRESETS["suburban"]
 AREA = Area((800.0, 800.0), (400.0, 100.0), GeodeticPoint(43.6, 7.07, 100.0))
@@ -52,8 +52,8 @@ def problem(devices: list[list[float]]) -> RoundProblem:
 def served(
     given: RoundProblem, plan: RoundPlan, seen: dict[int, Passage], rng: np.random.Generator
 ) -> tuple[UplinkRecord, ...]:
-    gate = UplinkGate(AREA, ["a"] * len(given.devices_m), CHANNEL)
-    return gate.uplinks(0, given, plan, seen, rng=rng)
+    names = ["a"] * len(given.devices_m)
+    return uplinks(0, given, plan, seen, area=AREA, community_of=names, radio=CHANNEL, rng=rng)
 
 
 def test_waypoints_that_coincide_become_one_stop() -> None:

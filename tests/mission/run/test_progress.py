@@ -122,7 +122,7 @@ def test_a_round_s_speed_is_its_own() -> None:
     for number, start_s, duration_s, fly_wall_s in ((1, 20.0, 80.0, 2.0), (2, 100.0, 60.0, 5.0)):
         stopwatch.wall_s["fly"] = fly_wall_s
         one = replace(record(number), start_t_s=start_s, duration_s=duration_s)
-        recorder.finished(Mock(record=one, remembered=True))
+        recorder.finished(Mock(round=one, again=True), Mock(), Mock())
         speeds.append(parts.progress.round_done.call_args.kwargs["real_time_factor"])
     assert speeds == [50.0, 20.0]
 

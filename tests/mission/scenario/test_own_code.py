@@ -15,7 +15,7 @@ from mission.base.errors import AerofedError, FlightError
 from mission.cli import call
 from mission.log import LogError
 from mission.planner.errors import SolverError
-from mission.run.recorder import FolderRecorder, RoundResult
+from mission.run.recorder import FolderRecorder
 from mission.scenario.custom_strategies import RoundInfo
 
 SMALL = (
@@ -302,7 +302,7 @@ def test_an_error_of_any_kind_names_the_folder(
     failure: AerofedError,
     resumed: bool,
 ) -> None:
-    def fail(self: FolderRecorder, result: RoundResult) -> None:  # noqa: ARG001
+    def fail(*_: object) -> None:
         raise failure
 
     monkeypatch.setattr(FolderRecorder, "finished", fail)

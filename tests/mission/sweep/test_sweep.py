@@ -22,7 +22,7 @@ from mission.base.errors import FlightError
 from mission.cli import call
 from mission.commands.options import load
 from mission.sweep.execute.local import LocalEngine
-from mission.sweep.execute.worker import RunEnd, RunFinished, RunOrder, execute
+from mission.sweep.execute.worker import RunEnd, RunOrder, execute
 
 TINY = (
     "--set", "mission.steps=3", "mission.path_budget_m=100", "learning.local_epochs=1",
@@ -55,10 +55,10 @@ class Inline:
     slots = 1
 
     def start(self, order: RunOrder) -> None:
-        self.ended = RunFinished(order, execute(order))
+        self.ended: dict[str, RunEnd | None] = {order.name: execute(order)}
 
-    def wait(self, timeout_s: float) -> tuple[RunFinished, ...]:  # noqa: ARG002
-        return (self.ended,)
+    def wait(self, timeout_s: float) -> dict[str, RunEnd | None]:  # noqa: ARG002
+        return self.ended
 
     def close(self) -> None: ...
 
@@ -225,7 +225,7 @@ class Deadly(Inline):
     """Its workers always die."""
 
     def start(self, order: RunOrder) -> None:
-        self.ended = RunFinished(order, None)
+        self.ended = {order.name: None}
 
 
 def test_a_run_whose_worker_always_dies_is_given_up(
@@ -338,6 +338,8 @@ def test_an_engine_that_is_not_there_leaves_nothing_that_blocks(
 class Finished:
     """A pool whose runs are over at once; those of a name with a bug raise."""
 
+    def __init__(self, **_: object) -> None: ...
+
     def submit(self, _: object, order: RunOrder) -> Future[RunEnd]:
         future = Future[RunEnd]()
         if order.name == "bug":
@@ -352,13 +354,13 @@ class Finished:
 def test_what_others_finished_is_told_before_a_bug(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("mission.sweep.execute.local._pool", Finished)
+    monkeypatch.setattr("mission.sweep.execute.local.ProcessPoolExecutor", Finished)
     engine = LocalEngine(9)
     names = ["a", "b", "bug", "c", "d", "e"]
     config = load(None, ())
     for name in names:
         engine.start(RunOrder(name, config, tmp_path / name, None, tmp_path))
-    assert {item.order.name for item in engine.wait(0.0)} == {*names} - {"bug"}
+    assert set(engine.wait(0.0)) == {*names} - {"bug"}
     with pytest.raises(ZeroDivisionError):
         engine.wait(0.0)
     engine.close()
@@ -374,9 +376,9 @@ def test_a_worker_killed_while_idle_is_replaced(
 
     def worker() -> int:
         engine.start(order)
-        (over,) = engine.wait(HANG_S)
-        assert over.end is not None
-        return over.end.exit_code
+        (end,) = engine.wait(HANG_S).values()
+        assert end is not None
+        return end.exit_code
 
     def refuses() -> bool:
         try:
