@@ -16,6 +16,7 @@ import sysconfig
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
 from fl.errors import did_you_mean
@@ -129,7 +130,7 @@ def load(name: str) -> object:
     sources = _sources(module)
     for each, source in sources.items():
         now = f"{source.file} {_digest(_reached(sources, each))}"
-        if _imported.get(each) != now and not _is_installed(source.file):
+        if _imported.get(each) != now:
             sys.modules.pop(each, None)
             with suppress(OSError, NotImplementedError):
                 # Python tells it from newer text by size and whole seconds.
@@ -140,15 +141,19 @@ def load(name: str) -> object:
 
 
 def digest_of(name: str) -> str | None:
-    """SHA-256 of a plug-in's module and of all that it imports from beside it: from the folder in
-    which its outermost package lies, or within that package where it is installed.
+    """SHA-256 of a plug-in's module and of all that it imports from beside it, from the folder in
+    which its outermost package lies; of the version where that package is installed.
 
     None where it was passed from Python and has none, or to another process.
     """
     module = module_of(name)
     if module == PASSED:
         return _passed[bare].digest if (bare := _bare(name)) in _passed else None
-    return _digest(_sources(module))
+    sources = _sources(module)
+    if sources:
+        return _digest(sources)
+    package = module.partition(".")[0]
+    return hashlib.sha256(f"{package} {_versions_of(package)}".encode()).hexdigest()
 
 
 def named(value: object) -> object:
@@ -201,21 +206,21 @@ def _digest_of_object(value: object) -> str | None:
         return None
     parts = [f"{operation.name} {argument!r}" for operation, argument, _ in operations]
     used = {argument for _, argument, _ in operations if isinstance(argument, str)}
-    for module in sorted(used & sys.modules.keys()):
-        root = _root(module)
-        if root is not None and not _is_installed(root):
-            parts.append(_digest(_sources(module)))
+    every = map(_sources, sorted(used & sys.modules.keys()))
+    parts += [_digest(sources) for sources in every if sources]
     return hashlib.sha256(_DRAWN.sub("", "\n".join(parts)).encode("utf-8", "replace")).hexdigest()
 
 
 def _sources(module: str) -> dict[str, _Source]:
-    """A module and all that it imports from beside it, by their names; empty without a file."""
-    root, own, todo = _root(module), module.partition(".")[0], [module]
+    """A module and all that it imports from beside it, by their names.
+
+    Empty without a file, and of an installed package: nobody edits that, and it may be vast.
+    """
+    root, todo = _root(module), [module]
     found: dict[str, _Source] = {}
-    while todo and root is not None:
+    while todo and root is not None and not _is_installed(root):
         name = todo.pop()
-        top = name.partition(".")[0]
-        if name in found or top in _OURS or (_is_installed(root) and top != own):
+        if name in found or name.partition(".")[0] in _OURS:
             continue
         path = root.joinpath(*name.split("."))
         for file in (path / "__init__.py", path.with_name(f"{path.name}.py")):
@@ -271,6 +276,16 @@ def _root(module: str) -> Path | None:
     places = [*(spec.submodule_search_locations or ())] if spec else []
     place = places[0] if places else spec.origin if spec and spec.has_location else None
     return Path(place).parent if place else None
+
+
+@cache
+def _versions_of(package: str) -> str:
+    """The distributions that a package came with, and their versions; else Python's."""
+    import importlib.metadata  # with email in it, for which no `--help` waits
+
+    names = importlib.metadata.packages_distributions().get(package, ())
+    versions = {f"{name} {importlib.metadata.version(name)}" for name in names}
+    return " ".join(sorted(versions)) or sys.version
 
 
 def _is_installed(path: Path) -> bool:
