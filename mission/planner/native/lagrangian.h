@@ -18,7 +18,7 @@
 
 #include "ascent.h"
 #include "elementary.h"
-#include "tree.h"
+#include "node.h"
 #include "wide.h"
 
 static const double FREE = 40.0; /* c of a leg known to have length zero */

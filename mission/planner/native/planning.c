@@ -33,18 +33,17 @@ static int64_t search_orders(
         all->polish = lay_out_polish(&arena, devices->count, limits, devices->count + 1);
         all->made = lay_out_plan(&arena, devices->count, limits->steps);
         all->children = claim(&arena, 1, sizeof(Children));
+        all->queue = (Queue){claim(&arena, max_open, sizeof(double *)), 0, max_open};
         if (pass == 0 && !provide(&arena)) {
             free(all);
             return -1;
         }
     }
-    all->tree.most = max_open;
     set_up_solver(&all->children->solver, &problem);
     const Proof proof = prove(&problem, gap, max_nodes, &plan, all);
     *bound = proof.bound;
     *ended = proof.ended;
     *value = plan.value;
-    close_tree(&all->tree);
     release(&arena);
     free(all);
     return proof.nodes;

@@ -10,6 +10,7 @@
 #define SEARCH_H
 
 #include "branching.h"
+#include "queue.h"
 
 static const double BARRIER_SHARE = 2.5e-4; /* of the best value: the barrier in a bound, a leg */
 static const double TINY = 1e-4; /* of the best value: an excess not worth branching on */
@@ -22,7 +23,7 @@ enum { TURNS_WEIGHED = 2 };
 
 /* Memory for a search. */
 typedef struct {
-    Tree tree;
+    Queue queue;
     Node node;
     Path path;
     Children *children;
@@ -270,11 +271,19 @@ static int is_hopeless(Progress *progress, int64_t nodes, double gap, double goa
     return !(taken_off > 0.0) || needed * (1.0 + doublings) > OVERRUN * (double)most_nodes;
 }
 
+/* NULL where memory is short. */
+static Node *copy_of(const Node *node)
+{
+    Node *copy = malloc(sizeof *copy);
+    if (copy) *copy = *node;
+    return copy;
+}
+
 /* Improve on a plan until none can be better by more than the relative gap, the nodes run out, or
    there is no hope of it. Nodes for which there is no room are closed with their bound. */
 static Proof prove(const Problem *problem, double gap, int64_t max_nodes, Plan *plan, Search *all)
 {
-    Tree *tree = &all->tree;
+    Queue *queue = &all->queue;
     Node *node = &all->node;
     Proof proof = {plan->value, 0, DONE}; /* the largest bound among all that was closed */
     Progress progress = {FIRST_LOOK / problem->devices.count, INFINITY};
@@ -288,19 +297,21 @@ static Proof prove(const Problem *problem, double gap, int64_t max_nodes, Plan *
         node->bound = node->dual;
     }
     node->mu = node->bound / problem->limits.length;
-    if (!push(tree, node)) proof.bound = node->bound;
-    while (tree->open > 0) {
+    leave_open(queue, copy_of(node), node->bound, &proof.bound);
+    while (queue->count > 0) {
         double enough = plan->value / (1.0 - gap);
-        const double left = 1.0 - plan->value / best_open(tree);
-        if (best_open(tree) > enough) {
+        const double largest_bound = *queue->open[0], left = 1.0 - plan->value / largest_bound;
+        if (largest_bound > enough) {
             if (proof.nodes >= max_nodes) proof.ended = OUT_OF_NODES;
             else if (is_hopeless(&progress, proof.nodes, left, gap, max_nodes)) proof.ended = TOO_SLOW;
         }
-        if (best_open(tree) <= enough || proof.ended != DONE) {
-            proof.bound = most(proof.bound, best_open(tree));
+        if (largest_bound <= enough || proof.ended != DONE) {
+            proof.bound = most(proof.bound, largest_bound);
             break;
         }
-        pop(tree, node);
+        Node *first = dequeue(queue);
+        *node = *first;
+        free(first);
         proof.nodes++;
         const double eps =
             BARRIER_SHARE * plan->value / (double)(node->size + 1 > 3 ? node->size + 1 : 3);
@@ -318,9 +329,10 @@ static Proof prove(const Problem *problem, double gap, int64_t max_nodes, Plan *
         proof.bound = most(proof.bound, contest.closed);
         for (int64_t c = 0; c < contest.best->count; c++) {
             const Node child = make_child(node, contest.best, c, problem);
-            if (!push(tree, &child)) proof.bound = most(proof.bound, child.bound);
+            leave_open(queue, copy_of(&child), child.bound, &proof.bound);
         }
     }
+    close_all(queue);
     return proof;
 }
 

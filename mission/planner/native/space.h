@@ -23,34 +23,6 @@ static const double BY_SIZE = 0.5; /* share of an excess that refines, if it is 
 static const double MANY_PAIRS = 3e3, MOST_PAIRS = 3e4;
 static const double WIDE = 2.0; /* halves of a square's side: a spread that is worth a cut */
 
-/* Nodes to look into: a heap, the largest bound first. */
-typedef struct {
-    Zones **open;
-    int64_t count, most;
-} Queue;
-
-static void enqueue(Queue *queue, Zones *zones)
-{
-    int64_t i = queue->count++;
-    for (; i > 0 && queue->open[(i - 1) / 2]->bound < zones->bound; i = (i - 1) / 2)
-        queue->open[i] = queue->open[(i - 1) / 2];
-    queue->open[i] = zones;
-}
-
-static Zones *dequeue(Queue *queue)
-{
-    Zones *first = queue->open[0], *last = queue->open[--queue->count];
-    int64_t i = 0;
-    for (int64_t child; (child = 2 * i + 1) < queue->count; i = child) {
-        if (child + 1 < queue->count && queue->open[child + 1]->bound > queue->open[child]->bound)
-            child++;
-        if (last->bound >= queue->open[child]->bound) break;
-        queue->open[i] = queue->open[child];
-    }
-    queue->open[i] = last;
-    return first;
-}
-
 /* Memory for a search. */
 typedef struct {
     Programme programme;
@@ -68,7 +40,7 @@ static void lay_out_space(
     const int64_t cells = CELL_MEMORY / (int64_t)sizeof(Corners) / devices->count;
     all->programme =
         lay_out_programme(arena, devices, limits, MOST_SQUARES, fewer(cells, MOST_CELLS));
-    all->queue = (Queue){claim(arena, most_open, sizeof(Zones *)), 0, most_open};
+    all->queue = (Queue){claim(arena, most_open, sizeof(double *)), 0, most_open};
     all->kept = claim(arena, MOST_SQUARES, 1);
     all->points = claim(arena, limits->steps, sizeof(Point));
     all->polish = lay_out_polish(arena, devices->count, limits, limits->steps);
@@ -294,17 +266,6 @@ static Zones *finer(const Zones *zones, Space *all)
     return NULL;
 }
 
-/* Leave a node open; where there is no room, or it is NULL, it is closed with its bound. */
-static void leave_open(Space *all, Zones *zones, double bound)
-{
-    if (zones && all->queue.count < all->queue.most) {
-        enqueue(&all->queue, zones);
-    } else {
-        all->proof.bound = most(all->proof.bound, bound);
-        free(zones);
-    }
-}
-
 /* Take a node further: smaller squares, or two parts. */
 static void divide(const Zones *zones, double enough, Space *all)
 {
@@ -319,7 +280,7 @@ static void divide(const Zones *zones, double enough, Space *all)
     if (cut.stop < 0 && pairs <= MOST_PAIRS) {
         Zones *fine = finer(zones, all);
         if (fine) {
-            leave_open(all, fine, zones->bound);
+            leave_open(&all->queue, fine, zones->bound, &all->proof.bound);
             return;
         }
     }
@@ -329,7 +290,8 @@ static void divide(const Zones *zones, double enough, Space *all)
         return;
     }
     for (int side = 0; side < 2; side++)
-        leave_open(all, part_of(zones, all, cut, side), zones->bound);
+        leave_open(
+            &all->queue, part_of(zones, all, cut, side), zones->bound, &all->proof.bound);
 }
 
 /* Put the best chain of a node to use. */
@@ -357,12 +319,12 @@ static void search_space(
     for (int64_t k = 0; k < devices->count; k++)
         work->at_start[k] =
             devices->delta[k] * upper_from(&work->cells, between(devices->at[k], (Point){0.0, 0.0}));
-    leave_open(all, everywhere(work), INFINITY);
+    leave_open(queue, everywhere(work), INFINITY, &all->proof.bound);
     while (queue->count > 0) {
         double enough = plan->value / (1.0 - gap);
-        if (queue->open[0]->bound <= enough || all->proof.nodes >= max_nodes) {
-            if (queue->open[0]->bound > enough) all->proof.ended = OUT_OF_NODES;
-            all->proof.bound = most(all->proof.bound, queue->open[0]->bound);
+        if (*queue->open[0] <= enough || all->proof.nodes >= max_nodes) {
+            if (*queue->open[0] > enough) all->proof.ended = OUT_OF_NODES;
+            all->proof.bound = most(all->proof.bound, *queue->open[0]);
             break;
         }
         Zones *zones = dequeue(queue);
@@ -376,7 +338,7 @@ static void search_space(
             all->proof.bound = most(all->proof.bound, zones->bound);
         free(zones);
     }
-    while (queue->count > 0) free(dequeue(queue));
+    close_all(queue);
 }
 
 #endif

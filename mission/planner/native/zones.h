@@ -28,7 +28,7 @@ typedef struct {
     double length;
 } Sizes;
 
-/* A node of the search, in one piece of memory. */
+/* A node of the search, in one piece of memory. The bound comes first (`queue.h`). */
 typedef struct {
     double bound, mu;
     double share; /* of a full step on prices, at first: less where that has not helped its parent */

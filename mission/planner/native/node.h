@@ -1,9 +1,6 @@
-/* The open nodes of the branch and bound: a pool of them and a heap, best bound first. */
-#ifndef TREE_H
-#define TREE_H
-
-#include <stdlib.h>
-#include <string.h>
+/* A node of the search of orders: what is decided, and whether its stops are enough. */
+#ifndef NODE_H
+#define NODE_H
 
 #include "planner.h"
 
@@ -12,7 +9,7 @@ enum { UNDECIDED, MERGED, BARRED };
 
 enum { PLACED = -1 }; /* level of a device that stands in the order */
 
-/* The first `size` entries of what goes by position count. */
+/* The first `size` entries of what goes by position count. The bound comes first (`queue.h`). */
 typedef struct {
     double bound, dual; /* what no plan of the node exceeds; the share of it that the path gives */
     double mu;          /* multiplier of the length */
@@ -26,71 +23,6 @@ typedef struct {
     int8_t edge[MOST_DEVICES];  /* by position: edge to the stop before it, or to the start */
     int8_t level[MOST_DEVICES]; /* by device: PLACED, or the radius that it is out of reach of */
 } Node;
-
-typedef struct {
-    Node *node;   /* (rows,) */
-    int32_t *heap; /* (open,) rows, and behind them those that are free */
-    int64_t open, rows, most;
-} Tree;
-
-/* Room for one node more; 0 where there is none. */
-static int grow(Tree *tree)
-{
-    int64_t rows = tree->rows ? 2 * tree->rows : 64;
-    if (rows > tree->most) rows = tree->most;
-    if (rows <= tree->rows) return 0;
-    Node *node = realloc(tree->node, (size_t)rows * sizeof(Node));
-    if (node) tree->node = node;
-    int32_t *heap = realloc(tree->heap, (size_t)rows * sizeof(int32_t));
-    if (heap) tree->heap = heap;
-    if (!node || !heap) return 0;
-    for (; tree->rows < rows; tree->rows++) heap[tree->rows] = (int32_t)tree->rows;
-    return 1;
-}
-
-static double bound_at(const Tree *tree, int64_t i) { return tree->node[tree->heap[i]].bound; }
-
-static void swap(Tree *tree, int64_t i, int64_t j)
-{
-    int32_t row = tree->heap[i];
-    tree->heap[i] = tree->heap[j];
-    tree->heap[j] = row;
-}
-
-/* Keep a copy of the node among the open ones; 0 if there is no room. */
-static int push(Tree *tree, const Node *node)
-{
-    if (tree->open == tree->rows && !grow(tree)) return 0;
-    int64_t i = tree->open++;
-    tree->node[tree->heap[i]] = *node;
-    while (i > 0 && bound_at(tree, (i - 1) / 2) < bound_at(tree, i)) {
-        swap(tree, (i - 1) / 2, i);
-        i = (i - 1) / 2;
-    }
-    return 1;
-}
-
-/* The largest bound among the open nodes; there must be one. */
-static double best_open(const Tree *tree) { return bound_at(tree, 0); }
-
-/* Take the open node with the largest bound. */
-static void pop(Tree *tree, Node *node)
-{
-    *node = tree->node[tree->heap[0]];
-    int64_t last = --tree->open, i = 0;
-    swap(tree, 0, last);
-    for (int64_t child; (child = 2 * i + 1) < last; i = child) {
-        if (child + 1 < last && bound_at(tree, child + 1) > bound_at(tree, child)) child++;
-        if (bound_at(tree, i) >= bound_at(tree, child)) return;
-        swap(tree, i, child);
-    }
-}
-
-static void close_tree(Tree *tree)
-{
-    free(tree->node);
-    free(tree->heap);
-}
 
 /* Put a device in a gap of the order, with a distance interval; its y is left to the caller.
 
