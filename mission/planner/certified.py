@@ -152,8 +152,9 @@ class Case:
 
     @property
     def _promised(self) -> float:
-        """A first bound: what the devices promise, each by itself."""
-        return root_bound(self.relaxation.promise[:, 0], self.limits)
+        """A first bound: what the best N K_bar devices promise, each by itself."""
+        places = self.limits.steps * self.limits.per_step
+        return float(np.sort(self.relaxation.promise[:, 0])[::-1][:places].sum())
 
 
 def case_of(problem: RoundProblem, *, towards_m: Altitudes = ()) -> Case:
@@ -205,28 +206,12 @@ def instance(problem: RoundProblem, *, towards_m: Altitudes = ()) -> tuple[Devic
 def relax(problem: RoundProblem, devices: Devices, *, towards_m: Altitudes = ()) -> Relaxation:
     """The tables of the dual bound; `towards_m` as in `reward_table`."""
     reach = reach_of(problem)
-    conjugate = conjugates(problem.channel, reach, towards_m)
+    tables = conjugates(problem.channel, reach, towards_m)
     # No path comes nearer to a device than its distance from the start less the budget.
     nearest = np.maximum(0.0, np.hypot(*devices.u.T) - problem.path_budget_m)
-    beyond = np.maximum(conjugate.radii_m[None, :], nearest[:, None])
-    table = reward_table(problem.channel, reach, towards_m)
-    promise = devices.delta[:, None] * table.upper(beyond)
-    return Relaxation(
-        conjugate.coefficients,
-        conjugate.spacing,
-        conjugate.radii_m[conjugate.ends[:, 1]],
-        conjugate.ends,
-        conjugate.row,
-        conjugate.ladder,
-        conjugate.radii_m,
-        promise,
-    )
-
-
-def root_bound(promise: Floats, limits: PathLimits) -> float:
-    """What the best N K_bar devices promise, each by itself."""
-    places = limits.steps * limits.per_step
-    return float(np.sort(promise)[::-1][:places].sum())
+    beyond = np.maximum(tables.radii_m[None, :], nearest[:, None])
+    upper = reward_table(problem.channel, reach, towards_m).upper(beyond)
+    return Relaxation(**vars(tables), promise=devices.delta[:, None] * upper)
 
 
 def reach_of(problem: RoundProblem) -> int:

@@ -131,7 +131,8 @@ def fit_budget(waypoints_m: ArrayLike, path_budget_m: float) -> Floats:
         PlanInputError: the waypoints are no array (N, 2) of finite numbers, or the budget is no
             number of 0 or more.
     """
-    waypoints = _finite(as_waypoints(waypoints_m))
+    waypoints = as_waypoints(waypoints_m)
+    _check_finite("waypoints_m", waypoints)
     if not (isinstance(path_budget_m, Real) and path_budget_m >= 0.0):
         raise PlanInputError(
             f"path_budget_m = {shown(path_budget_m)}: must be a number of metres, 0 or more"
@@ -163,7 +164,8 @@ def finish(
         PlanInputError: the waypoints are no array (steps, 2) of finite numbers, begin elsewhere
             than at the problem's start, or are a longer path than its budget (see `fit_budget`).
     """
-    given = _finite(as_waypoints(waypoints_m, problem.steps))
+    given = as_waypoints(waypoints_m, problem.steps)
+    _check_finite("waypoints_m", given)
     _check_path(problem, given)
     plan = plan_along(problem, given, hold_s=hold_s)
     return replace(plan, upper_bound=upper_bound, nodes=nodes)
@@ -183,13 +185,10 @@ def plan_along(problem: RoundProblem, waypoints_m: Floats, *, hold_s: float = 0.
     return best
 
 
-def _finite(waypoints_m: Floats) -> Floats:
-    bad = np.argwhere(~np.isfinite(waypoints_m))
-    if len(bad):
-        step, axis = bad[0].tolist()
-        value = waypoints_m[step, axis]
-        raise PlanInputError(f"waypoints_m[{step}][{axis}] = {value}: must be a finite number")
-    return waypoints_m
+def _check_finite(name: str, values: Floats) -> None:
+    for at in np.argwhere(~np.isfinite(values)).tolist():
+        where = "".join(f"[{i}]" for i in at)
+        raise PlanInputError(f"{name}{where} = {values[tuple(at)]}: must be a finite number")
 
 
 def _check_path(problem: RoundProblem, waypoints_m: Floats) -> None:
@@ -380,16 +379,9 @@ def check_problem(problem: RoundProblem) -> None:
         raise PlanInputError(
             f"devices has shape {devices.shape}: must be (K, 2), x and y in metres"
         )
-    if problem.importance.shape != (len(devices),):
-        raise PlanInputError(
-            f"importance has shape {problem.importance.shape}: must be ({len(devices)},), "
-            "one value a device"
-        )
-    times_s = {
-        name: np.zeros(len(devices)) if values is None else values
-        for name, values in (("upload_s", problem.upload_s), ("ready_in_s", problem.ready_in_s))
-    }
-    for name, values in times_s.items():
+    names = ("importance", "upload_s", "ready_in_s")
+    given = {name: values for name in names if (values := getattr(problem, name)) is not None}
+    for name, values in given.items():
         if values.shape != (len(devices),):
             raise PlanInputError(
                 f"{name} has shape {values.shape}: must be ({len(devices)},), one value a device"
@@ -400,21 +392,14 @@ def check_problem(problem: RoundProblem) -> None:
         raise PlanInputError(f"start has shape {problem.start_m.shape}: must be (2,), x and y")
     for name, values in (
         ("devices", devices),
-        ("importance", problem.importance),
         ("start", problem.start_m),
         ("path_budget_m", np.asarray(problem.path_budget_m)),
         ("altitudes_m", np.asarray(problem.altitudes_m or ())),
-        *times_s.items(),
+        *given.items(),
     ):
-        bad = np.argwhere(~np.isfinite(values))
-        if len(bad):
-            where = "".join(f"[{i}]" for i in bad[0])
-            value = values[tuple(bad[0])]
-            raise PlanInputError(f"{name}{where} = {value}: must be a finite number")
-    for name, values in (("importance", problem.importance), *times_s.items()):
-        negative = np.flatnonzero(values < 0.0)
-        if len(negative):
-            k = int(negative[0])
+        _check_finite(name, values)
+    for name, values in given.items():
+        for k in np.flatnonzero(values < 0.0).tolist():
             raise PlanInputError(f"{name}[{k}] = {values[k]}: must be 0 or more")
     if (
         problem.altitudes_m is not None

@@ -238,18 +238,13 @@ def _frozen(values: ArrayLike, shape: tuple[int, ...]) -> Floats:
 def _plan(entry: NamedPlan) -> dict[str, object]:
     plan = entry.plan
     proven = bool(np.isfinite(plan.upper_bound))
-    foreseen = plan.foreseen
-    flight = (
-        {}
-        if foreseen is None
-        else {"duration_s": foreseen.duration_s, "energy_j": foreseen.energy_j}
-    )
+    taken = plan.foreseen
     return {
         "waypoints": plan.waypoints_m.tolist(),
         "route": plan.route_m.tolist(),
         "schedule": plan.schedule.astype(int).tolist(),
         **({"hold_s": entry.hold_s} if entry.hold_s else {}),
-        **flight,
+        **({"duration_s": taken.duration_s, "energy_j": taken.energy_j} if taken else {}),
         "value": plan.value,
         "upper_bound": plan.upper_bound if proven else None,
         "gap": plan.gap if proven else None,

@@ -4,7 +4,7 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -21,10 +21,6 @@ from flightdyn.guidance.path_plan import passing_times
 from flightdyn.physics.power import power_w
 from mission.base import polyline
 from mission.base.arrays import Floats
-
-if TYPE_CHECKING:
-    from flightdyn.config import LimitsConfig
-    from flightdyn.guidance.path import FlightPath
 
 _Value = TypeVar("_Value")
 

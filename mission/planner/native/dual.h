@@ -98,8 +98,8 @@ static Taken taken(const Node *node, int64_t k, const Problem *problem)
     if (!is_loose(&problem->limits)) return (Taken){1.0, 0.0};
     if (node->edge[k] == MERGED) return (Taken){1.0 + stop_of(&problem->limits, NEAR_M) / NEAR_M, 0.0};
     double apart = between(here, k == 0 ? (Point){0.0, 0.0} : at[node->order[k - 1]]);
-    double around = relaxation->outer_m[node->interval[k]];
-    if (k > 0) around += relaxation->outer_m[node->interval[k - 1]];
+    double around = outer_of(relaxation, node->interval[k]);
+    if (k > 0) around += outer_of(relaxation, node->interval[k - 1]);
     const double shortest = most(apart - around, node->edge[k] == BARRED ? NEAR_M : 0.0);
     const double longest = least(apart + around, problem->limits.length);
     const double lowest = stop_of(&problem->limits, shortest);

@@ -106,13 +106,19 @@ static inline Conjugates conjugates(Wide s, const Intervals *of, int64_t splines
     };
 }
 
+/* The outer radius of a distance interval. */
+static inline double outer_of(const Relaxation *relaxation, int64_t row)
+{
+    return relaxation->radius_m[relaxation->ends[2 * row + 1]];
+}
+
 /* Let a lane have a distance interval. */
 static inline void put_interval(Intervals *of, int i, int64_t row, const Relaxation *relaxation)
 {
     of->coefficients[i] = relaxation->coefficients + row * relaxation->splines;
     of->rate[i] = 1.0 / relaxation->spacing[row];
     of->end[i] = (double)(relaxation->splines - 3) * relaxation->spacing[row];
-    of->outer[i] = relaxation->outer_m[row];
+    of->outer[i] = outer_of(relaxation, row);
 }
 
 typedef struct {

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from mission.base.arrays import Floats, Ints
+from mission.planner.reward import Conjugates
 from native.building import library
 from native.loading import address, check_sizes, functions, load
 
@@ -33,8 +34,8 @@ class _Limits(ctypes.Structure):
 class _Relaxation(ctypes.Structure):
     _fields_ = (
         ("radii", _INT), ("splines", _INT), ("coefficients", _POINTER), ("spacing", _POINTER),
-        ("outer_m", _POINTER), ("ends", _POINTER), ("row", _POINTER), ("ladder", _POINTER),
-        ("radius_m", _POINTER), ("promise", _POINTER),
+        ("ends", _POINTER), ("row", _POINTER), ("ladder", _POINTER), ("radius_m", _POINTER),
+        ("promise", _POINTER),
     )  # fmt: skip
 
 
@@ -106,17 +107,10 @@ class PathLimits:
         return _Limits(self.steps, self.per_step, self.length, self.timed, self.stop, self.brake)
 
 
-@dataclass(frozen=True)
-class Relaxation:
-    """Tables of the dual bound; see `mission.planner.reward.Conjugates`."""
+@dataclass(frozen=True, kw_only=True)
+class Relaxation(Conjugates):
+    """Tables of the dual bound."""
 
-    coefficients: Floats  # (rows, S + 3) of H, one row a distance interval
-    spacing: Floats  # (rows,)
-    outer_m: Floats  # (rows,) outer radius of the interval
-    ends: Ints  # (rows, 2) its radii, as indices
-    row: Ints  # (B, B) the interval between two radii, -1 where there is none
-    ladder: Ints  # (B,) the radius that is decided about after this one
-    radii_m: Floats  # (B,)
     promise: Floats  # (K, B) bound of delta f for a device out of reach of radius b
 
     def as_c(self, devices: int) -> _Relaxation:
@@ -130,7 +124,6 @@ class Relaxation:
             splines,
             address(self.coefficients, np.float64, (rows, splines)),
             address(self.spacing, np.float64, (rows,)),
-            address(self.outer_m, np.float64, (rows,)),
             address(self.ends, np.int64, (rows, 2)),
             address(self.row, np.int64, (radii, radii)),
             address(self.ladder, np.int64, (radii,)),

@@ -35,7 +35,6 @@ typedef struct {
     int64_t splines;            /* S + 3 */
     const double *coefficients; /* (rows, S + 3) of H, one row a distance interval */
     const double *spacing;      /* (rows,) */
-    const double *outer_m;      /* (rows,) outer radius of the interval */
     const int64_t *ends;        /* (rows, 2) its radii, as indices */
     const int64_t *row;         /* (B, B) the interval between two radii */
     const int64_t *ladder;      /* (B,) the radius that is decided about after this one */
