@@ -98,7 +98,7 @@ def zigzag(config: RunConfig, length_m: float) -> FlightPlan:
 
 def order(vehicle: Vehicle, config: RunConfig, plan: FlightPlan) -> None:
     """Start the plan's mission without MAVSDK."""
-    items = mission_items(plan, plan.positions(config.area.build()))
+    items = mission_items(plan, config.area.build())
     flight = vehicle.autopilot.flight
     flight.mission.replace(items)
     refused = flight.fly_mission()

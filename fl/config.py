@@ -1,6 +1,5 @@
 """Settings of the radio, the communities and the learning, as the user writes them."""
 
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import PurePath
 from typing import TYPE_CHECKING, Annotated, Literal, Self
@@ -215,51 +214,49 @@ class CommunityConfig(_Frozen):
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:
-        for problem in self._contradictions():
-            raise ValueError(problem)
-        return self
-
-    def _contradictions(self) -> Iterator[str]:
-        """Keys that do not go together, in words."""
+        """Refuse keys that do not go together."""
         if self.buffers is not None and self.network in BUILT_IN_NETWORKS:
-            yield "buffers belongs to a torch module of your own: no other has any"
+            raise ValueError("buffers belongs to a torch module of your own: no other has any")
         if self.positions_m is not None and self.positions_file is not None:
-            yield "positions_m and positions_file: one of them, not both"
+            raise ValueError("positions_m and positions_file: one of them, not both")
         for name in ("positions_m", "data_shares", "compute_times_s"):
             values = getattr(self, name)
             # Of a file it is not known yet how many it holds.
             known = self.positions_file is None or name == "positions_m"
             if values is not None and known and len(values) != self.devices:
-                yield (
+                raise ValueError(
                     f"{name} has {len(values)} entries for {self.devices} devices; there must be "
                     "one for each"
                 )
         if self.data_shares is not None and self.partition not in WEIGHED_PARTITIONS:
-            yield (
+            raise ValueError(
                 f"data_shares weighs nothing with partition = {self.partition!r}, which says "
                 f"itself who has how much: leave it out, or have {', '.join(WEIGHED_PARTITIONS)}"
             )
         if isinstance(self.compute_s, tuple) and self.compute_s[0] > self.compute_s[1]:
             low, high = self.compute_s
-            yield f"compute_s = [{low:g}, {high:g}] is [from, to]: from must not be above to"
+            raise ValueError(
+                f"compute_s = [{low:g}, {high:g}] is [from, to]: from must not be above to"
+            )
         if self.compute_s is not None and self.compute_times_s is not None:
-            yield "compute_s and compute_times_s: one of them, not both"
+            raise ValueError("compute_s and compute_times_s: one of them, not both")
         if self.convnet is not None and self.network != "convnet":
-            yield (
+            raise ValueError(
                 f"the table convnet is for network = 'convnet' only; network = "
                 f"'{self.network}' has sizes of its own: leave it out"
             )
         if self.task == "npz" and self.data_file is None:
-            yield "task = 'npz' needs data_file, the name of its .npz file"
+            raise ValueError("task = 'npz' needs data_file, the name of its .npz file")
         if self.task != "npz" and self.data_file is not None:
-            yield (
+            raise ValueError(
                 f"data_file is for task = 'npz' only; task = '{self.task}' has files of its "
                 "own: leave data_file out"
             )
         if self.data_file is not None and ".." in PurePath(self.data_file).parts:
-            yield (
+            raise ValueError(
                 "data_file stays in the data folder; a file elsewhere is given by its absolute path"
             )
+        return self
 
 
 class LearningConfig(_Frozen):

@@ -13,10 +13,10 @@ import importlib.util
 import re
 import sys
 import sysconfig
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, lru_cache
 from pathlib import Path
 
 from fl.errors import did_you_mean
@@ -41,15 +41,6 @@ class PassedObject:
 
     value: object
     digest: str | None  # SHA-256 of its pickle and of the modules that it uses; None: it has none
-
-
-@dataclass(frozen=True)
-class _Source:
-    """A module's file, and the names in its import statements."""
-
-    file: Path
-    text: bytes
-    imports: tuple[str, ...]
 
 
 def is_import_path(text: str) -> bool:
@@ -127,14 +118,13 @@ def load(name: str) -> object:
     module = module_of(name)
     if module == PASSED:
         return _passed_as(name).value
-    sources = _sources(module)
-    for each, source in sources.items():
-        now = f"{source.file} {_digest(_reached(sources, each))}"
+    for each, (file, _) in _sources(module).items():
+        now = f"{file} {_digest(_sources(each))}"
         if _imported.get(each) != now:
             sys.modules.pop(each, None)
             with suppress(OSError, NotImplementedError):
                 # Python tells it from newer text by size and whole seconds.
-                Path(importlib.util.cache_from_source(str(source.file))).unlink()
+                Path(importlib.util.cache_from_source(str(file))).unlink()
             _imported[each] = now
     importlib.invalidate_caches()
     return getattr(importlib.import_module(module), _path(name).partition(":")[2])
@@ -211,13 +201,13 @@ def _digest_of_object(value: object) -> str | None:
     return hashlib.sha256(_DRAWN.sub("", "\n".join(parts)).encode("utf-8", "replace")).hexdigest()
 
 
-def _sources(module: str) -> dict[str, _Source]:
-    """A module and all that it imports from beside it, by their names.
+def _sources(module: str) -> dict[str, tuple[Path, bytes]]:
+    """Files and their text of a module and all that it imports from beside it, by their names.
 
     Empty without a file, and of an installed package: nobody edits that, and it may be vast.
     """
     root, todo = _root(module), [module]
-    found: dict[str, _Source] = {}
+    found: dict[str, tuple[Path, bytes]] = {}
     while todo and root is not None and not _is_installed(root):
         name = todo.pop()
         if name in found or name.partition(".")[0] in _OURS:
@@ -225,44 +215,33 @@ def _sources(module: str) -> dict[str, _Source]:
         path = root.joinpath(*name.split("."))
         for file in (path / "__init__.py", path.with_name(f"{path.name}.py")):
             if file.is_file():
-                text = file.read_bytes()
-                found[name] = _Source(file, text, (*_imports(name, file, text),))
-                todo += found[name].imports
+                found[name] = file, file.read_bytes()
+                todo += _imports(name, *found[name])
                 break
     return found
 
 
-def _imports(name: str, file: Path, text: bytes) -> Iterator[str]:
+@lru_cache(maxsize=1024)
+def _imports(name: str, file: Path, text: bytes) -> list[str]:
     """What a module imports, with the packages around it; of `from a import b` also `a.b`."""
     outer = name.rpartition(".")[0]
-    yield from filter(None, [outer])
+    found = [outer] if outer else []
     package = name if file.name == "__init__.py" else outer
     with suppress(SyntaxError, ValueError, ImportError):  # which importing it says
         for node in ast.walk(ast.parse(text)):
             if isinstance(node, ast.Import):
-                yield from (alias.name for alias in node.names)
+                found += [alias.name for alias in node.names]
             elif isinstance(node, ast.ImportFrom):
                 dotted = "." * node.level + (node.module or "")
                 base = importlib.util.resolve_name(dotted, package)
-                yield from (base, *(f"{base}.{alias.name}" for alias in node.names))
-
-
-def _reached(sources: Mapping[str, _Source], module: str) -> dict[str, _Source]:
-    """Those of the sources that a module imports, itself among them."""
-    found: dict[str, _Source] = {}
-    todo = [module]
-    while todo:
-        name = todo.pop()
-        if name in sources and name not in found:
-            found[name] = sources[name]
-            todo += sources[name].imports
+                found += [base, *(f"{base}.{alias.name}" for alias in node.names)]
     return found
 
 
-def _digest(sources: Mapping[str, _Source]) -> str:
+def _digest(sources: Mapping[str, tuple[Path, bytes]]) -> str:
     digest = hashlib.sha256()
-    for name, source in sorted(sources.items()):
-        digest.update(f"{name} {len(source.text)} ".encode() + source.text)
+    for name, (_, text) in sorted(sources.items()):
+        digest.update(f"{name} {len(text)} ".encode() + text)
     return digest.hexdigest()
 
 

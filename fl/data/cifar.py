@@ -11,7 +11,7 @@ import lzma
 import pickle
 import tarfile
 import zlib
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import IO, cast
 
@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fl.data.dataset import Dataset, Provenance, SourceFile, Split, checked
-from fl.data.files import CIFAR_ARCHIVE_MD5, CIFAR_BATCH_MD5, Bounded, md5, read_exactly
+from fl.data.files import CIFAR_ARCHIVE_MD5, CIFAR_BATCH_MD5, Bounded, md5, read_exactly, reading
 from fl.errors import DataDamagedError, DataLayoutError, DataMissingError
 
 CLASSES = 10
@@ -55,23 +55,21 @@ def read_archive(path: Path) -> dict[str, bytes]:
     What unpacks to more than `LARGEST_BYTES` is refused.
     """
     batches: dict[str, bytes] = {}
-    try:
-        with path.open("rb") as raw, _unpacked(raw) as unpacked:
-            stream = Bounded(unpacked, path=path)
-            with tarfile.open(fileobj=cast(IO[bytes], stream), mode="r:") as archive:
-                for member in archive:
-                    name = member.name.rpartition("/")[2]
-                    if member.isfile() and name.removesuffix(".bin") in BATCHES:
-                        content = archive.extractfile(member)
-                        if content is not None:
-                            batches[name] = read_exactly(content, member.size, path=path)
-            stream.exhaust()
-    except (tarfile.TarError, EOFError, zlib.error, lzma.LZMAError) as error:
-        raise DataDamagedError(path, f"archive: {error}") from error
-    except OSError as error:
-        raise DataDamagedError(path, error.strerror or str(error)) from error
-    except MemoryError:
-        raise DataDamagedError(path, "takes more memory than there is") from None
+    damage = tarfile.TarError, EOFError, zlib.error, lzma.LZMAError
+    with (
+        reading(path, "archive", *damage),
+        path.open("rb") as raw,
+        _unpacked(raw) as unpacked,
+    ):
+        stream = Bounded(unpacked, path=path)
+        with tarfile.open(fileobj=cast(IO[bytes], stream), mode="r:") as archive:
+            for member in archive:
+                name = member.name.rpartition("/")[2]
+                if member.isfile() and name.removesuffix(".bin") in BATCHES:
+                    content = archive.extractfile(member)
+                    if content is not None:
+                        batches[name] = read_exactly(content, member.size, path=path)
+        stream.exhaust()
     return batches
 
 
@@ -137,20 +135,17 @@ def _read_folder(folder: Path) -> dict[str, bytes]:
     for name in (*BATCHES, *(f"{name}.bin" for name in BATCHES)):
         path = folder / name
         if path.is_file():
-            try:
+            with reading(path):
                 batches[name] = path.read_bytes()
-            except OSError as error:
-                raise DataDamagedError(path, error.strerror or str(error)) from error
     return batches
 
 
 def _unpacked(raw: IO[bytes]) -> IO[bytes]:
     start = raw.read(2)
     raw.seek(0)
-    if start == b"\x1f\x8b":
-        return cast(IO[bytes], gzip.open(raw))
-    if start == b"\xfd7":
-        return cast(IO[bytes], lzma.open(raw))
-    if start == b"BZ":
-        return cast(IO[bytes], bz2.open(raw))
-    return raw
+    openers: dict[bytes, Callable[[IO[bytes]], object]] = {
+        b"\x1f\x8b": gzip.open,
+        b"\xfd7": lzma.open,
+        b"BZ": bz2.open,
+    }
+    return cast(IO[bytes], openers[start](raw)) if start in openers else raw

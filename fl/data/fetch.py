@@ -6,13 +6,12 @@ import os
 import tempfile
 import urllib.error
 import urllib.request
-import zlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from fl.data.files import CIFAR_ARCHIVE_MD5, IDX_MD5, md5
+from fl.data.files import CIFAR_ARCHIVE_MD5, IDX_MD5, UNPACKING_ERRORS, md5
 from fl.data.idx import NAMES
 from fl.data.load import load
 from fl.errors import DataDamagedError, DataMissingError, FetchError, SettingError
@@ -141,5 +140,5 @@ def _sum_of(path: Path) -> str:
         return md5(content)
     try:
         return md5(gzip.decompress(content))
-    except (EOFError, zlib.error, gzip.BadGzipFile):
+    except UNPACKING_ERRORS:
         return ""

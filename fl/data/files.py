@@ -8,9 +8,10 @@ recompressed or unpacked file is the same.
 import gzip
 import hashlib
 import zlib
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
-from typing import IO, cast
+from typing import IO
 
 from fl.errors import DataDamagedError
 
@@ -71,16 +72,26 @@ def read_exactly(stream: IO[bytes], count: int, *, path: Path | str) -> bytes:
     return b"".join(pieces)
 
 
-def open_maybe_gzipped(path: Path) -> IO[bytes]:
-    """The content of a file, unpacked on the way if its name ends in .gz.
+@contextmanager
+def reading(
+    path: Path,
+    what: str = "",
+    *damage: type[Exception],
+    how: Callable[[Exception], str] = str,
+) -> Iterator[None]:
+    """Read a file in the block. `damage` is what its format raises, told by `how` as `what`.
 
     Raises:
-        DataDamagedError: it cannot be opened.
+        DataDamagedError: it is damaged, cannot be read, or is too large for the memory.
     """
     try:
-        return cast(IO[bytes], gzip.open(path)) if path.suffix == ".gz" else path.open("rb")
+        yield
+    except damage as error:
+        raise DataDamagedError(path, f"{what}: {how(error)}") from error
     except OSError as error:
         raise DataDamagedError(path, error.strerror or str(error)) from error
+    except MemoryError:
+        raise DataDamagedError(path, "takes more memory than there is") from None
 
 
 class Bounded:

@@ -4,13 +4,15 @@ An IDX file of unsigned bytes is 0, 0, 0x08, the number of dimensions, each dime
 big-endian 32-bit integer, then the bytes.
 """
 
+import gzip
 from pathlib import Path
+from typing import IO, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fl.data.dataset import Dataset, Provenance, SourceFile, Split, checked
-from fl.data.files import IDX_MD5, UNPACKING_ERRORS, md5, open_maybe_gzipped, read_exactly
+from fl.data.files import IDX_MD5, UNPACKING_ERRORS, md5, read_exactly, reading
 from fl.errors import DataDamagedError, DataMissingError
 
 CLASSES = 10
@@ -61,19 +63,13 @@ def read(path: Path, *, dimensions: int) -> tuple[bytes, NDArray[np.uint8]]:
         DataDamagedError: it cannot be read, or is not what its header says.
     """
     start = 4 + 4 * dimensions
-    try:
-        with open_maybe_gzipped(path) as stream:
-            header = stream.read(start)
-            shape = _shape(header, path=path, dimensions=dimensions)
-            promised = int(np.prod(shape, dtype=object))
-            body = read_exactly(stream, promised, path=path)
-            more = bool(stream.read(1))
-    except UNPACKING_ERRORS as error:
-        raise DataDamagedError(path, f"gzip: {error}") from error
-    except OSError as error:
-        raise DataDamagedError(path, error.strerror or str(error)) from error
-    except MemoryError:
-        raise DataDamagedError(path, "takes more memory than there is") from None
+    opener = gzip.open if path.suffix == ".gz" else open
+    with reading(path, "gzip", *UNPACKING_ERRORS), cast(IO[bytes], opener(path, "rb")) as stream:
+        header = stream.read(start)
+        shape = _shape(header, path=path, dimensions=dimensions)
+        promised = int(np.prod(shape, dtype=object))
+        body = read_exactly(stream, promised, path=path)
+        more = bool(stream.read(1))
     if more or len(body) < promised:
         found = "more" if more else str(len(body))
         raise DataDamagedError(

@@ -8,7 +8,8 @@ from fl.config import TASKS
 from fl.data import bundled, cifar, idx, npz
 from fl.data.arrays import CustomDataset
 from fl.data.dataset import Dataset
-from fl.errors import DataDamagedError, DataMissingError
+from fl.data.files import reading
+from fl.errors import DataMissingError
 
 Stamp = tuple[tuple[str, int, int], ...]
 
@@ -91,7 +92,7 @@ def _stamp(folder: Path | None, data_file: str | None = None) -> Stamp:
     if folder is None or not folder.is_dir():
         return ()
     found: list[tuple[str, int, int]] = []
-    try:
+    with reading(folder):
         paths = set(folder.iterdir()) | ({folder / data_file} if data_file else set())
         for path in sorted(paths):
             if path.is_file():
@@ -99,6 +100,4 @@ def _stamp(folder: Path | None, data_file: str | None = None) -> Stamp:
                 found.append((str(path), status.st_size, status.st_mtime_ns))
             elif path.name in FOLDERS:
                 found += _stamp(path)
-    except OSError as error:
-        raise DataDamagedError(folder, error.strerror or str(error)) from error
     return tuple(found)

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from fl.data.arrays import Samples, dataset_of, labels
 from fl.data.dataset import Dataset, Provenance, SourceFile, held_out
-from fl.data.files import LARGEST_BYTES, md5
+from fl.data.files import LARGEST_BYTES, md5, reading
 from fl.errors import DataDamagedError, DataLayoutError, DataMissingError, first_line
 
 LAYOUTS = (
@@ -31,6 +31,11 @@ LAYOUTS = (
 OWNER = "owner"
 Found: TypeAlias = NDArray[np.generic]
 HELD_OUT = 1.0 / 6.0
+# The others are what numpy's parsing of a header of brackets, or a foreign compression, raises.
+_DAMAGE = (
+    *(zipfile.BadZipFile, zlib.error, lzma.LZMAError, EOFError, ValueError, TypeError),
+    *(NotImplementedError, RuntimeError, SyntaxError, OverflowError, LookupError),
+)
 
 
 def wanted(name: str) -> str:
@@ -43,7 +48,7 @@ def load(name: str, data_dir: Path) -> Dataset:
     path = data_dir / name
     if not path.is_file():
         raise DataMissingError("npz", data_dir, wanted(name))
-    try:
+    with reading(path, "npz", *_DAMAGE, how=first_line):
         if not zipfile.is_zipfile(path):
             raise DataDamagedError(path, "not an .npz archive, or only the beginning of one")
         with zipfile.ZipFile(path) as members:
@@ -63,16 +68,6 @@ def load(name: str, data_dir: Path) -> Dataset:
             arrays = [_array(archive, key) for key in layout]
             owner = _array(archive, OWNER) if OWNER in archive.files else None
         content_md5 = md5(path.read_bytes())
-    # The others are what numpy's parsing of a header of brackets, or a foreign compression, raises.
-    except (
-        *(zipfile.BadZipFile, zlib.error, lzma.LZMAError, EOFError, ValueError, TypeError),
-        *(NotImplementedError, RuntimeError, SyntaxError, OverflowError, LookupError),
-    ) as error:
-        raise DataDamagedError(path, f"npz: {first_line(error)}") from error
-    except MemoryError:
-        raise DataDamagedError(path, "takes more memory than there is") from None
-    except OSError as error:
-        raise DataDamagedError(path, error.strerror or str(error)) from error
     provenance = Provenance(str(path), False, (SourceFile(path.name, content_md5, False),))
     if len(layout) == 2:
         arrays, owner = _held_out(arrays, layout, owner, path)

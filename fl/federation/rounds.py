@@ -14,25 +14,10 @@ from fl.arrays import Bools, Floats, Ints, Vector, frozen
 from fl.data.dataset import Split
 from fl.federation import fairness as fair
 from fl.federation.algorithms import Update, mean_step
-from fl.federation.community import Community, Federation, build
+from fl.federation.community import Community, Federation
 from fl.federation.state import CommunityState, FederationState, Pending, parts_of
 from fl.federation.updates import trained
 from fl.training.local import in_parallel
-
-__all__ = [
-    "Community",
-    "Federation",
-    "FederationState",
-    "Participation",
-    "RoundLearning",
-    "accuracy",
-    "build",
-    "first_importance",
-    "importance",
-    "init",
-    "play_round",
-    "untrained",
-]
 
 
 @dataclass(frozen=True, eq=False)

@@ -4,9 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from flightdyn.state import GeodeticPoint
 from mission.base.airspace import OPEN, Airspace
-from mission.base.area import Area
 from mission.base.arrays import Floats
 from mission.config.models import MissionConfig
 from mission.planner.flyable import acceptance_radius
@@ -59,12 +57,6 @@ class FlightPlan:
             for stop, arrived_s in zip(self.stops, foreseen.arrived_s, strict=True)
             for begin_s in stop.slots_s
         ]
-
-    def positions(self, area: Area) -> tuple[GeodeticPoint, ...]:
-        """The stops on the globe."""
-        return tuple(
-            area.frame.to_geodetic(area.to_ned(stop.xy_m, self.alt_rel_m)) for stop in self.stops
-        )
 
 
 def flight_of_round(

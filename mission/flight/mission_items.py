@@ -1,11 +1,10 @@
 """A round's flight as mission items: those that are uploaded, and that its plan file holds."""
 
 import math
-from collections.abc import Sequence
 
 from pymavlink.dialects.v20 import common as mav
 
-from flightdyn.state import GeodeticPoint
+from mission.base.area import Area
 from mission.flight.flight_plan import FlightPlan
 from sitl.autopilot.codec.orders import MissionItem
 
@@ -14,23 +13,24 @@ _GROUND_SPEED = 1.0
 _UNCHANGED = -1.0
 
 
-def mission_items(plan: FlightPlan, positions: Sequence[GeodeticPoint]) -> list[MissionItem]:
+def mission_items(plan: FlightPlan, area: Area) -> list[MissionItem]:
     """The stops as items: the first stop, the speed of all legs, the other stops.
 
     The first stop is where the vehicle already is; the speed stands after it because autopilots
     apply DO_CHANGE_SPEED to the leg after the item before it. See `stop_items`.
     """
+    places = [area.frame.to_geodetic(area.to_ned(s.xy_m, plan.alt_rel_m)) for s in plan.stops]
     waypoints = [
         MissionItem(
             seq=seq,
             command=mav.MAV_CMD_NAV_WAYPOINT,
             frame=mav.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT,
             params=(stop.hold_s, plan.acceptance_m, 0.0, math.nan),
-            x=round(position.lat_deg * DEG_E7) / DEG_E7,
-            y=round(position.lon_deg * DEG_E7) / DEG_E7,
+            x=round(place.lat_deg * DEG_E7) / DEG_E7,
+            y=round(place.lon_deg * DEG_E7) / DEG_E7,
             z=plan.alt_rel_m,
         )
-        for seq, stop, position in zip(stop_items(plan), plan.stops, positions, strict=True)
+        for seq, stop, place in zip(stop_items(plan), plan.stops, places, strict=True)
     ]
     speed = MissionItem(
         seq=1,

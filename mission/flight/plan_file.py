@@ -253,7 +253,7 @@ def write_round_plan(path: Path, plan: FlightPlan, area: Area) -> None:
         InputError: it cannot be written.
     """
     items = []
-    for item in mission_items(plan, plan.positions(area)):
+    for item in mission_items(plan, area):
         place = item.command != mav.MAV_CMD_DO_CHANGE_SPEED
         where = {"Altitude": item.z, "AltitudeMode": 1, "AMSLAltAboveTerrain": None}
         items.append(

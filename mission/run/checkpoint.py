@@ -14,8 +14,9 @@ from typing import Any
 import numpy as np
 
 from fl.errors import CheckpointError
-from fl.federation.rounds import Federation, FederationState, RoundLearning
-from fl.federation.state import from_bytes, to_bytes
+from fl.federation.community import Federation
+from fl.federation.rounds import RoundLearning
+from fl.federation.state import FederationState, from_bytes, to_bytes
 from mission.base.arrays import Floats
 from mission.base.errors import InputError
 from mission.base.run_folder import write_atomically

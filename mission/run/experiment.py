@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from fl.federation import rounds as learning
+from fl.federation.state import FederationState
 from mission.base.console import RunConsole
 from mission.base.interrupts import in_background
 from mission.base.record_file import RecordFile
@@ -30,7 +31,7 @@ class Experiment(ABC):
     scenario: Scenario
     recorder: FolderRecorder
     stopwatch: Stopwatch
-    state: learning.FederationState  # with a memory: after the last round in it
+    state: FederationState  # with a memory: after the last round in it
     memory: Sequence[RoundMemory] = ()  # rounds to go through again as they were
     workers: int = 1  # devices that train at a time; changes no result
     totals: RunTotals = field(init=False)

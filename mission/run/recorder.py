@@ -4,7 +4,8 @@ from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 
-from fl.federation.rounds import FederationState, RoundLearning
+from fl.federation.rounds import RoundLearning
+from fl.federation.state import FederationState
 from mission.base.console import RunConsole
 from mission.base.interrupted_files import InterruptedFiles
 from mission.base.run_folder import RunFolder, environment

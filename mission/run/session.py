@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from fl.federation import rounds as learning
+from fl.federation.state import FederationState
 from mission.base.console import RunConsole
 from mission.base.errors import InputError
 from mission.base.interrupted_files import InterruptedFiles
@@ -43,7 +44,7 @@ class _Ready:
     flyers: Flyers
     folder: RunFolder
     checkpoint: CheckpointFolder
-    state: learning.FederationState
+    state: FederationState
     callbacks: Callbacks
     memory: Sequence[RoundMemory] = ()  # rounds to fly again
     live: tuple[LiveView, ...] = ()

@@ -14,7 +14,7 @@ from fl.config import CommunityConfig
 from fl.errors import FETCHED
 from fl.federation import fairness
 from fl.federation import rounds as learning
-from fl.federation.community import Community
+from fl.federation.community import Community, Federation, build
 from fl.federation.device_work import DeviceWork
 from fl.plugin_code import is_plugin
 from fl.radio.channel import Channel, LinkBudget, link_budget
@@ -59,7 +59,7 @@ class Scenario:
     devices_m: Floats  # (K, 2) area coordinates
     channel: Channel  # that rounds are planned with, at the mission's lowest altitude
     radio: Channel | CustomRadio  # that decides whose update arrives
-    federation: learning.Federation
+    federation: Federation
     strategy: Strategy | None  # None: ideal, nothing is flown
 
     @property
@@ -319,7 +319,7 @@ def build_scenario(config: RunConfig, *, data_dir: Path | None) -> Scenario:
     with errors_of_learning():
         channel = config.channel.channel(altitude_m=config.mission.heights_m[0])
         radio = make_radio(config.channel.gate, channel)
-        federation = learning.build(
+        federation = build(
             config.communities, config.learning, data_dir=data_dir, stream=streams.generator
         )
     _check_uploads(config, federation.upload_bits)

@@ -23,7 +23,7 @@ from mission.flight.flight_plan import Demand, FlightPlan
 from mission.flight.flyers.contact import await_vehicle, located, until, until_ready
 from mission.flight.flyers.flyer import CHARGED, HOLD_TIMEOUT_S, Flyer
 from mission.flight.flyers.flyers import Attached, Flyers, Say
-from mission.flight.mission_items import stop_items
+from mission.flight.mission_items import mission_items, stop_items
 from mission.flight.passages import passages
 from mission.flight.pilot.feed import TelemetryFeed
 from mission.flight.pilot.limits import VehicleLimits, read_limits
@@ -106,14 +106,14 @@ class ExternalFlyer(Flyer):
             await self._battery_told()
         if self.feed.battery_remaining < reserve:
             self.say(f"{self._low(reserve)}: no take-off before it is charged")
-            await self._charged(reserve)
+            await self._change_battery(reserve)
         await self.pilot.take_off(self.altitude_m)
 
     async def upload(self, plan: FlightPlan) -> None:
         """Give the vehicle the stops; it hovers meanwhile."""
         if not plan.stands:
             ordered = replace(plan, speed_mps=self._ordered_mps)
-            await self.pilot.upload(ordered, plan.positions(self.area))
+            await self.pilot.upload_items(mission_items(ordered, self.area))
 
     async def fly(self, plan: FlightPlan) -> Flight:
         if plan.stands:
@@ -198,16 +198,13 @@ class ExternalFlyer(Flyer):
             self.say(f"{self._low(needed)}: the vehicle returns, lands and waits for a charged one")
         return await super().refresh(needed)
 
-    async def _change_battery(self, needed: float) -> None:
-        await self._charged(needed)
-
     async def _battery_told(self) -> None:
         """Wait for the first reading; who never tells one may fly all the same."""
         with suppress(TimeoutError):
             async with asyncio.timeout(_FIRST_READING_S):
                 await until(lambda: not math.isnan(self.battery_remaining))
 
-    async def _charged(self, needed: float) -> None:
+    async def _change_battery(self, needed: float) -> None:
         """Wait for more than what a battery recovers by resting: half of all above the need, but no
         more than a charged one is sure to read."""
         enough = min((1.0 + needed) / 2.0, CHARGED)
@@ -300,7 +297,8 @@ class ExternalFlyers(Flyers):
 
     @property
     def position_source(self) -> str:
-        return telemetry_of(self.task.config.link)
+        url = self.task.config.link.url
+        return f"telemetry of {url}: truth and belief are what the autopilot says"
 
     def await_vehicle(self, *, say: Say) -> VehicleLimits:
         return await_vehicle(self.task.config.link, area=self.task.area, say=say)
@@ -333,11 +331,6 @@ class ExternalFlyers(Flyers):
                 yield ExternalFlyer(
                     pilot, feed, recorder, task.area, flown, limits.guidance, link, say
                 )
-
-
-def telemetry_of(link: LinkConfig) -> str:
-    """Where the positions of an external autopilot come from, for people."""
-    return f"telemetry of {link.url}: truth and belief are what the autopilot says"
 
 
 async def limits_of(

@@ -19,7 +19,7 @@ from mission.flight.flight_plan import FlightPlan
 from mission.flight.flyers.flyer import HOLD_TIMEOUT_S, Flyer
 from mission.flight.flyers.flyers import Attached, Flyers, Task
 from mission.flight.ground_stations import station_links
-from mission.flight.mission_items import stop_items
+from mission.flight.mission_items import mission_items, stop_items
 from mission.flight.pilot.connection import connect
 from mission.flight.pilot.pilot import Pilot
 from mission.flight.plan_file import PlanFile
@@ -85,7 +85,7 @@ class SimulatedFlyer(Flyer):
     async def upload(self, plan: FlightPlan) -> None:
         """Give the vehicle the stops; simulated time stands still meanwhile."""
         if not plan.stands:
-            await self.pilot.upload(plan, plan.positions(self.area))
+            await self.pilot.upload_items(mission_items(plan, self.area))
 
     async def fly(self, plan: FlightPlan) -> Flight:
         if plan.stands:

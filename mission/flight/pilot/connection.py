@@ -3,7 +3,6 @@
 import logging
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
-from typing import Any
 
 from mavsdk.asyncio import Configuration, Mavsdk
 from mavsdk.autopilot import Autopilot
@@ -26,20 +25,6 @@ class NoVehicleError(LinkLostError):
     """Nobody answered in time."""
 
 
-def ground_station() -> Mavsdk:
-    """MAVSDK as a ground station, its messages in our log; an asynchronous context manager."""
-    log_subscribe(_log_mavsdk)
-    return Mavsdk(Configuration.create_with_component_type(ComponentType.GROUND_STATION))
-
-
-def raw_core(mavsdk: Mavsdk) -> Any:
-    """What a raw:// connection takes bytes from and gives them to.
-
-    The asyncio wrapper of mavsdk 4.1 does not pass its two calls on.
-    """
-    return mavsdk._mavsdk
-
-
 @asynccontextmanager
 async def connect(
     url: str,
@@ -57,13 +42,16 @@ async def connect(
         LinkLostError: the connection cannot be opened.
         NoVehicleError: no autopilot answers on it within `timeout_s` of wall time.
     """
-    async with ground_station() as mavsdk:
+    log_subscribe(_log_mavsdk)
+    station = Configuration.create_with_component_type(ComponentType.GROUND_STATION)
+    async with Mavsdk(station) as mavsdk:
         try:
             await mavsdk.add_any_connection(url)
         except MavsdkError as error:
             raise LinkLostError(f"cannot open {url}: {_why(error)}") from None
         if raw_link is not None:
-            core = raw_core(mavsdk)
+            # The asyncio wrapper of mavsdk 4.1 does not pass the two calls on that this needs.
+            core = mavsdk._mavsdk
             core.subscribe_raw_bytes_to_be_sent(raw_link.feed)
             raw_link.attach(core.pass_received_raw_bytes)
         try:

@@ -16,6 +16,7 @@ from flightdyn.frames import frozen
 from flightdyn.state import BatteryState, GeodeticPoint, Kinematics, Moment
 from mission.base.area import Area
 from mission.flight.pilot.pilot import Pilot
+from mission.flight.pilot.raw_messages import follow
 from mission.flight.pilot.readiness import Readiness
 from mission.flight.track import Passage
 from sitl.autopilot.codec.orders import Fields
@@ -114,12 +115,17 @@ class TelemetryFeed:
 
     async def watch(self) -> None:
         """Follow the messages until cancelled."""
+        heard = self._heard.of
         async with asyncio.TaskGroup() as group:
             group.create_task(self.readiness.watch(self._pilot.messages))
-            group.create_task(self._watch_position())
-            group.create_task(self._watch_attitude())
-            group.create_task(self._watch_battery())
-            group.create_task(self._watch_reached())
+            group.create_task(
+                follow(
+                    (heard("GLOBAL_POSITION_INT"), self._hear_position),
+                    (heard("ATTITUDE_QUATERNION"), self._hear_attitude),
+                    (heard("BATTERY_STATUS"), self._hear_battery),
+                    (heard("MISSION_ITEM_REACHED"), self._hear_reached),
+                )
+            )
 
     def note(self, text: str, *, severity: int = _NOTICE) -> None:
         """Put a line about the vehicle into the log, where it is and flies now."""
@@ -137,19 +143,15 @@ class TelemetryFeed:
         )
         self._tell(VehicleEvent(passage.t_ns, "reached", f"item {seq}", truth, belief, seq, _INFO))
 
-    async def _watch_position(self) -> None:
-        async for fields in self._heard.of("GLOBAL_POSITION_INT"):
-            if self._moment is None and self.readiness.missing:
-                continue
-            restarts = self._clock.restarts
-            t_ns = self._clock.t_ns(fields["time_boot_ms"])
-            if self._clock.restarts != restarts:
-                self.readiness.forget()
-            if self._moment is not None and t_ns <= self._moment[0].t_ns:
-                continue
-            self._take_position(t_ns, fields)
-
-    def _take_position(self, t_ns: int, fields: Fields) -> None:
+    def _hear_position(self, fields: Fields) -> None:
+        if self._moment is None and self.readiness.missing:
+            return
+        restarts = self._clock.restarts
+        t_ns = self._clock.t_ns(fields["time_boot_ms"])
+        if self._clock.restarts != restarts:
+            self.readiness.forget()
+        if self._moment is not None and t_ns <= self._moment[0].t_ns:
+            return
         height_m = fields["relative_alt"] / 1e3
         seen = GeodeticPoint(
             fields["lat"] / 1e7, fields["lon"] / 1e7, self._area.home.alt_msl_m + height_m
@@ -211,31 +213,27 @@ class TelemetryFeed:
     def _take_text(self, severity: int, text: str) -> None:
         self._happened("status", text.strip(), severity)
 
-    async def _watch_attitude(self) -> None:
-        async for fields in self._heard.of("ATTITUDE_QUATERNION"):
-            q = np.array([fields["q1"], fields["q2"], fields["q3"], fields["q4"]])
-            self._attitude = frozen(q / np.linalg.norm(q))
-            rates = (fields["rollspeed"], fields["pitchspeed"], fields["yawspeed"])
-            self._rates = frozen(rates)
+    def _hear_attitude(self, fields: Fields) -> None:
+        q = np.array([fields["q1"], fields["q2"], fields["q3"], fields["q4"]])
+        self._attitude = frozen(q / np.linalg.norm(q))
+        self._rates = frozen((fields["rollspeed"], fields["pitchspeed"], fields["yawspeed"]))
 
-    async def _watch_battery(self) -> None:
-        async for fields in self._heard.of("BATTERY_STATUS"):
-            percent, consumed = fields["battery_remaining"], fields["current_consumed"]
-            cells = [cell for cell in fields["voltages"] if cell < 65535]
-            current = fields["current_battery"]
-            self._battery = BatteryState(
-                sum(cells) / 1e3,
-                math.nan if current == -1 else current / 1e2,
-                math.nan if consumed == -1 else float(consumed),
-                math.nan if percent == _UNKNOWN_PERCENT else percent / 100,
-            )
+    def _hear_battery(self, fields: Fields) -> None:
+        percent, consumed = fields["battery_remaining"], fields["current_consumed"]
+        cells = [cell for cell in fields["voltages"] if cell < 65535]
+        current = fields["current_battery"]
+        self._battery = BatteryState(
+            sum(cells) / 1e3,
+            math.nan if current == -1 else current / 1e2,
+            math.nan if consumed == -1 else float(consumed),
+            math.nan if percent == _UNKNOWN_PERCENT else percent / 100,
+        )
 
-    async def _watch_reached(self) -> None:
-        async for fields in self._heard.of("MISSION_ITEM_REACHED"):
-            if self._moment is not None:
-                seq = fields["seq"] - self._pilot.dialect.first_item
-                self.reached_ns.setdefault(seq, self._moment[0].t_ns)
-                self._happened("status", f"item {seq}: reported", _INFO)
+    def _hear_reached(self, fields: Fields) -> None:
+        if self._moment is not None:
+            seq = fields["seq"] - self._pilot.dialect.first_item
+            self.reached_ns.setdefault(seq, self._moment[0].t_ns)
+            self._happened("status", f"item {seq}: reported", _INFO)
 
 
 class VehicleClock:

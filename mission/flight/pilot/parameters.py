@@ -2,7 +2,7 @@
 
 import asyncio
 import logging
-from collections.abc import AsyncIterator, Awaitable, Callable, Mapping
+from collections.abc import AsyncIterator, Callable, Mapping
 from contextlib import asynccontextmanager
 
 from mavsdk.asyncio import System
@@ -79,23 +79,14 @@ async def adjusted(
 async def _restored(parameters: Parameters, changed: Mapping[str, tuple[float, float]]) -> str:
     """Set back what was changed; what stays as it was set for the flight, for people."""
     left = dict(changed)
-
-    async def restore() -> None:
-        for name, (before, _) in changed.items():
-            await parameters.set(name, before)
-            del left[name]
-
-    await _in_any_case(restore())
+    try:
+        async with asyncio.timeout(RESTORE_TIMEOUT_S):
+            for name, (before, _) in changed.items():
+                await parameters.set(name, before)
+                del left[name]
+    except (TimeoutError, AerofedError) as error:
+        logger.info("parameters: %s", error)
     if not left:
         return ""
     values = ", ".join(f"{name} = {set_:g} (was {was:g})" for name, (was, set_) in left.items())
     return f"the vehicle keeps what was set for the flight: {values}"
-
-
-async def _in_any_case(work: Awaitable[None]) -> None:
-    """Finish it, whatever interrupts; its failures show in what it leaves undone."""
-    try:
-        async with asyncio.timeout(RESTORE_TIMEOUT_S):
-            await work
-    except (TimeoutError, AerofedError) as error:
-        logger.info("parameters: %s", error)

@@ -9,13 +9,9 @@ from mavsdk.asyncio.plugins.action import ActionAsync
 from mavsdk.asyncio.plugins.info import InfoAsync
 from mavsdk.asyncio.plugins.mission_raw import MissionRawAsync
 from mavsdk.exceptions import MavsdkError
-from mavsdk.plugins.mission_raw import MissionItem as RawItem
 from mavsdk.plugins.telemetry import FlightMode, LandedState
 
-from flightdyn.state import GeodeticPoint
 from mission.base.errors import FlightError, LinkLostError
-from mission.flight.flight_plan import FlightPlan
-from mission.flight.mission_items import mission_items
 from mission.flight.pilot.dialects import PX4, Dialect
 from mission.flight.pilot.parameters import Parameters
 from mission.flight.pilot.raw_items import as_dialect, raw_items, same_mission
@@ -113,14 +109,6 @@ class Pilot:
             ),
             f"climb to {alt_rel_m:g} m and hold there",
         )
-
-    async def upload(self, plan: FlightPlan, positions: Sequence[GeodeticPoint]) -> None:
-        """Upload the stops at `positions`.
-
-        Raises:
-            FlightError: the vehicle refuses the mission.
-        """
-        await self.upload_items(mission_items(plan, positions))
 
     async def fly(self) -> None:
         """Start the mission that was uploaded, and wait for the end at its last stop.
@@ -229,35 +217,30 @@ class Pilot:
         Raises:
             FlightError: the vehicle refuses it.
         """
-        await self._upload(as_dialect(raw_items(items), self.dialect))
-
-    async def _upload(self, items: list[RawItem]) -> None:
+        sent = as_dialect(raw_items(items), self.dialect)
         self.watch.order_given()
         refusal: MavsdkError | None = None
         for attempt in range(1, UPLOAD_ATTEMPTS + 1):
             try:
-                await settled(self._mission.upload_mission(items))
+                await settled(self._mission.upload_mission(sent))
                 back = await settled(self._mission.download_mission())
             except MavsdkError as error:
                 logger.info("mission upload, attempt %d: %s", attempt, error)
                 self._check_alive("take a mission")
                 refusal = error
                 continue
-            if same_mission(items, back, self.dialect):
+            if same_mission(sent, back, self.dialect):
                 rewind = self._mission.set_current_mission_item(self.dialect.first_item)
                 await self._order("rewind the mission", rewind)
                 return
             refusal = None
         if refusal is not None:
-            raise await self._refused(f"take the mission of {len(items)} items", refusal)
-        raise FlightError(f"the vehicle holds another mission than the {len(items)} items uploaded")
+            raise await self._refused(f"take the mission of {len(sent)} items", refusal)
+        raise FlightError(f"the vehicle holds another mission than the {len(sent)} items uploaded")
 
     async def _order(self, what: str, call: Awaitable[Answer]) -> Answer:
         """Give an order: a refusal is explained by the first warning after it."""
         self.watch.order_given()
-        return await self._call(what, call)
-
-    async def _call(self, what: str, call: Awaitable[Answer]) -> Answer:
         try:
             return await settled(call)
         except MavsdkError as error:

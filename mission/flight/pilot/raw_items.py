@@ -62,14 +62,9 @@ def as_dialect(items: Sequence[RawItem], dialect: Dialect) -> list[RawItem]:
         for item in taken:
             if item.command == mav.MAV_CMD_NAV_WAYPOINT:
                 item.param1 = float(math.ceil(item.param1))
-    return _numbered(taken, current=dialect.first_item)
-
-
-def _numbered(items: list[RawItem], *, current: int = 0) -> list[RawItem]:
-    for seq, item in enumerate(items):
-        item.seq = seq
-        item.current = int(seq == current)
-    return items
+    for seq, item in enumerate(taken):
+        item.seq, item.current = seq, int(seq == dialect.first_item)
+    return taken
 
 
 def same_mission(sent: list[RawItem], back: list[RawItem], dialect: Dialect) -> bool:

@@ -3,8 +3,8 @@
 import asyncio
 import json
 import logging
-from collections.abc import AsyncIterator, Awaitable
-from typing import TypeVar
+from collections.abc import AsyncIterator, Awaitable, Callable
+from typing import Any, TypeVar
 
 from mavsdk.asyncio import System
 from mavsdk.asyncio.plugins.mavlink_direct import MavlinkDirectAsync
@@ -52,6 +52,18 @@ async def settled(call: Awaitable[Answer]) -> Answer:
         if running.done() and not running.cancelled():
             running.exception()  # seen, so that nobody reports it as forgotten
         raise
+
+
+async def follow(*streams: tuple[AsyncIterator[Any], Callable[[Any], None]]) -> None:
+    """Hand everything that each stream brings to its taker, until cancelled."""
+
+    async def each(stream: AsyncIterator[Any], take: Callable[[Any], None]) -> None:
+        async for one in stream:
+            take(one)
+
+    async with asyncio.TaskGroup() as group:
+        for stream, take in streams:
+            group.create_task(each(stream, take))
 
 
 def reason(error: MavsdkError) -> str:

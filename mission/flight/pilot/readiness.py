@@ -2,11 +2,9 @@
 it be armed. An autopilot streams positions long before, ArduPilot 0, 0 among them.
 """
 
-import asyncio
-from collections.abc import Callable
 from dataclasses import dataclass
 
-from mission.flight.pilot.raw_messages import Messages
+from mission.flight.pilot.raw_messages import Messages, follow
 from sitl.autopilot.codec.orders import Fields
 
 FIX_3D = 3  # GPS_FIX_TYPE
@@ -71,14 +69,11 @@ class Readiness:
 
     async def watch(self, messages: Messages) -> None:
         """Follow what the vehicle says until cancelled."""
-        async with asyncio.TaskGroup() as group:
-            group.create_task(self._watch(messages, "GPS_RAW_INT", self._take_fix))
-            group.create_task(self._watch(messages, self._estimator.name, self._take_flags))
-            group.create_task(self._watch(messages, "HOME_POSITION", self._take_home))
-
-    async def _watch(self, messages: Messages, name: str, take: Callable[[Fields], None]) -> None:
-        async for fields in messages.of(name):
-            take(fields)
+        await follow(
+            (messages.of("GPS_RAW_INT"), self._take_fix),
+            (messages.of(self._estimator.name), self._take_flags),
+            (messages.of("HOME_POSITION"), self._take_home),
+        )
 
     def _take_fix(self, fields: Fields) -> None:
         self._fix_type = fields["fix_type"]

@@ -4,12 +4,20 @@ import asyncio
 import logging
 import math
 from collections.abc import Callable
+from functools import partial
 
 from mavsdk.asyncio import System
 from mavsdk.asyncio.plugins.telemetry import TelemetryAsync
-from mavsdk.plugins.telemetry import FlightMode, LandedState, StatusTextType
+from mavsdk.plugins.telemetry import (
+    FlightMode,
+    Health,
+    LandedState,
+    Position,
+    StatusText,
+    StatusTextType,
+)
 
-from mission.flight.pilot.raw_messages import settled
+from mission.flight.pilot.raw_messages import follow, settled
 
 logger = logging.getLogger(__name__)
 
@@ -63,63 +71,48 @@ class Watch:
 
     async def run(self) -> None:
         """Follow telemetry until cancelled."""
-        async with asyncio.TaskGroup() as group:
-            group.create_task(self._watch_position())
-            group.create_task(self._watch_armable())
-            group.create_task(self._watch_armed())
-            group.create_task(self._watch_mode())
-            group.create_task(self._watch_landed())
-            group.create_task(self._watch_text())
+        said = self._telemetry
+        await follow(
+            (said.subscribe_position(), self._take_position),
+            (said.subscribe_health(), self._take_health),
+            (said.subscribe_armed(), partial(self._take, "armed")),
+            (said.subscribe_flight_mode(), self._take_mode),
+            (said.subscribe_landed_state(), partial(self._take, "landed")),
+            (said.subscribe_status_text(), self._take_text),
+        )
 
     async def ask_armable(self) -> None:
         """Look whether the vehicle can be armed: MAVSDK tells it only once a second."""
-        self._take("armable", (await settled(self._telemetry.health())).is_armable)
-
-    def _changed(self) -> None:
-        self._changed_at = asyncio.get_running_loop().time()
-
-    async def _watch_position(self) -> None:
-        async for position in self._telemetry.subscribe_position():
-            seen = (position.latitude_deg, position.longitude_deg, position.relative_altitude_m)
-            self.alt_rel_m = position.relative_altitude_m
-            if seen != self._position:
-                self._position = seen
-                self._changed()
-
-    async def _watch_armable(self) -> None:
-        async for health in self._telemetry.subscribe_health():
-            self._take("armable", health.is_armable)
-
-    async def _watch_armed(self) -> None:
-        async for armed in self._telemetry.subscribe_armed():
-            self._take("armed", armed)
-
-    async def _watch_mode(self) -> None:
-        async for mode in self._telemetry.subscribe_flight_mode():
-            if self.mode == FlightMode.MISSION != mode:
-                self.left_mission = mode, self.why
-            self._take("mode", mode)
-
-    async def _watch_landed(self) -> None:
-        async for landed in self._telemetry.subscribe_landed_state():
-            self._take("landed", landed)
+        self._take_health(await settled(self._telemetry.health()))
 
     def _take(self, name: str, value: object) -> None:
         """Note a value; only one that differs from the last is a sign of life."""
         if value != getattr(self, name):
-            self._changed()
+            self._changed_at = asyncio.get_running_loop().time()
         setattr(self, name, value)
 
-    async def _watch_text(self) -> None:
-        async for status in self._telemetry.subscribe_status_text():
-            logger.info("vehicle: %s", status.text)
-            for listener in self.listeners:
-                listener(_MOST_GRAVE - status.type.value, status.text)
-            if status.type >= StatusTextType.WARNING:
-                self._warned(status.text)
-            grave = status.type >= StatusTextType.CRITICAL
-            if grave and status.text.lower().startswith(_CRASH):
-                self.crash = status.text
+    def _take_position(self, position: Position) -> None:
+        seen = (position.latitude_deg, position.longitude_deg, position.relative_altitude_m)
+        self.alt_rel_m = position.relative_altitude_m
+        self._take("_position", seen)
+
+    def _take_health(self, health: Health) -> None:
+        self._take("armable", health.is_armable)
+
+    def _take_mode(self, mode: FlightMode) -> None:
+        if self.mode == FlightMode.MISSION != mode:
+            self.left_mission = mode, self.why
+        self._take("mode", mode)
+
+    def _take_text(self, status: StatusText) -> None:
+        logger.info("vehicle: %s", status.text)
+        for listener in self.listeners:
+            listener(_MOST_GRAVE - status.type.value, status.text)
+        if status.type >= StatusTextType.WARNING:
+            self._warned(status.text)
+        grave = status.type >= StatusTextType.CRITICAL
+        if grave and status.text.lower().startswith(_CRASH):
+            self.crash = status.text
 
     def _warned(self, text: str) -> None:
         self.first_warning = self.first_warning or text

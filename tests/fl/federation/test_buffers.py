@@ -7,7 +7,9 @@ from torch import nn
 
 from fl.config import CommunityConfig, LearningConfig
 from fl.federation import rounds as fed
-from fl.federation.state import from_bytes, to_bytes
+from fl.federation.community import Federation
+from fl.federation.community import build as build_federation
+from fl.federation.state import FederationState, from_bytes, to_bytes
 from fl.training.networks import CustomNetwork
 from fl.training.torch_module import ModuleNetwork
 from flightdyn.random import RandomStreams
@@ -29,15 +31,15 @@ class Net(nn.Module):
         return self.dense(self.norm(x.flatten(1)))
 
 
-def build(**more: str) -> fed.Federation:
+def build(**more: str) -> Federation:
     community = CommunityConfig.model_validate({**COMMUNITY, **more})
     learning = LearningConfig(batch_size=64, learning_rate=0.05, algorithm="fedadam")
-    return fed.build([community], learning, data_dir=None, stream=RandomStreams(1).generator)
+    return build_federation([community], learning, data_dir=None, stream=RandomStreams(1).generator)
 
 
 def play(
-    federation: fed.Federation, state: fed.FederationState, *heard: int
-) -> tuple[fed.FederationState, fed.RoundLearning]:
+    federation: Federation, state: FederationState, *heard: int
+) -> tuple[FederationState, fed.RoundLearning]:
     got = np.isin(np.arange(3), heard)
     return fed.play_round(federation, state, fed.Participation(got, got))
 

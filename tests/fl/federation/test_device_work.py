@@ -6,8 +6,9 @@ from test_federation import DIGITS, FAST, build, flags
 
 from fl.config import CommunityConfig, LearningConfig
 from fl.federation import rounds as fed
+from fl.federation.community import Federation
 from fl.federation.device_work import DeviceWork, compute_times
-from fl.federation.state import from_bytes, to_bytes
+from fl.federation.state import FederationState, from_bytes, to_bytes
 from fl.plugin_code import named
 
 S = 1_000_000_000
@@ -60,13 +61,13 @@ def test_work_goes_on_while_it_lasts_and_until_it_was_sent_where_it_was_asked_fo
 
 
 def play(
-    federation: fed.Federation,
-    state: fed.FederationState,
+    federation: Federation,
+    state: FederationState,
     *,
     delivered: tuple[int, ...] = (),
     begun: dict[int, int] | None = None,
     kept: tuple[int, ...] = (),
-) -> tuple[fed.FederationState, fed.RoundLearning]:
+) -> tuple[FederationState, fed.RoundLearning]:
     count, got = federation.p.size, flags(federation.p.size, *delivered)
     since = np.full(count, state.rounds + 1)
     for device, number in (begun or {}).items():

@@ -15,7 +15,9 @@ from fl.errors import (
     SettingError,
 )
 from fl.federation import rounds as fed
-from fl.federation.state import from_bytes, to_bytes
+from fl.federation.community import Federation
+from fl.federation.community import build as build_federation
+from fl.federation.state import FederationState, from_bytes, to_bytes
 from fl.training.networks import ConvNet
 from flightdyn.random import RandomStreams
 
@@ -26,9 +28,11 @@ FAST = LearningConfig(batch_size=64, learning_rate=0.03, cov_period_rounds=3)
 
 def build(
     learning: LearningConfig = FAST, *communities: CommunityConfig, seed: int = 1
-) -> fed.Federation:
+) -> Federation:
     streams = RandomStreams(seed)
-    return fed.build(communities or (DIGITS,), learning, data_dir=None, stream=streams.generator)
+    return build_federation(
+        communities or (DIGITS,), learning, data_dir=None, stream=streams.generator
+    )
 
 
 def flags(count: int, *true: int) -> np.ndarray:
@@ -38,8 +42,8 @@ def flags(count: int, *true: int) -> np.ndarray:
 
 
 def play(
-    federation: fed.Federation, state: fed.FederationState, *delivered: int
-) -> tuple[fed.FederationState, fed.RoundLearning]:
+    federation: Federation, state: FederationState, *delivered: int
+) -> tuple[FederationState, fed.RoundLearning]:
     got = flags(federation.p.size, *delivered)
     return fed.play_round(federation, state, fed.Participation(got, got))
 
@@ -107,7 +111,7 @@ def test_a_community_without_arrivals_keeps_its_model_and_is_still_measured() ->
 
 
 def retold_cov(
-    federation: fed.Federation, eps_of_models: list[np.ndarray], arrivals: list[set[int]]
+    federation: Federation, eps_of_models: list[np.ndarray], arrivals: list[set[int]]
 ) -> list[float]:
     """psi per community after the last round, from the paper's sentences, rounds from 1."""
     period = federation.learning.cov_period_rounds
@@ -215,9 +219,9 @@ def test_a_test_part_that_leaves_nothing_to_validate_is_refused(tmp_path: Path) 
     )
     streams = RandomStreams(1)
     with pytest.raises(SettingError, match=r"learning\.report_on = 'test': must be 'validation'"):
-        fed.build([few], FAST, data_dir=tmp_path, stream=streams.generator)
+        build_federation([few], FAST, data_dir=tmp_path, stream=streams.generator)
     alone = FAST.model_copy(update={"report_on": "validation"})
-    fed.build([few], alone, data_dir=tmp_path, stream=streams.generator)
+    build_federation([few], alone, data_dir=tmp_path, stream=streams.generator)
 
 
 def test_a_network_that_does_not_fit_names_its_community(tmp_path: Path) -> None:
@@ -227,7 +231,7 @@ def test_a_network_that_does_not_fit_names_its_community(tmp_path: Path) -> None
         name="small", task="npz", data_file="few.npz", devices=2, labels_per_device=1
     )
     with pytest.raises(SettingError, match=r"^communities.0.network = 'lenet': .*too small"):
-        fed.build([small], FAST, data_dir=tmp_path, stream=RandomStreams(1).generator)
+        build_federation([small], FAST, data_dir=tmp_path, stream=RandomStreams(1).generator)
 
 
 def test_who_missed_a_round_is_the_papers_text_or_its_equation() -> None:
@@ -270,7 +274,7 @@ def test_every_algorithm_learns_the_digits(algorithm: str) -> None:
 
 
 def test_runs_repeat_to_the_bit_and_communities_do_not_disturb_each_other() -> None:
-    def run(*communities: CommunityConfig, seed: int = 1) -> fed.FederationState:
+    def run(*communities: CommunityConfig, seed: int = 1) -> FederationState:
         federation = build(FAST, *communities, seed=seed)
         state = fed.init(federation)
         for _ in range(2):
@@ -385,7 +389,7 @@ def test_delivering_without_being_scheduled_is_a_bug() -> None:
 def test_real_data_learns(shared_data: Path) -> None:
     """One round of everybody on the small MNIST beats guessing by far."""
     config = CommunityConfig(name="mnist", task="mnist", devices=4, partition="iid")
-    federation = fed.build(
+    federation = build_federation(
         [config], LearningConfig(), data_dir=shared_data / "small",
         stream=RandomStreams(1).generator,
     )  # fmt: skip

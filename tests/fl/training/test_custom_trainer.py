@@ -10,6 +10,7 @@ import torch
 from fl.arrays import Vector
 from fl.config import LearningConfig
 from fl.federation import rounds
+from fl.federation.state import FederationState
 from fl.training.custom_trainer import DeviceData, TrainingDevice
 from fl.training.local import LocalResult
 from mission.config.loading import load_config
@@ -53,7 +54,7 @@ class WholeBatches:
         return LocalResult(flat.detach().numpy(), len(losses), float(np.mean(losses)))
 
 
-def played(**more: object) -> tuple[rounds.FederationState, rounds.RoundLearning]:
+def played(**more: object) -> tuple[FederationState, rounds.RoundLearning]:
     config = load_config(Path("quickstart"), {**DENSE, **more})
     federation = build_scenario(config, data_dir=None).federation
     delivered = np.arange(federation.p.size) % 2 == 0

@@ -2,7 +2,7 @@
 
 import asyncio
 import math
-from collections.abc import AsyncIterator, Callable, Sequence
+from collections.abc import Callable, Sequence
 from copy import copy
 from pathlib import Path
 from typing import cast
@@ -111,15 +111,8 @@ def test_readiness_does_not_wait_for_the_next_heartbeat() -> None:
     assert asyncio.run(run())
 
 
-class Modes:
-    """Telemetry in which the vehicle leaves its mission, and goes on to other modes."""
-
-    def __init__(self, *_: object) -> None:
-        pass
-
-    async def subscribe_flight_mode(self) -> AsyncIterator[FlightMode]:
-        for name in ("HOLD", "MISSION", "RETURN_TO_LAUNCH", "LAND", "HOLD"):
-            yield FlightMode[name]
+# The vehicle leaves its mission, and goes on to other modes.
+MODES = ("HOLD", "MISSION", "RETURN_TO_LAUNCH", "LAND", "HOLD")
 
 
 @pytest.mark.parametrize(
@@ -134,13 +127,14 @@ class Modes:
 def test_the_mode_for_which_a_mission_is_left_is_kept_with_what_may_be_the_reason(
     monkeypatch: pytest.MonkeyPatch, said: str, ago_s: float, why: str
 ) -> None:
-    monkeypatch.setattr("mission.flight.pilot.watch.TelemetryAsync", Modes)
+    monkeypatch.setattr("mission.flight.pilot.watch.TelemetryAsync", lambda _: None)
 
     async def run() -> tuple[FlightMode, str] | None:
         watch = Watch(cast("System", None))
         watch._warned(said)
         watch._warned_at -= ago_s
-        await watch._watch_mode()
+        for name in MODES:
+            watch._take_mode(FlightMode[name])
         return watch.left_mission
 
     assert asyncio.run(run()) == (FlightMode.RETURN_TO_LAUNCH, why)
@@ -187,7 +181,7 @@ def test_a_mission_is_flown_to_its_end(worse: Worse) -> None:
         async with Simulation(vehicle, link), connect("raw://", raw_link=link) as pilot:
             await pilot.ready()
             await pilot.take_off(plan.alt_rel_m)
-            await pilot.upload(plan, plan.positions(AREA))
+            await pilot.upload_items(mission_items(plan, AREA))
             worse(pilot)
             await pilot.fly()
             return float(vehicle.aircraft.truth.pos_ned_m[1])
@@ -276,7 +270,7 @@ def test_whatever_ends_a_flight_leaves_the_vehicle_holding(
 def test_a_mission_that_came_back_with_another_hover_is_another(dialect: Dialect) -> None:
     places = np.array([[400.0, 400.0], [500.0, 400.0]])
     plan = FlightPlan(tuple(Stop(xy, (), hold_s=100.0005) for xy in places), 20.0, 15.0, 5.0)
-    sent = as_dialect(raw_items(mission_items(plan, plan.positions(AREA))), dialect)
+    sent = as_dialect(raw_items(mission_items(plan, AREA)), dialect)
     sent[-1].param2 = math.nan  # the vehicle's own radius
     back = [copy(item) for item in sent]
     for item in back:  # as it travels

@@ -61,7 +61,7 @@ def test_what_is_written_is_what_is_uploaded(tmp_path: Path) -> None:
     file = read_plan_file(path)
     assert file.home == HOME
     back = raw_items(file.items)
-    uploaded = raw_items(mission_items(plan, plan.positions(area)))
+    uploaded = raw_items(mission_items(plan, area))
     assert len(back) == len(uploaded) == 301
     for ours, theirs in zip(uploaded, back, strict=True):
         for name in ("seq", "command", "current", "x", "y", "z"):

@@ -257,7 +257,7 @@ def test_an_autopilot_of_whole_seconds_hovers_long_enough() -> None:
     stops = stops_of(two_stops(), upload_s=np.array([1.5, 0.25, 2.0]))
     plan = FlightPlan(stops, 60.0, 20.0, 5.0)
     area = aerofed.config("quickstart").area.build()
-    items = raw_items(mission_items(plan, plan.positions(area)))
+    items = raw_items(mission_items(plan, area))
     assert [i.param1 for i in as_dialect(items, PX4) if i.command == 16] == [3.5, 0.25]
     assert [i.param1 for i in as_dialect(items, ARDUPILOT) if i.command == 16] == [0.0, 4.0, 1.0]
 
