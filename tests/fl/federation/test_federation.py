@@ -358,9 +358,9 @@ def test_foreign_or_damaged_checkpoints_are_refused() -> None:
         ({"network": "resnet"}, "communities.0.network = 'resnet': cannot be imported: Mod"),
         (
             {"task": "npz", "data_file": "x.npz"},
-            "npz: needs files: give their folder by --data-dir",
+            r"npz: needs files: give their folder \(--data-dir",
         ),
-        ({"task": "mnist"}, "mnist: needs files: give their folder by --data-dir"),
+        ({"task": "mnist"}, r"mnist: needs files: give their folder \(--data-dir"),
     ],
 )
 def test_settings_that_cannot_be_built_are_named(change: dict[str, object], message: str) -> None:
