@@ -100,7 +100,7 @@ def fly(kind: str, folder: Path) -> dict[str, float]:
             config,
             folder,
             data_dir=None,
-            console=RunConsole(Console(quiet=True), quiet=True, live_port=port),
+            console=RunConsole(Console(quiet=True), live_port=port),
         )
     summary = json.loads((folder / "summary.json").read_text())
     wall_s = summary["wall_s"]

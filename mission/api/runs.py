@@ -228,7 +228,7 @@ def _flown(fly: "Callable[[RunConsole], int]", path: Path, *, quiet: bool) -> Ru
     from mission.base.console import RunConsole
     from mission.base.interrupts import in_a_thread
 
-    console = RunConsole(Console(quiet=quiet), quiet=quiet)
+    console = RunConsole(Console(quiet=quiet))
     code = in_a_thread(lambda: fly(console)) if _loop_is_running() else fly(console)
     if code == INTERRUPTED:
         raise KeyboardInterrupt(f"{path} was interrupted; resume({str(path)!r}) goes on")

@@ -61,14 +61,17 @@ class Airspace:
     @cached_property
     def _vertices(self) -> Floats:
         """(V, 2) vertices of the visibility graph: free points about the outlines' corners."""
-        every = np.vstack([_rounded_corners(ring, self._beside_m) for ring in self._rings])
-        return every[self.free(every)]
+        return self._about_corners(inner=False)
 
     @cached_property
     def _concave_vertices(self) -> Floats:
         """(V, 2) free points at the margin from both edges that meet in an inner corner."""
-        every = np.vstack([_offset_intersections(ring, self._beside_m) for ring in self._rings])
-        return every[self.free(every)]
+        return self._about_corners(inner=True)
+
+    def _about_corners(self, *, inner: bool) -> Floats:
+        every = [_offset_corners(ring, self._beside_m, inner=inner) for ring in self._rings]
+        points = np.vstack(every)
+        return points[self.free(points)]
 
     @cached_property
     def _visibility_graph(self) -> tuple[Floats, NDArray[np.int32]]:
@@ -270,43 +273,30 @@ def cut(route_m: Floats, length_m: float) -> Floats:
 
 def crossing(ring_m: Floats) -> bool:
     """Whether an outline (n, 2) crosses itself, or has no area."""
-    count, nxt = len(ring_m), np.roll(ring_m, -1, axis=0)
-    if abs(_area(ring_m)) < 1e-9:
-        return True
-    i, j = np.triu_indices(count, 2)
-    apart = ~((i == 0) & (j == count - 1))
-    return bool(_cross(ring_m[i[apart]], nxt[i[apart]], ring_m[j[apart]], nxt[j[apart]]).any())
+    # Imported here: most configurations have no areas.
+    import shapely
 
-
-def _area(ring_m: Floats) -> float:
-    x, y = (ring_m - ring_m[0]).T
-    return float((x * np.roll(y, -1) - y * np.roll(x, -1)).sum() / 2.0)
+    area = shapely.polygons(ring_m)
+    return not shapely.is_valid(area) or bool(shapely.area(area) < 1e-9)
 
 
 def _oriented(ring_m: Floats, *, clockwise: bool) -> Floats:
+    import shapely
+
     ring_m = ring_m[(ring_m != np.roll(ring_m, 1, axis=0)).any(axis=1)]  # each corner once
-    return ring_m if (_area(ring_m) < 0.0) == clockwise else ring_m[::-1]
+    return ring_m[::-1] if shapely.is_ccw(shapely.linearrings(ring_m)) == clockwise else ring_m
 
 
-def _offset_intersections(ring_m: Floats, margin_m: float) -> Floats:
-    """Intersections of the offset lines (at the margin, to the left) of edges that meet."""
-    into = ring_m - np.roll(ring_m, 1, axis=0)
-    out = np.roll(ring_m, -1, axis=0) - ring_m
-    normals = [np.column_stack((-e[:, 1], e[:, 0])) / np.hypot(*e.T)[:, None] for e in (into, out)]
-    middle = normals[0] + normals[1]  # its length is 2 cos(half the turn)
-    square = (middle**2).sum(axis=1)
-    sharp = square < _SLACK_M
-    return np.asarray(ring_m + 2.0 * margin_m * middle / np.where(sharp, 1.0, square)[:, None])
-
-
-def _rounded_corners(ring_m: Floats, margin_m: float) -> Floats:
-    """Points about the corners that stick out into the free side, on the left."""
+def _offset_corners(ring_m: Floats, margin_m: float, *, inner: bool) -> Floats:
+    """Where lines at the margin meet, on the free side, which is on the left: about the corners
+    that stick out into it, or in its own nooks, the inner corners.
+    """
     points: list[Floats] = []
     into = ring_m - np.roll(ring_m, 1, axis=0)
     out = np.roll(ring_m, -1, axis=0) - ring_m
     for corner, a, b in zip(ring_m, into, out, strict=True):
         turn = math.atan2(a[0] * b[1] - a[1] * b[0], float(a @ b))
-        if turn >= 0.0:  # to the left: the free side's own nook
+        if (turn >= 0.0) != inner:
             continue
         many = max(1, math.ceil(-turn / _TURN))
         half = -turn / (2 * many)
@@ -316,15 +306,3 @@ def _rounded_corners(ring_m: Floats, margin_m: float) -> Floats:
             ray = np.array([math.cos(angle), math.sin(angle)])
             points.append(corner + margin_m / math.cos(half) * ray)
     return np.array(points).reshape(-1, 2)
-
-
-def _cross(a: Floats, b: Floats, c: Floats, d: Floats) -> Bools:
-    """Whether legs a-b and c-d cross."""
-
-    def side(p: Floats, q: Floats, r: Floats) -> Floats:
-        return np.asarray(
-            (q[..., 0] - p[..., 0]) * (r[..., 1] - p[..., 1])
-            - (q[..., 1] - p[..., 1]) * (r[..., 0] - p[..., 0])
-        )
-
-    return np.asarray((side(a, b, c) * side(a, b, d) < 0.0) & (side(c, d, a) * side(c, d, b) < 0.0))

@@ -61,7 +61,7 @@ class RunFolder:
     def taken(cls, path: Path) -> Iterator[Self]:
         """Make the folder, or take an empty one, and keep others out of it while the block runs.
 
-        Where the block fails and left nothing in a folder that is new, the folder goes again.
+        Where the block fails and left nothing in it, the lock goes, and a folder that is new.
 
         Raises:
             InputError: see `create` and `lock`.
@@ -70,7 +70,14 @@ class RunFolder:
             folder = cls.create(path)
             with folder.lock(chosen=True):
                 cls.check(path)  # before we were alone, another run may have ended in it
-                yield folder
+                try:
+                    yield folder
+                except BaseException:
+                    with suppress(OSError):
+                        only_lock = {folder.checkpoint, folder.checkpoint / _LOCK}
+                        if set(path.rglob("*")) == only_lock:
+                            shutil.rmtree(folder.checkpoint)
+                    raise
 
     @classmethod
     def create(cls, path: Path) -> Self:
@@ -114,19 +121,6 @@ class RunFolder:
             raise InputError(f"{path}: the output folder's name is not UTF-8") from None
         except OSError as error:
             raise InputError(f"{path}: cannot read the output folder: {error.strerror}") from None
-
-    @contextmanager
-    def unless_refused(self) -> Iterator[None]:
-        """Empty the folder, in which we are alone, where the block fails and nothing is in it but
-        the lock.
-        """
-        try:
-            yield
-        except BaseException:
-            with suppress(OSError):
-                if set(self.path.rglob("*")) == {self.checkpoint, self.checkpoint / _LOCK}:
-                    shutil.rmtree(self.checkpoint)
-            raise
 
     def lock(self, *, chosen: bool = False) -> AbstractContextManager[None]:
         """Keep other processes from flying into this folder; see `alone_in`."""

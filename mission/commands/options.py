@@ -85,4 +85,4 @@ def console(*, quiet: bool, live: bool, live_port: int) -> RunConsole:
     """
     if not 0 <= live_port <= 65535:
         raise InputError(f"--live-port {live_port}: must be from 0 to 65535")
-    return RunConsole(Terminal(), quiet, live_port if live else None)
+    return RunConsole(Terminal(quiet=quiet), live_port if live else None)

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from mission.planner.files import NamedPlan, NamedProblem
     from mission.planner.problem import RoundPlan, RoundProblem
     from mission.scenario.scenario import Scenario
-    from mission.scenario.strategies import Sortie, Strategy
+    from mission.scenario.strategies import Strategy
 
 
 def plan(
@@ -84,7 +84,7 @@ def plan(
             f"{resolved.mission.strategy!r} has a fixed path and asks no planner; leave it out"
         )
     scenario = task.scenario
-    planned = plan_problems(
+    plans, failure = plan_problems(
         task.problems,
         method=lambda one: task.strategy.sortie(0, one),
         out=out,
@@ -94,15 +94,15 @@ def plan(
         area=None if scenario is None else scenario.config.area,
     )
     if qgc is not None and scenario is not None:
-        _write_qgc(qgc, task.problems[0].problem, planned.sorties[0], scenario)
+        _write_qgc(qgc, task.problems[0].problem, plans[0], scenario)
     if as_json:
-        print_json(plans_as_json(planned.plans))
-    elif not planned.plans:
+        print_json(plans_as_json(plans))
+    elif not plans:
         Terminal(**PLAIN).print(f"no problems in {problem}")
     else:
-        _show(planned.plans, task.problems, resolved.planner)
-    if planned.failure is not None:
-        raise planned.failure
+        _show(plans, task.problems, resolved.planner)
+    if failure is not None:
+        raise failure
     return 0
 
 
@@ -157,7 +157,9 @@ def _problems_of_file(path: Path, config: "RunConfig") -> _Task:
     return _Task(problems, strategy, f"{path} · planner {config.planner.kind}")
 
 
-def _write_qgc(path: Path, problem: "RoundProblem", made: "Sortie", scenario: "Scenario") -> None:
+def _write_qgc(
+    path: Path, problem: "RoundProblem", made: "NamedPlan", scenario: "Scenario"
+) -> None:
     from mission.flight.flight_plan import flight_of_round
     from mission.flight.plan_file import write_round_plan
 

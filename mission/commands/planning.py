@@ -3,7 +3,7 @@
 import re
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 from mission.base.errors import InputError, PlanError
@@ -11,17 +11,8 @@ from mission.config.models import AreaConfig
 from mission.planner.check import check_plan
 from mission.planner.files import NamedPlan, NamedProblem, write_plans
 from mission.planner.flyable import foresee_round
-from mission.planner.problem import RoundProblem
+from mission.planner.problem import RoundPlan, RoundProblem
 from mission.scenario.strategies import Sortie
-
-
-@dataclass(frozen=True)
-class Planned:
-    """Plans of a list of problems, and why others have none."""
-
-    plans: tuple[NamedPlan, ...]
-    sorties: tuple[Sortie, ...]  # of these plans
-    failure: PlanError | None  # with a line for each problem that could not be planned
 
 
 def plan_problems(
@@ -33,8 +24,10 @@ def plan_problems(
     about: str = "",
     communities: Sequence[str] = (),
     area: AreaConfig | None = None,
-) -> Planned:
+) -> tuple[Sequence[NamedPlan], PlanError | None]:
     """Plan every problem, and write the plans and a picture of each where asked.
+
+    Returns the plans, and an error with a line for each problem that could not be planned.
 
     A problem that cannot be planned costs none of the others' plans. Every plan is checked
     against its problem before anything is written. `about` says on the pictures whose they are,
@@ -49,11 +42,11 @@ def plan_problems(
     for picture in there:
         if picture.exists():
             raise InputError(f"{picture}: exists already; give another folder")
-    planned = _plan_each(problems, method)
-    if planned.failure is not None and not planned.plans:
-        raise planned.failure
+    plans, failure = _plan_each(problems, method)
+    if failure is not None and not plans:
+        raise failure
     if out is not None:
-        write_plans(out, planned.plans)
+        write_plans(out, plans)
     if figure_dir is not None:
         from mission.figures.plan import plan_picture
         from mission.figures.render import save_all
@@ -69,38 +62,35 @@ def plan_problems(
                 size_m=None if area is None else area.size_m,
                 no_fly=() if area is None else [zone.model_dump() for zone in area.no_fly],
             )
-            for made in planned.plans
+            for made in plans
         }
         save_all(pictures, figure_dir)
-    return planned
+    return plans, failure
 
 
 def _plan_each(
     problems: Sequence[NamedProblem], method: Callable[[RoundProblem], Sortie]
-) -> Planned:
-    plans, sorties, failures = [], [], []
+) -> tuple[Sequence[NamedPlan], PlanError | None]:
+    plans, failures = [], []
     for entry in problems:
         started = time.perf_counter()
         try:
             sortie = method(entry.problem)
             seconds = time.perf_counter() - started
             check_plan(entry.problem, sortie.plan, hold_s=sortie.hold_s)
-            sortie = _timed(entry.problem, sortie)
+            made = _timed(entry.problem, sortie)
         except PlanError as error:
             failures.append(f"problem {entry.id!r}: {error}")
         else:
-            plans.append(NamedPlan(entry.id, sortie.plan, seconds, sortie.hold_s))
-            sorties.append(sortie)
-    failure = PlanError("\n".join(failures)) if failures else None
-    return Planned(tuple(plans), tuple(sorties), failure)
+            plans.append(NamedPlan(entry.id, made, seconds, sortie.hold_s))
+    return plans, PlanError("\n".join(failures)) if failures else None
 
 
-def _timed(problem: RoundProblem, sortie: Sortie) -> Sortie:
-    """The sortie with what its flight takes, where that is limited and its planner does not say."""
+def _timed(problem: RoundProblem, sortie: Sortie) -> RoundPlan:
+    """The plan with what its flight takes, where that is limited and its planner does not say."""
     if problem.limits is None or sortie.plan.foreseen is not None:
-        return sortie
-    foreseen = foresee_round(problem, sortie.plan, hold_s=sortie.hold_s)
-    return replace(sortie, plan=replace(sortie.plan, foreseen=foreseen))
+        return sortie.plan
+    return replace(sortie.plan, foreseen=foresee_round(problem, sortie.plan, hold_s=sortie.hold_s))
 
 
 def _file_name(number: int, name: str) -> str:

@@ -7,7 +7,15 @@ from typing import Annotated, Literal, Self
 
 import numpy as np
 import tomli_w
-from pydantic import BaseModel, ConfigDict, Field, PrivateAttr, field_validator, model_validator
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    ConfigDict,
+    Field,
+    PrivateAttr,
+    field_validator,
+    model_validator,
+)
 
 from fl.config import ChannelConfig, CommunityConfig, LearningConfig, PluginName, one_of
 from fl.plugin_code import label_of
@@ -232,7 +240,7 @@ class LinkConfig(_Model):
         description="in_process needs no port; udp uses the loopback address; external flies "
         "the autopilot at url instead of the simulated vehicle",
     )
-    url: str = Field(
+    url: Annotated[str, AfterValidator(checked_url)] = Field(
         "udpin://0.0.0.0:14540",
         description=f"external: MAVSDK connection URL of the autopilot: {URL_FORMS}",
     )
@@ -280,11 +288,6 @@ class LinkConfig(_Model):
         le=3600,
         description="wall seconds without any progress of the vehicle after which a run ends",
     )
-
-    @field_validator("url")
-    @classmethod
-    def _mavsdk(cls, url: str) -> str:
-        return checked_url(url)
 
     @field_validator("gcs")
     @classmethod

@@ -6,7 +6,7 @@ that a slip is answered at once. The homes of each check it again, and more, whe
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 from fl.config import ALGORITHMS, BUILT_IN_NETWORKS, PARTITIONS, TASKS, CommunityConfig
 from fl.data.load import CLASSES, load, needs_files
@@ -25,32 +25,25 @@ if TYPE_CHECKING:
     from mission.config.models import RunConfig
 
 
-class Problem(NamedTuple):
-    """A key, its value, and why that cannot be used on this machine."""
-
-    key: str
-    value: object
-    reason: str
-
-
-def problems(config: "RunConfig") -> Iterator[Problem]:
-    """Everything of a valid configuration that cannot be used on this machine."""
+def problems(config: "RunConfig") -> Iterator[tuple[str, object, str]]:
+    """Everything of a valid configuration that cannot be used on this machine: a key, its value,
+    and why."""
     for key, value, reason in problems_of(config.vehicle):
-        yield Problem(f"vehicle.{key}", value, reason)
+        yield f"vehicle.{key}", value, reason
     if (path := config.link.signing_key) is not None:
         try:
             signing_key(path)
         except InputError as wrong:
-            yield Problem("link.signing_key", str(path), str(wrong))
+            yield "link.signing_key", str(path), str(wrong)
     for index, community in enumerate(config.communities):
         at = f"communities.{index}"
         if (error := _owners(community)) is not None:
-            yield Problem(f"{at}.{error.key}", error.value, error.allowed)
+            yield f"{at}.{error.key}", error.value, error.allowed
         if community.network not in BUILT_IN_NETWORKS and (missing := needs_torch()):
-            yield Problem(f"{at}.network", community.network, missing)
+            yield f"{at}.network", community.network, missing
     for key, name in own_code(config):
         if (why := problem_of(name)) is not None:
-            yield Problem(key, name, why)
+            yield key, name, why
 
 
 def own_code(config: "RunConfig", *, told: bool = True) -> Iterator[tuple[str, str]]:

@@ -95,9 +95,8 @@ def fly_plan(
                 _refuse_heights_above_sea(plan)
             flyers.check()
             folder = opened.enter_context(RunFolder.taken(path))
-            with folder.unless_refused():
-                limits = flyers.await_vehicle(say=console.say)
-                live = opened.enter_context(live_views(console))
+            limits = flyers.await_vehicle(say=console.say)
+            live = opened.enter_context(live_views(console))
             if limits is not None:
                 order = _order(config, plan, _speeds(config, limits))
                 flyers = flyers_for(order.task)
@@ -200,7 +199,7 @@ class _PlanFlight:
     def show(self, console: RunConsole) -> None:
         """Print the comparison of planned and flown."""
         for table in tables(self.comparison) if self.comparison else ():
-            console.show(table)
+            console.out.print(table)
 
 
 @contextmanager
@@ -216,7 +215,7 @@ def _recording(
     plan, area = order.plan, order.area
     fence = fence_of(plan.fence, order.parameters, area)
     with ExitStack() as stack:
-        progress = make_progress(console.out, rounds=1, flown=True, quiet=console.quiet)
+        progress = make_progress(console.out, rounds=1, flown=True)
         stack.callback(progress.close)
         log = stack.enter_context(
             FlightLog(

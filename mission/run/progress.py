@@ -151,9 +151,9 @@ def _change(record: RoundRecord) -> str:
     return f"{round(share, 1) + 0.0:+.1f} %"  # never -0.0
 
 
-def make_progress(console: Console, *, rounds: int, flown: bool, quiet: bool) -> Progress:
+def make_progress(console: Console, *, rounds: int, flown: bool) -> Progress:
     """The progress that fits where it goes; at most `rounds` are to come, `flown` or not."""
-    if quiet:
+    if console.quiet:
         return Progress()
     kind = LiveTable if console.is_terminal else PlainLines
     return kind(console, rounds=rounds, flown=flown)

@@ -139,9 +139,7 @@ def recording(
     devices = Devices(scenario.devices_m, scenario.community_of)
     with ExitStack() as stack:
         mission = scenario.config.mission
-        progress = make_progress(
-            console.out, rounds=mission.rounds, flown=mission.flight != "none", quiet=console.quiet
-        )
+        progress = make_progress(console.out, rounds=mission.rounds, flown=mission.flight != "none")
         stack.callback(progress.close)
         log = stack.enter_context(
             FlightLog(

@@ -79,12 +79,11 @@ def fly_session(
             scenario, flyers = set_up(config, data_dir=data_dir)
             flyers.check()
             folder = opened.enter_context(RunFolder.taken(path))
-            with folder.unless_refused():
-                flyers.await_vehicle(say=console.say)
-                live = opened.enter_context(live_views(console))
-                with errors_of_learning():
-                    state = learning.init(scenario.federation)
-                    callbacks = opened.enter_context(_callbacks(folder, config))
+            flyers.await_vehicle(say=console.say)
+            live = opened.enter_context(live_views(console))
+            with errors_of_learning():
+                state = learning.init(scenario.federation)
+                callbacks = opened.enter_context(_callbacks(folder, config))
             checkpoint = CheckpointFolder(
                 folder.checkpoint, config=config, data_dir=data_dir, report=page is not None
             )

@@ -3,10 +3,8 @@
 from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
-import numpy as np
-from numpy.typing import NDArray
-
 from mission.base.area import Area
+from mission.base.arrays import Floats, Ints
 from mission.base.errors import InputError, PlanError
 from mission.base.user_code import OwnCode
 from mission.config.models import MissionConfig
@@ -14,8 +12,6 @@ from mission.planner.check import check_plan
 from mission.planner.errors import InfeasiblePlanError, PlanInputError
 from mission.planner.problem import Planner, RoundProblem
 from mission.scenario.strategies import Sortie
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -37,16 +33,16 @@ class RoundInfo:
     delta: Floats  # (K,) the paper's importance, with or without fairness as the strategy says
     p: Floats  # (K,) share in (0, 1] of each device in its community's data
     cov: Floats  # (K,) psi of each device's community, 0 or more
-    community_of: NDArray[np.int64]  # (K,) index of each device's community, from 0
-    last_heard: NDArray[np.int64]  # (K,) round of the last update that arrived; 0: none yet
+    community_of: Ints  # (K,) index of each device's community, from 0
+    last_heard: Ints  # (K,) round of the last update that arrived; 0: none yet
     accuracy: Floats  # (K,) eps_k as each device last sent it, 0 to 1; NaN: never heard
     # (K,) seconds until it has an update to send, 0: at once. Told as if the round began now: where
     # the altitude is chosen, a climb comes first, and who still trains is ready sooner by its time.
     ready_in_s: Floats
-    staleness: NDArray[np.int64]  # (K,) rounds since the model of that update came down; 0: this
+    staleness: Ints  # (K,) rounds since the model of that update came down; 0: this
 
     @property
-    def age_rounds(self) -> NDArray[np.int64]:
+    def age_rounds(self) -> Ints:
         """(K,) age of information: rounds since the last update; 1 for one of the last round."""
         return self.round - self.last_heard
 

@@ -4,7 +4,7 @@ Nothing of the vehicle is imported: with its filter it takes longer than plannin
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
@@ -23,6 +23,7 @@ from flightdyn.random import RandomStreams
 from mission.base.area import Area
 from mission.base.arrays import Floats, Ints
 from mission.base.errors import InputError
+from mission.base.tables import csv_lines
 from mission.base.user_code import errors_of_learning
 from mission.config import STRATEGIES
 from mission.config.models import RunConfig
@@ -190,31 +191,24 @@ class Scenario:
 
         Where devices take time, two columns more: `compute_s` and `upload_s`.
         """
-        lines = ["device,community,x_m,y_m,samples,p,labels,share"]
-        if self.device_times:
-            lines[0] += ",compute_s,upload_s"
-        communities = self.federation.communities
-        counts = [row for community in communities for row in community.counts]
-        shares = [
-            "" if shared is None else repr(shared)
-            for c in self.config.communities
-            for shared in c.data_shares or (None,) * c.devices
+        counts = np.vstack([community.counts for community in self.federation.communities])
+        shared = [
+            share for c in self.config.communities for share in c.data_shares or (None,) * c.devices
         ]
-        times = [""] * len(shares)
+        table: dict[str, Iterable[object]] = {
+            "device": range(len(shared)),
+            "community": self.community_of,
+            "x_m": self.devices_m[:, 0],
+            "y_m": self.devices_m[:, 1],
+            "samples": counts.sum(axis=1),
+            "p": self.federation.p,
+            "labels": [" ".join(f"{k}:{row[k]}" for k in np.flatnonzero(row)) for row in counts],
+            "share": shared,
+        }
         if self.device_times:
-            upload_s = np.zeros(len(shares)) if self.upload_s is None else self.upload_s
-            each_s = zip(self.federation.compute_s.tolist(), upload_s.tolist(), strict=True)
-            times = [f",{compute!r},{upload!r}" for compute, upload in each_s]
-        places = zip(self.devices_m, counts, shares, strict=True)
-        for device, (place, row, share) in enumerate(places):
-            owned = " ".join(f"{label}:{row[label]}" for label in np.flatnonzero(row))
-            x, y = place.tolist()
-            p = float(self.federation.p[device])
-            lines.append(
-                f"{device},{self.community_of[device]},{x!r},{y!r},{row.sum()},{p!r},{owned},"
-                f"{share}{times[device]}"
-            )
-        return "\n".join(lines) + "\n"
+            table["compute_s"] = self.federation.compute_s
+            table["upload_s"] = np.zeros(len(shared)) if self.upload_s is None else self.upload_s
+        return csv_lines([table, *zip(*table.values(), strict=True)])
 
     def notices(self) -> list[str]:
         """What a user should know before the first round, a line each."""

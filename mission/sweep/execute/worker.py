@@ -54,7 +54,7 @@ def execute(order: RunOrder) -> RunEnd:
     bring(order.objects)
     from mission.run.session import fly_session, resume_session
 
-    console = RunConsole(Console(quiet=True), quiet=True)
+    console = RunConsole(Console(quiet=True))
     try:
         for name, digest in code_digests(order.config).items():
             if why := other_code(name, order.plugins[name], digest):

@@ -221,6 +221,8 @@ def test_a_route_is_cut_where_its_metres_end() -> None:
         (ELL, False),
         (SQUARE[[0, 2, 1, 3]], True),
         (np.array([[0.0, 0], [1, 1], [2, 2]]), True),
+        # Through the corner at (2, 2) twice, and to its other side.
+        (np.array([[0.0, 0], [2, 2], [4, 0], [4, 4], [2, 2], [0, 4]]), True),
     ],
 )
 def test_outlines_that_cross_themselves_are_found(ring: np.ndarray, crosses: bool) -> None:

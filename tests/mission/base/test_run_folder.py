@@ -124,8 +124,7 @@ def test_a_refused_run_leaves_what_was_there_and_no_more(
     before = sorted(tmp_path.rglob("*"))
     with (
         pytest.raises(InputError, match="refused"),
-        RunFolder.taken(Path("mine/run")) as folder,
-        folder.unless_refused(),
+        RunFolder.taken(Path("mine/run")),
     ):
         raise InputError("refused")
     assert sorted(tmp_path.rglob("*")) == before

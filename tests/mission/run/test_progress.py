@@ -36,7 +36,7 @@ def shown(
 ) -> str:
     file = io.StringIO()
     console = Console(file=file, force_terminal=terminal, width=80, no_color=True)
-    progress: Progress = make_progress(console, rounds=50, flown=flies, quiet=False)
+    progress: Progress = make_progress(console, rounds=50, flown=flies)
     assert isinstance(progress, LiveTable if terminal else PlainLines)
     progress.phase("round 1/50: flying")
     height_m = math.nan if altitude_m is None else altitude_m
