@@ -56,19 +56,14 @@ def channel(
     Raises:
         InputError: an unknown preset or constant, or one out of range.
     """
-    from pydantic import ValidationError
-
     from fl.config import ChannelConfig
     from fl.errors import SettingError
-    from mission.base.explain import Blame, explain
+    from mission.base.explain import Blame, explained
 
     given = {"preset": preset, **constants}
     try:
-        return ChannelConfig.model_validate(given).channel(altitude_m=altitude_m)
-    except ValidationError as error:
-        raise InputError(
-            "\n".join(explain(error, ChannelConfig, given, Blame("channel")))
-        ) from None
+        with explained(ChannelConfig, given, Blame("channel")):
+            return ChannelConfig.model_validate(given).channel(altitude_m=altitude_m)
     except SettingError as error:
         raise InputError(f"channel: {error}") from None
 

@@ -4,8 +4,6 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from pydantic import ValidationError
-
 from mission.api.configuring import Source, config, folder
 from mission.base.errors import InputError
 
@@ -30,7 +28,7 @@ def plan(
         InputError: no such planner, an option is refused, or the problem makes no sense.
         PlanError: the plan breaks a constraint.
     """
-    from mission.base.explain import Blame, explain, shown
+    from mission.base.explain import Blame, explained, shown
     from mission.planner.check import check_plan
     from mission.planner.config import PlannerConfig
     from mission.planner.evaluate import check_problem
@@ -45,12 +43,8 @@ def plan(
     check_problem(problem)
     if isinstance(planner, str):
         given = {"kind": planner, **options}
-        try:
-            chosen = PlannerConfig.model_validate(given)
-        except ValidationError as error:
-            lines = explain(error, PlannerConfig, given, Blame("planner"))
-            raise InputError("\n".join(lines)) from None
-        method = make_planner(chosen)
+        with explained(PlannerConfig, given, Blame("planner")):
+            method = make_planner(PlannerConfig.model_validate(given))
     elif options:
         raise InputError(f"planner: {', '.join(options)}: options belong to a planner by name")
     elif isinstance(planner, type) or not callable(getattr(planner, "plan", None)):

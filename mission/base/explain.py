@@ -3,6 +3,7 @@
 import json
 import re
 from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Literal, TypeAlias, get_args, get_origin
 
@@ -10,6 +11,7 @@ from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails, PydanticUndefined
 
 from fl.errors import did_you_mean, told
+from mission.base.errors import InputError
 
 _LONG = 60  # characters of a value that are shown
 _WORDS = (  # of pydantic, and those that users of files know
@@ -64,6 +66,19 @@ def explain(
     # as a whole where another knows which part is wrong.
     deepest = [key for key in found if not any(_is_within(other, key) for other in found)]
     return [_line(key, found[key], model, blame, notation) for key in deepest]
+
+
+@contextmanager
+def explained(model: type[BaseModel], data: object, blame: Blame) -> Iterator[None]:
+    """Have what pydantic refuses of `data` in the block said a line a key, as `explain` does.
+
+    Raises:
+        InputError: something is refused.
+    """
+    try:
+        yield
+    except ValidationError as error:
+        raise InputError("\n".join(explain(error, model, data, blame))) from None
 
 
 def tables(kind: object, path: Path = ()) -> Iterator[tuple[Path, type[BaseModel]]]:

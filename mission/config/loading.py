@@ -9,12 +9,10 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from pydantic import ValidationError
-
 from fl.errors import did_you_mean, told
 from fl.plugin_code import named
 from mission.base.errors import InputError
-from mission.base.explain import Blame, explain, refusal, shown
+from mission.base.explain import Blame, explained, refusal, shown
 from mission.base.user_files import parse_toml, read_text, whole_path
 from mission.config.models import RunConfig
 from mission.config.overrides import override
@@ -90,11 +88,9 @@ def load_config(
     _make_absolute(data, Path())
     named = options or {}
     blame = Blame(name, {key: named.get(key, "") for key in overrides or {}}, giver)
-    try:
+    with explained(RunConfig, data, blame):
         # By way of JSON, where pydantic tells lists, numbers, texts and truths apart as TOML does.
         config = RunConfig.model_validate_json(json.dumps(data, default=_plain), strict=True)
-    except ValidationError as error:
-        raise InputError("\n".join(explain(error, RunConfig, data, blame))) from None
     config = with_world(config, blame).read_from(blame)
     lines = [refusal(*problem, blame) for problem in problems(config)]
     if lines:

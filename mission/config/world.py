@@ -9,13 +9,12 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
-from pydantic import ValidationError
 
 from fl.config import WEIGHED_PARTITIONS, CommunityConfig
 from mission.base.airspace import Airspace, crossing
 from mission.base.arrays import Floats
 from mission.base.errors import InputError
-from mission.base.explain import Blame, explain, refusal
+from mission.base.explain import Blame, explained, refusal
 from mission.base.geo_file import MOST_CORNERS, Pair, Place, Ring, read_places, read_rings
 from mission.base.user_files import whole_path
 from mission.config.models import HEIGHT_MARGIN_M, AreaConfig, NoFlyConfig, RunConfig
@@ -139,11 +138,8 @@ def _zone(area: AreaConfig, ring: Ring, blame: Blame) -> NoFlyConfig:
     known = {k: ring.properties[k] for k in ("name", "from_m", "to_m") if k in ring.properties}
     values = {key: value for key, value in known.items() if value is not None}
     values |= {"polygon_m": _corners(area, ring, blame)}
-    try:
+    with explained(NoFlyConfig, values, Blame(f"{blame.source}: {ring.where}")):
         return NoFlyConfig.model_validate(values, strict=True)
-    except ValidationError as error:
-        place = Blame(f"{blame.source}: {ring.where}")
-        raise InputError("\n".join(explain(error, NoFlyConfig, values, place))) from None
 
 
 def _corners(area: AreaConfig, ring: Ring, blame: Blame) -> tuple[Pair, ...]:
