@@ -96,16 +96,15 @@ class MapFrame:
         air = _MARGIN * float((high - low).max() or 1.0)
         return cls(low - air, high + air, width, chosen=chosen)
 
-    def x(self, field: str = "x:Q") -> alt.X:
-        """Encoding of the east axis."""
-        domain = [float(self._low[0]), float(self._high[0])]
-        return alt.X(field, title="east (m)", scale=alt.Scale(domain=domain, nice=False))
-
-    def y(self, field: str = "y:Q") -> alt.Y:
-        """Encoding of the north axis."""
-        domain = [float(self._low[1]), float(self._high[1])]
-        scale = alt.Scale(domain=domain, nice=False)
-        return alt.Y(field, title="north (m)", scale=scale, axis=alt.Axis(grid=False))
+    def _axes(self) -> tuple[alt.X, alt.Y]:
+        """Encodings of the east and the north axis."""
+        ends = np.stack((self._low, self._high), axis=1).tolist()
+        east, north = (alt.Scale(domain=domain, nice=False) for domain in ends)
+        plain = alt.Axis(grid=False)
+        return (
+            alt.X("x:Q", title="east (m)", scale=east),
+            alt.Y("y:Q", title="north (m)", scale=north, axis=plain),
+        )
 
     def pixels(self, points_m: Floats) -> Floats:
         """(n, 2) from the upper left corner, of places (n, 2) on the map."""
@@ -114,7 +113,7 @@ class MapFrame:
 
     def chart(self, data: Rows) -> alt.Chart:
         """A layer at `x` and `y`, of the chosen `round` where one is chosen (0 is of all)."""
-        made = alt.Chart(data).encode(self.x(), self.y())
+        made = alt.Chart(data).encode(*self._axes())
         if self._chosen is None:
             return made
         chosen: alt.Chart = made.transform_filter("datum.round == 0 || datum.round == shown")
@@ -142,7 +141,7 @@ class MapFrame:
         return [
             alt.Chart(line_table([("no-fly area", 0, np.vstack((ring, ring[:1])))]))
             .mark_line(clip=True, **look)
-            .encode(self.x(), self.y(), alt.Order("step:Q"))
+            .encode(*self._axes(), alt.Order("step:Q"))
             for some, look in looks
             for ring in some
         ]
@@ -168,8 +167,7 @@ class MapFrame:
             alt.Chart(line_table(lines))
             .mark_line(clip=True)
             .encode(
-                self.x(),
-                self.y(),
+                *self._axes(),
                 alt.Order("step:Q"),
                 alt.Detail("part:N"),
                 stroke=alt.Stroke("kind:O", scale=named(kinds, colours), legend=key),
