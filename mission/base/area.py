@@ -28,8 +28,8 @@ class Area:
         """The vehicle's local NED frame."""
         return LocalFrame(self.home)
 
-    def to_ned(self, xy_m: Floats, alt_rel_m: float) -> Floats:
-        """(..., 2) area coordinates at one height above home -> (..., 3) NED."""
+    def to_ned(self, xy_m: Floats, alt_rel_m: float | Floats) -> Floats:
+        """(..., 2) area coordinates at heights above home, or one -> (..., 3) NED."""
         xy = np.asarray(xy_m, dtype=np.float64)
         ned = np.empty((*xy.shape[:-1], 3))
         ned[..., 0] = xy[..., 1] - self.home_m[1]

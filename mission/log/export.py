@@ -211,20 +211,22 @@ def export_kml(path: Path, target: Path) -> Path:
         line = ET.SubElement(ET.SubElement(document, "Style", id=kind), "LineStyle")
         _text(line, "color", _kml_colour(colour))
         _text(line, "width", str(width))
-    folder = _folder(document, "devices")
+    folder = _named(document, "Folder", "devices")
     for k, (x, y) in enumerate(data.devices.pos_m.tolist()):
         colour = community_colour(int(data.devices.community_of[k]))
-        point = _placemark(folder, f"{k} {data.devices.community[k]}", colour=colour)
+        point = _named(folder, "Placemark", f"{k} {data.devices.community[k]}")
+        icon = ET.SubElement(ET.SubElement(point, "Style"), "IconStyle")
+        _text(icon, "color", _kml_colour(colour))
         ground = np.array([[x, y, 0.0]])
         _text(ET.SubElement(point, "Point"), "coordinates", _coordinates(data, ground))
     if data.fence:
-        lines = _folder(document, "fence")
+        lines = _named(document, "Folder", "fence")
         for zone in data.fence:
             ground = np.column_stack((zone.outline_m, np.zeros(len(zone.outline_m))))
             closed = np.vstack((ground, ground[:1]))
             name = "fence" if zone.keep_in else "no-fly area"
             _line(lines, name, "fence", _coordinates(data, closed))
-    planned, flown = _folder(document, "planned"), _folder(document, "flown")
+    planned, flown = (_named(document, "Folder", name) for name in ("planned", "flown"))
     for plan in data.plans:
         points = np.column_stack((plan.route_m, plan.route_height_m))
         _line(planned, f"round {plan.round}", "planned", _coordinates(data, points))
@@ -255,14 +257,7 @@ def _pieces(data: FlightData) -> Iterable[tuple[str, Track]]:
 
 def _coordinates(data: FlightData, points_m: Floats) -> str:
     """KML's `lon,lat,height` list; 1e-8 degrees is a millimetre."""
-    frame = data.area.frame
-    ned = np.column_stack(
-        (
-            points_m[:, 1] - data.area.home_m[1],
-            points_m[:, 0] - data.area.home_m[0],
-            -points_m[:, 2],
-        )
-    )
+    ned, frame = data.area.to_ned(points_m[:, :2], points_m[:, 2]), data.area.frame
     where = [frame.to_geodetic(row) for row in ned]
     return " ".join(f"{p.lon_deg:.8f},{p.lat_deg:.8f},{p.alt_msl_m:.3f}" for p in where)
 
@@ -271,10 +266,10 @@ def _text(parent: ET.Element, tag: str, text: str) -> None:
     ET.SubElement(parent, tag).text = text
 
 
-def _folder(parent: ET.Element, name: str) -> ET.Element:
-    folder = ET.SubElement(parent, "Folder")
-    _text(folder, "name", name)
-    return folder
+def _named(parent: ET.Element, tag: str, name: str) -> ET.Element:
+    made = ET.SubElement(parent, tag)
+    _text(made, "name", name)
+    return made
 
 
 def _kml_colour(colour: str) -> str:
@@ -282,17 +277,8 @@ def _kml_colour(colour: str) -> str:
     return f"ff{colour[5:7]}{colour[3:5]}{colour[1:3]}".lower()
 
 
-def _placemark(parent: ET.Element, name: str, *, colour: str) -> ET.Element:
-    placemark = ET.SubElement(parent, "Placemark")
-    _text(placemark, "name", name)
-    icon = ET.SubElement(ET.SubElement(placemark, "Style"), "IconStyle")
-    _text(icon, "color", _kml_colour(colour))
-    return placemark
-
-
 def _line(parent: ET.Element, name: str, style: str, coordinates: str) -> None:
-    placemark = ET.SubElement(parent, "Placemark")
-    _text(placemark, "name", name)
+    placemark = _named(parent, "Placemark", name)
     _text(placemark, "styleUrl", f"#{style}")
     line = ET.SubElement(placemark, "LineString")
     _text(line, "altitudeMode", "absolute")

@@ -1,11 +1,13 @@
 """Reads a log back into values."""
 
+from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from mission.base.arrays import Floats, Ints
 from mission.log import ForeignLogError, topics
 from mission.log.contents import Contents, load
 from mission.log.records import (
@@ -72,7 +74,7 @@ def decode(contents: Contents) -> FlightData:
                 from_json(EventRecord, row, t_ns=t) for t, row in contents.decoded(topics.EVENTS)
             ),
             battery=_battery(contents),
-            wind=_wind(contents),
+            wind=WindTrack(*_vectors(contents.decoded(topics.TRUE_WIND))),
             innovations=_innovations(contents),
             metadata=contents.metadata,
             attachments=contents.attachments,
@@ -85,12 +87,14 @@ def decode(contents: Contents) -> FlightData:
 
 
 def _track(contents: Contents, topic: Topic) -> Track:
-    rows = list(contents.decoded(topic))
-    pos_m = np.empty((len(rows), 3))
-    for index, (_, message) in enumerate(rows):
-        p = message.pose.position
-        pos_m[index] = (p.x, p.y, p.z)
-    return Track(np.array([t for t, _ in rows], dtype=np.int64), pos_m)
+    return Track(*_vectors((t, message.pose.position) for t, message in contents.decoded(topic)))
+
+
+def _vectors(rows: Iterable[tuple[int, Any]]) -> tuple[Ints, Floats]:
+    """Times (n,), and what has an x, a y and a z, (n, 3)."""
+    found = [(t_ns, (item.x, item.y, item.z)) for t_ns, item in rows]
+    xyz = np.array([xyz for _, xyz in found], dtype=np.float64).reshape(-1, 3)
+    return np.array([t_ns for t_ns, _ in found], dtype=np.int64), xyz
 
 
 def _common(truth: Track, belief: Track) -> tuple[Track, Track]:
@@ -143,12 +147,6 @@ def _battery(contents: Contents) -> BatteryTrack:
         for name, _, _ in described(BatteryTrack)
     }
     return BatteryTrack(np.array([t for t, _ in rows], dtype=np.int64), **columns)
-
-
-def _wind(contents: Contents) -> WindTrack:
-    rows = list(contents.decoded(topics.TRUE_WIND))
-    vel_mps = np.array([(wind.x, wind.y, wind.z) for _, wind in rows]).reshape(-1, 3)
-    return WindTrack(np.array([t for t, _ in rows], dtype=np.int64), vel_mps)
 
 
 def _innovations(contents: Contents) -> dict[str, InnovationTrack]:

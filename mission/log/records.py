@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from typing import Annotated, Any, TypeAlias, TypeVar, get_origin
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mission.base.tables import Column, columns
 
@@ -20,10 +19,6 @@ Record = TypeVar("Record")
 
 def _as_it_is(value: Any) -> Any:
     return value
-
-
-def _listed(array: NDArray[Any]) -> object:
-    return array.tolist()
 
 
 def _nan_for_none(value: float | None) -> float:
@@ -42,7 +37,9 @@ class Kind:
 
 def _array(schema: Mapping[str, object], *shape: int, dtype: type = np.float64) -> Kind:
     """A numpy array as a list."""
-    return Kind(schema, _listed, lambda value: np.array(value, dtype=dtype).reshape(shape))
+    return Kind(
+        schema, np.ndarray.tolist, lambda value: np.array(value, dtype=dtype).reshape(shape)
+    )
 
 
 _LIST: dict[str, object] = {"type": "array", "items": {"type": "number"}}

@@ -1,6 +1,5 @@
 """A researcher's own code that is told of every round: for TensorBoard, MLflow, W&B."""
 
-from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -63,9 +62,9 @@ class Callbacks:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
-        """Close them. What went wrong before counts for more than who fails at that."""
+        """Close all, also where one fails at it: what went wrong before counts for more."""
         try:
-            self.close()
+            self._closing.close()
         except UsersCodeError:
             if kind is None:
                 raise
@@ -79,17 +78,9 @@ class Callbacks:
         for callback in self.each:
             callback.ask("round_finished", report, of=f" of round {report.round.round}")
 
-    def close(self) -> None:
-        """Close all of them, also where one fails at it; twice is fine.
 
-        Raises:
-            UsersCodeError: one of them failed.
-        """
-        self._closing.close()
-
-
-def make_callbacks(names: Sequence[str] | None, context: CallbackContext) -> Callbacks:
-    """What the factories of these names make.
+def make_callbacks(context: CallbackContext) -> Callbacks:
+    """What the factories that the configuration names make.
 
     Raises:
         InputError: one cannot be imported or called, or makes something else; those before it
@@ -97,7 +88,7 @@ def make_callbacks(names: Sequence[str] | None, context: CallbackContext) -> Cal
     """
     made: list[CustomCallback] = []
     with ExitStack() as closing:
-        for name in names or ():
+        for name in context.config.callbacks or ():
             made.append(CustomCallback.made(name, context))
             closing.callback(made[-1].ask, "close")
         return Callbacks(tuple(made), closing.pop_all())

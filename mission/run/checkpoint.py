@@ -38,14 +38,6 @@ class RoundMemory:
     true_objective: float  # flying again must give this very number
 
 
-@dataclass(frozen=True)
-class Checkpoint:
-    """Finished rounds and the state of learning after them."""
-
-    rounds: tuple[RoundMemory, ...]
-    state: FederationState
-
-
 class CheckpointFolder:
     """The checkpoint of one run: `rounds.json`, and the learning's state that it names."""
 
@@ -81,8 +73,12 @@ class CheckpointFolder:
             if old.name != name:
                 old.unlink()
 
-    def load(self, federation: Federation, values: dict[str, Any]) -> Checkpoint:
-        """Go on from the checkpoint whose `values` `read_checkpoint` has found.
+    def load(
+        self, federation: Federation, values: dict[str, Any]
+    ) -> tuple[tuple[RoundMemory, ...], FederationState]:
+        """The finished rounds and the state of learning after them, to go on from.
+
+        `values` are what `read_checkpoint` has found.
 
         Raises:
             InputError: damaged, or of other data.
@@ -99,7 +95,7 @@ class CheckpointFolder:
             raise InputError(f"{path}: {error}") from None
         except (KeyError, TypeError, ValueError, IndexError) as error:
             raise damaged(self.path / ROUNDS, "not what aerofed run writes") from error
-        return Checkpoint(rounds, state)
+        return rounds, state
 
 
 def _plain(memory: RoundMemory) -> dict[str, object]:

@@ -188,9 +188,8 @@ class _PlanFlight:
         self.totals.add(run.data.rounds[0])
         write_atomically(summary.folder.path / "track.csv", _track_csv(run.data))
         self.comparison = compare_run(run)
-        numbers = {**vars(self.comparison.total)}
-        del numbers["round"]  # of all, and there is but one
-        known = {key: value for key, value in numbers.items() if math.isfinite(value)}
+        total = vars(self.comparison.total).items()
+        known = {key: value for key, value in total if key != "round" and math.isfinite(value)}
         summary.add(planned_and_flown=known)
         last = max(self.order.path.places)
         if self.ended and last not in reached(run.data):
@@ -225,7 +224,12 @@ def _recording(
         )  # fmt: skip
         log.attach("config.toml", "application/toml", order.config.to_toml().encode())
         log.attach(plan.path.name, "text/plain", plan.content)
-        log.metadata(PlanFileRecord.KEY, _places(order).to_text())
+        places = PlanFileRecord(
+            source=plan.path.name,
+            places_m={seq: area_xyz(area, ned) for seq, ned in order.path.places.items()},
+            rally_m=tuple(area_xyz(area, ned) for ned in order.path.rally_ned_m),
+        )
+        log.metadata(PlanFileRecord.KEY, places.to_text())
 
         def say(text: str) -> None:
             log.note(text, severity=4)
@@ -297,27 +301,11 @@ def _area_around(path: PlannedPath, home: GeodeticPoint) -> AreaConfig:
 
 
 def area_xyz(area: Area, pos_ned_m: Floats) -> Floats:
-    """(n, 3) NED -> x east, y north in area coordinates, height above home."""
-    return np.column_stack((area.from_ned(pos_ned_m), -pos_ned_m[:, 2]))
-
-
-def _places(order: _Order) -> PlanFileRecord:
-    area, path = order.area, order.path
-    return PlanFileRecord(
-        source=order.plan.path.name,
-        places_m={seq: area_xyz(area, ned[None])[0] for seq, ned in path.places.items()},
-        rally_m=tuple(area_xyz(area, ned[None])[0] for ned in path.rally_ned_m),
-    )
+    """(..., 3) NED -> x east, y north in area coordinates, height above home."""
+    return np.concatenate((area.from_ned(pos_ned_m), -pos_ned_m[..., 2:]), axis=-1)
 
 
 def _track_csv(data: FlightData) -> str:
-    rows = np.hstack((data.truth.pos_m, data.belief.pos_m)).tolist()
-    return csv_lines(
-        [
-            _COLUMNS,
-            *(
-                [t_ns / 1e9, *(f"{value:.3f}" for value in row)]
-                for t_ns, row in zip(data.truth.t_ns.tolist(), rows, strict=True)
-            ),
-        ]
-    )
+    t_s, places_m = data.truth.t_ns / 1e9, np.hstack((data.truth.pos_m, data.belief.pos_m))
+    cells = np.char.mod("%.3f", places_m).tolist()
+    return csv_lines([_COLUMNS, *([t, *row] for t, row in zip(t_s.tolist(), cells, strict=True))])

@@ -22,8 +22,7 @@ _HEAD = {"format", "config_sha256", "data_dir", "libraries"}
 
 def sealed(values: dict[str, object]) -> bytes:
     """A checkpoint as it is written, closed by the digest of all of it."""
-    text = json.dumps(values)
-    return f'{text[:-1]}, "{SEAL}": "{hashlib.sha256(text.encode()).hexdigest()}"}}'.encode()
+    return json.dumps({**values, SEAL: _digest(values)}).encode()
 
 
 def _digest(values: dict[str, object]) -> str:
@@ -54,12 +53,6 @@ def header(
     }
 
 
-def data_dir_of(values: Mapping[str, object]) -> Path | None:
-    """The data folder that the run was started with."""
-    name = values.get("data_dir")
-    return Path(str(name)) if name else None
-
-
 def begun_with_page(folder: RunFolder) -> bool:
     """Whether the run of a folder was started with a page; not where no checkpoint tells."""
     file = folder.checkpoint / ROUNDS
@@ -69,7 +62,7 @@ def begun_with_page(folder: RunFolder) -> bool:
     return isinstance(values, dict) and bool(values.get("report"))
 
 
-def read_checkpoint(path: Path) -> dict[str, object]:
+def read_checkpoint(path: Path) -> dict[str, Any]:
     """The values of the checkpoint in the run's folder `path`.
 
     Raises:

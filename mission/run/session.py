@@ -30,7 +30,7 @@ from mission.run.flown_experiment import FlownExperiment
 from mission.run.outcome import Summary
 from mission.run.recorded import Page, fly_recorded
 from mission.run.recorder import recording
-from mission.run.resume import begun_with_page, data_dir_of, read_checkpoint, refuse_others
+from mission.run.resume import begun_with_page, read_checkpoint, refuse_others
 from mission.scenario.scenario import Scenario
 
 _SETTING_UP = "setting up"
@@ -83,7 +83,8 @@ def fly_session(
             live = opened.enter_context(live_views(console))
             with errors_of_learning():
                 state = learning.init(scenario.federation)
-                callbacks = opened.enter_context(_callbacks(folder, config))
+                callbacks = make_callbacks(CallbackContext(folder.path, config))
+                opened.enter_context(callbacks)
             checkpoint = CheckpointFolder(
                 folder.checkpoint, config=config, data_dir=data_dir, report=page is not None
             )
@@ -129,7 +130,7 @@ def resume_session(
             console.say(f"{path} is finished: made its {folder.report.name}, which was missing")
             return 0
         values = read_checkpoint(path)
-        data_dir = data_dir_of(values)
+        data_dir = Path(values["data_dir"]) if values["data_dir"] else None
         if not values["report"]:
             page = None
         with stopwatch("setup"), console.waiting(_SETTING_UP):
@@ -144,13 +145,12 @@ def resume_session(
                     "run cannot be resumed"
                 )
             flyers.check()
-            found = checkpoint.load(scenario.federation, values)
+            memory, state = checkpoint.load(scenario.federation, values)
             live = opened.enter_context(live_views(console))
-            callbacks = opened.enter_context(_callbacks(folder, config))
+            callbacks = make_callbacks(CallbackContext(folder.path, config))
+            opened.enter_context(callbacks)
             InterruptedFiles(folder).take()
-        ready = _Ready(
-            scenario, flyers, folder, checkpoint, found.state, callbacks, found.rounds, live
-        )
+        ready = _Ready(scenario, flyers, folder, checkpoint, state, callbacks, memory, live)
         return _fly(ready, console, stopwatch, workers=workers, figures=figures, page=page)
 
 
@@ -267,7 +267,3 @@ def _experiment(
             memory=ready.memory,
             workers=workers or os.cpu_count() or 1,
         )
-
-
-def _callbacks(folder: RunFolder, config: RunConfig) -> Callbacks:
-    return make_callbacks(config.callbacks, CallbackContext(folder.path, config))

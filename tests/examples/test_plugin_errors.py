@@ -607,7 +607,7 @@ def test_callbacks_before_one_that_cannot_be_made_are_closed(
     monkeypatch.syspath_prepend(tmp_path)
     config = aerofed.config("quickstart", {"callbacks": ["half_made:first", "half_made:second"]})
     with pytest.raises(aerofed.AerofedError, match="half_made:second"):
-        make_callbacks(config.callbacks, CallbackContext(tmp_path, config))
+        make_callbacks(CallbackContext(tmp_path, config))
     assert importlib.import_module("half_made").closed == [True]
 
 

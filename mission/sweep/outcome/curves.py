@@ -5,7 +5,6 @@ and time.
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import TypeAlias
 
 import numpy as np
@@ -49,13 +48,9 @@ def band(curves: Floats) -> tuple[Floats, Floats]:
     mean = np.asarray(curves.mean(axis=0), dtype=np.float64)
     if count < ENOUGH:
         return mean, np.full_like(mean, math.nan)
+    student = float(stdtrit(count - 1, 0.5 + CONFIDENCE / 2.0))
     spread = curves.std(axis=0, ddof=1)
-    return mean, np.asarray(_student(count - 1) * spread / math.sqrt(count), dtype=np.float64)
-
-
-@lru_cache
-def _student(freedom: int) -> float:
-    return float(stdtrit(freedom, 0.5 + CONFIDENCE / 2.0))
+    return mean, np.asarray(student * spread / math.sqrt(count), dtype=np.float64)
 
 
 def groups_of(results: Sequence[RunResult]) -> dict[str, list[RunResult]]:

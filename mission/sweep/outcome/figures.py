@@ -71,7 +71,12 @@ def curve_charts(picture: Picture) -> list[Chart]:
 
 def final_chart(results: Sequence[RunResult], community: str) -> Chart:
     """Where every strategy of a community ends."""
-    rows = _final_rows(results, community)
+    column = f"final_accuracy_{community}"
+    rows = []
+    for index, (label, runs) in enumerate(groups_of(results).items()):
+        values = [float(run.summary[column]) for run in runs if column in run.summary]
+        if values:
+            rows.append(_row(label, community_colour(index), values, least=0.0))
     return dot_rows(f"{community}: accuracy at the end", rows, x="accuracy (%)")
 
 
@@ -82,17 +87,6 @@ def gain_charts(results: Sequence[RunResult]) -> list[Chart]:
         for name in communities_of(results)
         if (rows := _gain_rows(results, name))
     ]
-
-
-def _final_rows(results: Sequence[RunResult], community: str) -> list[DotRow]:
-    """Final accuracy of every group, in percent."""
-    column = f"final_accuracy_{community}"
-    rows = []
-    for index, (label, runs) in enumerate(groups_of(results).items()):
-        values = [float(run.summary[column]) for run in runs if column in run.summary]
-        if values:
-            rows.append(_row(label, community_colour(index), values, least=0.0))
-    return rows
 
 
 def _gain_rows(results: Sequence[RunResult], community: str) -> list[DotRow]:

@@ -8,7 +8,7 @@ from typing import TypeAlias
 from rich import box
 from rich.table import Table
 
-from mission.base import tables
+from mission.base.tables import number
 from mission.sweep.outcome.curves import Interval, communities_of, groups_of, interval
 from mission.sweep.results import EQUAL, RunResult
 
@@ -27,7 +27,9 @@ class Column:
     def cell(self, runs: Sequence[RunResult], community: str) -> str:
         """Text of the column's cell for a group of runs."""
         value = over_seeds(runs, self.name.format(community))
-        return percent(value) if self.digits is None else number(value, self.digits, unit=self.unit)
+        return (
+            percent(value) if self.digits is None else number(value.mean / self.unit, self.digits)
+        )
 
 
 ACCURACY = (
@@ -101,11 +103,6 @@ def over_seeds(runs: Sequence[RunResult], column: str) -> Interval:
     """Mean and interval of a column of `runs.csv`, or of those at equal rounds, metres, energy."""
     rows = (run.summary | run.equal for run in runs)
     return interval([float(row[column]) for row in rows if column in row])
-
-
-def number(value: Interval, digits: int, *, unit: float = 1.0) -> str:
-    """The mean alone, in units of `unit`; `-` without a value."""
-    return tables.number(value.mean / unit, digits)
 
 
 def percent(value: Interval, *, signed: bool = False) -> str:
