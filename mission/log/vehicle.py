@@ -2,7 +2,7 @@
 
 import itertools
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from operator import attrgetter
 
 from flightdyn.state import Innovation, Kinematics
@@ -62,13 +62,7 @@ class VehicleTopics:
         self._frame = area.frame
         self._write = write
         self._mode: ModeRecord | None = None
-        self._tf_due = Every(rates.tf_hz)
-        self._velocity_due = Every(rates.velocity_hz)
-        self._command_due = Every(rates.command_hz)
-        self._location_due = Every(rates.location_hz)
-        self._battery_due = Every(rates.battery_hz)
-        self._wind_due = Every(rates.wind_hz)
-        self._innovations_due = Every(rates.innovations_hz)
+        self._due = {name: Every(rate_hz) for name, rate_hz in asdict(rates).items()}
         self._point_due = Every(1.0)
         self.begin_path()
 
@@ -103,25 +97,25 @@ class VehicleTopics:
         """Write the messages of a sample whose time has come by their rates."""
         write, t_ns, truth, belief = self._write, sample.t_ns, sample.truth, sample.belief
         stamp, where = messages.timestamp(t_ns), messages.place(self._area, truth)
-        if self._tf_due.now(t_ns):
+        if self._due["tf_hz"].now(t_ns):
             write(topics.TF, t_ns, messages.transform(stamp, where))
         write(topics.TRUE_POSE, t_ns, messages.pose(stamp, where))
         believed = messages.place(self._area, belief)
         write(topics.EST_POSE, t_ns, messages.pose(stamp, believed))
-        if self._velocity_due.now(t_ns):
+        if self._due["velocity_hz"].now(t_ns):
             write(topics.TRUE_VELOCITY, t_ns, messages.velocity(truth.vel_ned_mps))
             write(topics.EST_VELOCITY, t_ns, messages.velocity(belief.vel_ned_mps))
-        if sample.cmd_pos_ned_m is not None and self._command_due.now(t_ns):
+        if sample.cmd_pos_ned_m is not None and self._due["command_hz"].now(t_ns):
             command_m = messages.area_xyz(self._area, sample.cmd_pos_ned_m)
             write(topics.COMMAND, t_ns, messages.point(stamp, command_m))
         if sample.gnss is not None:
             write(topics.GNSS, t_ns, messages.gnss(self._frame, sample.gnss))
-        if self._location_due.now(t_ns):
+        if self._due["location_hz"].now(t_ns):
             on_globe = self._frame.to_geodetic(truth.pos_ned_m)
             write(topics.TRUE_LOCATION, t_ns, messages.location(stamp, on_globe))
-        if self._battery_due.now(t_ns):
+        if self._due["battery_hz"].now(t_ns):
             write(topics.BATTERY, t_ns, messages.battery(sample.battery))
-        if sample.wind_ned_mps is not None and self._wind_due.now(t_ns):
+        if sample.wind_ned_mps is not None and self._due["wind_hz"].now(t_ns):
             write(topics.TRUE_WIND, t_ns, messages.velocity(sample.wind_ned_mps))
         if sample.innovations:
             self._innovations(t_ns, sample.innovations)
@@ -141,6 +135,6 @@ class VehicleTopics:
     def _innovations(self, t_ns: int, items: Sequence[Innovation]) -> None:
         for instant, group in itertools.groupby(items, key=attrgetter("t_ns")):
             at_once = tuple(group)
-            due = self._innovations_due.now(instant)
+            due = self._due["innovations_hz"].now(instant)
             if due or not all(item.accepted for item in at_once):
                 self._write(topics.INNOVATIONS, t_ns, messages.innovations(at_once))

@@ -216,9 +216,8 @@ class FlightLog:
         self._write(topics.SCENE_GROUND, t_ns, scene.ground(t_ns, self._area, self._fence))
         self._write(topics.DEVICES, t_ns, messages.record(self._devices))
         if self._fence:
-            areas = {
-                keep_in: [z.outline_m.tolist() for z in self._fence if z.keep_in is keep_in]
-                for keep_in in (True, False)
-            }
-            fence = FenceRecord(keep_in_m=areas[True], keep_out_m=areas[False])
-            self._write(topics.FENCE, t_ns, messages.record(fence))
+            keep_in, keep_out = (
+                [zone.outline_m.tolist() for zone in self._fence if zone.keep_in is kept]
+                for kept in (True, False)
+            )
+            self._write(topics.FENCE, t_ns, messages.record(FenceRecord(keep_in, keep_out)))

@@ -2,7 +2,6 @@
 
 import math
 from dataclasses import dataclass, field
-from typing import Self
 
 import numpy as np
 
@@ -16,7 +15,8 @@ from mission.scenario.limits import ENOUGH, KEYS, NOTHING, Amount, Budget
 class RunTotals:
     """Sums over the finished rounds; those of a flight under way are not in them yet."""
 
-    last_heard: Ints  # (K,) round of each device's last update; 0: none yet
+    # (K,) round of each device's last update; 0: none yet
+    last_heard: Ints = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     rounds_done: int = 0
     used: Amount = NOTHING  # of the budgets
     flown_m: float = 0.0
@@ -27,11 +27,6 @@ class RunTotals:
     gaps: list[float] = field(default_factory=list)  # of each round's plan, NaN without a bound
     accuracy: dict[str, float] = field(default_factory=dict)  # per community, after the last round
     untrained: dict[str, float] = field(default_factory=dict)  # the same, before the first
-
-    @classmethod
-    def before(cls, devices: int) -> Self:
-        """Before the first round of a run with so many devices."""
-        return cls(np.zeros(devices, dtype=np.int64))
 
     @property
     def next_round(self) -> int:

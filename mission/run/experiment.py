@@ -38,7 +38,7 @@ class Experiment(ABC):
     budget: Budget = field(init=False)
 
     def __post_init__(self) -> None:
-        self.totals = RunTotals.before(len(self.scenario.devices_m))
+        self.totals = RunTotals(np.zeros(len(self.scenario.devices_m), dtype=np.int64))
         self.budget = budget_of(self.scenario.config)
 
     @property

@@ -124,7 +124,7 @@ class _PlanFlight:
     attached: Attached
     progress: Progress
     stopwatch: Stopwatch
-    totals: RunTotals = field(default_factory=lambda: RunTotals.before(0))
+    totals: RunTotals = field(default_factory=RunTotals)
     comparison: RunComparison | None = None
     ended: bool = False  # by itself: neither failed nor interrupted
 

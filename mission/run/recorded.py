@@ -62,7 +62,7 @@ def fly_recorded(
     """
     folder, outcome = summary.folder, Outcome()
     flight: Recorded | None = None
-    totals = RunTotals.before(0)
+    totals = RunTotals()
     summary.started()
     # An interrupted flight is written down, whatever else is pressed.
     with ending_flights():

@@ -72,7 +72,7 @@ class SweepFolder:
                     "processes of a sweep: it cannot be pickled"
                 )
         if self.manifest.exists():
-            old = _read(self.manifest)
+            old = read_manifest(self.path)
             if changes := _changes(old, new):
                 named = "; ".join(changes[:_MAX_NAMED])
                 raise InputError(
@@ -118,7 +118,20 @@ def read_manifest(folder: Path) -> Manifest:
     Raises:
         InputError: not a sweep's folder, or one of another version.
     """
-    return _read(SweepFolder(folder).manifest)
+    path = SweepFolder(folder).manifest
+    if not path.exists():
+        raise InputError(f"{folder}: not a sweep's folder: it has no {path.name}")
+    values = read_json(path)
+    axes = values.get("axes") if isinstance(values, dict) else None
+    if (
+        not isinstance(axes, dict)
+        or list(axes)[:2] != ["strategy", "seed"]
+        or not all(isinstance(item, list) for item in axes.values())
+        or values.get("format") != 1
+    ):
+        raise InputError(f"{path}: not written by a sweep of this version")
+    manifest: Manifest = values
+    return manifest
 
 
 def points_of(manifest: Manifest) -> tuple[Point, ...]:
@@ -139,22 +152,6 @@ def _manifest(grid: Grid, *, data_dir: Path | None) -> Manifest:
             **{axis.key: list(axis.values) for axis in grid.axes},
         },
     }
-
-
-def _read(path: Path) -> Manifest:
-    if not path.exists():
-        raise InputError(f"{path.parent}: not a sweep's folder: it has no {path.name}")
-    values = read_json(path)
-    axes = values.get("axes") if isinstance(values, dict) else None
-    if (
-        not isinstance(axes, dict)
-        or list(axes)[:2] != ["strategy", "seed"]
-        or not all(isinstance(item, list) for item in axes.values())
-        or values.get("format") != 1
-    ):
-        raise InputError(f"{path}: not written by a sweep of this version")
-    manifest: Manifest = values
-    return manifest
 
 
 def _changes(old: Manifest, new: Manifest) -> list[str]:

@@ -3,7 +3,7 @@ and time.
 """
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TypeAlias
 
@@ -84,50 +84,39 @@ class Curve:
     flown: bool
 
 
-Sampling: TypeAlias = Callable[[Sequence[RunResult], str], tuple[Floats, Floats]]
+@dataclass(frozen=True)
+class Along:
+    """What curves stand over: rounds, or what these had spent by their ends."""
+
+    label: str
+    clock: str = ""  # column of `rounds.csv` that counts it; none: the rounds themselves
+    unit: float = 1.0
+
+    def sampled(self, runs: Sequence[RunResult], column: str) -> tuple[Floats, Floats]:
+        """Where the rounds that every run has stand, and a column of them, (runs, rounds).
+
+        A round stands at the mean of its ends: a grid of its own would show rounds where it
+        happens to meet them, and the last one not at all. Accuracy begins at zero, with the
+        untrained model, where all the runs know it.
+        """
+        shortest = min(len(run.rounds) for run in runs)
+        values = np.array([run.curve(column)[:shortest] for run in runs])
+        ends = np.arange(1.0, shortest + 1.0)
+        if self.clock:
+            clocks = np.array([run.curve(self.clock)[:shortest] for run in runs])
+            ends = clocks.mean(axis=0) / self.unit
+        before = [run.summary.get(f"untrained_{column}") for run in runs]
+        if None in before:
+            return ends, values
+        start = np.array(before, dtype=np.float64)[:, None]
+        return np.concatenate(([0.0], ends)), np.hstack((start, values))
 
 
-def by_round(runs: Sequence[RunResult], column: str) -> tuple[Floats, Floats]:
-    """Round numbers that every run has, and a column of them, (runs, rounds).
-
-    Accuracy begins with round 0, the untrained model, where all the runs know it.
-    """
-    shortest = min(len(run.rounds) for run in runs)
-    values = np.array([run.curve(column)[:shortest] for run in runs])
-    before = [run.summary.get(f"untrained_{column}") for run in runs]
-    if None in before:
-        return np.arange(1.0, shortest + 1.0), values
-    start = np.array(before, dtype=np.float64)[:, None]
-    return np.arange(shortest + 1.0), np.hstack((start, values))
-
-
-def by_distance(runs: Sequence[RunResult], column: str) -> tuple[Floats, Floats]:
-    """As `by_round`, at the kilometres of path budget that a round had cost by its end."""
-    return _by_clock(runs, column, "budget_used_m", 1000.0)
-
-
-def by_time(runs: Sequence[RunResult], column: str) -> tuple[Floats, Floats]:
-    """As `by_round`, at the simulated minutes at which a round ended."""
-    return _by_clock(runs, column, "end_t_s", 60.0)
-
-
-def _by_clock(
-    runs: Sequence[RunResult], column: str, clock: str, unit: float
-) -> tuple[Floats, Floats]:
-    """Every round at the mean of its ends, the untrained model at zero.
-
-    A grid of its own would show rounds where it happens to meet them, and the last one not at all.
-    """
-    rounds, values = by_round(runs, column)
-    ends = np.array([run.curve(clock)[: int(rounds[-1])] for run in runs]).mean(axis=0) / unit
-    return np.concatenate(([0.0] * (len(rounds) - len(ends)), ends)), values
-
-
-_LABELS: dict[Sampling, str] = {
-    by_round: "round",
-    by_distance: "length of path (km), mean over seeds; in a hover, its cost",
-    by_time: "simulated time (min), mean over seeds",
-}
+ROUNDS = Along("round")
+DISTANCE = Along(
+    "length of path (km), mean over seeds; in a hover, its cost", "budget_used_m", 1000.0
+)
+TIME = Along("simulated time (min), mean over seeds", "end_t_s", 60.0)
 
 
 @dataclass(frozen=True)
@@ -148,7 +137,7 @@ class Picture:
     name: str
     title: str
     panels: tuple[Panel, ...]
-    sampling: Sampling
+    along: Along
     groups: Groups
     order: tuple[str, ...]  # of all names of the sweep, which gives each its colour
     apart: tuple[str, ...] = ()  # settings that have charts of their own; there are many groups
@@ -167,7 +156,7 @@ class Picture:
     @property
     def end(self) -> float | None:
         """Where an axis of rounds ends so that the shorter runs can be seen; None: at its end."""
-        if self.sampling is not by_round:
+        if self.along is not ROUNDS:
             return None
         ends = sorted(max(len(run.rounds) for run in runs) for runs in self.groups.values())
         usual = ends[(len(ends) - 1) // 2]
@@ -176,7 +165,7 @@ class Picture:
     @property
     def x_label(self) -> str:
         """What is along the axis, and who goes on beyond its end."""
-        label, end = _LABELS[self.sampling], self.end
+        label, end = self.along.label, self.end
         if end is None:
             return label
         beyond = [
@@ -197,7 +186,7 @@ class Picture:
             having = [run for run in runs if run.rounds and panel.column in run.rounds[0]]
             if not having:
                 continue
-            x, values = self.sampling(having, panel.column)
+            x, values = self.along.sampled(having, panel.column)
             if self.end is not None:
                 values = values[:, x <= self.end]
                 x = x[x <= self.end]
@@ -230,7 +219,7 @@ def pictures_of(results: Sequence[RunResult]) -> tuple[Picture, ...]:
         for name in communities
     )
     pictures = [
-        Picture("accuracy-rounds", "Accuracy by round", accuracy, by_round, groups, order, apart)
+        Picture("accuracy-rounds", "Accuracy by round", accuracy, ROUNDS, groups, order, apart)
     ]
     if flying:
         per = (
@@ -238,11 +227,11 @@ def pictures_of(results: Sequence[RunResult]) -> tuple[Picture, ...]:
             Panel("true_per", "At the true position", "mean PER", most=1.0),
         )
         pictures += [
-            Picture(name, title, panels, sampling, flying, order, apart_flown)
-            for name, title, panels, sampling in (
-                ("accuracy-distance", "Accuracy by distance", accuracy, by_distance),
-                ("accuracy-time", "Accuracy by time", accuracy, by_time),
-                ("per", "Packet error rate", per, by_round),
+            Picture(name, title, panels, along, flying, order, apart_flown)
+            for name, title, panels, along in (
+                ("accuracy-distance", "Accuracy by distance", accuracy, DISTANCE),
+                ("accuracy-time", "Accuracy by time", accuracy, TIME),
+                ("per", "Packet error rate", per, ROUNDS),
             )
         ]
     arrived = (Panel("participation", "Devices whose update arrived", "devices (%)", 100.0, 100.0),)
@@ -252,6 +241,6 @@ def pictures_of(results: Sequence[RunResult]) -> tuple[Picture, ...]:
     )
     return (
         *pictures,
-        Picture("participation", "Participation", arrived, by_round, groups, order, apart),
-        Picture("fairness", "Fairness", fairness, by_round, groups, order, apart),
+        Picture("participation", "Participation", arrived, ROUNDS, groups, order, apart),
+        Picture("fairness", "Fairness", fairness, ROUNDS, groups, order, apart),
     )

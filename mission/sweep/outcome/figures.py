@@ -11,10 +11,10 @@ from mission.figures.charts import DotRow, Series, dot_rows, line_chart
 from mission.figures.render import save_all, stacked
 from mission.figures.style import Chart
 from mission.sweep.outcome.curves import (
+    ROUNDS,
     Curve,
     Panel,
     Picture,
-    by_round,
     communities_of,
     groups_of,
     interval,
@@ -113,7 +113,7 @@ def _curves(picture: Picture, panel: Panel, where: str) -> Chart:
         x=picture.x_label,
         y=panel.axis,
         most=panel.most,
-        whole_x=picture.sampling is by_round,
+        whole_x=picture.along is ROUNDS,
     )
 
 

@@ -18,7 +18,7 @@ def budget(**mission: object) -> Budget:
 
 def flown(given: Budget, cost: Amount) -> int:
     """Rounds of a run whose every round costs the same."""
-    totals = RunTotals.before(1)
+    totals = RunTotals()
     while not totals.is_over(given):
         totals.rounds_done += 1
         totals.used = totals.used_with(cost, given)
@@ -90,7 +90,7 @@ def test_the_first_budget_that_pays_for_no_round_ends_a_run(
     given = budget(**{"rounds": 50, **mission})
     cost = Amount(*(0.0 if math.isinf(part) else part for part in cost))
     assert flown(given, cost) == rounds == rounds_paid_for(given)
-    totals = RunTotals.before(1)
+    totals = RunTotals()
     totals.rounds_done = rounds
     totals.used = Amount(*(rounds * part for part in cost))
     assert totals.why_over(given).startswith(words)
@@ -111,7 +111,7 @@ def test_a_round_without_a_limit_of_its_own_costs_what_its_metres_take() -> None
 
 
 def test_what_a_round_has_used_is_what_the_run_has() -> None:
-    totals = RunTotals.before(1)
+    totals = RunTotals()
     round_1 = replace(UNKNOWN_ROUND, budget_used_m=800.0, time_used_s=40.0, energy_used_j=9000.0)
     totals.add(round_1)
     assert totals.used == Amount(800.0, 40.0, 9000.0)

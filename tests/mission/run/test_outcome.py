@@ -137,7 +137,7 @@ class Flight:
     """Flies nothing; it shows how long that took."""
 
     def __init__(self, stopwatch: Stopwatch) -> None:
-        self.totals = RunTotals.before(0)
+        self.totals = RunTotals()
         self.files: tuple[RecordFile, ...] = ()
         self.stopwatch = stopwatch
 

@@ -14,7 +14,7 @@ from mission.run.budget import rounds_paid_for
 from mission.scenario.limits import budget_of
 from mission.sweep.folder import SweepFolder
 from mission.sweep.grid import Point, make_grid
-from mission.sweep.outcome.curves import band, by_distance, by_round, interval
+from mission.sweep.outcome.curves import DISTANCE, ROUNDS, band, interval
 from mission.sweep.outcome.view import final_table, percent
 from mission.sweep.progress import Bar, duration
 from mission.sweep.results import Row, RunResult, at_equal, jain, with_equals, write_results
@@ -65,18 +65,18 @@ def test_over_distance_every_round_is_a_point() -> None:
         result(1, [1000.0, 2000.0, 3000.0], [0.1, 0.2, 0.3]),
         result(2, [500.0, 2500.0], [0.5, 0.7]),
     ]
-    at_km, values = by_distance(runs, "accuracy_a")
+    at_km, values = DISTANCE.sampled(runs, "accuracy_a")
     # At the mean of its ends, as far as every run has the round.
     assert at_km.tolist() == [0.75, 2.25]
     assert values.tolist() == [[0.1, 0.2], [0.5, 0.7]]
-    rounds, values = by_round(runs, "accuracy_a")
+    rounds, values = ROUNDS.sampled(runs, "accuracy_a")
     assert rounds.tolist() == [1, 2]
     assert values.tolist() == [[0.1, 0.2], [0.5, 0.7]]
     runs = [replace(r, summary={**r.summary, "untrained_accuracy_a": 0.05}) for r in runs]
-    rounds, values = by_round(runs, "accuracy_a")
+    rounds, values = ROUNDS.sampled(runs, "accuracy_a")
     assert rounds.tolist() == [0, 1, 2]
     assert values.tolist() == [[0.05, 0.1, 0.2], [0.05, 0.5, 0.7]]
-    at_km, values = by_distance(runs, "accuracy_a")
+    at_km, values = DISTANCE.sampled(runs, "accuracy_a")
     assert at_km.tolist() == [0.0, 0.75, 2.25]
     assert values.tolist() == [[0.05, 0.1, 0.2], [0.05, 0.5, 0.7]]
 
