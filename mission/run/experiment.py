@@ -28,16 +28,17 @@ from mission.scenario.scenario import Scenario
 class Experiment(ABC):
     """One run's state between rounds."""
 
-    scenario: Scenario
     recorder: FolderRecorder
     stopwatch: Stopwatch
-    state: FederationState  # with a memory: after the last round in it
-    memory: Sequence[RoundMemory] = ()  # rounds to go through again as they were
     workers: int = 1  # devices that train at a time; changes no result
+    scenario: Scenario = field(init=False)
+    state: FederationState = field(init=False)  # with a memory: after the last round in it
     totals: RunTotals = field(init=False)
     budget: Budget = field(init=False)
 
     def __post_init__(self) -> None:
+        self.scenario, self.state = self.recorder.run.scenario, self.recorder.run.state
+        self.memory = self.recorder.run.memory  # rounds to go through again as they were
         self.totals = RunTotals(np.zeros(len(self.scenario.devices_m), dtype=np.int64))
         self.budget = budget_of(self.scenario.config)
 

@@ -1,9 +1,8 @@
 """The experiment in flight: plan, fly, gate, learn, record; round by round."""
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 
 import numpy as np
 
@@ -16,7 +15,7 @@ from mission.base.user_code import errors_of_learning
 from mission.flight.fence_zones import fence_items
 from mission.flight.flight_plan import FlightPlan, flight_of_round
 from mission.flight.flyers.flyer import CHARGED, Flyer
-from mission.flight.flyers.flyers import Attached, Flyers
+from mission.flight.flyers.flyers import Attached
 from mission.flight.track import Flight
 from mission.log.records import LATE, RoundRecord, UplinkRecord
 from mission.planner.flyable import share_of
@@ -27,7 +26,6 @@ from mission.run.experiment import Experiment
 from mission.run.gate import slots, turns, uplinks
 from mission.scenario.limits import Amount
 from mission.scenario.strategies import Sortie, Strategy
-from sitl.observer import VehicleObserver
 
 
 @dataclass(kw_only=True)
@@ -35,9 +33,6 @@ class FlownExperiment(Experiment):
     """Flies every round, and learns from those whom the radio let through."""
 
     strategy: Strategy
-    flyers: Flyers
-    folder: Path  # of the run
-    observers: Sequence[VehicleObserver] = ()
     work: DeviceWork = field(init=False)  # of the devices, as the last round left it
     _most_drawn: float = field(default=0.0, init=False)  # of the battery (0..1), by a round so far
     _stage: str = field(default="", init=False)  # of the flight, for people
@@ -47,10 +42,10 @@ class FlownExperiment(Experiment):
         self.work = self.scenario.work_before()
 
     async def _run(self) -> None:
+        run, recorder = self.recorder.run, self.recorder
+        attached = Attached((recorder.log,), run.folder.path, recorder.notice)
         try:
-            async with self.flyers.open(
-                Attached(self.observers, self.folder, self.recorder.notice)
-            ) as flyer:
+            async with run.flyers.open(attached) as flyer:
                 try:
                     await self._rounds(flyer)
                 finally:

@@ -11,16 +11,17 @@ from mission.base.interrupted_files import InterruptedFiles
 from mission.base.run_folder import RunFolder, environment
 from mission.base.stopwatch import Stopwatch
 from mission.flight.flight_plan import FlightPlan
+from mission.flight.flyers.flyers import Flyers
 from mission.flight.plan_file import write_round_plan
+from mission.log.live import LiveView
 from mission.log.records import (
     DeviceRecord,
     RoundRecord,
     TimedUplinkRecord,
     UplinkRecord,
 )
-from mission.log.sink import Sink
 from mission.log.tables import Table
-from mission.log.values import Devices, Zone
+from mission.log.values import Devices
 from mission.log.writer import FlightLog
 from mission.planner.performance import Foreseen
 from mission.planner.problem import RoundPlan, RoundProblem
@@ -30,20 +31,31 @@ from mission.run.progress import Progress, make_progress
 from mission.scenario.scenario import Scenario
 
 
+@dataclass(frozen=True)
+class Ready:
+    """A run set up: scenario, flyers, folder, checkpoint, callbacks."""
+
+    scenario: Scenario
+    flyers: Flyers
+    folder: RunFolder
+    checkpoint: CheckpointFolder
+    state: FederationState
+    callbacks: Callbacks
+    memory: Sequence[RoundMemory] = ()  # rounds to fly again
+    live: tuple[LiveView, ...] = ()
+
+
 @dataclass
 class FolderRecorder:
     """Hands what happens to all who keep or show it. Nothing that it does alters the run."""
 
-    scenario: Scenario
-    folder: RunFolder
+    run: Ready
     log: FlightLog
     rounds: Table[RoundRecord]
     uplinks: Table[UplinkRecord]
     devices: Table[DeviceRecord]
-    checkpoint: CheckpointFolder
     progress: Progress
     stopwatch: Stopwatch
-    callbacks: Callbacks = field(default_factory=Callbacks)
     # Up to the end of the last round: simulated seconds, and wall seconds spent on flying them.
     _flown_s: float = field(default=0.0, init=False)
     _wall_s: float = field(default=0.0, init=False)
@@ -67,8 +79,8 @@ class FolderRecorder:
             slot_s=flight_plan.slot_s(foreseen),
             duration_s=foreseen.duration_s,
         )
-        path = self.folder.plans / f"round-{round_number:03d}.plan"
-        write_round_plan(path, flight_plan, self.scenario.area)
+        path = self.run.folder.plans / f"round-{round_number:03d}.plan"
+        write_round_plan(path, flight_plan, self.run.scenario.area)
 
     def finished(self, report: RoundReport, memory: RoundMemory, state: FederationState) -> None:
         """Log and tabulate a finished round; from here on it is kept whatever happens.
@@ -88,10 +100,10 @@ class FolderRecorder:
         self.rounds.extend([record])
         if not report.again:
             # Log and tables hold all that the old ones held.
-            InterruptedFiles(self.folder).discard()
-            self.checkpoint.save(self.scenario.federation, state, memory)
+            InterruptedFiles(self.run.folder).discard()
+            self.run.checkpoint.save(self.run.scenario.federation, state, memory)
         self.progress.round_done(record, real_time_factor=self._speed(record))
-        self.callbacks.round_finished(report)
+        self.run.callbacks.round_finished(report)
 
     def learnt(self, round_number: int, learnt: RoundLearning) -> None:
         """Log and tabulate what the models know after a round; 0 is before the first."""
@@ -113,7 +125,7 @@ class FolderRecorder:
 
     def _devices(self, round_number: int, learnt: RoundLearning) -> Iterator[DeviceRecord]:
         each = zip(
-            self.scenario.community_of,
+            self.run.scenario.community_of,
             learnt.device_accuracy.tolist(),
             learnt.received_accuracy.tolist(),
             learnt.device_loss.tolist(),
@@ -124,18 +136,9 @@ class FolderRecorder:
 
 
 @contextmanager
-def recording(
-    scenario: Scenario,
-    folder: RunFolder,
-    checkpoint: CheckpointFolder,
-    *,
-    fence: tuple[Zone, ...],
-    console: RunConsole,
-    stopwatch: Stopwatch,
-    mirrors: Sequence[Sink] = (),
-    callbacks: Callbacks,
-) -> Iterator[FolderRecorder]:
-    """Open log (`mirrors` see it too) and tables; they are closed whole however the block ends."""
+def recording(run: Ready, console: RunConsole, stopwatch: Stopwatch) -> Iterator[FolderRecorder]:
+    """Open log and tables; they are closed whole however the block ends."""
+    scenario, folder = run.scenario, run.folder
     devices = Devices(scenario.devices_m, scenario.community_of)
     with ExitStack() as stack:
         mission = scenario.config.mission
@@ -146,8 +149,8 @@ def recording(
                 folder.log,
                 area=scenario.area,
                 devices=devices,
-                fence=fence,
-                mirrors=mirrors,
+                fence=run.flyers.fence(),
+                mirrors=run.live,
             )
         )
         names = scenario.federation.names
@@ -160,9 +163,7 @@ def recording(
         log.attach("devices.csv", "text/csv", scenario.devices_csv().encode())
         log.metadata("libraries", environment()["libraries"])
         tables = rounds, uplinks, learnt
-        recorder = FolderRecorder(
-            scenario, folder, log, *tables, checkpoint, progress, stopwatch, callbacks
-        )
+        recorder = FolderRecorder(run, log, *tables, progress, stopwatch)
         for notice in scenario.notices():
             recorder.notice(notice)
         yield recorder

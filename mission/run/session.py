@@ -1,16 +1,14 @@
 """One `aerofed run`, from nothing or from its checkpoint, to a folder that is whole."""
 
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
 import numpy as np
 
 from fl.federation import rounds as learning
-from fl.federation.state import FederationState
 from mission.base.console import RunConsole
 from mission.base.errors import InputError
 from mission.base.interrupted_files import InterruptedFiles
@@ -20,34 +18,19 @@ from mission.base.user_code import errors_of_learning
 from mission.config.loading import load_config
 from mission.config.models import RunConfig
 from mission.config.preflight import code_digests
-from mission.flight.flyers.flyers import Flyers
 from mission.flight.flyers.open import set_up
-from mission.log.live import LiveView, live_views
-from mission.run.callbacks import CallbackContext, Callbacks, make_callbacks
-from mission.run.checkpoint import CheckpointFolder, RoundMemory
+from mission.log.live import live_views
+from mission.run.callbacks import CallbackContext, make_callbacks
+from mission.run.checkpoint import CheckpointFolder
 from mission.run.experiment import Experiment, IdealExperiment
 from mission.run.flown_experiment import FlownExperiment
 from mission.run.outcome import Summary
 from mission.run.recorded import Page, fly_recorded
-from mission.run.recorder import recording
+from mission.run.recorder import Ready, recording
 from mission.run.resume import begun_with_page, read_checkpoint, refuse_others
 from mission.scenario.scenario import Scenario
 
 _SETTING_UP = "setting up"
-
-
-@dataclass(frozen=True)
-class _Ready:
-    """A run set up: scenario, flyers, folder, checkpoint, callbacks."""
-
-    scenario: Scenario
-    flyers: Flyers
-    folder: RunFolder
-    checkpoint: CheckpointFolder
-    state: FederationState
-    callbacks: Callbacks
-    memory: Sequence[RoundMemory] = ()  # rounds to fly again
-    live: tuple[LiveView, ...] = ()
 
 
 def fly_session(
@@ -90,7 +73,7 @@ def fly_session(
             )
             write_atomically(folder.config, config.to_toml())
             checkpoint.save(scenario.federation, state, None)
-        ready = _Ready(scenario, flyers, folder, checkpoint, state, callbacks, live=live)
+        ready = Ready(scenario, flyers, folder, checkpoint, state, callbacks, live=live)
         return _fly(ready, console, stopwatch, workers=workers, figures=figures, page=page)
 
 
@@ -150,7 +133,7 @@ def resume_session(
             callbacks = make_callbacks(CallbackContext(folder.path, config))
             opened.enter_context(callbacks)
             InterruptedFiles(folder).take()
-        ready = _Ready(scenario, flyers, folder, checkpoint, state, callbacks, memory, live)
+        ready = Ready(scenario, flyers, folder, checkpoint, state, callbacks, memory, live)
         return _fly(ready, console, stopwatch, workers=workers, figures=figures, page=page)
 
 
@@ -162,7 +145,7 @@ def _is_whole(folder: RunFolder, page: Page | None) -> bool:
 
 
 def _fly(
-    ready: _Ready,
+    ready: Ready,
     console: RunConsole,
     stopwatch: Stopwatch,
     *,
@@ -231,39 +214,14 @@ def _warnings(scenario: Scenario) -> Iterator[str]:
 
 @contextmanager
 def _experiment(
-    ready: _Ready, console: RunConsole, stopwatch: Stopwatch, *, workers: int | None
+    ready: Ready, console: RunConsole, stopwatch: Stopwatch, *, workers: int | None
 ) -> Iterator[Experiment]:
     """The experiment, recorded in its folder for as long as the block runs."""
     with (
         ready.callbacks,  # whose failure at the end belongs into the summary
-        recording(
-            ready.scenario,
-            ready.folder,
-            ready.checkpoint,
-            fence=ready.flyers.fence(),
-            console=console,
-            stopwatch=stopwatch,
-            mirrors=ready.live,
-            callbacks=ready.callbacks,
-        ) as recorder,
+        recording(ready, console, stopwatch) as recorder,
     ):
-        log, strategy = recorder.log, ready.scenario.strategy
-        kind = (
-            IdealExperiment
-            if strategy is None
-            else partial(
-                FlownExperiment,
-                strategy=strategy,
-                flyers=ready.flyers,
-                folder=ready.folder.path,
-                observers=(log,),
-            )
-        )
-        yield kind(
-            scenario=ready.scenario,
-            recorder=recorder,
-            stopwatch=stopwatch,
-            state=ready.state,
-            memory=ready.memory,
-            workers=workers or os.cpu_count() or 1,
-        )
+        strategy = ready.scenario.strategy
+        kind = IdealExperiment if strategy is None else partial(FlownExperiment, strategy=strategy)
+        workers = workers or os.cpu_count() or 1
+        yield kind(recorder=recorder, stopwatch=stopwatch, workers=workers)
