@@ -180,7 +180,7 @@ def test_one_sweep_at_a_time(tmp_path: Path) -> None:
     folder = SweepFolder(tmp_path / "s")
     with (
         folder.lock(),
-        pytest.raises(InputError, match=r"another sweep is at work.*--out"),
+        pytest.raises(InputError, match=r"another sweep is at work.*or name another"),
         folder.lock(),
     ):
         pass
