@@ -80,14 +80,13 @@ class SampledAltitudes:
         """
         if problem.altitudes_m is None:
             return self.inner.plan(problem)
-        best = None
-        for altitude_m in np.linspace(*problem.altitudes_m, SAMPLED).tolist():
-            made = finish(problem, self.inner.plan(problem.at(altitude_m)).waypoints_m)
-            if best is None or made.value > best.value:
-                best = made
-        assert best is not None
-        again = finish(problem, self.inner.plan(problem.at(best.altitude_m)).waypoints_m)
-        return max(best, again, key=lambda plan: plan.value)
+
+        def planned(altitude_m: float | None) -> RoundPlan:
+            return finish(problem, self.inner.plan(problem.at(altitude_m)).waypoints_m)
+
+        tried = map(planned, np.linspace(*problem.altitudes_m, SAMPLED).tolist())
+        best = max(tried, key=lambda plan: plan.value)
+        return max(best, planned(best.altitude_m), key=lambda plan: plan.value)
 
 
 @dataclass

@@ -34,9 +34,10 @@ static double rest_of(const Node *node, const Problem *problem)
         }
     if (count <= room) return total;
     if (room <= 0) return 0.0;
-    nth_largest(promises, count, room);
+    int64_t order[MOST_DEVICES], spare[MOST_DEVICES];
+    const int64_t *best = descending(promises, count, order, spare);
     total = 0.0;
-    for (int64_t i = 0; i < room; i++) total += promises[i];
+    for (int64_t i = 0; i < room; i++) total += promises[best[i]];
     return total;
 }
 

@@ -319,31 +319,4 @@ static void match(Plan *plan, const Limits *limits, const Devices *devices, cons
     plan->value = total;
 }
 
-/* The n-th largest (n from 1) of the values, by quickselect (Hoare 1961); reorders them so that no
-   larger one stands behind it. */
-static double nth_largest(double *values, int64_t count, int64_t n)
-{
-    int64_t low = 0, high = count - 1, target = n - 1;
-    while (low < high) {
-        double pivot = values[(low + high) / 2];
-        int64_t i = low, j = high;
-        while (i <= j) {
-            while (values[i] > pivot) i++;
-            while (values[j] < pivot) j--;
-            if (i <= j) {
-                double value = values[i];
-                values[i++] = values[j];
-                values[j--] = value;
-            }
-        }
-        if (target <= j)
-            high = j;
-        else if (target >= i)
-            low = i;
-        else
-            break;
-    }
-    return values[target];
-}
-
 #endif
