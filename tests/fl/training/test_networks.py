@@ -229,7 +229,7 @@ def test_images_too_small_for_the_built_in_networks() -> None:
     ):
         make_network("convnet", convnet=three, image_shape=(8, 7, 1), classes=10)
     make_network("convnet", convnet=three, image_shape=(8, 8, 1), classes=10)
-    for size in range(4, 40):
+    for size in (*range(4, 14), 16, 21, 28, 39):
         split = Split(np.zeros((3, size, size, 1), np.uint8), np.array([0, 1, 9]))
         for name in ("lenet", "mcmahan"):
             net = make_network(name, image_shape=(size, size, 1), classes=10)
