@@ -22,7 +22,7 @@ from mission.flight.pilot.dialects import ARDUPILOT, PX4
 from mission.flight.pilot.raw_items import as_dialect, raw_items
 from mission.planner.performance import Performance
 from mission.planner.problem import RoundPlan
-from mission.planner.stops import stops_of
+from mission.planner.stops import SAME_PLACE_M, stops_of
 
 SMALL = {
     "mission.steps": 4,
@@ -89,7 +89,7 @@ def check_times(folder: Path, *, stale: bool) -> set[str]:
                 assert second - first == pytest.approx(1e9 * upload_s[k], abs=2)
         sent = [k for served in turns.values() for _, k in served]
         least_s = float(record["plan_path_m"]) / 20.0 + sum(upload_s[k] for k in sent)
-        rounding_s = 1e-4  # waypoints that are nearly the same are one stop
+        rounding_s = 2.0 * SAME_PLACE_M / 20.0  # waypoints nearer than that are one stop
         assert float(record["duration_s"]) > least_s - rounding_s
         if "flight.none" in str(folder):
             assert float(record["duration_s"]) == pytest.approx(least_s, abs=rounding_s)
