@@ -84,8 +84,14 @@ def hil(ticks):
 
 def json(ticks):
     """ArduPilot's datagrams, of whatever length."""
-    ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM)
-    link = bridge.Json(socket=ours.fileno())
+    ours, theirs = (socket.socket(socket.AF_INET, socket.SOCK_DGRAM) for _ in range(2))
+    for end in (ours, theirs):
+        end.bind(("127.0.0.1", 0))
+    ours.setblocking(False)
+    theirs.connect(ours.getsockname())
+    host, port = theirs.getsockname()
+    peer = int.from_bytes(socket.inet_aton(host), sys.byteorder) << 16 | socket.htons(port)
+    link = bridge.Json(socket=ours.fileno(), peer=peer)
     at = ctypes.addressof(link)
     for _ in range(ticks):
         numbers = rng.normal(0.0, 10.0 ** rng.integers(-9, 300), 21)
