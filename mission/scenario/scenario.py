@@ -191,7 +191,7 @@ class Scenario:
 
         Where devices take time, two columns more: `compute_s` and `upload_s`.
         """
-        counts = np.vstack([community.counts for community in self.federation.communities])
+        counts = [row for community in self.federation.communities for row in community.counts]
         shared = [
             share for c in self.config.communities for share in c.data_shares or (None,) * c.devices
         ]
@@ -200,7 +200,7 @@ class Scenario:
             "community": self.community_of,
             "x_m": self.devices_m[:, 0],
             "y_m": self.devices_m[:, 1],
-            "samples": counts.sum(axis=1),
+            "samples": [row.sum() for row in counts],
             "p": self.federation.p,
             "labels": [" ".join(f"{k}:{row[k]}" for k in np.flatnonzero(row)) for row in counts],
             "share": shared,

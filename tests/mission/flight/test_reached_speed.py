@@ -1,6 +1,7 @@
 """What an external vehicle is believed to reach, and what it is ordered nevertheless."""
 
 import asyncio
+from collections.abc import Sequence
 from types import SimpleNamespace
 
 import numpy as np
@@ -12,6 +13,7 @@ from mission.flight.flight_plan import FlightPlan
 from mission.flight.flyers.external import ExternalFlyer
 from mission.flight.track import Flight
 from mission.planner.stops import Stop
+from sitl.autopilot.codec.orders import MissionItem
 
 CONFIG = load(None, ())
 
@@ -26,7 +28,7 @@ class Vehicle:
         # Of pilot, telemetry and recorder a flight of one leg needs this much; MAVSDK has no part
         # in it, as the flyer's recording of a flight is the drive along the leg below.
         self.flyer = ExternalFlyer(
-            SimpleNamespace(upload=self._upload, fly=None),  # type: ignore[arg-type]
+            SimpleNamespace(upload_items=self._upload, fly=None),  # type: ignore[arg-type]
             SimpleNamespace(battery_remaining=1.0, reached_ns={}, passed=lambda *_: None),  # type: ignore[arg-type]
             None,  # type: ignore[arg-type]
             area=CONFIG.area.build(),
@@ -37,8 +39,8 @@ class Vehicle:
         )
         self.flyer.record = self._record  # type: ignore[method-assign]
 
-    async def _upload(self, plan: FlightPlan, _: object) -> None:
-        self.ordered.append(plan.speed_mps)
+    async def _upload(self, items: Sequence[MissionItem]) -> None:
+        self.ordered.append(items[1].params[1])  # of DO_CHANGE_SPEED
 
     async def _record(self, fly: object) -> Flight:  # noqa: ARG002  # as the flyer calls it
         v_mps, moved_m, at_m = 0.0, [0.0], 0.0
