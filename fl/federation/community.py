@@ -158,7 +158,7 @@ class Federation:
         return digest.hexdigest()
 
 
-def build(
+def build_federation(
     communities: Sequence[CommunityConfig],
     learning: LearningConfig,
     *,

@@ -23,6 +23,7 @@ _WORDS = (  # of pydantic, and those that users of files know
 
 Notation: TypeAlias = Literal["TOML", "JSON"]
 Path: TypeAlias = tuple[str | int, ...]  # of a key, with the indices of lists
+WrongKey: TypeAlias = tuple[str, object, str]  # dotted path, its value, why it cannot be used
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,7 @@
 """A run's configuration: every package describes what it is configured by; here is the whole."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Annotated, Literal, Self
 
@@ -23,7 +23,7 @@ from flightdyn.state import GeodeticPoint
 from mission.base.airspace import Airspace, crossing
 from mission.base.area import Area
 from mission.base.errors import InputError
-from mission.base.explain import Blame, refusal
+from mission.base.explain import Blame, WrongKey, refusal
 from mission.config import STRATEGIES
 from mission.config.url import URL_FORMS, checked_url
 from mission.planner.config import PlannerConfig
@@ -343,9 +343,14 @@ class RunConfig(_Model):
         known._blame = blame
         return known
 
-    def refused(self, key: str, value: object, reason: str) -> InputError:
-        """The error for a value that cannot be used, with the file that it comes from."""
-        return InputError(refusal(key, value, reason, self._blame))
+    def refuse(self, problems: Iterable[WrongKey]) -> None:
+        """Refuse the first of the values that cannot be used, with the file that it comes from.
+
+        Raises:
+            InputError: there is one.
+        """
+        for problem in problems:
+            raise InputError(refusal(*problem, self._blame))
 
     def contradiction(self, keys: Sequence[str], reason: str) -> InputError:
         """The error for keys that do not fit each other: of the first that was set over its file,

@@ -16,6 +16,7 @@ from fl.plugin_code import digest_of, is_plugin
 from fl.plugins import needs_torch, problem_of
 from fl.radio.uplink import GATES
 from mission.base.errors import InputError
+from mission.base.explain import WrongKey
 from mission.base.user_code import errors_of_learning
 from mission.base.user_files import read_text
 from mission.config import STRATEGIES
@@ -25,9 +26,8 @@ if TYPE_CHECKING:
     from mission.config.models import RunConfig
 
 
-def problems(config: "RunConfig") -> Iterator[tuple[str, object, str]]:
-    """Everything of a valid configuration that cannot be used on this machine: a key, its value,
-    and why."""
+def problems(config: "RunConfig") -> Iterator[WrongKey]:
+    """Everything of a valid configuration that cannot be used on this machine."""
     for key, value, reason in problems_of(config.vehicle):
         yield f"vehicle.{key}", value, reason
     if (path := config.link.signing_key) is not None:

@@ -20,7 +20,7 @@ from mission.run.callbacks import RoundReport
 from mission.run.checkpoint import RoundMemory
 from mission.run.outcome import Summary
 from mission.run.recorder import FolderRecorder
-from mission.scenario.limits import Budget, budget_of
+from mission.scenario.limits import Budget
 from mission.scenario.scenario import Scenario
 
 
@@ -40,7 +40,7 @@ class Experiment(ABC):
         self.scenario, self.state = self.recorder.run.scenario, self.recorder.run.state
         self.memory = self.recorder.run.memory  # rounds to go through again as they were
         self.totals = RunTotals(np.zeros(len(self.scenario.devices_m), dtype=np.int64))
-        self.budget = budget_of(self.scenario.config)
+        self.budget = self.scenario.budget
 
     @property
     def finished(self) -> bool:

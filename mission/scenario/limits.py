@@ -2,13 +2,14 @@
 what a round takes of them."""
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import NamedTuple
 
 from flightdyn.config import LimitsConfig, WindConfig
 from flightdyn.physics.power import density_ratio
 from flightdyn.physics.wind import steady_wind_ned
-from mission.base.area import Area
+from mission.base.explain import WrongKey
 from mission.config.models import MissionConfig, RunConfig
 from mission.planner.performance import Performance, RoundLimits
 from sitl.config import VehicleConfig
@@ -22,7 +23,7 @@ class Amount(NamedTuple):
     joules: float = math.inf
 
 
-NOTHING = Amount(0.0, 0.0, 0.0)
+NOTHING, UNLIMITED = Amount(0.0, 0.0, 0.0), Amount(math.inf)
 # What each is called where a run ends for want of it: the key, its unit, what is spent.
 KEYS = (
     ("mission.total_budget_m", "m", "path budget"),
@@ -59,7 +60,7 @@ def is_limited(mission: MissionConfig) -> bool:
 
 def performance_of(
     mission: MissionConfig,
-    area: Area,
+    home_alt_msl_m: float,
     guidance: LimitsConfig | None,
     *,
     wind: WindConfig | None = None,
@@ -68,7 +69,7 @@ def performance_of(
     """How rounds are flown at the mission's (lowest) altitude and speed; the rest as in
     `Performance`. Within altitude limits the air differs by 1 % in 90 m."""
     north, east, _ = (0.0, 0.0, 0.0) if wind is None else steady_wind_ned(wind)
-    density = density_ratio(area.home.alt_msl_m + mission.heights_m[0])
+    density = density_ratio(home_alt_msl_m + mission.heights_m[0])
     return Performance(
         mission.speed_mps, mission.acceptance_radius_m, guidance, density, (east, north), pace
     )
@@ -83,20 +84,16 @@ def guidance_of(vehicle: VehicleConfig) -> LimitsConfig:
 
 def foreseen_performance(config: RunConfig) -> Performance:
     """How rounds will be flown, by the configuration alone: before a vehicle is asked."""
-    if config.mission.flight == "none":
-        return performance_of(config.mission, config.area.build(), None)
-    return performance_of(
-        config.mission, config.area.build(), guidance_of(config.vehicle), wind=known_wind(config)
-    )
+    mission, home_alt_msl_m = config.mission, config.area.home_alt_msl_m
+    if mission.flight == "none":
+        return performance_of(mission, home_alt_msl_m, None)
+    # Rounds are planned for the steady wind of the simulated world.
+    wind = None if config.link.kind == "external" else config.vehicle.aircraft.wind
+    return performance_of(mission, home_alt_msl_m, guidance_of(config.vehicle), wind=wind)
 
 
-def known_wind(config: RunConfig) -> WindConfig | None:
-    """The wind that rounds are planned for: the steady one of the simulated world."""
-    return None if config.link.kind == "external" else config.vehicle.aircraft.wind
-
-
-def budget_of(config: RunConfig) -> Budget:
-    """What the configuration allows the run, and what a whole round costs.
+def budget_of(config: RunConfig, performance: Performance) -> Budget:
+    """What the configuration allows the run, and what a whole round costs where it is flown so.
 
     A round costs its own limits; where it has none, what its metres take at least.
     """
@@ -108,7 +105,6 @@ def budget_of(config: RunConfig) -> Budget:
     metres = mission.hover_cost_m if hovers else mission.path_budget_m
     if not is_limited(mission):
         return Budget(mission.rounds, total, Amount(metres))
-    performance = foreseen_performance(config)
     if hovers:
         hover = performance.foresee_hover(mission.hover_s)
         whole = Amount(metres, hover.duration_s, hover.energy_j)
@@ -131,7 +127,7 @@ def budget_of(config: RunConfig) -> Budget:
 def round_limits(
     mission: MissionConfig, performance: Performance, *, left: Amount, timed: bool = False
 ) -> RoundLimits | None:
-    """What the next round may take where a run has that much left; None: metres alone count.
+    """What a round may take where the run has that much left; None: metres alone count.
 
     `timed`: devices take time, so that it matters how fast is flown.
     """
@@ -144,31 +140,20 @@ def round_limits(
     )
 
 
-def limits_of_round(config: RunConfig) -> RoundLimits | None:
-    """What any round may take, whatever is left of the run's; None: metres alone count."""
-    everything = Amount(math.inf)
-    return round_limits(config.mission, foreseen_performance(config), left=everything)
-
-
-def check_limits(config: RunConfig) -> None:
-    """Refuse limits within which no round can be flown.
-
-    Raises:
-        InputError: names the key, its value, and what would be enough.
-    """
+def unflyable(config: RunConfig, performance: Performance) -> Iterator[WrongKey]:
+    """Limits within which no round can be flown, and what would be enough."""
     mission = config.mission
     if not is_limited(mission):
         return
     for key in ("round_energy_j", "total_energy_j"):
         joules = getattr(mission, key)
         if joules is not None and config.link.kind == "external":
-            raise config.refused(
+            yield (
                 f"mission.{key}",
                 joules,
                 "of an external vehicle nobody knows the power, so energy cannot limit its "
                 "plans; leave it out, and give a deadline or metres",
             )
-    performance = foreseen_performance(config)
     hovers = mission.strategy == "barycenter" or (
         mission.strategy == "rectangular" and mission.tour_hover_points > 0
     )
@@ -187,13 +172,13 @@ def check_limits(config: RunConfig) -> None:
     ):
         given = getattr(mission, key)
         if given is not None and given < needed:
-            raise config.refused(
+            yield (
                 f"mission.{key}",
                 given,
                 f"no round can be flown in it: {why} takes "
                 f"{_rounded_up(needed)} {unit}; give at least that, or {out}",
             )
-    whole = budget_of(config).whole_round
+    whole = budget_of(config, performance).whole_round
     for index, key in ((1, "deadline_s"), (2, "energy_j")):
         given, needed = getattr(mission, f"total_{key}"), ENOUGH[index] * whole[index]
         # `ideal` flies nothing, and so takes none of it.
@@ -201,7 +186,7 @@ def check_limits(config: RunConfig) -> None:
             of_a_round = f"mission.round_{key}"
             known = getattr(mission, f"round_{key}") is not None
             unit = KEYS[index][1]
-            raise config.refused(
+            yield (
                 f"mission.total_{key}",
                 given,
                 f"pays for no round: a whole one takes {whole[index]:.6g} {unit} "

@@ -4,8 +4,9 @@ Nothing of the vehicle is imported: with its filter it takes longer than plannin
 """
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +15,7 @@ from fl.config import CommunityConfig
 from fl.errors import FETCHED
 from fl.federation import fairness
 from fl.federation import rounds as learning
-from fl.federation.community import Community, Federation, build
+from fl.federation.community import Community, Federation, build_federation
 from fl.federation.device_work import DeviceWork
 from fl.plugin_code import is_plugin
 from fl.radio.channel import Channel, LinkBudget, link_budget
@@ -23,6 +24,7 @@ from flightdyn.random import RandomStreams
 from mission.base.area import Area
 from mission.base.arrays import Floats, Ints
 from mission.base.errors import InputError
+from mission.base.explain import WrongKey
 from mission.base.tables import csv_lines
 from mission.base.user_code import errors_of_learning
 from mission.config import STRATEGIES
@@ -38,12 +40,13 @@ from mission.scenario.custom_strategies import (
     StrategyContext,
 )
 from mission.scenario.limits import (
+    UNLIMITED,
     Amount,
+    Budget,
     budget_of,
-    check_limits,
     foreseen_performance,
-    limits_of_round,
     round_limits,
+    unflyable,
 )
 from mission.scenario.strategies import Strategy, make_strategy
 
@@ -61,6 +64,8 @@ class Scenario:
     channel: Channel  # that rounds are planned with, at the mission's lowest altitude
     radio: Channel | CustomRadio  # that decides whose update arrives
     federation: Federation
+    performance: Performance  # how rounds will be flown, before a vehicle is asked
+    budget: Budget  # of the run
     strategy: Strategy | None  # None: ideal, nothing is flown
 
     @property
@@ -88,8 +93,8 @@ class Scenario:
         return self.problem(
             self._first_importance(),
             self._first_start_m(),
-            performance=foreseen_performance(self.config),
-            left=budget_of(self.config).total,
+            performance=self.performance,
+            left=self.budget.total,
             work=self.work_before().round_begins(1, 0),
             t_ns=0,
         )
@@ -272,22 +277,22 @@ def _placed(communities: Sequence[CommunityConfig], drawn_m: Floats) -> Floats:
     return devices_m
 
 
-def _check_sizes(config: RunConfig) -> None:
-    """Refuse the size of an update where nothing says how fast it is sent."""
+def _unsent(config: RunConfig) -> Iterator[WrongKey]:
+    """Sizes of updates where nothing says how fast they are sent."""
     for index, community in enumerate(config.communities):
         if community.upload_bits is not None and config.channel.upload_rate_bps is None:
-            raise config.refused(
+            yield (
                 f"communities.{index}.upload_bits",
                 community.upload_bits,
                 "needs channel.upload_rate_bps, the rate at which it is sent; give both or none",
             )
 
 
-def _check_uploads(config: RunConfig, bits: Floats) -> None:
-    """Refuse a rate at which one update takes longer than any aircraft hovers."""
+def _too_slow(config: RunConfig, bits: Floats) -> Iterator[WrongKey]:
+    """A rate at which one update takes longer than any aircraft hovers."""
     rate_bps = config.channel.upload_rate_bps
     if rate_bps is not None and bits.max() / rate_bps > _LONGEST_UPLOAD_S:
-        raise config.refused(
+        yield (
             "channel.upload_rate_bps",
             rate_bps,
             f"the largest update, {bits.max():.0f} bits, takes {bits.max() / rate_bps:.0f} s to "
@@ -305,26 +310,28 @@ def build_scenario(config: RunConfig, *, data_dir: Path | None) -> Scenario:
     streams = RandomStreams(config.seed)
     area = config.area.build(config.mission.heights_m)
     check_start(config)
-    check_limits(config)
-    _check_sizes(config)
+    performance = foreseen_performance(config)
+    config.refuse(chain(unflyable(config, performance), _unsent(config)))
+    budget = budget_of(config, performance)
     count = sum(community.devices for community in config.communities)
     drawn_m = streams.generator("devices").uniform((0.0, 0.0), area.size_m, (count, 2))
     devices_m = _placed(config.communities, drawn_m)
     with errors_of_learning():
         channel = config.channel.channel(altitude_m=config.mission.heights_m[0])
         radio = make_radio(config.channel.gate, channel)
-        federation = build(
+        federation = build_federation(
             config.communities, config.learning, data_dir=data_dir, stream=streams.generator
         )
-    _check_uploads(config, federation.upload_bits)
+    config.refuse(_too_slow(config, federation.upload_bits))
     mission, planner = config.mission, make_planner(config.planner)
+    limits = round_limits(mission, performance, left=UNLIMITED)
     strategy = (
         CustomStrategy.made(
             mission.strategy, StrategyContext(mission, planner, devices_m, area, config.seed)
         )
         if mission.strategy not in STRATEGIES and is_plugin(mission.strategy)
-        else make_strategy(
-            mission, planner, devices_m=devices_m, area=area, limits=limits_of_round(config)
-        )
+        else make_strategy(mission, planner, devices_m=devices_m, area=area, limits=limits)
     )
-    return Scenario(config, streams, area, devices_m, channel, radio, federation, strategy)
+    return Scenario(
+        config, streams, area, devices_m, channel, radio, federation, performance, budget, strategy
+    )

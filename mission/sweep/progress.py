@@ -7,7 +7,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from mission.base.terminal import PLAIN
 from mission.run.budget import rounds_paid_for
-from mission.scenario.limits import budget_of
+from mission.scenario.limits import budget_of, foreseen_performance
 from mission.sweep.folder import SweepFolder
 from mission.sweep.grid import SweepRun
 from mission.sweep.state import rounds_in
@@ -38,7 +38,8 @@ class Bar(Lines):
     def __init__(self, console: Console, folder: SweepFolder, runs: Sequence[SweepRun]) -> None:
         super().__init__(console)
         self._folder, self._runs = folder, len(runs)
-        self._expected = {run.name: rounds_paid_for(budget_of(run.config)) for run in runs}
+        budgets = {r.name: budget_of(r.config, foreseen_performance(r.config)) for r in runs}
+        self._expected = {name: rounds_paid_for(budget) for name, budget in budgets.items()}
         self._over = {run.name for run in runs if folder.done(run)}
         self._at_work: set[str] = set()
         self._progress = Progress(

@@ -39,7 +39,7 @@ class Flyer(ABC):
     def performance(self) -> Performance:
         """How it flies rounds, as far as plans depend on it."""
         return performance_of(
-            self.mission, self.area, self.guidance, wind=self.wind, pace=self.pace
+            self.mission, self.area.home.alt_msl_m, self.guidance, wind=self.wind, pace=self.pace
         )
 
     @property

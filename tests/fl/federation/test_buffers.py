@@ -7,8 +7,7 @@ from torch import nn
 
 from fl.config import CommunityConfig, LearningConfig
 from fl.federation import rounds as fed
-from fl.federation.community import Federation
-from fl.federation.community import build as build_federation
+from fl.federation.community import Federation, build_federation
 from fl.federation.state import FederationState, from_bytes, to_bytes
 from fl.training.networks import CustomNetwork
 from fl.training.torch_module import ModuleNetwork

@@ -15,8 +15,7 @@ from fl.errors import (
     SettingError,
 )
 from fl.federation import rounds as fed
-from fl.federation.community import Federation
-from fl.federation.community import build as build_federation
+from fl.federation.community import Federation, build_federation
 from fl.federation.state import FederationState, from_bytes, to_bytes
 from fl.training.networks import ConvNet
 from flightdyn.random import RandomStreams

@@ -8,12 +8,13 @@ import pytest
 from mission.config.models import RunConfig
 from mission.log.records import UNKNOWN_ROUND
 from mission.run.budget import RunTotals, rounds_paid_for
-from mission.scenario.limits import Amount, Budget, budget_of
+from mission.scenario.limits import Amount, Budget, budget_of, foreseen_performance
 
 
 def budget(**mission: object) -> Budget:
     communities = [{"name": "a", "task": "digits", "devices": 2}]
-    return budget_of(RunConfig.model_validate({"mission": mission, "communities": communities}))
+    config = RunConfig.model_validate({"mission": mission, "communities": communities})
+    return budget_of(config, foreseen_performance(config))
 
 
 def flown(given: Budget, cost: Amount) -> int:

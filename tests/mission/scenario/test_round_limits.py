@@ -6,7 +6,7 @@ import pytest
 
 from mission.base.errors import InputError
 from mission.config.models import RunConfig
-from mission.scenario.limits import check_limits, foreseen_performance, limits_of_round
+from mission.scenario.limits import UNLIMITED, foreseen_performance, round_limits, unflyable
 from mission.scenario.scenario import build_scenario
 from mission.scenario.strategies import HoveringTour, Rectangular, stretch
 
@@ -19,6 +19,10 @@ def config(*, link: str = "in_process", **mission: Any) -> RunConfig:
             "communities": [{"name": "a", "task": "digits", "devices": 2, "partition": "iid"}],
         }
     )
+
+
+def check(given: RunConfig) -> None:
+    given.refuse(unflyable(given, foreseen_performance(given)))
 
 
 @pytest.mark.parametrize(
@@ -51,23 +55,26 @@ def config(*, link: str = "in_process", **mission: Any) -> RunConfig:
 )  # fmt: skip
 def test_what_no_round_can_keep_is_refused(given: RunConfig, words: str) -> None:
     with pytest.raises(InputError) as refused:
-        check_limits(given)
+        check(given)
     assert str(refused.value).startswith(f"configuration: {words}")
     assert "\n" not in str(refused.value)
 
 
 def test_enough_is_not_refused() -> None:
-    check_limits(config())
-    check_limits(config(round_deadline_s=30.0, total_energy_j=1e6))
-    check_limits(config(strategy="barycenter", hover_s=20.0, round_deadline_s=21.05))
-    check_limits(config(round_deadline_s=40.0, total_deadline_s=38.0))
+    check(config())
+    check(config(round_deadline_s=30.0, total_energy_j=1e6))
+    check(config(strategy="barycenter", hover_s=20.0, round_deadline_s=21.05))
+    check(config(round_deadline_s=40.0, total_deadline_s=38.0))
 
 
 @pytest.mark.parametrize("limit", [{"round_deadline_s": 35.0}, {"round_energy_j": 9000.0}])
 def test_a_tour_is_as_long_as_its_limits_allow(limit: dict[str, Any]) -> None:
     given = config(strategy="rectangular", **limit)
     scenario = build_scenario(given, data_dir=None)
-    tour, limits = scenario.strategy, limits_of_round(given)
+    tour, limits = (
+        scenario.strategy,
+        round_limits(given.mission, scenario.performance, left=UNLIMITED),
+    )
     assert isinstance(tour, Rectangular)
     assert limits is not None
     assert 300.0 < tour.length_m < 0.9 * given.mission.path_budget_m
@@ -117,10 +124,10 @@ def test_the_first_problem_knows_the_limits() -> None:
 @pytest.mark.parametrize("metres", [400.0, 777.0, 1234.5, 4000.0])
 def test_what_a_refusal_asks_for_is_enough(metres: float) -> None:
     with pytest.raises(InputError) as refused:
-        check_limits(config(path_budget_m=metres, total_energy_j=3000.0))
+        check(config(path_budget_m=metres, total_energy_j=3000.0))
     enough = float(str(refused.value).split("give at least ")[1].split(" J")[0])
-    check_limits(config(path_budget_m=metres, total_energy_j=enough))
+    check(config(path_budget_m=metres, total_energy_j=enough))
 
 
 def test_who_flies_nothing_needs_no_time_for_it() -> None:
-    check_limits(config(strategy="ideal", total_deadline_s=20.0))
+    check(config(strategy="ideal", total_deadline_s=20.0))

@@ -11,7 +11,7 @@ from scipy import stats
 
 from mission.config.loading import builtin_config
 from mission.run.budget import rounds_paid_for
-from mission.scenario.limits import budget_of
+from mission.scenario.limits import budget_of, foreseen_performance
 from mission.sweep.folder import SweepFolder
 from mission.sweep.grid import Point, make_grid
 from mission.sweep.outcome.curves import DISTANCE, ROUNDS, band, interval
@@ -155,7 +155,10 @@ def test_the_bar_counts_rounds_and_names_the_runs_at_work(tmp_path: Path) -> Non
 def test_the_paper_s_sweep_ends_by_its_budget() -> None:
     strategies = ("cov", "no_cov", "barycenter", "rectangular", "ideal")
     grid = make_grid(builtin_config("paper-sweep.toml"), strategies=strategies, seeds=3)
-    expected = {run.strategy: rounds_paid_for(budget_of(run.config)) for run in grid.runs}
+    expected = {
+        run.strategy: rounds_paid_for(budget_of(run.config, foreseen_performance(run.config)))
+        for run in grid.runs
+    }
     assert expected == {name: 400 if name == "barycenter" else 50 for name in strategies}
     assert len(grid.runs) == 15
 
