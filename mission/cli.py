@@ -14,21 +14,7 @@ from fl.errors import told
 from mission.base.errors import EXIT_CODES, INTERRUPTED, AerofedError, InputError
 from mission.base.interrupts import end_deaf, hear_interruptions
 from mission.base.terminal import PLAIN, Terminal
-from mission.commands import (
-    compare,
-    data,
-    fly,
-    init,
-    link_budget,
-    log,
-    plan,
-    report,
-    run,
-    sitl,
-    sweep,
-    usage,
-    world,
-)
+from mission.commands import usage
 from native.errors import LibraryError
 
 
@@ -81,32 +67,24 @@ app = App(
     # Ctrl-C is ours to report.
     suppress_keyboard_interrupt=False,
 )
-app.command(init.init, name="init")
-app.command(run.run, name="run")
-app.command(compare.compare, name="compare")
-app.command(report.report, name="report")
-app.command(plan.plan, name="plan")
-app.command(link_budget.link_budget, name="link-budget")
-app.command(sitl.sitl, name="sitl")
-app.command(world.world, name="world")
-app.command(fly.fly, name="fly")
 _log = App(
     name="log", help="Look into flight logs, mend and export them.", default_parameter=_PARAMETER
 )
-_log.command(log.info, name="info")
-_log.command(log.check, name="check")
-_log.command(log.recover, name="recover")
-_log.command(log.export, name="export")
-_log.command(log.diff, name="diff")
-app.command(_log)
-app.command(sweep.sweep, name="sweep")
 _data = App(
     name="data",
     help="Fetch the data sets from where they are published, and check a folder.",
     default_parameter=_PARAMETER,
 )
-_data.command(data.fetch, name="fetch")
-_data.command(data.check, name="check")
+# By their paths, so that a command is imported when it is called.
+for _app, _names in (
+    (app, "init run compare report plan link_budget sitl world fly sweep"),
+    (_log, "info check recover export diff"),
+    (_data, "fetch check"),
+):
+    for _name in _names.split():
+        _module = _name if _app is app else _app.name[0]
+        _app.command(f"mission.commands.{_module}:{_name}", name=_name.replace("_", "-"))
+app.command(_log)
 app.command(_data)
 
 
@@ -140,6 +118,10 @@ def call(tokens: Sequence[str] | None = None) -> int:
     Terminal.failure, Terminal.stream = None, sys.stdout
     try:
         given = sys.argv[1:] if tokens is None else tokens
+        if not given or given[-1] in ("--help", "-h", *_log.name, *_data.name):
+            for listing in (app, _log, _data):  # what is not imported has nothing to say there
+                for name in listing:
+                    listing[name]
         # What code of users' own prints is none of our output, which may be JSON.
         with redirect_stdout(sys.stderr):
             result = app(usage.spread(given), exit_on_error=False, print_error=False)

@@ -1,11 +1,12 @@
 """Draws in a process of its own: reads jobs, writes results. Run as a script, by `render`.
 
 The JavaScript engine that draws ends its process when it finds no memory: that must not be ours.
-Jobs are a JSON list of [kind, text] on the standard input; results go to the standard output as a
-JSON list of base64.
+The first job is in the arguments; each of the others is a line of the standard input, [kind, text]
+in JSON. Their results are lines of base64 on the standard output.
 """
 
 import base64
+import itertools
 import json
 import sys
 from collections.abc import Callable
@@ -22,13 +23,12 @@ DRAW: dict[str, Callable[[str, str], bytes | str]] = {
 
 
 def main() -> None:
-    """Draw what the standard input asks for, with the Vega-Lite version of the first argument."""
-    results = []
-    for kind, text in json.load(sys.stdin):
-        drawn = DRAW[kind](text, sys.argv[1])
+    """Draw what is asked for; arguments: the version of Vega-Lite, kind and text of the first."""
+    version, *first = sys.argv[1:]
+    for kind, text in itertools.chain([first], map(json.loads, sys.stdin)):
+        drawn = DRAW[kind](text, version)
         content = drawn.encode() if isinstance(drawn, str) else drawn
-        results.append(base64.b64encode(content).decode())
-    json.dump(results, sys.stdout)
+        sys.stdout.write(base64.b64encode(content).decode() + "\n")
 
 
 if __name__ == "__main__":

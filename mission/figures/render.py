@@ -4,11 +4,11 @@ import base64
 import json
 import math
 import re
-import subprocess
 import sys
 from collections.abc import Mapping, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
+from functools import cache
 from pathlib import Path
+from subprocess import PIPE, Popen
 
 from altair import SCHEMA_VERSION
 
@@ -21,6 +21,8 @@ _ROUND = 65.0  # about a chart: its title and axes, in pixels
 _TALLEST = 1.7  # of a picture with columns, height by width
 _ENGINE = Path(__file__).with_name("engine.py")
 _KINDS = ("png", "svg", "pdf")
+_ANYTHING = ("svg", '{"mark": "point"}')
+_LIBRARIES = ("libraries", "window.vegaEmbed = vegaEmbed;")
 _VERSION = ".".join(SCHEMA_VERSION.removeprefix("v").split(".")[:2])
 
 
@@ -67,8 +69,12 @@ def save(picture: Chart, target: Path) -> None:
     write_atomically(target, drawn)
 
 
-def save_all(pictures: Mapping[str, Chart], folder: Path) -> tuple[Path, ...]:
+def save_all(
+    pictures: Mapping[str, Chart], folder: Path, started: Popen[str] | None = None
+) -> tuple[Path, ...]:
     """Write pictures (PNG) by name into `folder`, which is made; returns the files.
+
+    They are drawn by the engine that has `started`, or by another one.
 
     Raises:
         InputError: they cannot be written.
@@ -78,7 +84,7 @@ def save_all(pictures: Mapping[str, Chart], folder: Path) -> tuple[Path, ...]:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise InputError(f"{folder}: cannot write the figures: {error.strerror}") from None
-    drawn = _drawn([("png", _described(picture)) for picture in pictures.values()])
+    drawn = _drawn([("png", _described(picture)) for picture in pictures.values()], started)
     for name, content in zip(pictures, drawn, strict=True):
         write_atomically(folder / name, content)
     return tuple(folder / name for name in pictures)
@@ -117,6 +123,7 @@ def _zoomed(layers: Sequence[Chart], channels: Sequence[str]) -> list[Chart]:
     return [{**layer, **zoom} if i == first else layer for i, layer in enumerate(layers)]
 
 
+@cache
 def libraries() -> str:
     """The JavaScript of Vega, Vega-Lite and Vega-Embed (BSD-3-Clause), as vl-convert brings it.
 
@@ -124,40 +131,45 @@ def libraries() -> str:
         AerofedError: no memory for it.
     """
     begin_libraries()
-    (script,) = _begun[0].result()
+    (script,) = _results(_begun.pop(), [])
     return script.decode()
 
 
-_begun: list[Future[list[bytes]]] = []  # none or one
+_begun: list[Popen[str]] = []  # the engine that makes the libraries; none or one
 
 
 def begin_libraries() -> None:
-    """Let `libraries` be made while other things are drawn: it takes as long as they do."""
-    if _begun and not (_begun[0].done() and _begun[0].exception() is not None):
-        return  # what failed is tried again: there may be memory another time
-    beside = ThreadPoolExecutor(1)
-    _begun[:] = [beside.submit(_drawn, [("libraries", "window.vegaEmbed = vegaEmbed;")])]
-    beside.shutdown(wait=False)
+    """Let `libraries` be made while other things are done: it takes two seconds."""
+    ended = not _begun or _begun[0].poll() is not None  # by Ctrl-C, in a notebook that goes on
+    if ended and not libraries.cache_info().currsize:
+        _begun[:] = [engine(_LIBRARIES)]
 
 
-def _drawn(jobs: Sequence[tuple[str, str]]) -> list[bytes]:
-    """Rendered bytes of a chart; see `engine.py`."""
-    if not jobs:
-        return []
-    command = [sys.executable, "-P", str(_ENGINE), _VERSION]
-    done = subprocess.run(
-        command, input=json.dumps(jobs), capture_output=True, text=True, check=False
-    )
-    if done.returncode:
-        said = [line.strip("# ") for line in done.stderr.splitlines() if line.strip("# ")]
+def engine(first: tuple[str, str] = _ANYTHING) -> Popen[str]:
+    """Start `engine.py`. It does a `first` job, slow whatever it is, before it is told others."""
+    command = [sys.executable, "-P", str(_ENGINE), _VERSION, *first]
+    return Popen(command, stdin=PIPE, stdout=PIPE, stderr=PIPE, text=True)
+
+
+def _drawn(jobs: Sequence[tuple[str, str]], started: Popen[str] | None = None) -> list[bytes]:
+    """Rendered bytes of charts, by the engine that has `started` or by another one."""
+    return _results(started or engine(), jobs)[1:] if jobs else []
+
+
+def _results(started: Popen[str], jobs: Sequence[tuple[str, str]]) -> list[bytes]:
+    """What an engine made of its first job and of these, after which it has ended."""
+    with started:
+        output, errors = started.communicate("".join(json.dumps(job) + "\n" for job in jobs))
+    if started.returncode:
+        said = [line.strip("# ") for line in errors.splitlines() if line.strip("# ")]
         # V8 says first why it gives up, Python last.
         why = "it said nothing" if not said else said[-1 if "Traceback" in said[0] else 0]
         raise AerofedError(
-            f"figures: the engine that draws them ended with code {done.returncode}: "
+            f"figures: the engine that draws them ended with code {started.returncode}: "
             f"{why} (it needs about 1 GB of memory and, where "
             "ulimit -v is set, 70 GB of address space)"
         )
-    return [base64.b64decode(result) for result in json.loads(done.stdout)]
+    return [base64.b64decode(line) for line in output.splitlines()]
 
 
 def _described(picture: Chart) -> str:

@@ -10,7 +10,7 @@ from mission.figures.charts import Series, line_chart
 from mission.figures.flight import profiles
 from mission.figures.learning import learning_charts
 from mission.figures.maps import overview, round_map, round_maps
-from mission.figures.render import save_all, stacked
+from mission.figures.render import engine, save_all, stacked
 from mission.figures.style import Chart
 
 _KINDS: tuple[tuple[str, str, Callable[[Comparison], float]], ...] = (
@@ -30,7 +30,8 @@ def draw_run(folder: Path) -> tuple[Path, ...]:
     Raises:
         InputError: the folder is not a run, or the pictures cannot be written.
     """
-    return save_all(run_pictures(load_run(folder)), folder / "figures")
+    with engine() as started:  # it does so while the pictures are described
+        return save_all(run_pictures(load_run(folder)), folder / "figures", started)
 
 
 def run_pictures(loaded: LoadedRun) -> dict[str, Chart]:

@@ -64,6 +64,11 @@ def fly_recorded(
     flight: Recorded | None = None
     totals = RunTotals()
     summary.started()
+    if page is not None:
+        with stopwatch("setup"):
+            from mission.figures.render import begin_libraries  # with it Altair
+
+            begin_libraries()  # of the page, while the flight is flown
     # An interrupted flight is written down, whatever else is pressed.
     with ending_flights():
         try:
@@ -80,10 +85,6 @@ def fly_recorded(
     try:
         if flight is not None:
             with outcome.post_processing(), stopwatch("figures"), console.waiting(_DRAWING):
-                if page is not None and outcome.status != "interrupted":
-                    from mission.figures.render import begin_libraries  # with it Altair
-
-                    begin_libraries()
                 # Interrupted before its first round was over it has nothing to show.
                 if figures and (outcome.status != "interrupted" or totals.rounds_done):
                     from mission.figures.run import draw_run

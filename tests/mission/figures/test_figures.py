@@ -6,8 +6,10 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from typing import Any
+from unittest.mock import Mock
 from xml.etree import ElementTree as ET
 
 import numpy as np
@@ -483,13 +485,15 @@ def test_libraries_are_made_again_where_they_failed_before(monkeypatch: pytest.M
     """As where Ctrl-C ended their process, in a notebook that goes on."""
     failing = iter((AerofedError("no memory"),))
 
-    def drawn(_: object) -> list[bytes]:
+    def results(*_: object) -> list[bytes]:
         for error in failing:
             raise error
         return [b"script"]
 
-    monkeypatch.setattr(render, "_drawn", drawn)
+    monkeypatch.setattr(render, "_results", results)
+    monkeypatch.setattr(render, "engine", lambda _: Mock(poll=lambda: None))
     monkeypatch.setattr(render, "_begun", [])
+    monkeypatch.setattr(render, "libraries", cache(render.libraries.__wrapped__))
     with pytest.raises(AerofedError, match="no memory"):
         render.libraries()
     assert render.libraries() == "script"
