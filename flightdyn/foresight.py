@@ -88,29 +88,61 @@ def longest_within(duration_s: float, *, speed_mps: float, limits: LimitsConfig)
 def least_energy(
     lengths_m: Vector,
     *,
+    legs: float = math.inf,
     speed_mps: float,
     limits: LimitsConfig,
     cut_m: float,
     density: float = 1.0,
     wind_mps: float = 0.0,
 ) -> Vector:
-    """Joules (n,) that no path of these lengths takes less, rising ones from 0, finely spaced.
+    """Joules (n,) that no level path of these lengths, rising ones from 0, takes less, finely
+    spaced; of at most `legs` straights, and with hovers between them or not.
 
     Every metre takes at least what it takes at the cheapest speed that can be had there: from
-    rest, and to rest, u^2 <= 2 a s. A corner at speed u is cut by a parabola, in which the speed
-    falls to u cos(phi / 2), whose square is at least u^2 - 2 a `cut_m`. The wind blows from behind.
+    rest, and to rest, u^2 <= 2 a s. The wind blows from behind. Below the ordered speed a path
+    accelerates by a throughout, but near changes of acceleration, where the trajectory is averaged:
+    where there may be any number of these, accelerating costs nothing.
     """
     speed, accel = min(speed_mps, limits.speed_mps), limits.acceleration_mps2
+    window_s = limits.smoothing_s
+
+    def level_w(speeds: Vector) -> Vector:
+        return power_w(np.maximum(0.0, np.abs(speeds) - wind_mps), density=density)
+
     # From each of these speeds to the next it is no less than what power at the lower one and
     # metres at the higher one make.
     speeds = np.linspace(0.0, speed, _SPEEDS + 1)
-    slowest = np.sqrt(np.maximum(0.0, speeds[:-1] ** 2 - 2.0 * accel * cut_m))
-    airspeeds = np.maximum(0.0, slowest - wind_mps)
-    per_m = np.minimum.accumulate(power_w(airspeeds, density=density) / speeds[1:])
-    # Of half the way: the other half is the same in a mirror.
-    halves = lengths_m / 2.0
+    entered, counted = speeds[:-1], speeds[1:]
+    # A corner entered at speed u is cut by a parabola with s = sin(phi / 2), u^2 s^2 <= 2 a cut. Its
+    # metres count as if flown at u, and power, which is convex, is at least that of its mean speed.
+    s = np.clip(math.sqrt(2.0 * accel * cut_m) / np.maximum(entered, 1e-9), 1e-9, 1.0 - 1e-9)
+    mean = entered / 2.0 * (1.0 + (1.0 - s * s) / s * np.arctanh(s))
+    # Averaged, a velocity is shorter: in a window its variance is (a window_s)^2 / 12 at most.
+    apart = accel * window_s / math.sqrt(12.0)
+    bent_w = (level_w(speeds + apart) + level_w(speeds - apart)) / 2.0 - level_w(speeds)
+    watts, cruise_w = (level_w(at) - bent_w.max() for at in (mean, speeds[-1:]))
+    halves = lengths_m / 2.0  # the other half is the same in a mirror
     reached = np.sqrt(2.0 * accel * halves[1:])  # at the far end of each piece: the cheaper
     cheapest = np.minimum(np.searchsorted(speeds, reached), _SPEEDS) - 1
-    costs = per_m[cheapest] * np.diff(halves)
-    hover_w = float(power_w(np.zeros(1), density=density)[0])
-    return np.concatenate(([0.0], 2.0 * np.cumsum(costs) + hover_w * SETTLING_S))
+    settling_j = float(power_w(np.zeros(1), density=density)[0]) * SETTLING_S
+
+    def with_more(added: float) -> tuple[Vector, float]:
+        """Joules, where accelerating takes that share more of power; those of the cheapest metre."""
+        per_m = watts * (1.0 + added) / counted
+        per_m[-1] = min(per_m[-1], cruise_w[0] / speed)
+        per_m = np.minimum.accumulate(per_m)
+        joules = 2.0 * np.cumsum(per_m[cheapest] * np.diff(halves)) + settling_j
+        return np.concatenate(([0.0], joules)), float(per_m[-1])
+
+    free_j, _ = with_more(0.0)
+    if math.isinf(legs):
+        return free_j
+    still = np.zeros(1)
+    added = float(power_w(still, accel_mps2=accel)[0] / power_w(still)[0]) - 1.0
+    joules, per_m = with_more(added)
+    # Accelerating by b < a takes (b / a)^2 of that at least. A jump d of acceleration takes
+    # |d|^2 window_s / 6 off the integral of its square; a leg has 4 a^2 of them, so has a corner.
+    spared_w = (per_m * counted - watts * (1.0 + added) + added * level_w(counted)).max()
+    slowed_w = added * (level_w(speeds[-1:]) - level_w(speeds[-1:] - accel * window_s / 4.0))[0]
+    spared_j = legs * window_s * (4.0 / 3.0 * spared_w + 4.0 * slowed_w)
+    return np.maximum(free_j, joules - spared_j)

@@ -42,7 +42,7 @@ def check_plan(problem: RoundProblem, plan: RoundPlan, *, hold_s: float = 0.0) -
         if excess:
             raise InfeasiblePlanError(excess)
         # Waypoints that are flown as one take no time, but what is proven counts their metres.
-        over = plan.path_m - problem.limits.longest_m
+        over = plan.path_m - problem.limits.longest_m(problem.legs)
         if over > LENGTH_TOLERANCE_M:
             raise InfeasiblePlanError(f"the path is {over:.4f} m longer than its limits allow")
     busiest = int(plan.schedule.sum(axis=1).max(initial=0))

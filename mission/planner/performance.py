@@ -107,25 +107,26 @@ class Performance:
         least_s = least_duration(length_m, speed_mps=self.speed_mps, limits=self.guidance)
         return least_s * self.pace
 
-    def farthest_m(self, energy_j: float) -> float:
-        """Metres that no path of an energy exceeds, whatever its corners; infinity if very many."""
+    def farthest_m(self, energy_j: float, legs: float = math.inf) -> float:
+        """Metres that no path of an energy exceeds, of so many straights at most, whatever its
+        corners; infinity if very many."""
         if math.isinf(energy_j):
             return math.inf
         if self.guidance is None:
             return energy_j / self._cruise_w * self.speed_mps
-        lengths, joules = self._energy_table
+        lengths, joules = self._energy_table(legs)
         beyond = int(np.searchsorted(joules, energy_j, side="right"))
         return float(lengths[beyond]) if beyond < len(lengths) else math.inf
 
-    def least_j(self, length_m: float) -> float:
-        """Joules that no path of a length takes less."""
+    def least_j(self, length_m: float, legs: float = math.inf) -> float:
+        """Joules that no path of a length takes less, of so many straights at most."""
         if self.guidance is None:
             return self._cruise_w * length_m / self.speed_mps
-        lengths, joules = self._energy_table
+        lengths, joules = self._energy_table(legs)
         # The longer the path, the cheaper its fastest metre, until the speed is reached: within
         # the table, at any acceleration that is allowed. From there on all cost the same.
         further_m = max(0.0, length_m - lengths[-1])
-        return float(np.interp(length_m, lengths, joules) + further_m * self.cheapest_j)
+        return float(np.interp(length_m, lengths, joules) + further_m * self.cheapest_j(legs))
 
     @property
     def fastest_mps(self) -> float:
@@ -144,12 +145,11 @@ class Performance:
         fixed_m = speed_mps * (self.guidance.smoothing_s + SETTLING_S)
         return fixed_m, speed_mps**2 / self.guidance.acceleration_mps2
 
-    @property
-    def cheapest_j(self) -> float:
-        """Joules that no metre takes less."""
+    def cheapest_j(self, legs: float = math.inf) -> float:
+        """Joules that no metre takes less, of a path of so many straights at most."""
         if self.guidance is None:
             return self._cruise_w / self.speed_mps
-        lengths, joules = self._energy_table
+        lengths, joules = self._energy_table(legs)
         return float((joules[-1] - joules[-2]) / (lengths[-1] - lengths[-2]))
 
     @property
@@ -214,19 +214,26 @@ class Performance:
     def _level_w(self, speed_mps: float) -> float:
         return float(power_w(np.array([speed_mps]), density=self.density)[0])
 
-    @cached_property
-    def _energy_table(self) -> tuple[Floats, Floats]:
+    def _energy_table(self, legs: float) -> tuple[Floats, Floats]:
+        if legs in self._energy_tables:
+            return self._energy_tables[legs]
         assert self.guidance is not None
         lengths = np.arange(0.0, _LONGEST_M + _ENERGY_STEP_M, _ENERGY_STEP_M)
         joules = least_energy(
             lengths,
+            legs=legs,
             speed_mps=self.speed_mps,
             limits=self.guidance,
             cut_m=self.guidance.corner_cut * self.widest_m,
             density=self.density,
             wind_mps=math.hypot(*self.wind_mps),
         )
+        self._energy_tables[legs] = lengths, joules
         return lengths, joules
+
+    @cached_property
+    def _energy_tables(self) -> dict[float, tuple[Floats, Floats]]:
+        return {}
 
 
 @dataclass(frozen=True)
@@ -237,11 +244,10 @@ class RoundLimits:
     duration_s: float = math.inf
     energy_j: float = math.inf
 
-    @property
-    def longest_m(self) -> float:
-        """Metres that no path within the limits exceeds."""
-        performance = self.performance
-        return min(performance.longest_m(self.duration_s), performance.farthest_m(self.energy_j))
+    def longest_m(self, legs: float = math.inf) -> float:
+        """Metres that no path within the limits exceeds, of so many straights at most."""
+        farthest_m = self.performance.farthest_m(self.energy_j, legs)
+        return min(self.performance.longest_m(self.duration_s), farthest_m)
 
     def share(self, foreseen: Foreseen) -> float:
         """How much of the tighter limit a flight takes; more than 1 does not fit."""

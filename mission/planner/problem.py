@@ -1,5 +1,6 @@
 """One round's planning problem and its answer: values only, no solver."""
 
+import math
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from numbers import Real
@@ -57,8 +58,14 @@ class RoundProblem:
     @property
     def most_m(self) -> float:
         """Metres that no path within budget and limits exceeds."""
-        limits = self.limits
-        return self.path_budget_m if limits is None else min(self.path_budget_m, limits.longest_m)
+        if self.limits is None:
+            return self.path_budget_m
+        return min(self.path_budget_m, self.limits.longest_m(self.legs))
+
+    @property
+    def legs(self) -> float:
+        """Straights of a path at most; infinity where ways may lead around areas."""
+        return self.steps - 1 if self.airspace.is_open else math.inf
 
     @property
     def longest_s(self) -> float:

@@ -9,6 +9,7 @@ metre is what the cheapest of them takes.
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import pairwise
 
 import numpy as np
@@ -23,6 +24,7 @@ _PARTS = 4  # of altitudes that are open
 _SHARED_NODES = 24_000  # looked into, divided by the devices, for each altitude and limit
 _EARLIER = (0.03, 0.2)  # of the nodes, after which a relaxed path is looked at, too
 _LEGS_M = np.linspace(0.0, 200.0, 401)  # whose joules are compared with those of a stop
+_FAR_M = 1e4
 _BRAKES_M = np.linspace(0.0, 100.0, 101)
 
 
@@ -119,12 +121,16 @@ def _limits(problem: RoundProblem) -> Iterator[Metres]:
             braked = np.where(after > brake, after - brake / 2.0, after**2 / max(2.0 * brake, 1e-9))
             yield Metres(min(whole, problem.most_m), upload_s, braked)
     if math.isfinite(limits.energy_j) and problem.upload_s is not None:
-        per_m = performance.cheapest_j
-        beyond = np.array([performance.least_j(leg) for leg in _LEGS_M]) / per_m - _LEGS_M
+        # What all of the legs may spare is had at once, so that each of them takes it all.
+        none = 0.0 if problem.airspace.is_open else math.inf
+        least_j = partial(performance.least_j, legs=none)
+        spared_j = least_j(_FAR_M) - performance.least_j(_FAR_M, problem.legs)
+        per_m = performance.cheapest_j(none)
+        beyond = np.array([least_j(leg) for leg in _LEGS_M]) / per_m - _LEGS_M
         stop = float(beyond[1:].min())
         fits = [(stop + _braking(brake) <= beyond)[1:].all() for brake in _BRAKES_M]
         hover = upload_s * performance.hover_j(1.0) / per_m
-        whole, brake = limits.energy_j / per_m, float(_BRAKES_M[fits].max())
+        whole, brake = (limits.energy_j + spared_j) / per_m, float(_BRAKES_M[fits].max())
         yield Metres(whole, hover, never, *((stop, brake) if hovers else (0.0, 0.0)))
 
 

@@ -113,7 +113,7 @@ def budget_of(config: RunConfig, performance: Performance) -> Budget:
     limits = RoundLimits(
         performance, _or_inf(mission.round_deadline_s), _or_inf(mission.round_energy_j)
     )
-    flown_m = min(metres, limits.longest_m)
+    flown_m = min(metres, limits.longest_m())
     if mission.strategy == "rectangular" and mission.tour_hover_points:
         width, height = config.area.size_m
         tour_m = 2.0 * (1.0 - 2.0 * mission.tour_inset) * (width + height)

@@ -79,7 +79,7 @@ def test_nothing_that_fits_exceeds_the_bound(seed: int) -> None:
         if given.fits(foresee_round(here, other)):
             tried += 1
             assert other.value <= made.upper_bound * (1.0 + 1e-9)
-            assert other.path_m <= given.longest_m + 1e-6
+            assert other.path_m <= given.longest_m(here.legs) + 1e-6
     assert tried > 10
 
 
@@ -109,7 +109,7 @@ def test_who_sends_longest_for_least_is_left_out() -> None:
 def test_metres_that_take_no_time_are_refused() -> None:
     """Waypoints that are flown as one: the bound counts their metres."""
     here = problem(given=limits(3.0), steps=4, path_budget_m=1200.0)
-    longest_m = limits(3.0).longest_m
+    longest_m = limits(3.0).longest_m()
     zigzag = here.start_m + np.array([[0, 0], [longest_m, 0], [longest_m + 0.4, 0], [longest_m, 0]])
     made = plan_along(here, zigzag)
     with pytest.raises(InfeasiblePlanError, match="longer than its limits allow"):
@@ -212,7 +212,7 @@ def test_a_hover_counts() -> None:
 def test_unflown_rounds_are_always_at_their_speed() -> None:
     exact = RoundLimits(Performance(20.0, 5.0, None), 30.0)
     made = plan(problem(given=exact))
-    assert exact.longest_m == 600.0
+    assert exact.longest_m() == 600.0
     assert made.foreseen is not None
     assert made.foreseen.duration_s == pytest.approx(made.path_m / 20.0)
 
