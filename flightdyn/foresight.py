@@ -113,8 +113,8 @@ def least_energy(
     # metres at the higher one make.
     speeds = np.linspace(0.0, speed, _SPEEDS + 1)
     entered, counted = speeds[:-1], speeds[1:]
-    # A corner entered at speed u is cut by a parabola with s = sin(phi / 2), u^2 s^2 <= 2 a cut. Its
-    # metres count as if flown at u, and power, which is convex, is at least that of its mean speed.
+    # A corner entered at speed u is cut by a parabola with s = sin(phi / 2), u^2 s^2 <= 2 a cut.
+    # Its metres count as if flown at u; power, convex, is at least that of its mean speed.
     s = np.clip(math.sqrt(2.0 * accel * cut_m) / np.maximum(entered, 1e-9), 1e-9, 1.0 - 1e-9)
     mean = entered / 2.0 * (1.0 + (1.0 - s * s) / s * np.arctanh(s))
     # Averaged, a velocity is shorter: in a window its variance is (a window_s)^2 / 12 at most.
@@ -127,7 +127,7 @@ def least_energy(
     settling_j = float(power_w(np.zeros(1), density=density)[0]) * SETTLING_S
 
     def with_more(added: float) -> tuple[Vector, float]:
-        """Joules, where accelerating takes that share more of power; those of the cheapest metre."""
+        """Joules, where accelerating adds that share to power; those of the cheapest metre."""
         per_m = watts * (1.0 + added) / counted
         per_m[-1] = min(per_m[-1], cruise_w[0] / speed)
         per_m = np.minimum.accumulate(per_m)
@@ -145,4 +145,4 @@ def least_energy(
     spared_w = (per_m * counted - watts * (1.0 + added) + added * level_w(counted)).max()
     slowed_w = added * (level_w(speeds[-1:]) - level_w(speeds[-1:] - accel * window_s / 4.0))[0]
     spared_j = legs * window_s * (4.0 / 3.0 * spared_w + 4.0 * slowed_w)
-    return np.maximum(free_j, joules - spared_j)
+    return np.asarray(np.maximum(free_j, joules - spared_j))

@@ -31,6 +31,14 @@ typedef struct {
     float learning_rate, momentum, mu; /* mu / 2 |w - w_global|^2 is added to the loss */
 } Rates;
 
+/* Constants of a channel; of each segment what is lost to the threshold at 1 m, the path-loss exponent
+   and the standard deviation of the shadowing, in natural logarithms. */
+typedef struct {
+    double a1, a2;  /* of the probability of line of sight */
+    double nearest; /* metres: shorter distances count as this */
+    double los_margin, los_alpha, los_sigma, nlos_margin, nlos_alpha, nlos_sigma;
+} Channel;
+
 /* The same functions for every kind of processor; 0, or -1 where memory is short. */
 typedef struct {
     /* Steps of SGD from the global `model` (P,), with the batches of `order` (steps, batch): -1
@@ -41,8 +49,9 @@ typedef struct {
                  float *weights, double *loss);
     /* Add to `correct` (classes,) how many images of each class the weights get right. */
     int (*count_correct)(const Network *, const Images *, const float *weights, int64_t *correct);
-    /* Overwrite numbers (count,) by the shares of the normal distribution under them. */
-    int (*normal_shares)(int64_t count, double *numbers);
+    /* The average packet error rate (count,) at horizontal distances and heights. */
+    int (*average_per)(const Channel *, int64_t count, const double *distance, const double *height,
+                       double *per);
 } Learning;
 
 extern const Learning learning_baseline, learning_avx2, learning_avx512;

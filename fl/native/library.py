@@ -42,7 +42,7 @@ class _Functions(ctypes.Structure):
     _fields_ = (
         ("train", ctypes.CFUNCTYPE(ctypes.c_int, *[_POINTER] * 3, _INT, _INT, *[_POINTER] * 5)),
         ("count_correct", ctypes.CFUNCTYPE(ctypes.c_int, *[_POINTER] * 4)),
-        ("normal_shares", ctypes.CFUNCTYPE(ctypes.c_int, _INT, _POINTER)),
+        ("average_per", ctypes.CFUNCTYPE(ctypes.c_int, _POINTER, _INT, *[_POINTER] * 3)),
     )
 
 
@@ -199,8 +199,24 @@ def count_correct(network: Network, images: Images, weights: Floats) -> Indices:
     return correct
 
 
-def normal_shares(numbers: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The share of the normal distribution under each number, to 1e-15, in the same shape."""
-    shares = np.array(numbers, dtype=np.float64, order="C")
-    _FUNCTIONS.normal_shares(shares.size, shares.ctypes.data)
-    return shares
+def average_per(
+    constants: NDArray[np.float64],
+    distance_m: NDArray[np.float64],
+    height_m: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    """The average packet error rate at distances and heights, 0 or more, of one shape.
+
+    `constants` (9,): those of `Channel` in `learning.h`.
+
+    Raises:
+        ValueError: arrays that do not fit together.
+    """
+    per = np.empty(distance_m.shape)
+    _FUNCTIONS.average_per(
+        address(constants, np.float64, (9,)),
+        per.size,
+        address(distance_m, np.float64, per.shape),
+        address(height_m, np.float64, per.shape),
+        per.ctypes.data,
+    )
+    return per

@@ -1,9 +1,9 @@
 /* What one device does: local training; and what a model gets right. Compiled once for every kind
    of processor, as LEVEL names it. */
 
+#include "channel.h"
 #include "levelled.h"
 #include "network.h"
-#include "normal.h"
 
 /* What the steps of a training change and keep, (P,) each. */
 typedef struct {
@@ -95,10 +95,11 @@ static int count_correct(const Network *shape, const Images *images, const float
     return 0;
 }
 
-static int normal_shares(int64_t count, double *numbers)
+static int average_per(const Channel *channel, int64_t count, const double *distance,
+                       const double *height, double *per)
 {
-    for (int64_t i = 0; i < count; i++) numbers[i] = normal_share(numbers[i]);
+    for (int64_t i = 0; i < count; i++) per[i] = per_at(channel, distance[i], height[i]);
     return 0;
 }
 
-const Learning NAMED(learning) = {train, count_correct, normal_shares};
+const Learning NAMED(learning) = {train, count_correct, average_per};

@@ -9,6 +9,7 @@ when the SNR stays under a threshold.
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
+from functools import cached_property
 from typing import Annotated, Any, get_args, get_type_hints
 
 import numpy as np
@@ -18,7 +19,7 @@ from pydantic.fields import FieldInfo
 
 from fl.arrays import Floats
 from fl.errors import SettingError
-from fl.native.library import normal_shares
+from fl.native import library
 
 NEPERS_PER_DB = math.log(10.0) / 10.0
 # The path-loss law is a far-field law; nearer than this it would promise more power than sent.
@@ -67,6 +68,20 @@ class Channel:
         for name in ("altitude_m", "sigma_los", "sigma_nlos", "snr_threshold"):
             if getattr(self, name) <= 0.0:
                 raise SettingError(name, getattr(self, name), "must be above 0")
+
+    @cached_property
+    def constants(self) -> Floats:
+        """(9,) what the average packet error rate needs of them (`fl/native/learning.h`)."""
+        lacking = math.log(self.snr_threshold)
+        lacking -= (self.tx_power_db - self.noise_db) * NEPERS_PER_DB
+        los, nlos = (
+            (lacking - beta_db * NEPERS_PER_DB, alpha, sigma)
+            for beta_db, alpha, sigma in (
+                (self.beta_los_db, self.alpha_los, self.sigma_los),
+                (self.beta_nlos_db, self.alpha_nlos, self.sigma_nlos),
+            )
+        )
+        return np.array([self.a1_per_rad, self.a2, REFERENCE_DISTANCE_M, *los, *nlos])
 
     def per(self, distance_m: ArrayLike, height_m: ArrayLike | None = None) -> Floats:
         """Average packet error rate in [0, 1] over horizontal distances, as `average_per`.
@@ -172,13 +187,13 @@ def average_per(
     Phi_s = 1/2 [1 + erf((ln gamma_0 - mu_s) / (sigma_s sqrt 2))]. `horizontal_m` and
     `height_m` (the channel's altitude by default), in metres, broadcast.
     """
-    rho = los_probability(channel, horizontal_m, height_m=height_m)
-    mu_los, mu_nlos = log_mean_snr(channel, horizontal_m, height_m=height_m)
-    threshold = math.log(channel.snr_threshold)
-    phi_los = normal_shares((threshold - mu_los) / channel.sigma_los)
-    phi_nlos = normal_shares((threshold - mu_nlos) / channel.sigma_nlos)
-    # The weights may sum to 1 + one ulp.
-    return np.asarray(np.minimum(rho * phi_los + (1.0 - rho) * phi_nlos, 1.0), dtype=np.float64)
+    height = channel.altitude_m if height_m is None else height_m
+    distances, heights = np.broadcast_arrays(horizontal_m, height)
+    far = np.array(distances, dtype=np.float64, order="C")
+    high = np.array(heights, dtype=np.float64, order="C")
+    return library.average_per(
+        channel.constants, np.abs(far, out=far), np.maximum(high, 0.0, out=high)
+    )
 
 
 def link_budget(channel: Channel) -> LinkBudget:

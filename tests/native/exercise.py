@@ -9,7 +9,6 @@ import numpy as np
 
 from fl.config import ConvNetConfig
 from fl.data.dataset import Split
-from fl.native.library import normal_shares
 from fl.radio.channel import CHANNEL_PRESETS
 from fl.training.local import LocalSettings, LocalTask, scaling_of
 from fl.training.networks import make_network
@@ -171,6 +170,8 @@ plan("high-rise", 9, 4, 1)
 plan("suburban+30dB", 11, 5, 3)
 plan("suburban+10dB", 60, 3, 4)
 plan("suburban+10dB", 45, 10, 2)
-digest.update(normal_shares(np.linspace(-40.0, 40.0, 4001)).tobytes())
+for channel in CHANNEL_PRESETS.values():
+    digest.update(channel.per(np.r_[np.linspace(0.0, 4e3, 4001), np.inf]).tobytes())
+    digest.update(channel.per(30.0, np.array([-1.0, 0.0, 0.5, 4e3])).tobytes())
 fly()
 sys.stdout.write(digest.hexdigest())

@@ -6,6 +6,7 @@ import pickle
 import numpy as np
 import pytest
 from scipy.integrate import quad
+from scipy.special import ndtr
 from scipy.stats import lognorm
 
 from fl.errors import SettingError
@@ -16,6 +17,7 @@ from fl.radio.channel import (
     average_per,
     fit_logistic,
     link_budget,
+    log_mean_snr,
     los_probability,
     smooth_per,
 )
@@ -76,6 +78,24 @@ def test_per_is_the_integral_of_the_log_normal_snr_under_the_threshold(
         )
         expected += weight * mass
     assert float(average_per(c, horizontal_m)) == pytest.approx(expected, abs=1e-7)
+
+
+@pytest.mark.parametrize("height_m", [0.0, 0.4, 120.0, 4e3])
+@pytest.mark.parametrize("preset", CHANNEL_PRESETS)
+def test_per_is_the_closed_form(preset: str, height_m: float) -> None:
+    c = CHANNEL_PRESETS[preset]
+    r = np.concatenate([[0.0, 1e-9], np.linspace(0.5, 3e3, 1000), [1e9]])
+    mu_los, mu_nlos = log_mean_snr(c, r, height_m=height_m)
+    rho = 1.0 / (1.0 + np.exp(-c.a1_per_rad * np.arctan2(height_m, r) + c.a2))
+    lost = (
+        ndtr((math.log(c.snr_threshold) - mu_los) / c.sigma_los),
+        ndtr((math.log(c.snr_threshold) - mu_nlos) / c.sigma_nlos),
+    )
+    per = average_per(c, r, height_m=height_m)
+    np.testing.assert_allclose(per, rho * lost[0] + (1.0 - rho) * lost[1], rtol=1e-12, atol=1e-14)
+    assert average_per(c, np.inf) == 1.0
+    assert np.isnan(average_per(c, np.nan))
+    assert average_per(c, 3.0).shape == ()
 
 
 def test_per_is_the_share_of_lost_packets_over_drawn_gains() -> None:

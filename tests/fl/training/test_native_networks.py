@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 import torch
 from reference_net import train_plainly
-from scipy.special import ndtr
 from torch import nn
 
-from fl.native.library import Images, Network, count_correct, normal_shares, train
+from fl.native.library import Images, Network, count_correct, train
 
 CLASSES = 7
 SHAPES = {
@@ -61,10 +60,3 @@ def test_training_is_that_of_torch(sizes):
     guess = net(torch.from_numpy(scaled).permute(0, 3, 1, 2)).argmax(dim=1).numpy()
     right = np.bincount(labels[guess == labels], minlength=CLASSES)
     assert count_correct(network, images, weights).tolist() == right.tolist()
-
-
-def test_the_normal_distribution_is_scipys():
-    x = np.concatenate([np.linspace(-8.0, 8.0, 10_001), [-np.inf, np.inf, 0.0, -1e300, 1e300]])
-    np.testing.assert_allclose(normal_shares(x), ndtr(x), rtol=1e-14, atol=0.0)
-    assert normal_shares(np.array(0.0)).shape == ()
-    assert np.isnan(normal_shares(np.array([np.nan]))).all()
