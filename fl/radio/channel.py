@@ -70,7 +70,7 @@ class Channel:
                 raise SettingError(name, getattr(self, name), "must be above 0")
 
     @cached_property
-    def constants(self) -> Floats:
+    def _constants(self) -> Floats:
         """(9,) what the average packet error rate needs of them (`fl/native/learning.h`)."""
         lacking = math.log(self.snr_threshold)
         lacking -= (self.tx_power_db - self.noise_db) * NEPERS_PER_DB
@@ -192,7 +192,7 @@ def average_per(
     far = np.array(distances, dtype=np.float64, order="C")
     high = np.array(heights, dtype=np.float64, order="C")
     return library.average_per(
-        channel.constants, np.abs(far, out=far), np.maximum(high, 0.0, out=high)
+        channel._constants, np.abs(far, out=far), np.maximum(high, 0.0, out=high)
     )
 
 
