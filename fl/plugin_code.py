@@ -44,7 +44,7 @@ class PassedObject:
 
 
 def is_import_path(text: str) -> bool:
-    """Whether the text has the form of one."""
+    """Whether the text has the form of an import path, `package.module:callable`."""
     return re.fullmatch(IMPORT_PATH, text) is not None
 
 

@@ -109,7 +109,7 @@ class Aircraft(Plant):
 
     @property
     def on_ground(self) -> bool:
-        """What the land detector believes; of a wreck there is no doubt."""
+        """Whether the aircraft has landed, by the land detector; a wreck always has."""
         return self._guidance.landed or self.crashed
 
     @property

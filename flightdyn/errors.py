@@ -1,4 +1,4 @@
-"""What can go wrong in the flight dynamics."""
+"""Errors of the flight dynamics."""
 
 
 class FlightDynamicsError(Exception):

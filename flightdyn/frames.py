@@ -30,7 +30,7 @@ def frozen(values: tuple[float, ...] | list[float] | Vector) -> Vector:
 
 
 def geodetic_to_ecef(lat_deg: float, lon_deg: float, alt_m: float) -> Triple:
-    """Earth-centred position (m) of a geodetic one."""
+    """Earth-centred, Earth-fixed position (m) of a geodetic point."""
     lat, lon = math.radians(lat_deg), math.radians(lon_deg)
     normal = WGS84_A_M / math.sqrt(1 - _E2 * math.sin(lat) ** 2)
     ring = (normal + alt_m) * math.cos(lat)

@@ -98,7 +98,7 @@ class Plant:
         return True
 
     def _look_around(self) -> None:
-        """Gusts of this instant; battery, ground and faults every few times."""
+        """Update the gusts, and every few times battery, ground and faults."""
         if self._gusty:
             gust = gust_ned(self.config.wind.gusts, self.clock.t_ns * 1e-9)
             burst = self._faults.burst_ned_mps

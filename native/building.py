@@ -100,7 +100,7 @@ def levels() -> dict[str, tuple[str, ...]]:
 
 
 def named() -> str:
-    """The compiler that the user wants and no other, or nothing."""
+    """The compiler that the environment names in CC; empty where it names none."""
     return os.environ.get("CC", "").strip()
 
 

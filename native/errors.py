@@ -1,4 +1,4 @@
-"""What can go wrong before a library is there."""
+"""Errors of building and loading native libraries."""
 
 
 class LibraryError(Exception):

@@ -177,7 +177,7 @@ class UdpLink:
         return datagrams
 
     def _knows(self, peer: Address, now: float) -> bool:
-        """Whether what `peer` says counts; it may be the first word."""
+        """Whether `peer` is on the link; one that listens is joined by a first datagram."""
         if self._listens:
             new = peer not in self._peers
             if new and len(self._peers) >= MOST_PEERS:

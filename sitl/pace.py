@@ -94,7 +94,7 @@ class Simulation:
             pass
 
     async def _advance(self) -> None:
-        """A stretch of simulated time, and the pause that the pace asks for."""
+        """Run a stretch of simulated time, then pause as the pace asks."""
         began = time.monotonic()
         if math.isinf(self._speed):
             self._run_until(began + _FLAT_OUT_S)
@@ -106,14 +106,14 @@ class Simulation:
             await asyncio.sleep(max(0.0, self._on_time - time.monotonic()))
 
     def _run_until(self, wall_s: float) -> None:
-        """As fast as it can, while there is something to do."""
+        """Run as fast as possible up to a wall time, while a manoeuvre is under way."""
         vehicle, now, free = self.vehicle, time.monotonic, self._free_running
         until_ns = vehicle.t_ns + self._most_ns
         while (vehicle.stride() or free) and now() < wall_s and vehicle.t_ns < until_ns:
             pass
 
     def _run_for(self, sim_s: float) -> float:
-        """About so many simulated seconds, while there is something to do; how many it were."""
+        """Run about `sim_s` while a manoeuvre is under way; returns the simulated seconds run."""
         vehicle = self.vehicle
         before_ns = vehicle.t_ns
         until_ns = before_ns + sim_s * 1e9

@@ -92,13 +92,13 @@ class Vehicle:
         self._observers.append(observer)
 
     def step(self) -> bool:
-        """Simulated time up to the next guidance step, a single tick where each of them matters;
+        """Run up to the next guidance step, or a single tick where each of them matters; returns
         whether a manoeuvre is under way after it.
         """
         return self._advance(self.aircraft.to_guidance_step)
 
     def stride(self) -> bool:
-        """The same over all guidance steps up to where there is more to do than to fly on."""
+        """As `step`, over all guidance steps up to the next check, sample or event."""
         if not self.autopilot.flight.patient:
             return self.step()
         return self._advance(self._next_look - self._tick)

@@ -134,7 +134,7 @@ def _download(url: str, path: Path, *, checksum: str, progress: Progress | None)
 
 
 def _sum_of(path: Path) -> str:
-    """The sum that the official one is about: of an IDX file's content, of an archive itself."""
+    """The MD5 sum to compare: of an IDX file's content, of an archive itself."""
     content = path.read_bytes()
     if "idx" not in path.name:
         return md5(content)

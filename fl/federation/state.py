@@ -1,4 +1,4 @@
-"""What a federation is at between two rounds, and the same as bytes for a checkpoint.
+"""The state of a federation between two rounds, and its bytes for a checkpoint.
 
 The bytes are a line of JSON, then the arrays in the .npy format, one after the other; nothing is
 pickled. The same state gives the same bytes.
@@ -26,7 +26,7 @@ Arrays = Mapping[str, NDArray[Any]]
 
 @dataclass(frozen=True, eq=False)
 class Pending:
-    """What a device has made, or is at, and may send in a later round."""
+    """An update that a device has made, or is making, and may send in a later round."""
 
     begun: int  # round whose model it trained from
     start: Vector  # (P + B,) that model as the device had it

@@ -46,7 +46,7 @@ class ConvNet:
 
     @property
     def widths(self) -> tuple[int, ...]:
-        """Of the flattened maps, the hidden layers, the logits."""
+        """Widths of the dense part: flattened maps, hidden layers, logits."""
         height, width, depth = self.image_shape
         for pad in self.padding:
             height, width = ((n + 2 * pad - self.kernel + 1) // 2 for n in (height, width))

@@ -123,7 +123,7 @@ class Guidance:
         self._forget_corners()
 
     def _forget_corners(self) -> None:
-        """What was flown is over; its progress stays with whoever asked for it."""
+        """Forget the path that was flown; its `progress` stays as it was for whoever has it."""
         self._corners, self._memory.soon, self._memory.noted = [], math.inf, 0
         self._known, self.corner_near = 0, False
         self.progress = PathProgress()
@@ -179,7 +179,7 @@ class Guidance:
         return bool(self._memory.mode == TARGET)
 
     def look(self) -> bool:
-        """See what is noted of the trajectory; whether something is new."""
+        """Read what C has noted of the trajectory into `progress`; returns whether it is news."""
         flags = self._memory.noted
         if flags == self._known:
             return False

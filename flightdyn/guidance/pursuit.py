@@ -93,7 +93,7 @@ def _free(to: Target, i: int) -> bool:
 
 
 def _fed(to: Target, i: int, v: float) -> float:
-    """The velocity that the target itself asks of a component."""
+    """Velocity (m/s) of one component that is fed forward: what the target itself asks for."""
     return v + to.acc[i] / _GATHER_PER_S if _free(to, i) else _or_zero(to.vel[i])
 
 

@@ -192,7 +192,7 @@ class Transition:
 
 
 class Innovations:
-    """Measures residuals by what the filter expects of them."""
+    """Normalises innovations by the covariance that the filter expects of them."""
 
     def __init__(self, measurement: _Floats, noise: _Floats) -> None:
         """`measurement` (8, 22) and `noise` (8, 8) have to stay where they are.
@@ -351,7 +351,7 @@ class Guide:
 
 
 class Loop:
-    """From tick to tick, and over the guidance steps on the way."""
+    """The loop of a flight in C: the ticks, and the guidance steps between them."""
 
     def __init__(
         self, imu: Imu, inner: Inner, carried: Strapdown, *, interval: int, dt_s: float

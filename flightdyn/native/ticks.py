@@ -111,7 +111,7 @@ class Gauges:
 
 
 class Inner:
-    """The inner loops' end: who takes rates and orders, and where they are."""
+    """JSBSim's properties for the inner loops: rates, attitude errors, feed-forward, thrust."""
 
     def __init__(
         self,
@@ -128,7 +128,7 @@ class Inner:
         self.at = ctypes.addressof(self._memory)
 
     def correct(self, bias: Sequence[float]) -> None:
-        """What to take off the rates from now on (rad/s)."""
+        """Set the gyroscope bias (rad/s) that is taken off the rates from now on."""
         self._memory.bias[:] = bias
 
 

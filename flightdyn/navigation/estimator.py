@@ -59,7 +59,7 @@ _ONES = [np.eye(rows) for rows in range(9)]
 
 
 class _Model(NamedTuple):
-    """Of the error state over a time: transition, process noise, GNSS correlation that is left."""
+    """Error-state model over a time: transition, process noise, GNSS correlation that is left."""
 
     F: Vector
     Q: Vector
@@ -68,7 +68,7 @@ class _Model(NamedTuple):
 
 
 def _inverse(matrix: Vector) -> Vector:
-    """What numpy computes, without the quarter of an update that its checks take."""
+    """Inverse of a matrix as numpy computes it, without checks that take a quarter of an update."""
     _, _, inverse, singular = dgesv(matrix, _ONES[len(matrix)])
     if singular:
         raise np.linalg.LinAlgError("singular innovation covariance")
@@ -189,7 +189,7 @@ class Estimator:
         return NavState.of(t_ns, ahead)
 
     def innovations_after(self, t_ns: int) -> tuple[Innovation, ...]:
-        """Those of later instants, the oldest first, as far back as the filter keeps them."""
+        """Innovations after an instant, the oldest first, as far back as the filter keeps them."""
         found: list[Innovation] = []
         for item in reversed(self.innovations):
             if item.t_ns <= t_ns:
@@ -290,7 +290,7 @@ class Estimator:
         return True
 
     def _doubt(self) -> None:
-        """Open the filter up again: an IMU that changes its bias at once is not in its model."""
+        """Widen the covariance: an IMU whose bias jumps is not in the model of the filter."""
         P = self._kf.P
         for part, std in _DOUBT_STD:
             P[part, part] += np.eye(3) * std**2

@@ -76,15 +76,15 @@ class Measurements:
         self.residual = self.expected.residual
 
     def add_fix(self, fix: GnssFix) -> None:
-        """A solution of the receiver that has arrived."""
+        """Take a solution of the receiver that has arrived."""
         self._fixes.append(fix)
 
     def add_baro(self, sample: BaroSample) -> None:
-        """A barometer sample of now."""
+        """Take a barometer sample of this tick."""
         self._baro.append(sample)
 
     def add_mag(self, sample: MagSample) -> None:
-        """A magnetometer sample of now."""
+        """Take a magnetometer sample of this tick."""
         self._mag.append(sample)
 
     @property

@@ -64,7 +64,7 @@ class TrueNavigation:
         return self._loop.fly(self._plant.run, ticks, self._unused, guide)
 
     def sense(self) -> None:
-        """An exact fix, when it is due."""
+        """Take an exact GNSS fix, when it is due."""
         if self._clock.tick < self._due:
             return
         v = self._vehicle
@@ -80,7 +80,7 @@ class TrueNavigation:
         )
 
     def update(self) -> None:
-        """Nothing: the state is the true one."""
+        """Do nothing: the state is the true one."""
         v = self._vehicle
         self.carried.place(v.position_ned(), v.velocity_ned(), v.attitude())
         self.carried.feel(v.specific_force())

@@ -69,7 +69,7 @@ class Battery:
         self.voltage_v = open_circuit_voltage(self.config.initial)
 
     def state(self) -> BatteryState:
-        """The values of this instant."""
+        """Present voltage, current, charge consumed and charge left."""
         return BatteryState(
             voltage_v=self.voltage_v,
             current_a=self.current_a,

@@ -58,7 +58,7 @@ def _of(reduce: Callable[[Floats], float], name: str) -> Made:
 
 
 def _sum(name: str) -> Made:
-    """Of a number of each round; NaN where the run does not have it."""
+    """Sum of a number over all rounds; NaN where the run does not have it."""
 
     def add(items: Sequence[Measured]) -> float:
         known = all(name in item.numbers for item in items)

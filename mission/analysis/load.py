@@ -120,7 +120,7 @@ def ground_speed(track: Track) -> Floats:
 
 
 def _whole_rounds(data: FlightData) -> FlightData:
-    """Without what was flushed of a round that did not end."""
+    """The data without the records of a last round that did not end."""
     ended = {record.round for record in data.rounds}
     return replace(data, uplinks=tuple(item for item in data.uplinks if item.round in ended))
 

@@ -106,7 +106,7 @@ def measure(run: FlightData, record: RoundRecord, plan: PlanRecord) -> Measured:
 
 
 def _at_places(measured: Measured, run: FlightData) -> Measured:
-    """With the places of the plan file in place of slots."""
+    """The measurement, with the places of the plan file in place of slots."""
     places_m = run.plan_file.places_m if run.plan_file else {}
     away_m = [np.array(event.true_m) - places_m[seq] for seq, event in reached(run).items()]
     miss = np.array(away_m).reshape(-1, 3)

@@ -90,7 +90,7 @@ class Airspace:
 
     @cached_property
     def _outlines(self) -> Any:
-        """Every outline, as Shapely is asked how far away they are."""
+        """Every outline as one Shapely geometry, from which distances are measured."""
         # Imported here, as in `allows`: most runs have no areas.
         import shapely
 
@@ -223,7 +223,7 @@ class Airspace:
 
     @cached_property
     def _ways(self) -> dict[tuple[bytes, bytes], tuple[Floats, float]]:
-        """Ways that were asked for: a planner tries path after path with most legs alike."""
+        """Ways found so far, by their ends: paths that a planner tries share most legs."""
         return {}
 
     def _way(self, from_m: Floats, to_m: Floats) -> Floats:
@@ -249,7 +249,7 @@ class Airspace:
         return np.where(seen, np.hypot(*(corners - point_m).T), np.inf)
 
     def away(self, points_m: Floats) -> Floats:
-        """(P,) at least how far anybody who is allowed to fly is from each of the points."""
+        """(P,) metres from points (P, 2) to where may be flown, margin or not."""
         import shapely
 
         if self.is_open:
@@ -288,8 +288,8 @@ def _oriented(ring_m: Floats, *, clockwise: bool) -> Floats:
 
 
 def _offset_corners(ring_m: Floats, margin_m: float, *, inner: bool) -> Floats:
-    """Where lines at the margin meet, on the free side, which is on the left: about the corners
-    that stick out into it, or in its own nooks, the inner corners.
+    """(n, 2) corners of a ring (n, 2) offset by the margin to its free (left) side: points around
+    corners that stick out into it, or with `inner` one in each other corner.
     """
     points: list[Floats] = []
     into = ring_m - np.roll(ring_m, 1, axis=0)

@@ -25,7 +25,7 @@ class AerofedError(Exception):
     exit_code = 1
 
     def in_words(self, text: str) -> Self:
-        """The same error in other words, to be raised `from` its `__cause__`: it has happened once.
+        """The same error with another message, to be raised `from` its `__cause__`.
 
         It keeps the traceback.
         """

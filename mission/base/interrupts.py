@@ -169,7 +169,7 @@ def end_process(line: str = "", code: int = INTERRUPTED) -> None:
 
 
 def end_deaf(code: int) -> None:
-    """What there is to do is done: an interruption has nothing left to end.
+    """Ignore Ctrl-C from now on: all work is done, and `code` is the exit code.
 
     Work that was left alone in a thread ends with the process, which does not wait for it.
     """

@@ -237,7 +237,7 @@ def _unwritable(path: Path, error: OSError) -> InputError:
 
 
 class Environment(TypedDict):
-    """Versions and machine."""
+    """Versions of Python and libraries, and the machine: a part of `summary.json`."""
 
     python: str
     platform: str
@@ -262,7 +262,7 @@ class RunSummary(TypedDict, total=False):
 
 
 def environment() -> Environment:
-    """Versions and machine, for the summary."""
+    """Versions of Python and of the installed libraries, and the machine."""
     return {
         "python": platform.python_version(),
         "platform": platform.platform(),

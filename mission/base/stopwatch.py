@@ -29,5 +29,5 @@ class Stopwatch:
         return until - self._started
 
     def stop(self) -> None:
-        """From now on the total stays: whoever tells it tells the same."""
+        """Stop the total: it is the same from now on, whoever reads it."""
         self._stopped = time.perf_counter()

@@ -26,7 +26,7 @@ class Column:
     told: tuple[object, ...]
 
     def find(self, kind: type[Told]) -> Told | None:
-        """What is told that is of a kind: `str` gives the words; None where nothing is."""
+        """The annotation of a type: `str` gives the words; None where there is none."""
         return next((item for item in self.told if isinstance(item, kind)), None)
 
 
@@ -42,7 +42,7 @@ def _columns(record: type) -> tuple[Column, ...]:
 
 
 def told(record: type, kind: type[Told]) -> Iterator[tuple[str, Told]]:
-    """Names of the fields of which something of a kind is told, and what."""
+    """Names of the fields that are annotated with a value of a type, each with that value."""
     for column in columns(record):
         found = column.find(kind)
         if found is not None:

@@ -1,4 +1,4 @@
-"""What MAVSDK takes for the address of a vehicle."""
+"""Connection URLs: the forms that MAVSDK accepts for the address of a vehicle."""
 
 NETWORK = ("udpin", "udpout", "tcpin", "tcpout")
 URL_FORMS = (

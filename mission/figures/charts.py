@@ -208,7 +208,7 @@ def dot_rows(title: str, rows: Sequence[DotRow], *, x: str, zero: bool = False) 
 
 
 def _bands(series: Sequence[Series], across: alt.X) -> list[alt.Chart]:
-    """Each of its own colour, without a scale: their key would be as pale as they are."""
+    """Areas of the intervals, without a colour scale: its legend would be as pale as they are."""
     return [
         alt.Chart(table(x=item.x, low=item.low, high=item.high))
         .mark_area(fill=item.colour, opacity=0.15, clip=True)
@@ -227,7 +227,7 @@ def _joined(series: Sequence[Series], name: str) -> Floats:
 
 
 def _reach(values: Floats, most: float) -> list[float]:
-    """A range with a little air, from zero where no value is negative."""
+    """Axis range of values with a little room; it begins at 0 where none is negative."""
     known = values[np.isfinite(values)]
     low, high = (float(known.min()), float(known.max())) if known.size else (0.0, 1.0)
     low = min(low, 0.0)
@@ -241,7 +241,7 @@ def _whole(series: Sequence[Series]) -> alt.Axis:
 
 
 def some(numbers: Sequence[int], most: int = 12) -> list[int]:
-    """About so many of some whole numbers, round ones, and the first."""
+    """Whole numbers to label on an axis: `most` round ones at most, and the first."""
     steps = (factor * 10**power for power in range(9) for factor in (1, 2, 5))
     step = next(step for step in steps if len(numbers) <= step * most)
     return [n for index, n in enumerate(numbers) if n % step == 0 or index == 0]

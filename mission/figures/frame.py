@@ -88,7 +88,7 @@ class MapFrame:
         *,
         chosen: int | None = None,
     ) -> Self:
-        """What holds all points (n, 2), and those fences that do not make the rest of it small."""
+        """The frame of all points (n, 2), and of those fences that do not make the rest small."""
         every = np.vstack(points)
         widest = _FENCE_SHOWN * np.ptp(every, axis=0).max()
         every = np.vstack((every, *(f for f in fences if np.ptp(f, axis=0).max() < widest)))

@@ -139,7 +139,7 @@ def per_key() -> alt.Legend:
 
 
 def _areas(count: int) -> tuple[float, float]:
-    """Of the dots of devices of no and of the most importance."""
+    """Areas (px^2) of the dots of devices with no importance and with the greatest."""
     return (10.0, 110.0) if count > CROWD else (30.0, 260.0)
 
 

@@ -51,7 +51,7 @@ def _of_community(series: dict[str, str], name: str, colour: str) -> dict[str, s
 
 
 def _zoom(area: Area) -> int:
-    """Of the map, which viewers put about the take-off point: so far out that the area fits."""
+    """Zoom level of the map at which the area fits about the take-off point, its centre."""
     reach_m = max(
         max(home, size - home) for home, size in zip(area.home_m, area.size_m, strict=True)
     )

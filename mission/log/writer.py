@@ -176,13 +176,13 @@ class FlightLog:
         self._write(topics.LOG, self._now_ns, line)
 
     def attach(self, name: str, media_type: str, data: bytes) -> None:
-        """Put a file into the file."""
+        """Add a file to the log, as an attachment."""
         self._flush()
         self._mcap.attach(self._now_ns, name, media_type, data)
         self._mcap.flush()
 
     def metadata(self, name: str, values: Mapping[str, str]) -> None:
-        """Put a named set of strings into the file. Nothing of the wall clock, please."""
+        """Add a named set of strings to the log. Nothing of the wall clock, please."""
         self._flush()
         self._mcap.metadata(name, values)
         self._mcap.flush()

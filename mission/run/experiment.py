@@ -118,7 +118,7 @@ class Experiment(ABC):
         return learnt
 
     def _show(self, what: str) -> None:
-        """Tell people what this round is about to do."""
+        """Show the phase of the round that begins, in words."""
         rounds = self.scenario.config.mission.rounds
         self.recorder.progress.phase(f"round {self.totals.next_round}/{rounds}: {what}")
 
@@ -133,7 +133,7 @@ class Experiment(ABC):
 
 @dataclass(kw_only=True)
 class IdealExperiment(Experiment):
-    """What learning comes to where the radio loses nothing.
+    """The upper bound `ideal`: nothing is flown, and every update of every round arrives.
 
     It has as many rounds as the path budget would have paid for.
     """

@@ -135,7 +135,7 @@ class FlownExperiment(Experiment):
         self._finish(record, memory, served)
 
     def _needed_charge(self) -> float:
-        """With less (0..1) no round begins: what the dearest one took so far, and the reserve.
+        """Charge (0..1) below which no round begins: the most that one took, and the reserve.
 
         A vehicle of others tells its charge, and not its power: what rounds took is known of all.
         """
@@ -193,7 +193,7 @@ class FlownExperiment(Experiment):
     async def _fly(
         self, flyer: Flyer, problem: RoundProblem, sortie: Sortie
     ) -> tuple[FlightPlan, Flight, Foreseen]:
-        """What was to be flown, what was, and what was foreseen of it."""
+        """Fly a plan; returns it as it was ordered, its flight, and what was foreseen of that."""
         plan = flight_of_round(problem, sortie.plan, hold_s=sortie.hold_s, mission=flyer.mission)
         foreseen = plan.foreseen(flyer.performance)
         with self.stopwatch("fly"):
@@ -256,10 +256,10 @@ def _check_same(objective: float, before: float) -> None:
 
 
 def _known(drawn: float) -> float:
-    """Charge that was drawn; none, where the vehicle does not tell."""
+    """Charge (0..1) that was drawn; 0 where the vehicle does not tell it (NaN)."""
     return 0.0 if math.isnan(drawn) else drawn
 
 
 def _success(per: float) -> float:
-    """1 - PER; a slot that was never reached succeeds with certainty zero."""
+    """1 - PER; 0 for a slot that was never reached."""
     return 0.0 if math.isnan(per) else 1.0 - per

@@ -1,4 +1,4 @@
-"""The radio meets the truth: which scheduled updates arrive, given where the aircraft was."""
+"""Which scheduled updates arrive, given where the aircraft truly was."""
 
 import math
 from collections.abc import Mapping, Sequence

@@ -92,7 +92,7 @@ def read_checkpoint(path: Path) -> dict[str, Any]:
 
 
 def refuse_others(folder: RunFolder) -> None:
-    """Refuse what is no folder of a run, from its looks.
+    """Refuse a folder that holds no run, as far as its files show.
 
     Raises:
         InputError: says what it is instead.

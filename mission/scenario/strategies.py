@@ -99,7 +99,7 @@ class Rectangular:
 
     @property
     def approach_m(self) -> Floats:
-        """The tour starts at its first corner."""
+        """(2,) the first corner of the tour, area coordinates in m."""
         return np.asarray(self.corners_m[0])
 
     def sortie(self, round_index: int, problem: RoundProblem) -> Sortie:
@@ -136,7 +136,7 @@ class HoveringTour:
 
     @property
     def approach_m(self) -> Floats:
-        """The tour starts at its first corner."""
+        """(2,) the first corner of the tour, area coordinates in m."""
         return np.asarray(self.corners_m[0])
 
     @property

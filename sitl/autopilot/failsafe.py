@@ -38,7 +38,7 @@ BY_STICKS = {
 
 
 class Cause(Enum):
-    """What can be wrong; the value is how it is said."""
+    """What a failsafe reacts to; the value is its wording in status texts."""
 
     FENCE_BREACHED = "Fence breached"
     BATTERY_LOW = "Battery low"

@@ -68,7 +68,7 @@ class Guard:
         return self._aircraft.frame.to_ned(home.lat_deg, home.lon_deg, home.alt_msl_m)
 
     def draw_fence(self, items: Sequence[MissionItem]) -> None:
-        """Another fence; none where there are no items.
+        """Take the fence that these items draw; none where there are none.
 
         Raises:
             SitlInputError: the items make no fence.

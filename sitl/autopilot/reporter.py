@@ -30,7 +30,7 @@ class Reporter:
         self.nudged: set[int] = set()
 
     def contain(self, what: str, otherwise: Callable[[], object] | None = None) -> "_Contained":
-        """The guard round whatever handles a message, an order or a look around.
+        """A context manager round the handling of a message, an order or a periodic check.
 
         An error of ours ends what the block was about, is told, and `otherwise` is done; the
         vehicle goes on. Errors of observers (a full disk) are not ours and pass through.
@@ -70,7 +70,7 @@ class Reporter:
         self._sink("status", text, None, severity)
 
     def mode(self, mode: Mode, why: str) -> None:
-        """The flight mode has changed."""
+        """Tell that the flight mode has changed."""
         self.nudged |= {
             mav.MAVLINK_MSG_ID_HEARTBEAT,
             mav.MAVLINK_MSG_ID_EXTENDED_SYS_STATE,
@@ -79,28 +79,28 @@ class Reporter:
         self._sink("mode", f"{mode.name} ({why})", None, mav.MAV_SEVERITY_INFO)
 
     def armed(self, armed: bool) -> None:
-        """The motors have been released or stopped."""
+        """Tell that the motors were armed or disarmed."""
         self.nudged |= _STATE
         self._sink("armed", "armed" if armed else "disarmed", None, mav.MAV_SEVERITY_INFO)
 
     def nudge(self, kind: int) -> None:
-        """What a telemetry message says has changed: send it at once."""
+        """Have a telemetry message sent at once: what it says has changed."""
         self.nudged.add(kind)
 
     def reached(self, seq: int, *, place: bool) -> None:
-        """A mission item has been reached (`place`) or carried out."""
+        """Tell that a mission item was reached (`place`) or carried out."""
         self._outbox.append(mav.MAVLink_mission_item_reached_message(seq))
         self.nudged.add(mav.MAVLINK_MSG_ID_MISSION_CURRENT)
         if place:
             self._sink("reached", f"item {seq}", seq, mav.MAV_SEVERITY_INFO)
 
     def failsafe(self, text: str) -> None:
-        """A failsafe has acted, or has ended."""
+        """Tell that a failsafe has acted, or has ended."""
         self._text(mav.MAV_SEVERITY_CRITICAL, text)
         self._sink("failsafe", text, None, mav.MAV_SEVERITY_CRITICAL)
 
     def fault(self, text: str) -> None:
-        """A fault has been injected or removed."""
+        """Tell that a fault was injected or removed."""
         self._text(mav.MAV_SEVERITY_WARNING, text)
         self._sink("fault", text, None, mav.MAV_SEVERITY_WARNING)
 

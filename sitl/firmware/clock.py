@@ -135,7 +135,7 @@ class FirmwareClock:
         self.error: BaseException | None = None
 
     def start(self) -> None:
-        """Begin; time stands still until `run`."""
+        """Start the thread; simulated time stands still until `run`."""
         self._thread.start()
 
     def stop(self) -> None:
@@ -147,11 +147,11 @@ class FirmwareClock:
         self._bridge.close()
 
     def run(self) -> None:
-        """Let time go on."""
+        """Let simulated time go on."""
         self._may_run.set()
 
     def rest(self) -> None:
-        """Let time stand still."""
+        """Let simulated time stand still."""
         self._may_run.clear()
 
     @contextmanager

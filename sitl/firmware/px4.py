@@ -109,7 +109,7 @@ class Px4Bridge:
         return 1
 
     def _ticks_to_next(self) -> int:
-        """Up to where there is more to be said than what the IMU says."""
+        """Ticks until a sensor other than the IMU, or the plant, is due; at least 1."""
         plant, sensors = self.plant, self._sensors
         ticks = min(sensors.due, plant.due) - plant.clock.tick
         fix_ns = sensors.receiver.due_ns - plant.t_ns
@@ -140,7 +140,7 @@ class Px4Bridge:
             says.height_m = altitude_m(baro.pressure_pa)
 
     def _check(self, came: int) -> None:
-        """Raise what is wrong, if anything is."""
+        """Raise an error where the call of C that gave `came` says that PX4 cannot be flown."""
         if came == GONE:
             why = f": {os.strerror(self._hil.error)}" if self._hil.error else ""
             raise FirmwareRestartedError(f"PX4 has hung up{why}")

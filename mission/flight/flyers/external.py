@@ -230,7 +230,7 @@ class ExternalFlyer(Flyer):
         )
 
     def _doubt_battery(self) -> None:
-        """Say once that the reserve cannot be kept."""
+        """Say once that readings of the charge are no use, so no reserve can be kept."""
         reserve = self.mission.battery_reserve
         if self.feed.battery.doubt and reserve > 0.0 and not self._doubted:
             self._doubted = True
@@ -257,7 +257,7 @@ class ExternalFlyer(Flyer):
         self.mission = self.mission.model_copy(update={"speed_mps": believed_mps})
 
     def _believe_pace(self, plan: FlightPlan, flight: Flight) -> None:
-        """Time the next rounds by how long those so far took: corners are its own affair."""
+        """Scale the times foreseen of the next rounds by how long those so far took."""
         if any(stop.hold_s > 0.0 for stop in plan.stops):
             return
         as_ours = replace(self.performance, pace=1.0)

@@ -95,10 +95,10 @@ class Flyer(ABC):
 
     @abstractmethod
     async def _change_battery(self, needed: float) -> None:
-        """Have one that is well above `needed`; the vehicle stands at home."""
+        """Have a battery well above `needed` (0..1); the vehicle stands at home."""
 
     async def refresh(self, needed: float) -> bool:
-        """Have a full battery where less than `needed` (0..1) is left; whether it was changed.
+        """Change the battery where less than `needed` (0..1) is left; returns whether it was.
 
         Return, land, change it, take off and come back to where it was.
 

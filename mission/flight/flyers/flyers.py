@@ -87,7 +87,7 @@ class Flyers(ABC):
 
     @abstractmethod
     def open(self, attached: Attached) -> AbstractAsyncContextManager[Flyer]:
-        """The flyer, for the length of a block."""
+        """A context manager that gives the flyer, and ends it with the block."""
 
 
 def check_link(link: LinkConfig) -> None:

@@ -24,7 +24,7 @@ FULL = BatteryState(voltage_v=0.0, current_a=0.0, consumed_mah=0.0, remaining=1.
 
 @dataclass
 class UnflownFlyer(Flyer):
-    """Is where the plan wants it. Outside rounds it is where it is needed at once."""
+    """A vehicle exactly on its plan in rounds, and between them at once where it is sent."""
 
     area: Area
     mission: MissionConfig
@@ -66,7 +66,7 @@ class UnflownFlyer(Flyer):
 
     @property
     def battery_remaining(self) -> float:
-        """All of it: no charge is used up."""
+        """1, a full charge: nothing is used up."""
         return FULL.remaining
 
     async def _change_battery(self, needed: float) -> None:
@@ -123,5 +123,5 @@ class NoFlyers(Flyers):
 
     @asynccontextmanager
     async def open(self, attached: Attached) -> AsyncIterator[UnflownFlyer]:
-        """The flyer that flies nothing."""
+        """Give the flyer that is always exactly on its plan."""
         yield UnflownFlyer(self.task.area, self.task.config.mission, attached.observers)

@@ -22,7 +22,7 @@ CONNECT_TIMEOUT_S = 10.0  # of a vehicle in this process or on this machine
 
 
 class NoVehicleError(LinkLostError):
-    """Nobody answered in time."""
+    """No autopilot answered at the URL in time."""
 
 
 @asynccontextmanager

@@ -16,7 +16,7 @@ class ArmingMode:
 
 @dataclass(frozen=True)
 class Dialect:
-    """One family of autopilots."""
+    """How one family of autopilots (PX4, ArduPilot) differs in what it takes and says."""
 
     name: str
     home_first: bool  # item 0 of a mission is the home position
@@ -31,7 +31,7 @@ class Dialect:
 
     @property
     def first_item(self) -> int:
-        """The number of a mission's first item of ours."""
+        """Sequence number of the first item that we give: 1 where item 0 is the home position."""
         return int(self.home_first)
 
 

@@ -51,7 +51,7 @@ class Source(Protocol):
 
 @dataclass(frozen=True)
 class Known:
-    """What is known of a vehicle that flies in our world, and need not be believed."""
+    """What our simulated world knows of a firmware's vehicle: its true state, and its clock."""
 
     messages: Source  # each one of them, however fast time goes
     truth: Callable[[int], Moment]  # at an instant of our clock, ns
@@ -169,7 +169,7 @@ class TelemetryFeed:
             self.first.set_result(seen)
 
     def _sampled(self, known: Moment, belief: Kinematics) -> None:
-        """Hand out what there is at one instant, and what changed with it."""
+        """Give the observers a sample of one instant, and an event for each change of state."""
         truth = known.kinematics
         self._moment = truth, belief
         mode, armed = self._pilot.mode, self._pilot.armed
@@ -267,7 +267,7 @@ class BatteryWatch:
         self._unchanged_s = 0.0
 
     def read(self, t_ns: int, remaining: float, *, flying: bool) -> None:
-        """A reading (0..1; NaN: none) at an instant."""
+        """Take a reading of the charge (0..1; NaN: none) at the vehicle's time `t_ns`."""
         if not flying:
             self._since_ns = None
         elif self._since_ns is None or remaining != self._remaining:

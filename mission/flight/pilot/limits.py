@@ -15,7 +15,7 @@ SET_BY = "link.set_parameters = true sets it for the flight"
 
 @dataclass(frozen=True)
 class Name:
-    """A parameter, and what one of its units is in ours."""
+    """A parameter's name, and how many of our units (SI) one of its own is."""
 
     name: str
     unit: float = 1.0
@@ -69,14 +69,14 @@ ARDUPILOT_LIMITS = LimitNames(
 
 @dataclass(frozen=True)
 class Limit:
-    """One limit as a vehicle has it."""
+    """One limit that a parameter of the vehicle sets."""
 
     name: Name
     value: float  # in our unit
 
     @property
     def raw(self) -> float:
-        """The value as the vehicle counts it."""
+        """The value in the unit of the parameter."""
         return self.value / self.name.unit
 
 
@@ -87,7 +87,7 @@ class VehicleLimits:
     told: dict[str, Limit] = field(default_factory=dict)
 
     def value(self, what: str, *, otherwise: float) -> float:
-        """A limit in our unit."""
+        """A limit in our unit (SI), `otherwise` where the vehicle has none such."""
         limit = self.told.get(what)
         return otherwise if limit is None else limit.value
 

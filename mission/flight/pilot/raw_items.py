@@ -43,7 +43,7 @@ def _to_raw(item: MissionItem) -> RawItem:
 
 
 def as_dialect(items: Sequence[RawItem], dialect: Dialect) -> list[RawItem]:
-    """A mission as a family of autopilots takes it."""
+    """Mission items in the form that the family of autopilots `dialect` takes."""
     taken = [copy(item) for item in items]
     if dialect.home_first:
         # The autopilot puts its own home there.
@@ -74,7 +74,7 @@ def same_mission(sent: list[RawItem], back: list[RawItem], dialect: Dialect) -> 
 
 
 def _essence(items: list[RawItem], dialect: Dialect) -> list[tuple[int, ...]]:
-    """What must come back unchanged; heights travel in cm."""
+    """The fields of an item that a download must give back unchanged; heights to 1 cm."""
     return [
         (
             item.seq,

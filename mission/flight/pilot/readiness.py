@@ -34,7 +34,7 @@ EKF_STATUS_REPORT = EstimatorMessage("EKF_STATUS_REPORT", 193)
 
 
 class Readiness:
-    """What a vehicle has said of its position."""
+    """GNSS fix, estimator status and home position that a vehicle has reported."""
 
     def __init__(self, estimator: EstimatorMessage) -> None:
         self._estimator = estimator
@@ -43,7 +43,7 @@ class Readiness:
         self.forget()
 
     def forget(self) -> None:
-        """The vehicle has started anew."""
+        """Forget all reports: the vehicle has started anew."""
         self._fix_type: int | None = None
         self._flags: int | None = None
         self._home = False

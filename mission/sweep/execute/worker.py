@@ -105,7 +105,7 @@ def _goes_on(folder: RunFolder) -> bool:
 
 
 def failed(error: AerofedError | OSError, folder: Path) -> RunEnd:
-    """The end of a run that an error made."""
+    """The `RunEnd` of a run that ended with an error."""
     if isinstance(error, AerofedError):
         return RunEnd(error.exit_code, told(error))
     where, why = error.filename or folder, error.strerror or error

@@ -86,14 +86,14 @@ class Curve:
 
 @dataclass(frozen=True)
 class Along:
-    """What curves stand over: rounds, or what these had spent by their ends."""
+    """The horizontal axis of curves: rounds, or the metres or seconds spent by their ends."""
 
     label: str
     clock: str = ""  # column of `rounds.csv` that counts it; none: the rounds themselves
     unit: float = 1.0
 
     def sampled(self, runs: Sequence[RunResult], column: str) -> tuple[Floats, Floats]:
-        """Where the rounds that every run has stand, and a column of them, (runs, rounds).
+        """Of the rounds that all runs have: places on the axis (rounds,), values (runs, rounds).
 
         A round stands at the mean of its ends: a grid of its own would show rounds where it
         happens to meet them, and the last one not at all. Accuracy begins at zero, with the

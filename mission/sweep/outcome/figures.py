@@ -70,7 +70,7 @@ def curve_charts(picture: Picture) -> list[Chart]:
 
 
 def final_chart(results: Sequence[RunResult], community: str) -> Chart:
-    """Where every strategy of a community ends."""
+    """Final accuracy of a community with every strategy: each seed, mean and interval."""
     column = f"final_accuracy_{community}"
     rows = []
     for index, (label, runs) in enumerate(groups_of(results).items()):

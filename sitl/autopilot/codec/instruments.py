@@ -170,7 +170,7 @@ def _position_target(s: Snapshot) -> mav.MAVLink_position_target_local_ned_messa
 
 
 def _position_target_global(s: Snapshot) -> mav.MAVLink_message:
-    """The same, with its place on the globe."""
+    """The position setpoint as latitude, longitude and altitude."""
     local, place = _position_target(s), s.dials.target
     lat, lon, alt = (0, 0, math.nan)
     if place is not None:

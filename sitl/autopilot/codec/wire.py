@@ -23,7 +23,7 @@ _LATE = 60 * _TICKS_PER_S  # a station heard for the first time may be behind by
 
 
 class Wire:
-    """The autopilot's end of MAVLink 2: one identity."""
+    """Reads and packs MAVLink 2 messages as one system and component."""
 
     def __init__(self, system: int, component: int) -> None:
         self._system = system

@@ -30,7 +30,7 @@ _LIFTS = frozenset({Trigger.ORDER_TAKEOFF, Trigger.ORDER_MISSION})  # off the gr
 
 @dataclass(frozen=True, slots=True)
 class _Goal:
-    """Where a position order leads."""
+    """The target of a position order: position (m, NED) and heading (rad; None: as it is)."""
 
     pos_ned_m: tuple[float, ...]
     yaw_rad: float | None
@@ -158,7 +158,7 @@ class Flight:
     # --- orders ---------------------------------------------------------------------------------
 
     def arm(self) -> str | None:
-        """Release the motors."""
+        """Arm: let the motors turn."""
         if self._aircraft.armed:
             return None
         if reason := self.not_ready():
@@ -402,7 +402,7 @@ class Flight:
         return self.navigator.land(self.here(), sure=self.guard.position_ok())
 
     def _stages(self) -> tuple[route.Stage, ...]:
-        """What is left of the mission from here on."""
+        """Stages of the mission that are still to be flown, from the present position."""
         return self.navigator.stages(self.mission, self.here(), self._ordered_speed_mps)
 
     def _fly_on(self, stages: Sequence[route.Stage]) -> do.Manoeuvre:

@@ -198,7 +198,7 @@ class FlightCommands:
         return self._aircraft.frame.to_geodetic(np.asarray(self._aircraft.belief.pos_ned_m))
 
     def _altitude(self, z: float, frame: float | None) -> float:
-        """Above mean sea level (m), of one in a frame."""
+        """Altitude above mean sea level (m) of a height `z` in a MAVLink `frame`."""
         altitude = z + (self._flight.guard.home.alt_msl_m if frame in RELATIVE_FRAMES else 0.0)
         demand_within("altitude", altitude, ranges.ALTITUDE)
         return altitude

@@ -29,7 +29,7 @@ _BELOW_GROUND_M = 3.0  # where a landing aims: the estimate of the height may be
 
 
 class StuckError(Exception):
-    """A manoeuvre that leads nowhere any more; the message says how it is told."""
+    """A manoeuvre that makes no progress any more; the message is its status text."""
 
 
 class Manoeuvre(Protocol):
@@ -41,7 +41,7 @@ class Manoeuvre(Protocol):
         return False
 
     def tick(self) -> bool:
-        """Look after it; True once it is done. Raises StuckError once it will never be."""
+        """Go on with it; True once it is done. Raises StuckError once it will never be."""
 
 
 class Timer:
@@ -74,7 +74,7 @@ class Until(Manoeuvre):
 
 
 def settle(aircraft: Aircraft) -> Manoeuvre:
-    """Stand until the estimator has found itself."""
+    """Stay on the ground until the estimator has settled."""
     return Until(aircraft, lambda: aircraft.ready, _READY_TIMEOUT_S)
 
 
@@ -170,7 +170,7 @@ class LandingTerms:
 
 
 class _Landing(Manoeuvre):
-    """On the ground for a while means landed; not in a multiple of the time it takes, never."""
+    """A landing: done after a while on the ground, stuck after far more than its time."""
 
     def __init__(self, aircraft: Aircraft, terms: LandingTerms) -> None:
         self._aircraft = aircraft

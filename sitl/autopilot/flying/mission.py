@@ -23,7 +23,7 @@ class Mission:
         self._jumps_left: dict[int, int] = {}
 
     def replace(self, items: tuple[MissionItem, ...]) -> None:
-        """Another mission, to be flown from its beginning."""
+        """Take another mission, to be flown from its beginning."""
         self.items = items
         self.rewind(0)
 
@@ -45,13 +45,13 @@ class Mission:
         return self._next, self._jumps_left, self.item_speed_mps
 
     def start(self) -> None:
-        """The mission is being flown; a complete one from its beginning."""
+        """Note that the mission is being flown; a complete one begins again."""
         if self.complete:
             self.rewind(0)
         self._started = True
 
     def reached(self, seq: int) -> None:
-        """Item `seq` has been reached or carried out."""
+        """Note that item `seq` has been reached or carried out."""
         self.item_speed_mps = speed_from(self.items[seq], self.item_speed_mps)
         # After the last one it is the last again, for whoever holds before the aircraft rests.
         self._next, self.current = seq, len(self.items) - 1
@@ -66,7 +66,7 @@ class Mission:
                 break
 
     def finish(self) -> None:
-        """The last item has been reached and the aircraft has come to rest."""
+        """Note that the last item has been reached and the aircraft has come to rest."""
         self.complete = True
         self.current = max(len(self.items) - 1, 0)
 

@@ -55,7 +55,7 @@ class Navigator:
         return np.array(held if near else belief)
 
     def too_far(self, pos_ned_m: Vector) -> str:
-        """How a place is farther away than anything may be; empty if it is not."""
+        """Why a place is too far away to be flown to, in words; empty if it is not."""
         return route.too_far(pos_ned_m, farthest_m=self._parameters["MIS_DIST_1WP"])
 
     def climb(self, start: Vector, down_m: float) -> do.Manoeuvre:

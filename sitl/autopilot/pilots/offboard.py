@@ -177,7 +177,7 @@ def _attitude_order(msg: _AttitudeTarget) -> AttitudeOrder:
 
 
 def _turned(vector: Triple, yaw: float) -> Triple:
-    """From forward, right, down to NED; open where a part is."""
+    """A vector (forward, right, down) in NED, by the heading; open (NaN) where a component is."""
     x, y, z = vector
     c, s_ = math.cos(yaw), math.sin(yaw)
     if math.isnan(x + y + z):

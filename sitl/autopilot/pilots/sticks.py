@@ -100,7 +100,7 @@ class Sticks(StreamPilot):
         )
 
     def _fly_position(self) -> None:
-        """Sticks are velocities, in the direction of the nose; in the middle it stays."""
+        """Position mode: sticks order a velocity along the nose; centred, they hold."""
         at, p = self._at, self._parameters
         speed = p["MPC_VEL_MANUAL"]
         forward, right = _beyond_deadzone(at.pitch) * speed, _beyond_deadzone(at.roll) * speed
@@ -114,12 +114,12 @@ class Sticks(StreamPilot):
         self._aircraft.pursue(Target(vel=velocity, yaw_rate=self._yaw_rate(), **limits))
 
     def _fly_altitude(self) -> None:
-        """Sticks lean the aircraft; the height is kept."""
+        """Altitude mode: sticks order tilt and climb; a centred throttle holds."""
         q, rates = self._lean()
         self._aircraft.keep_attitude(AttitudeOrder(q, rates, climb_mps=self._climb_mps()))
 
     def _fly_attitude(self) -> None:
-        """Sticks lean the aircraft; the throttle is the rotors' speed."""
+        """Manual mode: sticks order tilt, and the throttle the rotors' speed."""
         q, rates = self._lean()
         throttle = (self._at.throttle + 1) / 2
         self._aircraft.keep_attitude(AttitudeOrder(q, rates, throttle**2))
@@ -148,5 +148,5 @@ def _stick(value: int) -> float:
 
 
 def _beyond_deadzone(stick: float) -> float:
-    """Nothing about the middle; from there on evenly to the end."""
+    """A deflection (-1..1) less the dead zone about the middle: 0 in it, linear beyond."""
     return math.copysign(max(0.0, abs(stick) - _DEADZONE) / (1 - _DEADZONE), stick)

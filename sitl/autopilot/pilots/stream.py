@@ -14,7 +14,7 @@ from sitl.autopilot.reporter import Reporter
 
 @dataclass(slots=True)
 class Cockpit:
-    """What a pilot outside the vehicle works with."""
+    """The parts of the vehicle that a pilot outside it reads and orders."""
 
     aircraft: Aircraft
     flight: Flight
@@ -42,7 +42,7 @@ class StreamPilot:
 
     @property
     def _alive(self) -> bool:
-        """Whether it was heard a short while ago."""
+        """Whether a message of the stream came within the last `patience_s` (wall time)."""
         return self._cockpit.now - self._heard_at < self._patience_s()
 
     @property
@@ -50,7 +50,7 @@ class StreamPilot:
         return self._flight.mode in self._modes
 
     def _heard(self) -> None:
-        """Note that it was heard now."""
+        """Note that a message of the stream came now."""
         self._heard_at = self._cockpit.now
 
     def watch(self, failsafes: Failsafes) -> None:

@@ -57,7 +57,7 @@ def demand_within(what: str, value: float, allowed: ranges.Range) -> None:
 
 
 def demand_global(order: CommandOrder) -> None:
-    """Refuse coordinates that are none on the globe."""
+    """Refuse an order whose coordinates are in a local frame."""
     if order.frame is not None and order.frame not in GLOBAL_FRAMES:
         raise RefusedError(f"frame {order.frame} is not a global one")
 

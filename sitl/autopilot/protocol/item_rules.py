@@ -15,7 +15,7 @@ Allowed: TypeAlias = tuple[Container[float], ...]  # a number is in one of them
 
 @dataclass(frozen=True, slots=True)
 class _Rule:
-    """What an item of one command may be."""
+    """Allowed parameters and place of a mission item of one command."""
 
     params: tuple[Allowed, ...] = ()  # parameters 1 and 2, as far as they are looked at
     optional: bool = False  # these may be left open (NaN)

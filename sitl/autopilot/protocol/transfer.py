@@ -195,7 +195,7 @@ class MissionTransfer:
             self._completed, upload.asked_at = upload, now
 
     def _thank_again(self, peer: Peer, item: MissionItem, now: float) -> None:
-        """Still sending items of a complete upload: our acknowledgement was lost.
+        """Acknowledge again an upload that is complete and still sent: the first answer was lost.
 
         Not at once: that would be a duplicate on its way, and a second acknowledgement might
         meet the next upload.

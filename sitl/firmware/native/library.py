@@ -34,7 +34,7 @@ class TruthRing:
     """A ring buffer: a row of numbers for each guidance interval of a plant, the newest `KEPT`."""
 
     def __init__(self, plant: Plant) -> None:
-        """Begins with the row of this instant."""
+        """Its first row is the present state of the plant."""
         self._count, interval_ns = KEPT, plant.interval * plant.dt_ns
         shape = (KEPT, NUMBERS)
         self._rows, self._instants = np.zeros(shape), np.zeros(KEPT, dtype=np.int64)
