@@ -180,7 +180,9 @@ def aircraft_table(seconds: float) -> None:
     navigation.update = watch.wrap("estimator: filter", navigation.update)
     guidance: Any = aircraft._guidance
     guidance.step = watch.wrap("guidance steps after what is due", guidance.step)
-    aircraft._look_around = watch.wrap("battery, faults, ground", aircraft._look_around)
+    aircraft._update_surroundings = watch.wrap(
+        "battery, faults, ground", aircraft._update_surroundings
+    )
     advance(aircraft, seconds)
     print("\ninside the aircraft, by timers (their own time taken off)")
     for name, spent in watch.spent.items():

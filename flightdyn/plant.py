@@ -77,7 +77,7 @@ class Plant:
         """
         self.clock.tick += ticks
         if self.clock.tick >= self.due:
-            self._look_around()
+            self._update_surroundings()
 
     def _watch_ground(self, *, near: bool) -> None:
         """Feel for the ground at every tick or not at all."""
@@ -97,7 +97,7 @@ class Plant:
             self._watch_ground(near=False)
         return True
 
-    def _look_around(self) -> None:
+    def _update_surroundings(self) -> None:
         """Update the gusts, and every few times battery, ground and faults."""
         if self._gusty:
             gust = gust_ned(self.config.wind.gusts, self.clock.t_ns * 1e-9)

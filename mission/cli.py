@@ -12,7 +12,7 @@ from rich.text import Text
 
 from fl.errors import told
 from mission.base.errors import EXIT_CODES, INTERRUPTED, AerofedError, InputError
-from mission.base.interrupts import end_deaf, hear_interruptions
+from mission.base.interrupts import end_program, hear_interruptions
 from mission.base.terminal import PLAIN, Terminal
 from mission.commands import usage
 from native.errors import LibraryError
@@ -107,7 +107,7 @@ def main(tokens: Sequence[str] | None = None) -> None:
     """Entry point: runs the command and exits with its code."""
     hear_interruptions()
     code = call(tokens)
-    end_deaf(code)
+    end_program(code)
     sys.exit(code)
 
 

@@ -171,12 +171,12 @@ class UdpLink:
                 continue  # somebody we sent to is not there (any more), or a firewall's answer
             if self._seal is not None:
                 data = self._seal.opened(data)
-            if data and self._knows(peer, now):
+            if data and self._admits(peer, now):
                 datagrams.append(data)
         self._peers = {p: at for p, at in self._peers.items() if now - at < _kept_s(p)}
         return datagrams
 
-    def _knows(self, peer: Address, now: float) -> bool:
+    def _admits(self, peer: Address, now: float) -> bool:
         """Whether `peer` is on the link; one that listens is joined by a first datagram."""
         if self._listens:
             new = peer not in self._peers

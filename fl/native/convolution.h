@@ -117,10 +117,10 @@ static void convolve(
         forward_of_width(5, maps, weights, bias, border, out, winner);
 }
 
-/* The slopes of the loss behind pooling and ReLU, back at the places before; adds the bias'.
-   `slope` may be wider and higher than `winner`. */
+/* The gradients of the loss behind pooling and ReLU, back at the places before; adds the bias'.
+   `gradient` may be wider and higher than `winner`. */
 static void unpool(
-    const Maps *slope, const Maps *winner, int64_t border, const Maps *out, float *bias_slope)
+    const Maps *gradient, const Maps *winner, int64_t border, const Maps *out, float *bias_gradient)
 {
     const Lanes zero = splat(0.0f);
     for (int64_t o = 0; o < winner->channels; o++) {
@@ -128,19 +128,19 @@ static void unpool(
         for (int64_t y = 0; y < winner->height; y++)
             for (int64_t x = 0; x < winner->width; x++) {
                 Lanes which = load(place(winner, o, y, x));
-                Lanes value = if_equal(which, splat(DEAD), zero, load(place(slope, o, y, x)));
+                Lanes value = if_equal(which, splat(DEAD), zero, load(place(gradient, o, y, x)));
                 here = add(value, here);
                 for (int q = 0; q < PLACES; q++)
                     store(
                         place(out, o, 2 * y + q / 2 + border, 2 * x + q % 2 + border),
                         if_equal(which, splat((float)q), value, zero));
             }
-        bias_slope[o] += total(here);
+        bias_gradient[o] += total(here);
     }
 }
 
-INLINE void weight_slopes_of_group(
-    int kernel, int count, const Maps *maps, const Maps *slope, int64_t border, int64_t height,
+INLINE void weight_gradients_of_group(
+    int kernel, int count, const Maps *maps, const Maps *gradient, int64_t border, int64_t height,
     int64_t width, int64_t o, float *out)
 {
     for (int64_t c = 0; c < maps->channels; c++)
@@ -152,8 +152,8 @@ INLINE void weight_slopes_of_group(
                 for (int j = 0; j < kernel; j++) sum[n][j] = splat(0.0f);
             for (int64_t y = 0; y < height; y++) {
                 const float *map = place(maps, c, y + i, 0);
-                const float *down = place(slope, o, y + border, border);
-                const int64_t plane = slope->height * slope->width * WIDTH;
+                const float *down = place(gradient, o, y + border, border);
+                const int64_t plane = gradient->height * gradient->width * WIDTH;
                 for (int64_t x = 0; x < width; x++, map += WIDTH, down += WIDTH) {
 #pragma GCC unroll 4
                     for (int n = 0; n < count; n++) {
@@ -173,28 +173,28 @@ INLINE void weight_slopes_of_group(
         }
 }
 
-INLINE void weight_slopes_of_width(
-    int kernel, const Maps *maps, const Maps *slope, int64_t border, int64_t height, int64_t width,
-    float *out)
+INLINE void weight_gradients_of_width(
+    int kernel, const Maps *maps, const Maps *gradient, int64_t border, int64_t height,
+    int64_t width, float *out)
 {
 #define ADD(count, o) \
-    weight_slopes_of_group(kernel, count, maps, slope, border, height, width, o, out)
-    IN_GROUPS(slope->channels, ADD);
+    weight_gradients_of_group(kernel, count, maps, gradient, border, height, width, o, out)
+    IN_GROUPS(gradient->channels, ADD);
 #undef ADD
 }
 
-/* Add the slopes of the weights, given those of the convolution's (height, width) output. */
-static void add_kernel_slopes(
-    int kernel, const Maps *maps, const Maps *slope, int64_t border, int64_t height, int64_t width,
-    float *out)
+/* Add the gradients of the weights, given those of the convolution's (height, width) output. */
+static void add_kernel_gradients(
+    int kernel, const Maps *maps, const Maps *gradient, int64_t border, int64_t height,
+    int64_t width, float *out)
 {
     if (kernel == 3)
-        weight_slopes_of_width(3, maps, slope, border, height, width, out);
+        weight_gradients_of_width(3, maps, gradient, border, height, width, out);
     else
-        weight_slopes_of_width(5, maps, slope, border, height, width, out);
+        weight_gradients_of_width(5, maps, gradient, border, height, width, out);
 }
 
-/* (out, in, i, j) to (in, out, last - i, last - j): what carries slopes back to the inputs. */
+/* (out, in, i, j) to (in, out, last - i, last - j): what carries gradients back to the inputs. */
 static void turn(int64_t kernel, int64_t outputs, int64_t inputs, const float *weights, float *out)
 {
     const int64_t size = kernel * kernel;

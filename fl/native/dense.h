@@ -39,13 +39,13 @@ static void dense_forward(
 }
 
 INLINE void dense_columns(
-    int columns, int64_t count, int64_t width, const float *slope, const float *weights, float *out)
+    int columns, int64_t count, int64_t width, const float *gradient, const float *weights, float *out)
 {
     Lanes sum[ROWS];
 #pragma GCC unroll 8
     for (int n = 0; n < columns; n++) sum[n] = splat(0.0f);
     for (int64_t j = 0; j < count; j++) {
-        Lanes v = load(slope + j * WIDTH);
+        Lanes v = load(gradient + j * WIDTH);
 #pragma GCC unroll 8
         for (int n = 0; n < columns; n++)
             sum[n] = multiply_add(splat(weights[j * width + n]), v, sum[n]);
@@ -54,23 +54,23 @@ INLINE void dense_columns(
     for (int n = 0; n < columns; n++) store(out + n * WIDTH, sum[n]);
 }
 
-/* The slopes of the loss in the layer's inputs, given those in its outputs. */
-static void dense_input_slopes(
-    int64_t count, int64_t width, const float *slope, const float *weights, float *out)
+/* The gradients of the loss in the layer's inputs, given those in its outputs. */
+static void dense_input_gradients(
+    int64_t count, int64_t width, const float *gradient, const float *weights, float *out)
 {
     const int64_t whole = width - width % ROWS;
     for (int64_t i = 0; i < whole; i += ROWS)
-        dense_columns(ROWS, count, width, slope, weights + i, out + i * WIDTH);
+        dense_columns(ROWS, count, width, gradient, weights + i, out + i * WIDTH);
     for (int64_t i = whole; i < width; i++)
-        dense_columns(1, count, width, slope, weights + i, out + i * WIDTH);
+        dense_columns(1, count, width, gradient, weights + i, out + i * WIDTH);
 }
 
-/* Zero the slopes of features at which a ReLU let nothing through. */
-static void stop_slopes(int64_t count, const float *features, float *slope)
+/* Zero the gradients of features at which a ReLU let nothing through. */
+static void stop_gradients(int64_t count, const float *features, float *gradient)
 {
     const Lanes zero = splat(0.0f);
     for (int64_t i = 0; i < count * WIDTH; i += WIDTH)
-        store(slope + i, if_greater(load(features + i), zero, load(slope + i), zero));
+        store(gradient + i, if_greater(load(features + i), zero, load(gradient + i), zero));
 }
 
 /* Features in tables of 16 by 16: (input / 16, lane, input % 16), so that a vector holds 16 inputs
@@ -82,10 +82,10 @@ static void turn_features(int64_t width, const float *features, float *turned)
             turned[(i / WIDTH * WIDTH + lane) * WIDTH + i % WIDTH] = features[i * WIDTH + lane];
 }
 
-/* Add the slopes of weights and bias; `turned` is memory for `turn_features`. */
-static void add_dense_slopes(
-    int64_t count, int64_t width, const float *features, const float *slope, float *turned,
-    float *out, float *bias_slope)
+/* Add the gradients of weights and bias; `turned` is memory for `turn_features`. */
+static void add_dense_gradients(
+    int64_t count, int64_t width, const float *features, const float *gradient, float *turned,
+    float *out, float *bias_gradient)
 {
     const int64_t whole = width - width % WIDTH;
     turn_features(width, features, turned);
@@ -94,9 +94,9 @@ static void add_dense_slopes(
         const size_t left = (size_t)(width - whole) * sizeof(float);
         const float *table = turned;
         Lanes down[WIDTH];
-        bias_slope[j] += total(load(slope + j * WIDTH));
+        bias_gradient[j] += total(load(gradient + j * WIDTH));
 #pragma GCC unroll 16
-        for (int lane = 0; lane < WIDTH; lane++) down[lane] = splat(slope[j * WIDTH + lane]);
+        for (int lane = 0; lane < WIDTH; lane++) down[lane] = splat(gradient[j * WIDTH + lane]);
         for (int64_t i = 0; i < whole; i += WIDTH, table += WIDTH * WIDTH) {
             Lanes sum = load(row + i);
 #pragma GCC unroll 16

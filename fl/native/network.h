@@ -12,19 +12,19 @@
 typedef struct {
     int64_t kernel, padding;
     const float *weights, *bias;       /* within the flat vector of parameters */
-    float *weight_slopes, *bias_slopes;
+    float *weight_gradients, *bias_gradients;
     Maps input;                        /* with a border of zeros, `padding` wide */
     Maps winner;                       /* which of 2x2 places went through */
-    Maps before;                       /* slopes before pooling, with a border of zeros */
-    Maps back;                         /* slopes in the input; not of the first block */
+    Maps before;                       /* gradients before pooling, with a border of zeros */
+    Maps back;                         /* gradients in the input; not of the first block */
     float *turned;                     /* weights */
 } Block;
 
 typedef struct {
     int64_t inputs, outputs;
     const float *weights, *bias;
-    float *weight_slopes, *bias_slopes;
-    float *features, *slopes; /* (inputs, lane); the outputs follow */
+    float *weight_gradients, *bias_gradients;
+    float *features, *gradients; /* (inputs, lane); the outputs follow */
 } Layer;
 
 typedef struct {
@@ -33,8 +33,8 @@ typedef struct {
     int64_t blocks, layers, classes, parameters;
     Maps image;              /* where the images go, with a border */
     int64_t border;
-    float *slopes, *velocity; /* (parameters,) */
-    float *logits, *logit_slopes; /* (classes, lane) */
+    float *gradients, *velocity; /* (parameters,) */
+    float *logits, *logit_gradients; /* (classes, lane) */
     float *turned;                /* features, see `turn_features` */
     int64_t labels[WIDTH];        /* of the images, -1 where there is none */
     Arena arena;
@@ -95,46 +95,46 @@ static void lay_out(Passage *net, const Network *shape, Arena *arena)
         inputs = outputs;
     }
     net->classes = inputs;
-    float *features = claim_floats(arena, rows * WIDTH), *slopes = claim_floats(arena, rows * WIDTH);
+    float *features = claim_floats(arena, rows * WIDTH), *gradients = claim_floats(arena, rows * WIDTH);
     for (int64_t i = 0; i < shape->layers; i++) {
         net->layer[i].features = features;
-        net->layer[i].slopes = slopes;
+        net->layer[i].gradients = gradients;
         features = offset(features, net->layer[i].inputs * WIDTH);
-        slopes = offset(slopes, net->layer[i].inputs * WIDTH);
+        gradients = offset(gradients, net->layer[i].inputs * WIDTH);
     }
     net->logits = features;
-    net->logit_slopes = slopes;
+    net->logit_gradients = gradients;
     net->image = shape->blocks ? net->block[0].input
                                : (Maps){net->layer[0].features, from.channels, from.height, from.width};
     net->border = shape->blocks ? shape->padding[0] : 0;
     net->turned = claim_floats(arena, padded(widest) * WIDTH);
-    net->slopes = claim_floats(arena, net->parameters);
+    net->gradients = claim_floats(arena, net->parameters);
     net->velocity = claim_floats(arena, net->parameters);
 }
 
 static void place_parameters(Passage *net, const float *weights)
 {
-    float *slopes = net->slopes;
+    float *gradients = net->gradients;
     for (int64_t b = 0; b < net->blocks; b++) {
         Block *block = &net->block[b];
         const int64_t maps = block->winner.channels;
         const int64_t size = maps * block->input.channels * block->kernel * block->kernel;
         block->weights = weights;
-        block->weight_slopes = slopes;
+        block->weight_gradients = gradients;
         block->bias = weights + size;
-        block->bias_slopes = slopes + size;
+        block->bias_gradients = gradients + size;
         weights += size + maps;
-        slopes += size + maps;
+        gradients += size + maps;
     }
     for (int64_t i = 0; i < net->layers; i++) {
         Layer *layer = &net->layer[i];
         const int64_t size = layer->inputs * layer->outputs;
         layer->weights = weights;
-        layer->weight_slopes = slopes;
+        layer->weight_gradients = gradients;
         layer->bias = weights + size;
-        layer->bias_slopes = slopes + size;
+        layer->bias_gradients = gradients + size;
         weights += size + layer->outputs;
-        slopes += size + layer->outputs;
+        gradients += size + layer->outputs;
     }
 }
 
@@ -207,17 +207,17 @@ static void forward(const Passage *net)
     }
 }
 
-/* Sum of `share` times the cross-entropy of the images whose label is not negative; its slopes go
-   to the logits'. */
+/* Sum of `share` times the cross-entropy of the images whose label is not negative; its gradients
+   go to the logits'. */
 static double loss(const Passage *net, double share)
 {
     double value = 0.0;
     for (int lane = 0; lane < WIDTH; lane++) {
         const float *logit = net->logits + lane;
-        float *slope = net->logit_slopes + lane;
+        float *gradient = net->logit_gradients + lane;
         const int64_t label = net->labels[lane];
         if (label < 0) {
-            for (int64_t j = 0; j < net->classes; j++) slope[j * WIDTH] = 0.0f;
+            for (int64_t j = 0; j < net->classes; j++) gradient[j * WIDTH] = 0.0f;
             continue;
         }
         double top = logit[0], sum = 0.0;
@@ -227,34 +227,34 @@ static double loss(const Passage *net, double share)
         value += share * (top + log_of(sum, 0) - logit[label * WIDTH]);
         for (int64_t j = 0; j < net->classes; j++) {
             double part = exp_of_negative(logit[j * WIDTH] - top) / sum;
-            slope[j * WIDTH] = (float)(share * (j == label ? part - 1.0 : part));
+            gradient[j * WIDTH] = (float)(share * (j == label ? part - 1.0 : part));
         }
     }
     return value;
 }
 
-/* From the slopes in the logits to those in the weights, which are added to. */
+/* From the gradients in the logits to those in the weights, which are added to. */
 static void backward(const Passage *net)
 {
     for (int64_t i = net->layers - 1; i >= 0; i--) {
         const Layer *layer = &net->layer[i];
-        const float *down = layer->slopes + layer->inputs * WIDTH;
-        add_dense_slopes(layer->outputs, layer->inputs, layer->features, down, net->turned,
-                         layer->weight_slopes, layer->bias_slopes);
+        const float *down = layer->gradients + layer->inputs * WIDTH;
+        add_dense_gradients(layer->outputs, layer->inputs, layer->features, down, net->turned,
+                            layer->weight_gradients, layer->bias_gradients);
         if (i == 0 && net->blocks == 0) return;
-        dense_input_slopes(layer->outputs, layer->inputs, down, layer->weights, layer->slopes);
-        if (i > 0) stop_slopes(layer->inputs, layer->features, layer->slopes);
+        dense_input_gradients(layer->outputs, layer->inputs, down, layer->weights, layer->gradients);
+        if (i > 0) stop_gradients(layer->inputs, layer->features, layer->gradients);
     }
     for (int64_t b = net->blocks - 1; b >= 0; b--) {
         const Block *block = &net->block[b];
         const int kernel = (int)block->kernel;
         const Maps *winner = &block->winner;
-        const Maps pooled = {net->layer[0].slopes, winner->channels, winner->height, winner->width};
+        const Maps pooled = {net->layer[0].gradients, winner->channels, winner->height, winner->width};
         const int64_t border = b ? block->kernel - 1 - block->padding : 0;
         unpool(b + 1 < net->blocks ? &block[1].back : &pooled, winner, border, &block->before,
-               block->bias_slopes);
-        add_kernel_slopes(kernel, &block->input, &block->before, border, 2 * winner->height,
-                          2 * winner->width, block->weight_slopes);
+               block->bias_gradients);
+        add_kernel_gradients(kernel, &block->input, &block->before, border, 2 * winner->height,
+                             2 * winner->width, block->weight_gradients);
         if (b == 0) return;
         turn(kernel, winner->channels, block->input.channels, block->weights, block->turned);
         correlate(kernel, &block->before, block->turned, &block->back);

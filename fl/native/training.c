@@ -7,7 +7,7 @@
 
 /* What the steps of a training change and keep, (P,) each. */
 typedef struct {
-    float *weights, *velocity, *slopes;
+    float *weights, *velocity, *gradients;
     const float *anchor, *correction; /* the global model; NULL, or added to every gradient */
 } Vectors;
 
@@ -15,13 +15,13 @@ typedef struct {
 INLINE void descend_lanes(const Vectors *vectors, const Rates *rates, int64_t i)
 {
     const Lanes weight = load(vectors->weights + i);
-    Lanes slope = load(vectors->slopes + i);
-    if (vectors->correction) slope = add(slope, load(vectors->correction + i));
-    slope = multiply_add(splat(rates->mu), subtract(weight, load(vectors->anchor + i)), slope);
-    const Lanes velocity = multiply_add(splat(rates->momentum), load(vectors->velocity + i), slope);
+    Lanes gradient = load(vectors->gradients + i);
+    if (vectors->correction) gradient = add(gradient, load(vectors->correction + i));
+    gradient = multiply_add(splat(rates->mu), subtract(weight, load(vectors->anchor + i)), gradient);
+    const Lanes velocity = multiply_add(splat(rates->momentum), load(vectors->velocity + i), gradient);
     store(vectors->velocity + i, velocity);
     store(vectors->weights + i, multiply_add(splat(-rates->learning_rate), velocity, weight));
-    store(vectors->slopes + i, splat(0.0f));
+    store(vectors->gradients + i, splat(0.0f));
 }
 
 /* The same for all parameters; those behind the last whole vector take turns in one of their own. */
@@ -29,20 +29,20 @@ static void descend(const Vectors *vectors, const Rates *rates, int64_t paramete
 {
     const int64_t whole = parameters - parameters % WIDTH;
     const size_t left = (size_t)(parameters - whole) * sizeof(float);
-    float weights[WIDTH] = {0}, velocity[WIDTH] = {0}, slopes[WIDTH] = {0};
+    float weights[WIDTH] = {0}, velocity[WIDTH] = {0}, gradients[WIDTH] = {0};
     float anchor[WIDTH] = {0}, correction[WIDTH] = {0};
     const Vectors rest = {
-        weights, velocity, slopes, anchor, vectors->correction ? correction : NULL};
+        weights, velocity, gradients, anchor, vectors->correction ? correction : NULL};
     for (int64_t i = 0; i < whole; i += WIDTH) descend_lanes(vectors, rates, i);
     memcpy(weights, vectors->weights + whole, left);
     memcpy(velocity, vectors->velocity + whole, left);
-    memcpy(slopes, vectors->slopes + whole, left);
+    memcpy(gradients, vectors->gradients + whole, left);
     memcpy(anchor, vectors->anchor + whole, left);
     if (vectors->correction) memcpy(correction, vectors->correction + whole, left);
     descend_lanes(&rest, rates, 0);
     memcpy(vectors->weights + whole, weights, left);
     memcpy(vectors->velocity + whole, velocity, left);
-    memcpy(vectors->slopes + whole, slopes, left);
+    memcpy(vectors->gradients + whole, gradients, left);
 }
 
 static int train(const Network *shape, const Images *images, const int64_t *order, int64_t steps,
@@ -52,7 +52,7 @@ static int train(const Network *shape, const Images *images, const int64_t *orde
     Passage net;
     double sum = 0.0;
     if (!open_passage(&net, shape, weights)) return -1;
-    const Vectors vectors = {weights, net.velocity, net.slopes, model, correction};
+    const Vectors vectors = {weights, net.velocity, net.gradients, model, correction};
     memcpy(weights, model, (size_t)net.parameters * sizeof(float));
     for (int64_t step = 0; step < steps; step++, order += batch) {
         int64_t real = 0;

@@ -50,9 +50,9 @@ def wanted_velocity(p: Triple, v: Triple, to: Target, limits: LimitsConfig) -> T
     x, y, z = (_gap(to.pos[i], p[i]) for i in range(3))
     across = math.hypot(x, y)
     pull = _approach(across, limits.acceleration_mps2) / across if across > 0 else 0.0
-    vx = _fed(to, 0, v[0]) + pull * x
-    vy = _fed(to, 1, v[1]) + pull * y
-    vz = _fed(to, 2, v[2]) + math.copysign(_approach(abs(z), limits.vertical_acceleration_mps2), z)
+    vx = _feed(to, 0, v[0]) + pull * x
+    vy = _feed(to, 1, v[1]) + pull * y
+    vz = _feed(to, 2, v[2]) + math.copysign(_approach(abs(z), limits.vertical_acceleration_mps2), z)
     speed, most = math.hypot(vx, vy), min(to.speed_mps, limits.speed_mps)
     if speed > most:
         vx, vy = vx * most / speed, vy * most / speed
@@ -92,7 +92,7 @@ def _free(to: Target, i: int) -> bool:
     return math.isnan(to.pos[i]) and math.isnan(to.vel[i]) and not math.isnan(to.acc[i])
 
 
-def _fed(to: Target, i: int, v: float) -> float:
+def _feed(to: Target, i: int, v: float) -> float:
     """Velocity (m/s) of one component that is fed forward: what the target itself asks for."""
     return v + to.acc[i] / _GATHER_PER_S if _free(to, i) else _or_zero(to.vel[i])
 

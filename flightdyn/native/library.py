@@ -127,8 +127,8 @@ class Strapdown:
         """Set the state from which increments are integrated."""
         self._state[:] = (*p, *v, *q)
 
-    def feel(self, force: _Triple) -> None:
-        """The specific force (m/s2, body) of one that is not carried but placed."""
+    def set_force(self, force: _Triple) -> None:
+        """Set the specific force (m/s2, body) of a state that is placed, not carried."""
         self._force[:] = force
 
     def correct(self, gyro: _Triple, accel: _Triple) -> None:

@@ -29,8 +29,8 @@ class DragAirspeed:
         """Velocity over ground, as far as wind and drag tell."""
         return self.wind_ne_mps[0] + self._air[0], self.wind_ne_mps[1] + self._air[1]
 
-    def feel(self, force_ned_mps2: Triple, r: Matrix9, *, down_mps: float, bias: Triple) -> None:
-        """The mean specific force of a step at attitude `r` (FRD to NED).
+    def take(self, force_ned_mps2: Triple, r: Matrix9, *, down_mps: float, bias: Triple) -> None:
+        """Take the mean specific force of a step (m/s2, NED) at attitude `r` (FRD to NED).
 
         `bias` has been taken off it. What is taken for bias without GNSS would be taken for wind
         here and come back as bias: the one that counts is that of the last time with it.

@@ -210,7 +210,7 @@ class Estimator:
         self.measurements.downs += carried.downs(count)
         self.horizon = state = NavState.of(self.horizon.t_ns + self._step_ns, carried)
         force = (n / dt, e / dt, d / dt)
-        self._air.feel(force, rotation_matrix(state.q), down_mps=state.v[2], bias=b.accel)
+        self._air.take(force, rotation_matrix(state.q), down_mps=state.v[2], bias=b.accel)
         if self._unaided_ns < _UNAIDED_NS:
             self._air.learn_wind(state.v, bias=b.accel, dt_s=dt)
 
@@ -276,7 +276,7 @@ class Estimator:
                 self.fused_ns[kind] = t_ns
         for kind in ("gnss velocity", "baro"):
             if self._refused[kind] >= _DOUBTS:
-                self._doubt()
+                self._widen_covariance()
         if not use:
             return False
         if len(use) < 8:
@@ -286,17 +286,17 @@ class Estimator:
                 if number in extra:
                     R[row, row] = _AIR_STD_MPS**2
         kf.update(z[:, None], R=R, H=H)
-        self._fold()
+        self._inject_error()
         return True
 
-    def _doubt(self) -> None:
+    def _widen_covariance(self) -> None:
         """Widen the covariance: an IMU whose bias jumps is not in the model of the filter."""
         P = self._kf.P
         for part, std in _DOUBT_STD:
             P[part, part] += np.eye(3) * std**2
         self._refused.clear()
 
-    def _fold(self) -> None:
+    def _inject_error(self) -> None:
         """Move the estimated error into the nominal state."""
         kf = self._kf
         x = kf.x[:, 0].tolist()

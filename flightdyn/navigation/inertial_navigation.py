@@ -58,7 +58,7 @@ class InertialNavigation:
         self.estimator = self._align()
         self._corrected: Biases | None = None  # by which the inner loops are
         self.carried = self.estimator.to_now
-        self.carried.feel((0.0, 0.0, -earth.gravity_mps2))
+        self.carried.set_force((0.0, 0.0, -earth.gravity_mps2))
         self._loop = Loop(
             sensors.imu, inner, self.carried, interval=plant.interval, dt_s=self._dt_s
         )

@@ -83,7 +83,7 @@ class TrueNavigation:
         """Do nothing: the state is the true one."""
         v = self._vehicle
         self.carried.place(v.position_ned(), v.velocity_ned(), v.attitude())
-        self.carried.feel(v.specific_force())
+        self.carried.set_force(v.specific_force())
 
     def state(self) -> NavState:
         """True state of this tick."""

@@ -51,8 +51,8 @@ class _Ending:
             raise KeyboardInterrupt
 
 
-_is_program = False  # ours are the signals of the process, and its end
-_endings: list[_Ending] = []  # the last one hears
+_is_program = False  # whether signals and the end of the process are ours to handle
+_endings: list[_Ending] = []  # the last one is interrupted
 
 
 def hear_interruptions() -> None:
@@ -168,7 +168,7 @@ def end_process(line: str = "", code: int = INTERRUPTED) -> None:
     os._exit(code)
 
 
-def end_deaf(code: int) -> None:
+def end_program(code: int) -> None:
     """Ignore Ctrl-C from now on: all work is done, and `code` is the exit code.
 
     Work that was left alone in a thread ends with the process, which does not wait for it.

@@ -19,9 +19,9 @@ from mission.base.geo_file import MOST_CORNERS, Pair, Place, Ring, read_places, 
 from mission.base.user_files import whole_path
 from mission.config.models import HEIGHT_MARGIN_M, AreaConfig, NoFlyConfig, RunConfig
 
-_MARGIN = 0.1  # of its longer side, around the extent of what stands on the ground
+_MARGIN = 0.1  # around the extent of all places, as a share of its longer side
 _LEAST_MARGIN_M = 50.0
-_FAR_M = 100_000.0  # apart from each other no mission's places are
+_FAR_M = 100_000.0  # from home, at most
 _LARGEST_M = 100_000.0
 _HOME = ("area.home_m", "area.home_lat_deg", "area.home_lon_deg")
 

@@ -73,7 +73,7 @@ def line_chart(
     shown = np.concatenate([[1.0] if gate else [], *values])
     scale_x = alt.Scale(zero=False, nice=False, padding=8)
     across = alt.X("x:Q", title=x, scale=scale_x, axis=_whole(series) if whole_x else alt.Axis())
-    up = alt.Y("y:Q", title=y, scale=alt.Scale(domain=_reach(shown, most), nice=False, clamp=True))
+    up = alt.Y("y:Q", title=y, scale=alt.Scale(domain=_range(shown, most), nice=False, clamp=True))
     dashes = named(names, [_LOOKS[item.dashed][item.again] for item in series])
     key = line_keys(names)
     look = alt.Color("series:O", scale=named(names, [item.colour for item in series]), legend=key)
@@ -136,7 +136,7 @@ def bar_chart(
     """Bars from zero at whole numbers, the later ones before the earlier."""
     names = [item.label for item in bars]
     data = table(series=_labels(bars, "x"), x=_joined(bars, "x"), y=_joined(bars, "y"))
-    numbers = some(sorted({int(at) for item in bars for at in item.x}))
+    numbers = ticks(sorted({int(at) for item in bars for at in item.x}))
     marks = (
         alt.Chart(data)
         .mark_bar(width={"band": 0.75}, tooltip=True)
@@ -226,7 +226,7 @@ def _joined(series: Sequence[Series], name: str) -> Floats:
     return np.concatenate([np.asarray(getattr(item, name), dtype=np.float64) for item in series])
 
 
-def _reach(values: Floats, most: float) -> list[float]:
+def _range(values: Floats, most: float) -> list[float]:
     """Axis range of values with a little room; it begins at 0 where none is negative."""
     known = values[np.isfinite(values)]
     low, high = (float(known.min()), float(known.max())) if known.size else (0.0, 1.0)
@@ -237,10 +237,10 @@ def _reach(values: Floats, most: float) -> list[float]:
 
 def _whole(series: Sequence[Series]) -> alt.Axis:
     """Labels at whole numbers only."""
-    return alt.Axis(values=some(sorted({int(at) for item in series for at in item.x})), format="d")
+    return alt.Axis(values=ticks(sorted({int(at) for one in series for at in one.x})), format="d")
 
 
-def some(numbers: Sequence[int], most: int = 12) -> list[int]:
+def ticks(numbers: Sequence[int], most: int = 12) -> list[int]:
     """Whole numbers to label on an axis: `most` round ones at most, and the first."""
     steps = (factor * 10**power for power in range(9) for factor in (1, 2, 5))
     step = next(step for step in steps if len(numbers) <= step * most)

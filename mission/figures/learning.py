@@ -7,7 +7,7 @@ import altair as alt
 
 from mission.analysis.compare import RunComparison
 from mission.base.palette import community_colour
-from mission.figures.charts import Series, bar_chart, finished, line_chart, some
+from mission.figures.charts import Series, bar_chart, finished, line_chart, ticks
 from mission.figures.style import (
     COOL,
     GOOD,
@@ -125,9 +125,9 @@ def _participation(run: FlightData) -> Chart:
         update=[item.outcome for item in run.uplinks],
     )
     scale = partial(alt.Scale, padding=0.1)
-    across = alt.Axis(values=some(rounds), labelAngle=0)
+    across = alt.Axis(values=ticks(rounds), labelAngle=0)
     x = alt.X("round:O", title="round", scale=scale(domain=rounds), axis=across)
-    up = alt.Axis(values=some(range(count), 40))
+    up = alt.Axis(values=ticks(range(count), 40))
     y = alt.Y("device:O", title="device", scale=scale(domain=list(range(count))), axis=up)
     rects = alt.Chart(data).mark_rect(strokeWidth=1.3, tooltip=True)
     marks = rects.encode(

@@ -189,7 +189,7 @@ def _read(stream: io.BytesIO, found: Contents) -> None:
 
 def _read_chunk(chunk: Chunk, found: Contents, otherwise: Loss) -> None:
     try:
-        # Of these two the library believes one, whichever it is.
+        # The sizes that MCAP and Zstandard promise: the library may allocate either.
         told = zstandard.frame_content_size(chunk.data) if chunk.compression == "zstd" else 0
         if max(chunk.uncompressed_size, told) > _CHUNK_BYTES:
             raise ValueError

@@ -87,7 +87,7 @@ class LiveTable(Progress):
             yield self._table()
         if self._phase:
             seconds = time.monotonic() - self._since_s
-            # So many that a person wonders whether it still lives.
+            # Told once it takes long enough to be wondered at.
             waited = f", {seconds:.0f} s" if seconds >= 2.0 else ""
             yield Text(f"{self._phase} ...{waited}", style="dim")
 

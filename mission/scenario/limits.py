@@ -24,15 +24,15 @@ class Amount(NamedTuple):
 
 
 NOTHING, UNLIMITED = Amount(0.0, 0.0, 0.0), Amount(math.inf)
-# What each is called where a run ends for want of it: the key, its unit, what is spent.
+# Of each budget: its key, its unit, and its name where it ends a run.
 KEYS = (
     ("mission.total_budget_m", "m", "path budget"),
     ("mission.total_deadline_s", "s", "time"),
     ("mission.total_energy_j", "J", "energy"),
 )
 _WITHIN_ROUNDING = 1.0 - 1e-9  # 800.1 m pay for 3 rounds of 266.7 m, also in binary fractions
-# Of a whole round, in metres, seconds and joules, what pays for one: flights take some more or less
-# than planned, so that what is left for the last of them may be a little less.
+# Share of a whole round's metres, seconds and joules that is enough to begin one: flights take some
+# more or less than planned, so that a little less may be left for the last of them.
 ENOUGH = Amount(_WITHIN_ROUNDING, 0.95, 0.95)
 
 
@@ -196,7 +196,7 @@ def unflyable(config: RunConfig, performance: Performance) -> Iterator[WrongKey]
             )
 
 
-_SHORT_M = 10.0  # a round that cannot fly as far is none
+_SHORT_M = 10.0  # limits that allow less are refused
 
 
 def _rounded_up(needed: float) -> str:

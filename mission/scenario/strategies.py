@@ -17,7 +17,7 @@ from mission.planner.flyable import sharpest
 from mission.planner.performance import Foreseen, RoundLimits
 from mission.planner.problem import Planner, RoundPlan, RoundProblem
 
-_BEGINS, _HALVINGS = 24, 12  # of a tour's stretch, where it may begin; of its length
+_BEGINS, _HALVINGS = 24, 12  # starts of a stretch that are tried; bisections of its length
 
 
 @dataclass(frozen=True)

@@ -113,7 +113,7 @@ class Failsafes:
         self._by_sticks = by_sticks
         self._report = reporter
         self._present: set[Cause] = set()
-        self._acted: dict[Cause, int] = {}  # in which flight
+        self._acted: dict[Cause, int] = {}  # number of the flight in which it was acted on
 
     def watch(self) -> None:
         """Look for causes that show in simulated time: battery, GNSS, fence."""

@@ -100,7 +100,7 @@ class Px4Bridge:
             return 0
         self._keep_pace()
         self._check(hil_wait(self._stepped.at, False))
-        if self._hil.left:  # it takes nothing
+        if self._hil.left:  # the kernel takes no more for now
             return 0
         self._stepped.hil_tick()
         self._send()

@@ -31,7 +31,7 @@ from mission.sweep.execute.worker import (
     failed,
 )
 
-# Of the working directory, where plug-ins are found in it: what is no code of the user's.
+# Not sent with the working directory, where plug-ins are found in it: no code of the user's.
 _LEFT_BEHIND = ["runs/", ".git/", ".venv/", "venv/", "__pycache__/", "*.mcap"]
 
 

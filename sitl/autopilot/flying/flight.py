@@ -25,7 +25,7 @@ _LANDED_STATES = {
     Mode.TAKEOFF: mav.MAV_LANDED_STATE_TAKEOFF,
     Mode.LAND: mav.MAV_LANDED_STATE_LANDING,
 }
-_LIFTS = frozenset({Trigger.ORDER_TAKEOFF, Trigger.ORDER_MISSION})  # off the ground, by themselves
+_LIFTS = frozenset({Trigger.ORDER_TAKEOFF, Trigger.ORDER_MISSION})  # orders that take off
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,7 +94,7 @@ class Flight:
     def landed_state(self) -> int:
         """MAV_LANDED_STATE: on the ground, climbing from it, sinking to it, or in the air."""
         if self._aircraft.crashed:
-            # Down, but whoever waits for a landing has not got one.
+            # A wreck is down, but it has not landed.
             return mav.MAV_LANDED_STATE_UNDEFINED
         if self._aircraft.on_ground:
             return mav.MAV_LANDED_STATE_ON_GROUND

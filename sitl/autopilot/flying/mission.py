@@ -53,10 +53,10 @@ class Mission:
     def reached(self, seq: int) -> None:
         """Note that item `seq` has been reached or carried out."""
         self.item_speed_mps = speed_from(self.items[seq], self.item_speed_mps)
-        # After the last one it is the last again, for whoever holds before the aircraft rests.
+        # After the last item it stays the last: a hold may come before the aircraft is at rest.
         self._next, self.current = seq, len(self.items) - 1
         left = self._jumps_left
-        # Laps without any navigation need not be walked through.
+        # Jumps over items without navigation are not followed for ever.
         ahead = islice(flown_order(self.items, seq + 1, left), len(self.items))
         for steps, item in enumerate(ahead):
             if steps == 0:  # jumps farther on have not been taken yet

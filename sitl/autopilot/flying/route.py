@@ -211,7 +211,7 @@ class _Compiler:
 
     def _go(self, point: Vector, seq: int, *, acceptance_m: float, report: bool = True) -> None:
         if self._climb_first:
-            # From the ground straight up first: nobody flies sideways through the grass.
+            # From the ground straight up first, before any leg to the side.
             self._climb_first = False
             up = np.array([self._here[0], self._here[1], min(point[2], self._here[2])])
             self._append(up, self._parameters["MPC_TKO_SPEED"], self._radius_m, [])

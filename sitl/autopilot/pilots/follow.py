@@ -13,7 +13,7 @@ from sitl.autopilot.flying import manoeuvres as do
 from sitl.autopilot.modes import Mode, Trigger
 from sitl.autopilot.pilots.stream import Cockpit
 
-_KEPT_S = 3.0  # wall time for which a target that has fallen silent is thought to go on
+_KEPT_S = 3.0  # wall time for which a silent target is extrapolated
 _COURSE_MPS = 1.0  # slower than that a target has no course; its last one counts
 _LOWEST_M = 2.0  # above home: a target's own altitude may be anything
 _PERIOD_S = 0.1

@@ -46,8 +46,8 @@ class Sticks(StreamPilot):
         parameters, cause = cockpit.parameters, Cause.STICKS_LOST
         super().__init__(cockpit, _ORDERS, cause, patience_s=lambda: parameters["COM_RC_LOSS_T"])
         self._at = Position()
-        self._channels_us = [0] * 4  # 0: let go of
-        self._yaw_rad = 0.0  # wanted
+        self._channels_us = [0] * 4  # 0: channel not overridden
+        self._yaw_rad = 0.0  # heading ordered
         self._flight.needs[Need.STICKS] = lambda: self._alive
 
     def handlers(self) -> Handlers:

@@ -174,7 +174,7 @@ class MissionTransfer:
     ) -> None:
         upload, item = self._upload, read_item(msg)
         if upload is None or (upload.peer, upload.kind) != (peer, item.mission_type):
-            self._thank_again(peer, item, now)
+            self._acknowledge_again(peer, item, now)
             return
         if item.seq != len(upload.items):
             return  # a duplicate, or overtaken by another; what is missing is asked for again
@@ -194,7 +194,7 @@ class MissionTransfer:
         if verdict == mav.MAV_MISSION_ACCEPTED:
             self._completed, upload.asked_at = upload, now
 
-    def _thank_again(self, peer: Peer, item: MissionItem, now: float) -> None:
+    def _acknowledge_again(self, peer: Peer, item: MissionItem, now: float) -> None:
         """Acknowledge again an upload that is complete and still sent: the first answer was lost.
 
         Not at once: that would be a duplicate on its way, and a second acknowledgement might

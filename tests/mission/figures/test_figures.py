@@ -27,7 +27,7 @@ from mission.base.arrays import Floats
 from mission.base.errors import AerofedError, InputError
 from mission.cli import call
 from mission.figures import render
-from mission.figures.charts import Series, line_chart, some
+from mission.figures.charts import Series, line_chart, ticks
 from mission.figures.conditions import along_chart
 from mission.figures.frame import MapFrame, thin
 from mission.figures.learning import learning_charts, radio_charts
@@ -475,7 +475,7 @@ def test_a_straight_track_thins_to_its_ends() -> None:
 
 @given(st.integers(1, 500), st.integers(1, 3))
 def test_labels_of_whole_numbers_are_few_and_round(count: int, first: int) -> None:
-    found = some(range(first, first + count))
+    found = ticks(range(first, first + count))
     assert found[0] == first
     assert len(found) <= 14
     assert found == sorted(set(found))
