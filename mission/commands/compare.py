@@ -29,16 +29,16 @@ def compare(
     Parameters
     ----------
     run
-        A run's folder, or a flight log (.mcap); or those of an `aerofed fly`.
+        The folder of a run or of an `aerofed fly`, or a flight log (.mcap).
     others
-        More of them, to stand beside the first.
+        More folders or logs, shown beside the first.
     as_json
-        Print JSON, with every number at full precision, instead of tables: a list, a run each.
+        Print JSON, with every number at full precision, not tables: a list with one entry per run.
     figure
-        Draw them into this file too, runs round by round, flights of plan files along the plan:
-        .png, .svg or .pdf.
+        Also draw the comparison into this file (.png, .svg or .pdf): runs round by round, flights
+        of plan files along the plan.
     rounds
-        Only the first rounds, up to this number: so that runs of different length compare.
+        Compare only the first rounds, as many as this, where runs differ in length.
     """
     if rounds is not None and rounds < 1:
         raise InputError(f"--rounds {rounds}: must be at least 1")

@@ -25,9 +25,9 @@ def fetch(folder: Path, *, task: Tasks = ("mnist", "cifar10"), as_json: Json = F
     Parameters
     ----------
     folder
-        Each data set gets a folder of its name in it.
+        Folder for the data; each data set gets a sub-folder of its own.
     task
-        Which data sets.
+        Data sets to download.
     as_json
         Print the files' paths as a JSON list.
     """

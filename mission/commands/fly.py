@@ -26,10 +26,9 @@ def fly(
     Parameters
     ----------
     plan
-        A QGroundControl .plan or MAVLink .waypoints file. Take-off, waypoint, loiter time, change
-        speed, return and land may be in it, a fence and rally points; anything else is refused by
-        name. Home is the plan's
-        planned home, else its first item.
+        A QGroundControl .plan or MAVLink .waypoints file. It may have the items take-off, waypoint,
+        loiter time, change speed, return and land, a fence and rally points; anything else is
+        refused by name. Home is the planned home of the plan, or else its first item.
     config
         TOML file; its vehicle.* and link.* count here.
     out
@@ -41,8 +40,8 @@ def fly(
         Fly an external autopilot (PX4, ArduPilot, aerofed sitl) instead of the simulated vehicle:
         a MAVSDK URL such as udpin://0.0.0.0:14540; overrides link.kind and link.url.
     live
-        Serve what is logged to Foxglove while it is flown, on the loopback address only; with
-        --set link.speed=1 in real time.
+        Show the flight live in Foxglove, for programs on this machine only; add
+        --set link.speed=1 for real time.
     live_port
         Port of the live view; 0 takes a free one.
     no_report

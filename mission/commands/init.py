@@ -21,11 +21,11 @@ def init(
     Parameters
     ----------
     name
-        quickstart: two small communities, data that come along; paper: the paper's experiment on
-        MNIST and CIFAR-10; paper-sweep: the same for aerofed sweep; town: devices and areas that
-        must not be flown, out of GeoJSON files.
+        quickstart: two small communities, with data that come with Aerofed; paper: the paper's
+        experiment on MNIST and CIFAR-10; paper-sweep: the same for aerofed sweep; town: devices and
+        no-fly areas from GeoJSON files.
     out
-        Folder for the files; it is made. Nothing that is there is replaced. Default: here.
+        Folder for the files, made if it is missing. Existing files are not replaced.
     """
     from mission.config.loading import shipped_files
 

@@ -36,27 +36,27 @@ def plan(
     set_: Overrides = (),
     as_json: Json = False,
 ) -> int:
-    """Plan rounds without flying them: path, schedule, value and a bound that none can exceed.
+    """Plan rounds without flying them: path, schedule, value and a bound that no plan can exceed.
 
     Example: aerofed plan --problem problems.json --out plans.json --figure pictures
 
     Parameters
     ----------
     config
-        TOML file of which the strategy's first round is planned. Without one, the quick start's.
+        TOML file whose first round is planned. Without one, that of the quick start.
     problem
-        JSON file with a list of problems to plan instead; docs/planner.md describes it. Of the
-        configuration only the table planner counts then.
+        JSON file with a list of problems to plan instead; docs/planner.md describes it. Only
+        the table planner of the configuration is used then.
     out
         JSON file for the plans.
     figure
         Folder for a picture of each plan: path, devices by importance, links by PER.
     qgc
-        QGroundControl plan of the configuration's first round.
+        File for a QGroundControl plan of the first round.
     method
         The planner; overrides planner.kind.
     gap
-        certified: relative gap that is enough; overrides planner.gap.
+        Relative gap to the bound at which `certified` may stop; overrides planner.gap.
     data_dir
         Folder with the data sets' files, where the configuration's tasks need files.
     set_

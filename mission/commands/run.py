@@ -60,18 +60,18 @@ def run(
     set_
         Override any key: --set mission.strategy=no_cov --set vehicle.aircraft.wind.speed_mps=8
     gcs
-        Ground station that sees the simulated vehicle while it is flown, once for each:
-        udpout://127.0.0.1:14550 sends to QGroundControl on this machine; overrides link.gcs.
+        A ground station that sees the simulated vehicle in flight; give it once for each station.
+        udpout://127.0.0.1:14550 is QGroundControl on this machine; overrides link.gcs.
     vehicle
         Fly an external autopilot (PX4, ArduPilot, aerofed sitl) instead of the simulated vehicle:
         a MAVSDK URL such as udpin://0.0.0.0:14540; overrides link.kind and link.url.
     live
-        Serve what is logged to Foxglove while it is flown, on the loopback address only.
+        Show the run live in Foxglove, for programs on this machine only.
     live_port
         Port of the live view; 0 takes a free one.
     resume
-        Go on with the run in this folder, from its last finished round; takes no other setting,
-        as the folder has them all, --no-report too.
+        Go on with the run in this folder, from its last finished round; takes no other setting:
+        the folder has them all, also --no-report.
     no_report
         Leave out report.html, the page that is written into the folder at the end.
     quiet

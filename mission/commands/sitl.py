@@ -31,29 +31,30 @@ def sitl(
 ) -> int:
     """Serve the simulated vehicle to ground stations and MAVSDK programs until Ctrl-C.
 
-    QGroundControl finds it on port 14550, a MAVSDK program on udpin://0.0.0.0:14540. After a crash,
-    a reboot ordered by the ground station puts it back home as new.
+    QGroundControl finds it on port 14550, a MAVSDK program on
+    udpin://0.0.0.0:14540. After a crash, order a reboot from the ground station:
+    it puts the vehicle back at home, as new.
 
     Example: aerofed sitl --udp 14540 --udp 14550 --speed 1
 
     Parameters
     ----------
     config
-        TOML file; its area.home_* and vehicle.* count here. Without one, the vehicle stands where
-        PX4's simulators stand, so that scripts written for those find their places.
+        TOML file, of which area.home_* and vehicle.* are used. Without one, the vehicle stands
+        where PX4's simulators do, so that scripts written for those work.
     udp
-        Where to send MAVLink, once for each ground station: a port of this machine, or
-        udpout://HOST:PORT to send there, or udpin://HOST:PORT to listen there for anybody.
+        Where MAVLink goes; give it once for each ground station: a port of this machine,
+        udpout://HOST:PORT to send there, or udpin://HOST:PORT to listen there.
     speed
         Simulated seconds per second, or "max".
     home
         LAT,LON,ALT in degrees and metres above mean sea level: where the vehicle stands.
     count
-        Vehicles in one process, side by side: system ids 1, 2, ..., and ports from the first --udp
-        on (14540, 14541, ...); the other --udp are spoken to by all.
+        Number of vehicles, side by side in one process, with system ids 1, 2, ... Their ports count
+        up from the first --udp (14540, 14541, ...); they share the other --udp.
     logs
-        Folder to write each flight to, from arming to disarming; ground stations may list and
-        download what is there.
+        Folder for a log of each flight, from arming to disarming; ground stations may list and
+        download the logs.
     set_
         Override any key: --set vehicle.aircraft.wind.speed_mps=5
     """

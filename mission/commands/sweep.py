@@ -38,14 +38,14 @@ def sweep(
     config
         TOML file, or quickstart, paper, paper-sweep or town.
     strategies
-        Which to compare, separated by commas; package.module:factory is one of your own, and
-        mine=package.module:factory has tables and pictures call it "mine".
+        Strategies to compare, separated by commas; package.module:factory is one of your own, and
+        mine=package.module:factory is called "mine" in tables and pictures.
     seeds
-        How many, counting up from the configuration's seed.
+        Number of seeds, counting up from the seed of the configuration.
     rounds
         Rounds at most; overrides mission.rounds.
     jobs
-        Runs at a time, one core each. Default: as many as there are cores.
+        Runs at a time, one core each. Default: one for each core.
     out
         Folder for the runs and the results. Default: runs/sweep-NAME.
     data_dir
@@ -57,12 +57,12 @@ def sweep(
     engine
         joblib: processes of this machine; ray: a Ray cluster (pip install 'aerofed[ray]').
     address
-        HOST:PORT of the Ray cluster, which this machine is part of; without one, Ray is started
-        on this machine. The cluster's machines need no folder of this one.
+        HOST:PORT of a Ray cluster that this machine is part of; without it, Ray is started on this
+        machine. The machines of the cluster need not share a folder.
     no_report
         Leave out report.html, the page that is written into the folder at the end.
     as_json
-        Print nothing but the results, a row a run, as JSON at the end.
+        Print nothing but the results as JSON, one row per run, at the end.
     """
     from mission.sweep.execute.engine import EngineChoice
     from mission.sweep.grid import make_grid, parse_axis

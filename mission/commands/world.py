@@ -23,25 +23,23 @@ def world(
 ) -> int:
     """Serve the aircraft alone to a PX4 or ArduPilot that you start yourself, until Ctrl-C.
 
-    Physics, sensors, wind and faults are the configuration's; the firmware is the autopilot.
-    Start it as docs/vehicles.md says, and fly it with whatever you like.
-
-    Physics, sensors, battery, wind and faults are ours, the autopilot is the real firmware. When
-    the firmware ends or starts anew, the aircraft stands at home again.
+    Start the firmware as docs/vehicles.md says; fly it with whatever you like.
+    Aerofed simulates physics, sensors, battery, wind and faults, as configured.
+    When the firmware ends or restarts, the aircraft stands at home again.
 
     Example: aerofed world --px4 --set vehicle.aircraft.wind.speed_mps=8
 
     Parameters
     ----------
     config
-        TOML file; its area.home_* and vehicle.aircraft.* count here. Without one, the quick-start
-        configuration is taken.
+        TOML file, of which area.home_* and vehicle.aircraft.* are used. Without one, the
+        quick-start configuration is used.
     px4
         For PX4: listen for its simulator link (TCP, 4560).
     ardupilot
         For ArduPilot: answer its JSON interface (UDP, 9002).
     port
-        Another port than the firmware's usual one.
+        Port to listen on, where it is not the usual one of the firmware.
     wind
         Steady wind in m/s; vehicle.aircraft.wind.* has direction, turbulence and gusts.
     speed
