@@ -334,5 +334,5 @@ def test_help_breaks_lines_where_the_terminal_ends(
     monkeypatch.setenv("COLUMNS", "80")
     assert call(["run", "--help"]) == 0
     lines = capsys.readouterr().out.splitlines()
-    (line,) = (line for line in lines if "flown, once for each:" in line)
-    assert "once for each: udpout://127.0.0.1:14550" in line
+    (line,) = (line for line in lines if "once for each station." in line)
+    assert "once for each station. udpout://127.0.0.1:14550" in line
