@@ -1,8 +1,14 @@
 """What several areas of the tests share."""
 
+import gc
+import os
 import signal
 from collections.abc import Iterator
 from pathlib import Path
+
+# Before NumPy and torch are imported: tests run beside each other, and threads that wait for each
+# other on a busy processor spend several times what they compute.
+os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 import hypothesis
 import pytest
@@ -23,6 +29,14 @@ for _number, _heard in (
         signal.signal(_number, _heard)
 
 
+# As the program has it; and what is loaded with the tests is not looked through for garbage at all.
+gc.set_threshold(20_000, 20, 50)
+
+
+def pytest_collection_finish() -> None:
+    gc.freeze()
+
+
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Whatever reads the real data sets is `real`."""
     for item in items:
@@ -32,16 +46,9 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 @pytest.fixture(scope="session", autouse=True)
 def _undrawn() -> Iterator[None]:
-    """Tests that look at pictures say `with drawn()`."""
+    """Tests that look at pictures say `with drawn()`, or `with outlined()`."""
     with undrawn():
         yield
-
-
-@pytest.fixture(autouse=True)
-def _without_pictures(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
-    """What tests of plug-ins look at is in the tables: their runs' pictures are left out."""
-    if request.path.parent.name in ("examples", "scenario"):
-        monkeypatch.setattr("mission.figures.run.draw_run", lambda _: ())
 
 
 @pytest.fixture(scope="session")

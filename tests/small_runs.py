@@ -1,10 +1,12 @@
 """Options of a run that is small enough for a test, and still loses and learns something."""
 
-SMALL = (
+SETTINGS = (
     *("--set", "mission.steps=5", "--set", "mission.path_budget_m=300"),
     *("--set", "communities.0.devices=3", "--set", "communities.1.devices=3"),
-    *("--set", "learning.local_epochs=1", "--quiet"),
+    *("--set", "learning.local_epochs=1"),
 )
+QUIET = ("--quiet", "--no-report")
+SMALL = (*SETTINGS, *QUIET)
 
 
 def last_counts(*words: str) -> list[str]:

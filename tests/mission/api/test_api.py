@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
+from drawing import outlined
 
 import aerofed
 from fl.radio.channel import CHANNEL_PRESETS, average_per
@@ -30,6 +31,7 @@ from mission.planner.errors import PlanInputError
 SMALL = {
     "mission.steps": 4,
     "mission.path_budget_m": 250.0,
+    "planner.gap": 0.1,
     "mission.rounds": 2,
     "communities.0.devices": 3,
     "communities.1.devices": 3,
@@ -69,7 +71,8 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> aerofed.Run:
     async def cell() -> aerofed.Run:
         return aerofed.run("quickstart", SMALL, out=tmp_path_factory.mktemp("api") / "out")
 
-    return asyncio.run(cell())
+    with outlined():
+        return asyncio.run(cell())
 
 
 def test_the_public_names() -> None:
@@ -133,7 +136,8 @@ def test_a_run_in_a_running_loop_is_that_of_the_command_line(
     run: aerofed.Run, tmp_path: Path
 ) -> None:
     sets = [f"{key}={value}" for key, value in SMALL.items()]
-    assert call(["run", "--out", str(tmp_path / "cli"), "--quiet", "--set", *sets]) == 0
+    few = ("--quiet", "--no-report")
+    assert call(["run", "--out", str(tmp_path / "cli"), *few, "--set", *sets]) == 0
     for name in TABLES:
         assert (run.path / name).read_bytes() == (tmp_path / "cli" / name).read_bytes()
 
@@ -462,8 +466,9 @@ def test_an_interruption_before_the_flight_begins_ends_it_as_it_begins() -> None
 def test_sweeps(tmp_path: Path) -> None:
     async def cell() -> aerofed.Sweep:
         return aerofed.sweep(
-            "quickstart", strategies=["cov", "ideal"], seeds=1, overrides=SMALL,
-            settings={"learning.mu": [0.0, 0.1]}, out=tmp_path / "s", jobs=2,
+            "quickstart", strategies=["cov", "ideal"], seeds=1,
+            overrides={**SMALL, "mission.flight": "none"},
+            settings={"learning.mu": [0.0, 0.1]}, out=tmp_path / "s", jobs=1,
         )  # fmt: skip
 
     swept = asyncio.run(cell())

@@ -2,10 +2,10 @@
 
 import signal
 import subprocess
-import sys
 from pathlib import Path
 
 import pytest
+from drawing import UNDRAWN
 from patience import until
 from test_checkpoint import killed
 
@@ -78,7 +78,7 @@ def test_killed_while_it_flies_again_nothing_is_lost(tmp_path: Path) -> None:
     killed(out, after_rounds=2, delay_s=0.0)
     before = {name: (out / name).read_bytes() for name in NAMES}
     aside = out / "checkpoint" / "interrupted"
-    command = [sys.executable, "-m", "mission", "run", "--resume", str(out), "--quiet"]
+    command = [*UNDRAWN, "run", "--resume", str(out), "--quiet"]
     process = subprocess.Popen(command)
     until(lambda: process.poll() is not None or (aside / NAMES[-1]).exists(), poll_s=0.005)
     process.send_signal(signal.SIGKILL)

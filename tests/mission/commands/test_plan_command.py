@@ -119,10 +119,16 @@ def planned(tmp_path: Path, strategy: str, *more: str) -> dict[str, Any]:
 def test_the_plan_is_the_one_of_the_strategy_s_own_first_round(
     tmp_path: Path, strategy: str
 ) -> None:
-    more = (*small_runs.SMALL[:-1], "--set", "mission.flight=none", *STRATEGIES[strategy])
+    more = (*small_runs.SETTINGS, "--set", "mission.flight=none", *STRATEGIES[strategy])
     plan = planned(tmp_path, strategy, *more)
     run = tmp_path / "run"
-    chosen = ("--set", f"mission.strategy={strategy.split(',')[0]}", *more, "--quiet")
+    chosen = (
+        "--set",
+        f"mission.strategy={strategy.split(',')[0]}",
+        *more,
+        "--quiet",
+        "--no-report",
+    )
     assert call(["run", "--rounds", "1", "--out", str(run), *chosen]) == 0
     flown = load_run(run).data
     assert plan["value"] == flown.rounds[0].plan_objective

@@ -5,11 +5,13 @@ import re
 from collections.abc import Iterator
 from typing import Any
 
-import altair as alt
+from altair.utils.schemapi import validate_jsonschema
+from altair.vegalite.v6.schema.core import load_schema
 
 from mission.figures.style import Chart
 
 Row = dict[str, Any]
+VEGA_LITE = load_schema()
 
 
 def described(chart: Chart) -> dict[str, Any]:
@@ -17,7 +19,8 @@ def described(chart: Chart) -> dict[str, Any]:
     for rows in chart["datasets"].values():
         for row in rows:
             assert all(isinstance(value, str | int | float | None) for value in row.values())
-    alt.Chart.from_dict({**chart, "datasets": {}}, validate=True)
+    # Ten times as fast as `Chart.from_dict`, which tries one class after the other at every level.
+    validate_jsonschema({**chart, "datasets": {}}, VEGA_LITE)
     return chart
 
 

@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 from ardupilot_double import GUIDED, RTL, ArduPilotDouble
 from serving import free_port
+from small_runs import QUIET
 from test_external import SMALL, rows
 from test_plan_flight import written
 from test_planfile import simple
@@ -137,7 +138,7 @@ def test_a_plan_file_is_flown(tmp_path: Path, *, takes_off: bool) -> None:
     document["mission"]["plannedHomePosition"] = [*HOME, 130]
     plan.write_text(json.dumps(document))
     with flying() as (double, url):
-        assert call(["fly", str(plan), "--vehicle", url, "--out", str(out), "--quiet"]) == 0
+        assert call(["fly", str(plan), "--vehicle", url, "--out", str(out), *QUIET]) == 0
     assert (double.mode, double.armed, double.refusals) == (RTL, False, [])
     summary = json.loads((out / "summary.json").read_text())
     found = summary["planned_and_flown"]

@@ -6,12 +6,12 @@ import json
 import math
 import signal
 import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 import small_runs
+from drawing import UNDRAWN
 from patience import HANG_S, until
 from serving import free_port, served
 
@@ -23,7 +23,7 @@ from mission.flight.pilot.connection import connect
 pytestmark = pytest.mark.slow
 
 QUICKSTART = str(Path(__file__).parents[3] / "configs" / "quickstart.toml")  # where a run flies
-SMALL = (*small_runs.SMALL, "--set", "planner.kind=paper")
+SMALL = (*small_runs.SMALL, "--set", "planner.gap=0.1")
 
 
 def rows(path: Path) -> list[dict[str, str]]:
@@ -93,7 +93,7 @@ def test_parameters_are_set_back_after_an_interruption(tmp_path: Path) -> None:
     url = f"udpin://127.0.0.1:{port}"
     slow = ("--set", "vehicle.parameters={MPC_XY_VEL_MAX=8}")
     may = ("--set", "link.set_parameters=true")
-    command = [sys.executable, "-m", "mission", "run", "--vehicle", url, "--out", str(out)]
+    command = [*UNDRAWN, "run", "--vehicle", url, "--out", str(out)]
     with served(QUICKSTART, "--udp", str(port), "--speed", "2", *slow):
         process = subprocess.Popen([*command, *SMALL, *may])
         plan = out / "plans" / "round-001.plan"

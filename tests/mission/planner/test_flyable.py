@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from small_runs import QUIET
 
 from fl.radio.channel import CHANNEL_PRESETS
 from mission.cli import call
@@ -77,7 +78,7 @@ def test_with_perfect_sensors_in_calm_air_one_percent_is_lost_at_most(tmp_path: 
     )  # fmt: skip
     given = [word for setting in settings for word in ("--set", setting)]
     out = tmp_path / "run"
-    assert call(["run", "--out", str(out), "--rounds", "2", "--quiet", *given]) == 0
+    assert call(["run", "--out", str(out), "--rounds", "2", *QUIET, *given]) == 0
     with (out / "rounds.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
     lost = [1.0 - float(row["true_objective"]) / float(row["plan_objective"]) for row in rows]

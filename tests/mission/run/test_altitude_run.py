@@ -21,7 +21,7 @@ SMALL = (*small_runs.SMALL, *URBAN)
 
 
 def fly(out: Path, *more: str, rounds: int = 2) -> int:
-    return call(["run", "--out", str(out), "--rounds", str(rounds), "--no-report", *SMALL, *more])
+    return call(["run", "--out", str(out), "--rounds", str(rounds), *SMALL, *more])
 
 
 @pytest.fixture(scope="module")

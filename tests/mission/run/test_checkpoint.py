@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from drawing import UNDRAWN
 from patience import until
 from test_run import SMALL, digests, fly, refused, rows
 
@@ -31,7 +32,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def killed(out: Path, *, after_rounds: int, delay_s: float) -> None:
     """Start a run and kill it without warning, some time after it finished so many rounds."""
-    command = [sys.executable, "-m", "mission", "run", "--out", str(out), "--rounds", str(ROUNDS)]
+    command = [*UNDRAWN, "run", "--out", str(out), "--rounds", str(ROUNDS)]
     process = subprocess.Popen([*command, *SMALL])
 
     def far_enough() -> bool:

@@ -5,6 +5,7 @@ import shutil
 from pathlib import Path
 
 import pytest
+from drawing import outlined
 from small_runs import last_counts
 from test_run import SMALL, digests, rows
 
@@ -29,7 +30,8 @@ def fly(out: Path, *more: str) -> int:
 @pytest.fixture(scope="module")
 def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     out = tmp_path_factory.mktemp("limited") / "run"
-    assert fly(out) == 0
+    with outlined():
+        assert fly(out) == 0
     return out
 
 
@@ -58,6 +60,7 @@ def test_ends_when_the_time_pays_for_no_round(run: Path) -> None:
     assert summary["status"] == "finished"
     assert summary["ended_by"].startswith("of the time of 60 s (mission.total_deadline_s)")
     assert summary["ended_by"].endswith("so the run ends before round 3")
+    assert call(["report", str(run)]) == 0
     page = (run / "report.html").read_text(encoding="utf-8")
     assert "ended by" in page
     assert summary["ended_by"] in page
@@ -112,7 +115,7 @@ def test_every_strategy_ends_with_its_time(tmp_path: Path, strategy: str) -> Non
     out = tmp_path / "run"
     total_s = 13 if strategy == "barycenter" else 60
     keys = (f"mission.strategy={strategy}", f"mission.total_deadline_s={total_s}")
-    assert fly(out, "--no-report", "--set", keys[0], "--set", keys[1]) == 0
+    assert fly(out, "--set", keys[0], "--set", keys[1]) == 0
     table = rows(out / "rounds.csv")
     assert len(table) == 2
     for row in table if strategy != "ideal" else ():
@@ -121,7 +124,7 @@ def test_every_strategy_ends_with_its_time(tmp_path: Path, strategy: str) -> Non
 
 def test_unflown_rounds_take_what_is_planned(tmp_path: Path) -> None:
     out = tmp_path / "run"
-    assert fly(out, "--no-report", "--set", "mission.flight=none") == 0
+    assert fly(out, "--set", "mission.flight=none") == 0
     table = rows(out / "rounds.csv")
     assert len(table) == 2
     for row in table:

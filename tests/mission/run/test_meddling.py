@@ -53,7 +53,7 @@ def test_who_touches_a_file_of_a_run_under_way_ends_it_in_one_line(
     (tmp_path / "meddler.py").write_text(MEDDLER.format(deed=deed))
     monkeypatch.delitem(sys.modules, "meddler", raising=False)
     callback = ("--set", 'callbacks=["meddler:Meddler"]')
-    assert play(tmp_path / "out", *callback, "--no-report", rounds=2) == 2
+    assert play(tmp_path / "out", *callback, rounds=2) == 2
     error = capsys.readouterr().err
     assert error.count("\n") == 1
     assert said in error
@@ -64,7 +64,7 @@ def test_what_is_deleted_while_figures_are_drawn_is_missed(
 ) -> None:
     out = tmp_path / "out"
     monkeypatch.setattr("mission.figures.run.draw_run", lambda path: (path / "rounds.csv").unlink())
-    assert play(out, "--no-report") == 2
+    assert play(out) == 2
     (error,) = capsys.readouterr().err.splitlines()
     assert "rounds.csv: deleted or moved by another program" in error
     assert error.endswith(f"aerofed run --resume {out} goes on")
@@ -78,7 +78,7 @@ def test_a_run_that_was_killed_before_its_page_gets_it_when_resumed(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out, without = tmp_path / "out", tmp_path / "without"
-    assert play(out, rounds=1) == 0
+    assert play(out, rounds=1, page=True) == 0
     page = out / "report.html"
     before = page.read_text(encoding="utf-8")
     page.unlink()

@@ -17,6 +17,7 @@ from described import charts, rows
 from drawing import drawn
 from mcap.reader import make_reader
 from patience import HANG_S
+from small_runs import QUIET
 from test_planfile import HOME_ROW, ROW, plan_document, simple
 
 from mission.analysis.load import reached
@@ -98,7 +99,7 @@ def test_the_same_plan_gives_the_same_flight_and_the_waypoint_file_too(tmp_path:
     tracks = []
     for number, source in enumerate((plan, plan, rows)):
         out = tmp_path / str(number)
-        assert call(["fly", str(source), "--out", str(out), "--quiet"]) == 0
+        assert call(["fly", str(source), "--out", str(out), *QUIET]) == 0
         tracks.append((out / "track.csv").read_bytes())
     assert tracks[0] == tracks[1] == tracks[2]
     data = np.genfromtxt(tmp_path / "0" / "track.csv", delimiter=",", names=True)
@@ -154,7 +155,20 @@ def test_waiting_for_a_vehicle_ends_once_however_often_it_is_interrupted(
     monkeypatch.setattr("mission.flight.flyers.contact.located", waiting)
     what = ("fly", str(written(tmp_path, TAKE_OFF, *CORNERS))) if command == "fly" else ("run",)
     out = tmp_path / "out"
-    assert call([*what, "--vehicle", "udpout://127.0.0.1:9", "--out", str(out), "--quiet"]) == 130
+    assert (
+        call(
+            [
+                *what,
+                "--vehicle",
+                "udpout://127.0.0.1:9",
+                "--out",
+                str(out),
+                "--quiet",
+                "--no-report",
+            ]
+        )
+        == 130
+    )
     assert told == ["parting"] * 3
     assert not out.exists()
 
@@ -216,7 +230,7 @@ def fenced(tmp_path: Path, *circles: tuple[bool, float, float]) -> Path:
 def test_a_fence_of_the_plan_is_in_the_log(tmp_path: Path) -> None:
     out = tmp_path / "out"
     plan = fenced(tmp_path, (True, 47.4, 1000.0))
-    assert call(["fly", str(plan), "--out", str(out), "--quiet"]) == 0
+    assert call(["fly", str(plan), "--out", str(out), *QUIET]) == 0
     # 1000 m about home, whose place on the map is 50 m from the corner.
     (zone,) = read_log(out / "flight.mcap").fence
     assert zone.keep_in
@@ -239,7 +253,7 @@ def test_a_way_against_the_plans_own_fence_is_refused_before_anything_is_written
     tmp_path: Path, capsys: pytest.CaptureFixture[str], circle: Any, words: str
 ) -> None:
     out = tmp_path / "out"
-    assert call(["fly", str(fenced(tmp_path, circle)), "--out", str(out), "--quiet"]) == 2
+    assert call(["fly", str(fenced(tmp_path, circle)), "--out", str(out), *QUIET]) == 2
     assert words in capsys.readouterr().err
     assert not out.exists()
 
@@ -274,7 +288,7 @@ def test_the_return_leads_to_the_closest_rally_point(tmp_path: Path) -> None:
     # 50 m east of the last place, and one that is farther from there than home.
     plan = with_rally(tmp_path, [47.4, 8.5 - 100 / 75_480, 0], [NORTH, 8.5 + 50 / 75_480, 0])
     out = tmp_path / "out"
-    assert call(["fly", str(plan), "--out", str(out), "--quiet"]) == 0
+    assert call(["fly", str(plan), "--out", str(out), *QUIET]) == 0
     data = np.genfromtxt(out / "track.csv", delimiter=",", names=True)
     east, north = (data[f"true_{axis}_m"][-1] - data[f"true_{axis}_m"][0] for axis in "xy")
     assert (east, north) == pytest.approx((50, 200), abs=4)
@@ -360,7 +374,7 @@ def test_a_flight_that_was_killed_is_compared_as_far_as_it_came(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     plan, out = written(tmp_path, TAKE_OFF, *CORNERS, RETURN), tmp_path / "out"
-    assert call(["fly", str(plan), "--out", str(out), "--quiet"]) == 0
+    assert call(["fly", str(plan), "--out", str(out), *QUIET]) == 0
     # As a kill in mid-flight leaves it.
     log = out / "flight.mcap"
     log.write_bytes(log.read_bytes()[: log.stat().st_size // 2])
@@ -389,7 +403,7 @@ def test_a_flight_whose_pictures_fail_is_not_finished(
 
     monkeypatch.setattr("mission.figures.run.draw_run", fail)
     plan = written(tmp_path, TAKE_OFF, place(NORTH, 8.5), RETURN)
-    assert call(["fly", str(plan), "--out", str(out), "--quiet"]) == 2
+    assert call(["fly", str(plan), "--out", str(out), *QUIET]) == 2
     assert "no room" in capsys.readouterr().err
     assert seen == ["running"]
     assert summary(out)["status"] == "failed"
@@ -404,7 +418,7 @@ def test_a_flight_that_misses_its_end_has_failed(
 
     monkeypatch.setattr("mission.run.plan_flight.reached", short)
     plan, out = written(tmp_path, TAKE_OFF, place(NORTH, 8.5), RETURN), tmp_path / "out"
-    assert call(["fly", str(plan), "--out", str(out), "--quiet"]) == 4
+    assert call(["fly", str(plan), "--out", str(out), *QUIET]) == 4
     said = "item 1 was never reached"
     assert capsys.readouterr().err == f"aerofed: {said}; what was flown is in {out}\n"
     assert (summary(out)["status"], summary(out)["error"]) == ("failed", said)
@@ -417,7 +431,7 @@ def test_a_live_view_changes_no_byte_of_a_flight(
 ) -> None:
     plan = written(tmp_path, TAKE_OFF, place(NORTH, 8.5), RETURN)
     for name, more in (("a", ()), ("b", ("--live", "--live-port", "0"))):
-        assert call(["fly", str(plan), "--out", str(tmp_path / name), "--quiet", *more]) == 0
+        assert call(["fly", str(plan), "--out", str(tmp_path / name), *QUIET, *more]) == 0
     assert capsys.readouterr().out == ""
     logs = [(tmp_path / name / "flight.mcap").read_bytes() for name in "ab"]
     assert logs[0] == logs[1]

@@ -5,6 +5,7 @@ import math
 from pathlib import Path
 
 import pytest
+from small_runs import QUIET
 
 from mission.cli import call
 
@@ -20,7 +21,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     hard = ["channel.extra_gain_db=-5", f"learning.cov_period_rounds={PERIOD}"]
     path = ["mission.steps=4", "mission.path_budget_m=250", "planner.kind=paper"]
     sets = [part for pair in few + hard + path for part in ("--set", pair)]
-    assert call(["run", "--out", str(out), "--rounds", "6", "--quiet", *sets]) == 0
+    assert call(["run", "--out", str(out), "--rounds", "6", *QUIET, *sets]) == 0
     return out
 
 

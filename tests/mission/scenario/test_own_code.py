@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from cutting import cut_after
+from small_runs import QUIET
 
 import aerofed
 from mission.base.errors import AerofedError, FlightError
@@ -97,7 +98,7 @@ number = 3
 
 
 def fly(out: Path, *more: str, rounds: int = 1) -> int:
-    return call(["run", "--out", str(out), "--rounds", str(rounds), "--quiet", *SMALL, *more])
+    return call(["run", "--out", str(out), "--rounds", str(rounds), *QUIET, *SMALL, *more])
 
 
 def rows(path: Path) -> list[dict[str, str]]:

@@ -14,9 +14,11 @@ from concurrent.futures import Future
 from pathlib import Path
 
 import pytest
+from drawing import outlined
 from joblib.externals.loky.process_executor import TerminatedWorkerError
 from patience import HANG_S, until
 from processes import writer_of
+from small_runs import QUIET
 
 from mission.base.errors import FlightError
 from mission.cli import call
@@ -73,7 +75,8 @@ def call_inline(tokens: list[str]) -> int:
 def swept(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Two strategies and two seeds, without worker processes: what every engine has to find."""
     out = tmp_path_factory.mktemp("sweeps") / "one"
-    assert call_inline(command(out)) == 0
+    with outlined():
+        assert call_inline(command(out)) == 0
     return out
 
 
@@ -93,6 +96,7 @@ def test_a_sweep_leaves_runs_tables_and_figures(swept: Path) -> None:
         assert int(run["delivered"]) == sum(int(r["delivered"]) for r in own)
         assert float(run["participation"]) == pytest.approx(int(run["delivered"]) / 8)
         assert json.loads((folder / "summary.json").read_text())["status"] == "finished"
+        assert (folder / "figures" / "learning.png").is_file()
     ideal = next(run for run in runs if run["strategy"] == "ideal")
     assert (ideal["participation"], ideal["true_per"], ideal["flown_m"]) == ("1.0", "nan", "0.0")
     assert {path.name for path in (swept / "figures").iterdir()} == {
@@ -104,7 +108,7 @@ def test_a_sweep_leaves_runs_tables_and_figures(swept: Path) -> None:
 @pytest.mark.slow
 def test_a_run_of_a_sweep_is_an_ordinary_run(swept: Path, tmp_path: Path) -> None:
     config = swept / "runs" / "cov-seed2" / "config.toml"
-    assert call(["run", str(config), "--out", str(tmp_path / "alone"), "--quiet"]) == 0
+    assert call(["run", str(config), "--out", str(tmp_path / "alone"), *QUIET]) == 0
     for name in ("rounds.csv", "uplinks.csv", "flight.mcap"):
         alone = (tmp_path / "alone" / name).read_bytes()
         assert (swept / "runs" / "cov-seed2" / name).read_bytes() == alone
@@ -146,20 +150,22 @@ def test_a_killed_worker_s_run_is_repeated(
 
     killer = threading.Thread(target=kill)
     killer.start()
-    code = call(command(out, "--jobs", "2"))
+    code = call(command(out, "--jobs", "2", "--no-run-figures", "--no-report"))
     killer.join()
     assert code == 0
     printed = capsys.readouterr().out
     assert printed.count("its worker died") == 1  # it took no other with it
     assert "cov-seed1: its worker died; another takes the run" in printed
-    # And two workers find what this process found, killed or not.
+    # And two workers find what this process found, killed or not, and without figures of runs.
     assert tables(out) == tables(swept)
+    assert not list((out / "runs").glob("*/figures"))
+    assert (out / "figures" / "final.png").is_file()
 
 
 @pytest.mark.slow
 def test_ctrl_c_ends_it_and_the_same_command_goes_on(swept: Path, tmp_path: Path) -> None:
     out = tmp_path / "cut"
-    tokens = command(out, "--jobs", "1", seeds=1)
+    tokens = command(out, "--jobs", "1", "--no-run-figures", "--no-report", seeds=1)
     process = subprocess.Popen(
         [sys.executable, "-m", "mission", *tokens],
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True,
@@ -210,15 +216,6 @@ def test_the_ideal_has_the_rounds_that_the_budget_pays_for(
     assert totals == "2 rounds, nothing flown, 8/8 updates delivered"
     assert " s: setup " in times
     assert len(times) <= 80, "one line of a terminal"
-
-
-def test_runs_without_figures_of_their_own_have_the_same_results(
-    swept: Path, tmp_path: Path
-) -> None:
-    assert call_inline(command(tmp_path / "bare", "--no-run-figures")) == 0
-    assert tables(tmp_path / "bare") == tables(swept)
-    assert not list((tmp_path / "bare" / "runs").glob("*/figures"))
-    assert (tmp_path / "bare" / "figures" / "final.png").is_file()
 
 
 class Deadly(Inline):
