@@ -3,8 +3,8 @@
     python docs/apart.py --out docs/data/apart-screen --figures docs/images --jobs 2
 
 Nothing is flown or learnt. `--out` gets screen.csv, a row a setting, seed and importance ratio, and
-README.md with its tables; a screen.csv that is there already is read, not made again. What is
-planned, why, and what follows from it was written before: docs/data/PLAN.md, stage 1.
+README.md with its tables; rows that are there already are kept. What is planned, why, and what
+follows from it was written before: docs/data/PLAN.md, stage 1.
 """
 
 import argparse
@@ -15,11 +15,13 @@ from functools import cache
 from itertools import product
 from pathlib import Path
 
+import apart_shift
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
 import aerofed
+from mission.figures.render import save_all
 
 Floats = NDArray[np.float64]
 Row = dict[str, object]
@@ -150,19 +152,23 @@ def planned(setting: Setting, seed: int) -> Row:
     }
 
 
-def _planned(task: tuple[Setting, int]) -> Row:
-    return planned(*task)
+def _planned(task: tuple[int, Setting]) -> Row:
+    seed, setting = task
+    return planned(setting, seed)
 
 
-def screen(jobs: int) -> pd.DataFrame:
-    """All settings with all seeds, in order."""
-    tasks = list(product(grid(), SEEDS))
-    with ProcessPoolExecutor(jobs) as pool:
-        return pd.DataFrame(list(pool.map(_planned, tasks, chunksize=16)))
+def screen(target: Path, jobs: int) -> None:
+    """All settings with each seed, a row after the other; goes on with a file that is there."""
+    tasks = list(product(SEEDS, grid()))
+    done = len(pd.read_csv(target)) if target.is_file() else 0
+    with ProcessPoolExecutor(jobs) as pool, target.open("a", encoding="utf-8") as file:
+        for index, row in enumerate(pool.map(_planned, tasks[done:], chunksize=8), start=done):
+            pd.DataFrame([row]).to_csv(file, index=False, header=index == 0, lineterminator="\n")
+            file.flush()
 
 
 def main() -> None:
-    """Plan, unless that was done; write tables; draw on demand."""
+    """Plan what was not yet; write tables; draw on demand."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--out", type=Path, required=True, metavar="DIR")
     parser.add_argument("--figures", type=Path, metavar="DIR", help="draw into this folder")
@@ -170,8 +176,11 @@ def main() -> None:
     options = parser.parse_args()
     options.out.mkdir(parents=True, exist_ok=True)
     rows = options.out / "screen.csv"
-    if not rows.is_file():
-        screen(options.jobs).to_csv(rows, index=False, lineterminator="\n")
+    screen(rows, options.jobs)
+    made = pd.read_csv(rows)
+    (options.out / "README.md").write_text(apart_shift.tables(made), encoding="utf-8")
+    if options.figures is not None:
+        save_all({"apart-screen.png": apart_shift.picture(made)}, options.figures)
 
 
 if __name__ == "__main__":

@@ -1,0 +1,282 @@
+"""How far weights move who is heard, by a screen of planned rounds: its tables and picture."""
+
+from collections.abc import Sequence
+
+import altair as alt
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+from scipy.special import stdtr
+
+from mission.figures.charts import finished
+from mission.figures.style import (
+    BAD,
+    COOL,
+    GOOD,
+    SOFT,
+    WARM,
+    Chart,
+    arranged,
+    heading,
+    named,
+    table,
+)  # fmt: skip
+from mission.sweep.outcome.curves import Interval, interval
+
+FACTORS = ("steps", "per_step", "channel", "planner", "path_budget_m", "boost", "ratio")
+BASE = (2, 3, "suburban", "certified", 800.0, 1.5, 3.0)
+L_TOTAL_M, MOST_ROUNDS = (10e3, 20e3, 40e3), 400
+# What goes forward: docs/data/PLAN.md, stage 1.
+LEAST_SHIFT, MOST_BEFORE, MOST_STEPS, MOST_CELLS = 10.0, 85.0, 4, 12
+
+COLOURS = {"mixed": SOFT, "halves": COOL, "corners": BAD, "rim": GOOD, "clusters": WARM}
+TITLES = {
+    "steps": "N",
+    "per_step": "K_bar",
+    "channel": "channel",
+    "planner": "planner",
+    "path_budget_m": "L_max, m",
+    "boost": "lambda",
+    "ratio": "importance ratio",
+}
+
+
+def shifts(rows: pd.DataFrame) -> pd.DataFrame:
+    """A row a setting, ratio above 1 and seed: in percent, and metres; `_1` is with ratio 1."""
+    rows = rows.rename(
+        columns={"participation_cifar10": "cifar10", "participation_mnist": "mnist"}
+    ).assign(cifar10=lambda r: 100.0 * r.cifar10, mnist=lambda r: 100.0 * r.mnist)
+    by = ["layout", *FACTORS[:-1], "seed"]
+    level = rows[rows.ratio == 1.0].drop(columns="ratio")
+    found = rows[rows.ratio != 1.0].merge(level, on=by, suffixes=("", "_1"), validate="m:1")
+    return found.assign(shift=found.cifar10 - found.cifar10_1)
+
+
+def base_but(found: pd.DataFrame, *free: str) -> pd.DataFrame:
+    """The rows that differ from the base in the factors `free` at most."""
+    keep = np.ones(len(found), dtype=bool)
+    for factor, value in zip(FACTORS, BASE, strict=True):
+        keep &= (factor in free) | (found[factor] == value).to_numpy()
+    return found[keep]
+
+
+def forward(found: pd.DataFrame) -> pd.DataFrame:
+    """The cells of the full grid that a sweep goes on with, by the rule of the plan, best first."""
+    full = base_but(found, "steps", "per_step")
+    cells = full.groupby(["layout", "steps", "per_step"], as_index=False, sort=False).mean(
+        numeric_only=True
+    )
+    passed = cells[
+        (cells["shift"] >= LEAST_SHIFT)
+        & (cells.cifar10_1 <= MOST_BEFORE)
+        & (cells.steps <= MOST_STEPS)
+    ].sort_values("shift", ascending=False, kind="stable")
+    firsts = passed.drop_duplicates("layout")
+    rest = passed.drop(firsts.index).head(max(0, MOST_CELLS - len(firsts)))
+    return passed.loc[passed.index.isin([*firsts.index, *rest.index])]
+
+
+def holm(p_values: Sequence[float]) -> list[float]:
+    """The p-values, corrected by Holm for there being so many."""
+    p = np.asarray(p_values, dtype=np.float64)
+    order = np.argsort(p)
+    steps = np.minimum(np.maximum.accumulate(p[order] * np.arange(len(p), 0, -1)), 1.0)
+    corrected = np.empty_like(p)
+    corrected[order] = steps
+    return [float(value) for value in corrected]
+
+
+def two_sided(differences: NDArray[np.float64]) -> float:
+    """p of Student's t-test that the mean is 0."""
+    spread = differences.std(ddof=1) / np.sqrt(len(differences))
+    return float(2.0 * stdtr(len(differences) - 1, -abs(differences.mean()) / spread))
+
+
+_HEAD = """\
+# Where weights can move anything
+
+Made from screen.csv by `python docs/apart.py --out docs/data/apart-screen`. Planned before:
+[PLAN](../PLAN.md), stage 1; what it says: [The paper's experiment, reproduced][page].
+
+Shift: CIFAR-10's participation with its devices three times as important as MNIST's, less that with
+all alike, in points; mean of sixteen draws (lowest to highest).
+
+[page]: ../../reproduction.md#where-weights-can-move-anything
+"""
+_METRES = """\
+N = 2, K_bar = 3: metres of a round, and rounds that L_total pays for (400 at most), ratio 1 → 3.
+"""
+
+
+def tables(rows: pd.DataFrame) -> str:
+    """README.md of a screen."""
+    found = shifts(rows)
+    parts = {
+        "Hypotheses": _hypotheses(found),
+        "Layout, N and K_bar": "Below the shift: CIFAR-10's participation, in percent. Bold: goes "
+        f"forward.\n\n{_full(found)}",
+        "The other factors, one at a time": _alone(found),
+        "Metres and rounds": f"{_METRES}\n{_rounds(found)}",
+        "What goes forward": _forward(found),
+    }
+    return _HEAD + "".join(f"\n## {title}\n\n{text}\n" for title, text in parts.items())
+
+
+def _hypotheses(found: pd.DataFrame) -> str:
+    by_seed = {
+        layout: base_but(found)[lambda r, layout=layout: r.layout == layout].set_index("seed")
+        for layout in ("corners", "mixed")
+    }
+    tested = {
+        "H1: shift in corners less mixed, points": by_seed["corners"]["shift"]
+        - by_seed["mixed"]["shift"],
+        "H2: corners, round with ratio 1 less ratio 3, m": by_seed["corners"].path_m_1
+        - by_seed["corners"].path_m,
+    }
+    values = [of.to_numpy(dtype=np.float64) for of in tested.values()]
+    corrected = holm([two_sided(of) for of in values])
+    rows = [
+        [what, _plus_minus(interval(of)), f"{p:.1g}", f"{(of > 0).sum()} of {len(of)}"]
+        for what, of, p in zip(tested, values, corrected, strict=True)
+    ]
+    return _table(["", "mean ± 95 % interval", "p (Holm)", "draws above 0"], rows)
+
+
+def _plus_minus(of: Interval) -> str:
+    return f"{of.mean:+.1f} ± {of.half:.1f}"
+
+
+def _full(found: pd.DataFrame) -> str:
+    full = base_but(found, "steps", "per_step")
+    chosen = set(forward(found)[["layout", "steps", "per_step"]].itertuples(index=False, name=None))
+    per_step = sorted(full.per_step.unique())
+    rows = []
+    for (layout, steps), of in full.groupby(["layout", "steps"], sort=False):
+        cells = [
+            _shift(of[of.per_step == k], bold=(layout, steps, k) in chosen, both=True)
+            for k in per_step
+        ]
+        rows.append([str(layout), str(steps), *cells])
+    return _table(["layout", "N", *(f"K_bar = {k}" for k in per_step)], rows)
+
+
+def _shift(of: pd.DataFrame, *, bold: bool = False, both: bool = False) -> str:
+    star = "**" if bold else ""
+    low, high = of["shift"].min(), of["shift"].max()
+    words = f"{star}{of['shift'].mean():+.1f}{star} ({low:.0f} to {high:.0f})"
+    return f"{words}<br>{of.cifar10_1.mean():.0f} → {of.cifar10.mean():.0f}" if both else words
+
+
+def _alone(found: pd.DataFrame) -> str:
+    rows = []
+    for factor in FACTORS:
+        some = base_but(found, factor)
+        for value, of in some.groupby(factor, sort=False):
+            by_layout = [_shift(of[of.layout == layout]) for layout in COLOURS]
+            rows.append([TITLES[factor], _level(value), *by_layout])
+    return _table(["factor", "level", *COLOURS], rows)
+
+
+def _level(value: object) -> str:
+    return f"{value:g}" if isinstance(value, int | float) else str(value)
+
+
+def rounds_paid(path_m: "pd.Series[float]", total_m: float) -> "pd.Series[float]":
+    """Rounds of so many metres that a budget pays for."""
+    return (total_m / path_m.clip(lower=total_m / MOST_ROUNDS)).astype(float)
+
+
+def _rounds(found: pd.DataFrame) -> str:
+    rows = []
+    for layout, of in base_but(found).groupby("layout", sort=False):
+        paid = [
+            " → ".join(f"{rounds_paid(m, total_m).mean():.0f}" for m in (of.path_m_1, of.path_m))
+            for total_m in L_TOTAL_M
+        ]
+        rows.append([str(layout), f"{of.path_m_1.mean():.0f} → {of.path_m.mean():.0f}", *paid])
+    heads = (f"rounds, {total_m / 1e3:.0f} km" for total_m in L_TOTAL_M)
+    return _table(["layout", "metres", *heads], rows)
+
+
+def _forward(found: pd.DataFrame) -> str:
+    rows = [
+        [
+            str(cell.layout), str(cell.steps), str(cell.per_step), f"{cell.shift:+.1f}",
+            f"{cell.cifar10_1:.0f} → {cell.cifar10:.0f}", f"{cell.mnist_1:.0f} → {cell.mnist:.0f}",
+            f"{cell.path_m_1:.0f} → {cell.path_m:.0f}",
+        ]
+        for cell in forward(found).itertuples()
+    ]  # fmt: skip
+    heads = ["layout", "N", "K_bar", "shift", "CIFAR-10, %", "MNIST, %", "metres a round"]
+    return _table(heads, rows)
+
+
+def _table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    rule = ["---" for _ in heads]
+    return "\n".join(f"| {' | '.join(cells)} |" for cells in (heads, rule, *rows))
+
+
+_WIDTH, _HEIGHT = 330.0, 170.0
+_SHIFT = "shift, points"
+
+
+def picture(rows: pd.DataFrame) -> Chart:
+    """A panel a factor, alone around the base, and one of the rounds that L_total pays for."""
+    found = shifts(rows)
+    panels = []
+    for factor in FACTORS:
+        some = base_but(found, factor)
+        levels = some[factor].drop_duplicates()
+        order = levels if factor in ("channel", "planner") else levels.sort_values()
+        of = pd.DataFrame({"layout": some.layout, "level": some[factor].map(_level)})
+        panels.append(
+            _panel(TITLES[factor], _SHIFT, of.assign(value=some["shift"]), [*map(_level, order)])
+        )
+    base = base_but(found)
+    more = [
+        pd.DataFrame({"layout": base.layout, "level": f"{total_m / 1e3:.0f}"}).assign(
+            value=rounds_paid(base.path_m, total_m) - rounds_paid(base.path_m_1, total_m)
+        )
+        for total_m in L_TOTAL_M
+    ]
+    levels = [str(of.level.iloc[0]) for of in more]
+    panels.append(_panel("L_total, km", "rounds more that it pays for", pd.concat(more), levels))
+    about = [
+        "How much more often CIFAR-10's devices are heard where they are three times as important "
+        "as MNIST's (one panel: other ratios) than with all alike.",
+        "Planned, not flown. One factor at a time around N = 2, K_bar = 3. Dots: means of sixteen "
+        "draws; faint: each draw. Dashed: 10 points, from which on a sweep follows.",
+    ]
+    return arranged(
+        panels,
+        how="concat",
+        columns=2,
+        spacing=18,
+        title=heading("Where weights can move anything", about),
+    )
+
+
+def _panel(title: str, y: str, rows: pd.DataFrame, levels: Sequence[str]) -> Chart:
+    """Columns of levels; within each a column of draws a layout, from `rows` of layout, level and
+    value."""
+    order = list(COLOURS)
+    means = rows.groupby(["layout", "level"], as_index=False, sort=False).value.mean()
+    x = alt.X("level:O", title=title, sort=list(levels), axis=alt.Axis(labelAngle=0))
+    across = alt.XOffset("layout:N", scale=alt.Scale(domain=order))
+    up = alt.Y("value:Q", title=y)
+    key = alt.Legend(title="layout", columns=len(order), symbolOpacity=1.0)
+    colour = alt.Color("layout:N", scale=named(order, [*COLOURS.values()]), legend=key)
+    tip = [alt.Tooltip(f"{name}:N", title=" ") for name in ("layout", "level")]
+    tip.append(alt.Tooltip("value:Q", title=y, format=".3~g"))
+    layers = []
+    if y == _SHIFT:
+        least = alt.Chart(table(y=[LEAST_SHIFT]))
+        layers.append(least.mark_rule(color=SOFT, strokeDash=[5, 4]).encode(alt.Y("y:Q")))
+    for of, size, opacity in ((rows, 14, 0.4), (means, 60, 1.0)):
+        data = table(**{name: of[name].to_numpy() for name in ("layout", "level", "value")})
+        layers.append(
+            alt.Chart(data)
+            .mark_point(filled=True, size=size, opacity=opacity)
+            .encode(x=x, y=up, xOffset=across, color=colour, tooltip=tip)
+        )
+    return finished(layers, title="", width=_WIDTH, height=_HEIGHT)
