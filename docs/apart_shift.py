@@ -2,25 +2,11 @@
 
 from collections.abc import Sequence
 
-import altair as alt
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 from scipy.special import stdtr
 
-from mission.figures.charts import finished
-from mission.figures.style import (
-    BAD,
-    COOL,
-    GOOD,
-    SOFT,
-    WARM,
-    Chart,
-    arranged,
-    heading,
-    named,
-    table,
-)  # fmt: skip
 from mission.sweep.outcome.curves import Interval, interval
 
 FACTORS = ("steps", "per_step", "channel", "planner", "path_budget_m", "boost", "ratio")
@@ -29,7 +15,7 @@ L_TOTAL_M, MOST_ROUNDS = (10e3, 20e3, 40e3), 400
 # What goes forward: docs/data/PLAN.md, stage 1.
 LEAST_SHIFT, MOST_BEFORE, MOST_STEPS, MOST_CELLS = 10.0, 85.0, 4, 12
 
-COLOURS = {"mixed": SOFT, "halves": COOL, "corners": BAD, "rim": GOOD, "clusters": WARM}
+LAYOUTS = ("mixed", "halves", "corners", "rim", "clusters")
 TITLES = {
     "steps": "N",
     "per_step": "K_bar",
@@ -172,12 +158,13 @@ def _alone(found: pd.DataFrame) -> str:
     for factor in FACTORS:
         some = base_but(found, factor)
         for value, of in some.groupby(factor, sort=False):
-            by_layout = [_shift(of[of.layout == layout]) for layout in COLOURS]
-            rows.append([TITLES[factor], _level(value), *by_layout])
-    return _table(["factor", "level", *COLOURS], rows)
+            by_layout = [_shift(of[of.layout == layout]) for layout in LAYOUTS]
+            rows.append([TITLES[factor], level_name(value), *by_layout])
+    return _table(["factor", "level", *LAYOUTS], rows)
 
 
-def _level(value: object) -> str:
+def level_name(value: object) -> str:
+    """A value of a factor, as it is printed."""
     return f"{value:g}" if isinstance(value, int | float) else str(value)
 
 
@@ -214,69 +201,3 @@ def _forward(found: pd.DataFrame) -> str:
 def _table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     rule = ["---" for _ in heads]
     return "\n".join(f"| {' | '.join(cells)} |" for cells in (heads, rule, *rows))
-
-
-_WIDTH, _HEIGHT = 330.0, 170.0
-_SHIFT = "shift, points"
-
-
-def picture(rows: pd.DataFrame) -> Chart:
-    """A panel a factor, alone around the base, and one of the rounds that L_total pays for."""
-    found = shifts(rows)
-    panels = []
-    for factor in FACTORS:
-        some = base_but(found, factor)
-        levels = some[factor].drop_duplicates()
-        order = levels if factor in ("channel", "planner") else levels.sort_values()
-        of = pd.DataFrame({"layout": some.layout, "level": some[factor].map(_level)})
-        panels.append(
-            _panel(TITLES[factor], _SHIFT, of.assign(value=some["shift"]), [*map(_level, order)])
-        )
-    base = base_but(found)
-    more = [
-        pd.DataFrame({"layout": base.layout, "level": f"{total_m / 1e3:.0f}"}).assign(
-            value=rounds_paid(base.path_m, total_m) - rounds_paid(base.path_m_1, total_m)
-        )
-        for total_m in L_TOTAL_M
-    ]
-    levels = [str(of.level.iloc[0]) for of in more]
-    panels.append(_panel("L_total, km", "rounds more that it pays for", pd.concat(more), levels))
-    about = [
-        "How much more often CIFAR-10's devices are heard where they are three times as important "
-        "as MNIST's (one panel: other ratios) than with all alike.",
-        "Planned, not flown. One factor at a time around N = 2, K_bar = 3. Dots: means of sixteen "
-        "draws; faint: each draw. Dashed: 10 points, from which on a sweep follows.",
-    ]
-    return arranged(
-        panels,
-        how="concat",
-        columns=2,
-        spacing=18,
-        title=heading("Where weights can move anything", about),
-    )
-
-
-def _panel(title: str, y: str, rows: pd.DataFrame, levels: Sequence[str]) -> Chart:
-    """Columns of levels; within each a column of draws a layout, from `rows` of layout, level and
-    value."""
-    order = list(COLOURS)
-    means = rows.groupby(["layout", "level"], as_index=False, sort=False).value.mean()
-    x = alt.X("level:O", title=title, sort=list(levels), axis=alt.Axis(labelAngle=0))
-    across = alt.XOffset("layout:N", scale=alt.Scale(domain=order))
-    up = alt.Y("value:Q", title=y)
-    key = alt.Legend(title="layout", columns=len(order), symbolOpacity=1.0)
-    colour = alt.Color("layout:N", scale=named(order, [*COLOURS.values()]), legend=key)
-    tip = [alt.Tooltip(f"{name}:N", title=" ") for name in ("layout", "level")]
-    tip.append(alt.Tooltip("value:Q", title=y, format=".3~g"))
-    layers = []
-    if y == _SHIFT:
-        least = alt.Chart(table(y=[LEAST_SHIFT]))
-        layers.append(least.mark_rule(color=SOFT, strokeDash=[5, 4]).encode(alt.Y("y:Q")))
-    for of, size, opacity in ((rows, 14, 0.4), (means, 60, 1.0)):
-        data = table(**{name: of[name].to_numpy() for name in ("layout", "level", "value")})
-        layers.append(
-            alt.Chart(data)
-            .mark_point(filled=True, size=size, opacity=opacity)
-            .encode(x=x, y=up, xOffset=across, color=colour, tooltip=tip)
-        )
-    return finished(layers, title="", width=_WIDTH, height=_HEIGHT)

@@ -9,7 +9,7 @@ from mission.base.terminal import PLAIN, Terminal
 
 
 def init(
-    name: Literal["quickstart", "paper", "paper-sweep", "town"] = "quickstart",
+    name: Literal["quickstart", "paper", "paper-sweep", "apart", "town"] = "quickstart",
     *,
     out: Path = Path(),
 ) -> int:
@@ -22,8 +22,8 @@ def init(
     ----------
     name
         quickstart: two small communities, with data that come with Aerofed; paper: the paper's
-        experiment on MNIST and CIFAR-10; paper-sweep: the same for aerofed sweep; town: devices and
-        no-fly areas from GeoJSON files.
+        experiment on MNIST and CIFAR-10; paper-sweep: the same for aerofed sweep; apart: communities
+        in opposite corners; town: devices and no-fly areas from GeoJSON files.
     out
         Folder for the files, made if it is missing. Existing files are not replaced.
     """
@@ -50,7 +50,7 @@ def init(
 
 def _next(config: Path) -> str:
     """What to do with a configuration that was written."""
-    if config.name in ("quickstart.toml", "town.toml"):
+    if config.name in ("quickstart.toml", "apart.toml", "town.toml"):
         return f"aerofed run {config}"
     verb = "sweep" if config.name == "paper-sweep.toml" else "run"
     return f"aerofed data fetch data && aerofed {verb} {config} --data-dir data"

@@ -1,0 +1,97 @@
+"""The screen of communities that live apart: its layouts, its rule, its statistics."""
+
+import apart
+import apart_shift
+import numpy as np
+import pandas as pd
+import pytest
+
+EACH = apart.EACH
+
+
+@pytest.mark.parametrize("layout", apart.LAYOUTS)
+def test_a_layout_lies_in_the_area_and_shares_a_seeds_luck(layout: str) -> None:
+    devices_m = apart.positions_m(layout, 101)
+    assert devices_m.shape == (2 * EACH, 2)
+    assert (devices_m >= 0.0).all()
+    assert (devices_m <= apart.AREA_M).all()
+    assert (devices_m == apart.positions_m(layout, 101)).all()
+    assert not (devices_m == apart.positions_m(layout, 102)).any()
+
+
+def test_communities_stand_where_the_plan_has_them() -> None:
+    for seed in apart.SEEDS:
+        halves, corners, rim, clusters = (
+            apart.positions_m(layout, seed) for layout in ("halves", "corners", "rim", "clusters")
+        )
+        assert halves[:EACH, 0].max() <= 400.0 <= halves[EACH:, 0].min()
+        assert corners[:EACH].max() <= 250.0
+        assert corners[EACH:].min() >= 550.0
+        edge_m = np.minimum(rim, apart.AREA_M - rim).min(axis=1)
+        assert edge_m[:EACH].max() <= 100.0
+        assert edge_m[EACH:].min() >= 200.0
+        groups = clusters.reshape(4, 3, 2)
+        assert np.ptp(groups, axis=1).max() <= 120.0
+
+
+def test_the_grid_is_the_plans() -> None:
+    settings = apart.grid()
+    assert len(settings) == len(set(settings))
+    assert sum(setting.ratio != 1.0 for setting in settings) == 165
+    assert len({(s.steps, s.per_step) for s in settings}) == 20
+
+
+def test_in_opposite_corners_weights_keep_the_aircraft_with_the_weightier() -> None:
+    """Both corners are served by turns where all weigh alike, six of twelve devices a round."""
+    alike, weighed = (
+        apart.planned(apart.Setting("corners", ratio=ratio), 101) for ratio in (1.0, 3.0)
+    )
+    assert alike["participation_cifar10"] == pytest.approx(0.5, abs=0.02)
+    assert alike["participation_mnist"] == pytest.approx(0.5, abs=0.02)
+    assert weighed["participation_cifar10"] == pytest.approx(1.0, abs=0.02)
+    assert weighed["participation_mnist"] == pytest.approx(0.0, abs=0.02)
+    assert weighed["path_m"] < 0.3 * alike["path_m"]  # type: ignore[operator]
+
+
+def rows(**cells: tuple[int, float, float]) -> pd.DataFrame:
+    """Of each layout: N, and CIFAR-10's participation with ratio 1 and 3, in two draws."""
+    return pd.DataFrame(
+        [
+            {
+                "layout": layout, "steps": steps, "per_step": 3, "channel": "suburban",
+                "planner": "certified", "path_budget_m": 800.0, "boost": 1.5, "ratio": ratio,
+                "seed": seed, "participation_cifar10": share, "participation_mnist": 0.5,
+                "path_m": 100.0,
+            }
+            for layout, (steps, *shares) in cells.items()
+            for ratio, share in zip((1.0, 3.0), shares, strict=True)
+            for seed in (101, 102)
+        ]
+    )  # fmt: skip
+
+
+def test_what_goes_forward_has_shift_headroom_and_few_steps() -> None:
+    made = rows(
+        corners=(2, 0.5, 0.9), halves=(3, 0.5, 0.61), mixed=(2, 0.5, 0.59), rim=(2, 0.86, 0.99),
+        clusters=(6, 0.5, 0.9),
+    )  # fmt: skip
+    found = apart_shift.shifts(made)
+    assert found["shift"].tolist() == pytest.approx([40, 40, 11, 11, 9, 9, 13, 13, 40, 40])
+    assert apart_shift.forward(found).layout.tolist() == ["corners", "halves"]
+
+
+def test_holm_by_hand() -> None:
+    # Sorted: 0.01 x 3, 0.03 x 2, and 0.04 x 1 raised to the one before.
+    assert apart_shift.holm([0.01, 0.04, 0.03]) == pytest.approx([0.03, 0.06, 0.06])
+    assert apart_shift.holm([0.5, 0.9]) == [1.0, 1.0]
+    assert apart_shift.holm([0.02]) == [0.02]
+
+
+def test_a_t_test_by_hand() -> None:
+    # Mean 2, spread 1, three values: t = 2 sqrt(3) = 3.464 with two degrees of freedom.
+    assert apart_shift.two_sided(np.array([1.0, 2.0, 3.0])) == pytest.approx(0.0742, abs=1e-4)
+
+
+def test_budgets_pay_for_no_more_rounds_than_a_run_has() -> None:
+    metres = pd.Series([800.0, 10.0])
+    assert apart_shift.rounds_paid(metres, 40e3).tolist() == [50.0, 400.0]
