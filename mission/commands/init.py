@@ -22,8 +22,8 @@ def init(
     ----------
     name
         quickstart: two small communities, with data that come with Aerofed; paper: the paper's
-        experiment on MNIST and CIFAR-10; paper-sweep: the same for aerofed sweep; apart: communities
-        in opposite corners; town: devices and no-fly areas from GeoJSON files.
+        experiment on MNIST and CIFAR-10; paper-sweep: the same for aerofed sweep; apart: two
+        communities in opposite corners; town: devices and no-fly areas from GeoJSON files.
     out
         Folder for the files, made if it is missing. Existing files are not replaced.
     """
