@@ -20,6 +20,7 @@ def faults(root: Path) -> list[str]:
     return done.stdout.splitlines()
 
 
+@pytest.mark.slow
 def test_links_lead_somewhere_and_examples_are_taken() -> None:
     assert [line for line in faults(ROOT) if line] == []
 

@@ -91,6 +91,7 @@ def test_the_least_latency_keeps_its_share(problem: aerofed.RoundProblem) -> Non
     assert plan.path_m < longest.path_m
 
 
+@pytest.mark.slow
 def test_the_ring_is_a_ring(tmp_path: Path) -> None:
     run = fly(tmp_path / "ring", "latency_2412_07428:make_ring")
     places = run.table("plans")[["x_m", "y_m"]].to_numpy()

@@ -172,6 +172,7 @@ def refused(kind: str, name: str) -> aerofed.AerofedError:
     return caught.value
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("kind", "name", "words"),
     [
@@ -230,6 +231,7 @@ def test_what_breaks_the_rules(kind: str, name: str, words: str) -> None:
     assert words in str(refused(kind, name))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("kind", "name", "doing", "raised", "slip"),
     [
@@ -278,6 +280,7 @@ class Tells:
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("error", "told"),
     [
@@ -428,6 +431,7 @@ def test_nobody_can_write_to_what_is_not_theirs_wherever_code_of_ones_own_may_be
             aerofed.run("quickstart", {**own, "mission.strategy": f"mine:{name}"}, out=name)
 
 
+@pytest.mark.slow
 def test_an_object_may_stand_for_its_name_wherever_code_of_ones_own_may_be(
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,

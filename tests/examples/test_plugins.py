@@ -287,6 +287,7 @@ def test_tensorboard_reads_what_was_written(tmp_path: Path) -> None:
     assert [value for _, value in written] == pytest.approx(run.rounds["accuracy_digits"])
 
 
+@pytest.mark.slow
 def test_an_installed_package_offers_plugins_by_name(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

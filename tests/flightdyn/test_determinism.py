@@ -75,6 +75,7 @@ def in_strides(*strides: int, gnss: bool) -> tuple[bytes, list[tuple[object, ...
     return b"".join(part.tobytes() for state in states for part in state[1:]), progress
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("gnss", [True, False])
 def test_strides_and_single_ticks_are_the_same_flight(gnss: bool) -> None:
     one_by_one = in_strides(1, gnss=gnss)

@@ -49,6 +49,7 @@ def test_armed_it_waits_on_the_ground() -> None:
     assert max(aircraft.vehicle.rotor_speeds_radps()) < 50
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("wind", [WindConfig(), BREEZE], ids=["calm", "windy"])
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_take_off_hover_and_landing(wind: WindConfig, seed: int) -> None:

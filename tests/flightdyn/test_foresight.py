@@ -42,6 +42,7 @@ def test_when_points_are_passed_is_known_without_making_a_trajectory(seed: int) 
     assert passing_times(path, LIMITS) == pytest.approx(passed_s.tolist(), abs=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(4))
 def test_flown_as_foreseen(seed: int) -> None:
     aircraft, path = make(), random_path(seed)

@@ -29,6 +29,7 @@ print(*set(sys.modules) - before, file=sys.stderr)
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("argument", "libraries"), [("--help", HELP), ("plan", PLAN)])
 def test_no_more_is_imported_than_is_used(argument: str, libraries: set[str]) -> None:
     command = [sys.executable, "-c", SCRIPT, argument]

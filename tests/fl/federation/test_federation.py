@@ -312,6 +312,7 @@ def test_divergence_names_round_community_and_device() -> None:
     assert (caught.value.round, caught.value.community, caught.value.device) == (2, "digits", 2)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("algorithm", ["fedprox", "fedadam", "scaffold"])
 def test_a_resumed_federation_goes_on_to_the_bit(algorithm: str) -> None:
     learning = FAST.model_copy(update={"algorithm": algorithm})

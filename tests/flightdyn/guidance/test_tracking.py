@@ -34,6 +34,7 @@ def five_legs(wind: WindConfig | None = None, sensors: SensorsConfig = PERFECT) 
     return fly(aircraft, path_along(legs(aircraft.belief.pos_ned_m, TURNS)))
 
 
+@pytest.mark.slow
 def test_calm_air_at_twenty_metres_a_second() -> None:
     track = five_legs()
     off = cross_track(track.points, track.truth)
@@ -164,6 +165,7 @@ def test_limits_of_configuration_are_kept() -> None:
     assert 7.9 < fastest < 8.3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("changes", "home"),
     [

@@ -286,6 +286,7 @@ def worst_error(aircraft: Aircraft, seconds: float) -> tuple[float, float]:
     return position, velocity
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [2, 3])
 def test_ten_seconds_without_gnss_are_bridged(seed: int) -> None:
     aircraft = cruise(seed)

@@ -193,6 +193,7 @@ def test_tables_fit_eighty_columns(tmp_path: Path) -> None:
     assert "+0.000" in text
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("width", [80, 200])
 @pytest.mark.parametrize("runs", [3, 6, 12])
 def test_no_number_wraps_however_many_runs(tmp_path: Path, runs: int, width: int) -> None:

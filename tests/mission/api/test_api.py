@@ -118,6 +118,7 @@ print(aerofed.config().name)
 """
 
 
+@pytest.mark.slow
 def test_a_script_may_stand_beside_modules_of_our_names(tmp_path: Path) -> None:
     script = tmp_path / "script.py"
     script.write_text(OWN_MODULES)

@@ -50,6 +50,7 @@ def test_either_direction_of_an_outline_is_the_same_area(turned: np.ndarray) -> 
     assert space.free(np.array([at(95, 150), at(150, 150), at(50, 50)])).tolist() == [0, 0, 1]
 
 
+@pytest.mark.slow
 @settings(max_examples=60)
 @given(st.lists(st.floats(-50, 650), min_size=4, max_size=4))
 def test_every_way_keeps_the_margin_and_no_corner_of_it_can_be_left_out(place) -> None:
@@ -97,6 +98,7 @@ def _far_from_edges(a: np.ndarray, b: np.ndarray, rings: list[np.ndarray]) -> fl
     return least
 
 
+@pytest.mark.slow
 @settings(max_examples=300)
 @given(
     st.lists(st.floats(-50, 650), min_size=2, max_size=2),

@@ -264,6 +264,7 @@ def test_link_budget_prints_and_warns(capsys: pytest.CaptureFixture[str]) -> Non
     assert "warning: PER straight overhead" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_the_table_fits_eighty_columns_with_all_that_may_be_limited(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -136,6 +136,7 @@ def test_data_commands_tell_json(tmp_path: Path, capsys) -> None:
     assert {item["task"] for item in found} == {"mnist", "fashion-mnist", "cifar10"}
 
 
+@pytest.mark.slow
 def test_a_sweep_tells_its_results_as_json_and_writes_its_page(tmp_path: Path, capsys) -> None:
     out = tmp_path / "sweep"
     tokens = ["sweep", "quickstart", "--strategies", "cov", "--seeds", "1", *QUICK, "--jobs", "1"]

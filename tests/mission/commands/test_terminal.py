@@ -77,6 +77,7 @@ sys.meta_path.insert(0, Interrupts())
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("module", "command"),
     [

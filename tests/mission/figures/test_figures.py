@@ -70,6 +70,7 @@ def test_a_run_gets_its_three_pictures_the_same_each_time(tmp_path: Path) -> Non
     assert [file.read_bytes() for file in draw_run(tmp_path)] == first
 
 
+@pytest.mark.slow
 def test_every_picture_says_which_run_and_seed_it_is_of(tmp_path: Path) -> None:
     fly(tmp_path, rounds=2)
     (tmp_path / "summary.json").write_text('{"strategy": "cov", "status": "finished"}')
@@ -168,6 +169,7 @@ def test_the_map_of_all_rounds_tells_their_order_and_direction(tmp_path: Path) -
     assert width == {"as": "width", "calculate": "2.6 + 1.1 * (3 - datum.round)"}
 
 
+@pytest.mark.slow
 def test_one_key_says_what_fence_and_areas_look_like(tmp_path: Path) -> None:
     ring = np.array([[10.0, 10.0], [60.0, 10.0], [60.0, 60.0]])
     fly(tmp_path, rounds=2)
@@ -177,6 +179,7 @@ def test_one_key_says_what_fence_and_areas_look_like(tmp_path: Path) -> None:
     assert drawn.count("no-fly area") == 1
 
 
+@pytest.mark.slow
 def test_rounds_that_are_many_are_coloured_alone(tmp_path: Path) -> None:
     fly(tmp_path, rounds=9)
     spec = described(overview(load_run(tmp_path).data, "run"))
@@ -242,6 +245,7 @@ def test_a_plan_s_devices_have_their_communities_colours() -> None:
     assert "fill" not in keys(described(plan_picture(problem, made, title="t")))
 
 
+@pytest.mark.slow
 def test_a_plan_shows_its_area_and_names_what_must_not_be_flown(tmp_path: Path) -> None:
     no_fly = [{"name": "pond", "polygon_m": [[10.0, 10.0], [60.0, 10.0], [60.0, 60.0]]}]
     fence = [[-90, -90], [1900, -90], [-90, 1900]]
@@ -283,6 +287,7 @@ def test_the_map_of_several_rounds_says_that_importance_is_their_mean(tmp_path: 
     assert (title(1), title(3)) == ("importance", "mean importance")
 
 
+@pytest.mark.slow
 def test_a_page_chooses_a_round_by_a_parameter(tmp_path: Path) -> None:
     fly(tmp_path, rounds=3)
     run = load_run(tmp_path).data
@@ -307,6 +312,7 @@ def test_many_rounds_are_thinned_to_twelve_maps_with_first_and_last(tmp_path: Pa
     assert "12 of 15 rounds" in spec["title"]["subtitle"]
 
 
+@pytest.mark.slow
 def test_a_picture_of_one_round_is_as_wide_as_its_keys(tmp_path: Path) -> None:
     """Vega makes room for axes, titles and keys around what is described."""
     fly(tmp_path, rounds=1)
@@ -422,6 +428,7 @@ def test_an_engine_that_dies_is_one_error_and_leaves_the_old_pictures(
     assert files[0].read_bytes() == b"old"
 
 
+@pytest.mark.slow
 def test_nothing_that_draws_is_loaded_before_something_is_drawn() -> None:
     code = (
         "import sys, mission.cli, mission.run.session, mission.run.plan_flight\n"

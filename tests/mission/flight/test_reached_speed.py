@@ -71,6 +71,7 @@ class Vehicle:
         return self.flyer.mission.speed_mps
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("leg_of_s", [0.0, 0.5, 1.0, 2.0, 3.0])
 @pytest.mark.parametrize("acc_mps2", [2.0, 3.0, 5.0])
 def test_a_short_leg_does_not_make_a_vehicle_slow(acc_mps2: float, leg_of_s: float) -> None:

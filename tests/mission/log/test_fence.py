@@ -65,6 +65,7 @@ def test_without_one_or_switched_off_there_is_none() -> None:
                  parameters(), AREA)  # fmt: skip
 
 
+@pytest.mark.slow
 def test_log_scene_map_kml_report_and_figure_have_it(tmp_path: Path) -> None:
     made = fly(tmp_path, rounds=1, fence=zones())
     found = read_log(made.log).fence

@@ -55,6 +55,7 @@ class Balance(HTMLParser):
             assert self.open.pop() == tag
 
 
+@pytest.mark.slow
 def test_it_is_one_well_formed_file_that_fetches_nothing(page: str) -> None:
     parser = Balance()
     parser.feed(page)

@@ -227,6 +227,7 @@ def fenced(tmp_path: Path, *circles: tuple[bool, float, float]) -> Path:
     return plan
 
 
+@pytest.mark.slow
 def test_a_fence_of_the_plan_is_in_the_log(tmp_path: Path) -> None:
     out = tmp_path / "out"
     plan = fenced(tmp_path, (True, 47.4, 1000.0))

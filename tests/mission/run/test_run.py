@@ -408,6 +408,7 @@ sys.exit(call(sys.argv[1:]))
 """
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform != "linux", reason="memory is limited by way of /proc")
 def test_figures_without_memory_end_in_one_line_and_lose_nothing(run: Path, tmp_path: Path) -> None:
     out = tmp_path / "starved"

@@ -194,6 +194,7 @@ def test_an_own_planner_flies(tmp_path: Path) -> None:
     assert [float(row["plan_path_m"]) for row in rows(tmp_path / "out" / "rounds.csv")] == [0.0]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("settings", "code", "words"),
     [

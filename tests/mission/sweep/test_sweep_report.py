@@ -97,6 +97,7 @@ def test_it_is_one_file_with_every_chart(page: str) -> None:
     assert len(page.encode()) < 2_000_000
 
 
+@pytest.mark.slow
 def test_every_picture_says_which_sweep_and_seeds_it_shows() -> None:
     pictures = sweep_pictures("s", state().results)
     assert set(pictures) == {
@@ -142,6 +143,7 @@ def test_pictures_of_many_settings_fit_a_screen(
                 assert len(block["concat"]) % block["columns"] != 1
 
 
+@pytest.mark.slow
 def test_each_panel_begins_a_row_and_all_have_one_key() -> None:
     spec = described(sweep_pictures("s", by_setting(2, 7))["accuracy-rounds.png"])
     titles = [[chart["title"]["text"] for chart in block["concat"]] for block in spec["vconcat"]]
@@ -162,6 +164,7 @@ def test_lines_of_one_colour_differ_in_their_dashes(groups: int, dotted: bool) -
     assert ("[2, 3]" in json.dumps(spec)) is dotted
 
 
+@pytest.mark.slow
 def test_fewer_than_three_seeds_have_no_interval() -> None:
     two = tuple(item for item in state().results if item.point.seed < 3)
     curves = described(sweep_pictures("s", two)["accuracy-rounds.png"])

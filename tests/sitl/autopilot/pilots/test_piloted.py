@@ -151,6 +151,7 @@ def test_rc_channels_are_sticks_too() -> None:
     assert flight.mode is Mode.RETURN
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("clockwise", [True, False])
 def test_an_orbit_is_a_circle(clockwise: bool) -> None:
     flight = Flight()

@@ -119,6 +119,7 @@ def hovering(parameters: dict[str, float] | None = None) -> Desk:
     return desk
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("cause", "value", "action"), CASES)
 def test_every_row_of_the_table(cause: Cause, value: int, action: Action) -> None:
     desk = hovering({RULES[cause].parameter: value})
