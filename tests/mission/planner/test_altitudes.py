@@ -43,6 +43,7 @@ def plan(given: RoundProblem, kind: str = "certified", **options: float) -> Roun
     return made
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("channel", ["suburban", "suburban+10dB", "urban", "suburban-log-variance"])
 @pytest.mark.parametrize(("seed", "steps"), [(1, 3), (2, 4), (3, 6)])
 def test_no_altitude_beats_the_plan_by_more_than_the_gap(channel: str, seed: int, steps: int):
@@ -56,6 +57,7 @@ def test_no_altitude_beats_the_plan_by_more_than_the_gap(channel: str, seed: int
     assert made.upper_bound >= best.value * (1.0 - 1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(8))
 def test_no_path_from_any_altitude_exceeds_the_bound(seed: int) -> None:
     rng = np.random.default_rng([7, seed])
@@ -84,6 +86,7 @@ def drawn(seed: int) -> Channel:
     )  # fmt: skip
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("channel", [*CHANNEL_PRESETS, *range(12)])
 @pytest.mark.parametrize("ends", [(40.0, 60.0), (10.0, 12.5), (95.0, 100.0), (10.0, 132.5)])
 def test_what_is_earned_in_between_stays_below_the_raised_chord(channel: str | int, ends) -> None:
@@ -110,6 +113,7 @@ def test_the_raised_table_lies_above_what_it_expands() -> None:
         assert value + slope * d + bend * d * d / 2.0 >= f - 1e-12
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["sqp", "paper"])
 def test_planners_without_a_bound_try_nine_altitudes(kind: str) -> None:
     given = problem(5, devices=4, channel="urban")

@@ -44,6 +44,7 @@ def plan(given: RoundProblem, kind: str = "certified") -> RoundPlan:
     return made
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("kind", "seed"), [("certified", 0), ("certified", 1), ("sqp", 2), ("paper", 3)]
 )
@@ -64,6 +65,7 @@ def test_every_planner_keeps_out(kind: str, seed: int) -> None:
     assert made.path_m <= 800.0 + 1e-3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(2))
 def test_the_bound_is_above_every_plan_and_not_above_that_without_areas(seed: int) -> None:
     given = problem(seed)
@@ -85,6 +87,7 @@ def test_where_nothing_is_in_the_way_the_plan_is_the_planners_own() -> None:
     np.testing.assert_array_equal(plan(given).waypoints_m, free.waypoints_m)
 
 
+@pytest.mark.slow
 def test_two_steps_are_as_good_as_the_best_of_a_fine_grid() -> None:
     given = problem(3, devices=3, steps=2, budget=700.0)
     x, y = np.meshgrid(np.arange(-80, 881, 10.0), np.arange(-80, 881, 10.0))
@@ -115,6 +118,7 @@ def test_a_start_that_has_drifted_into_the_margin_is_left() -> None:
     np.testing.assert_allclose(made.route_m[1], [285.0, 400.0], atol=1e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["certified", "sqp"])
 def test_devices_behind_what_nobody_can_cross_are_heard_from_this_side(kind: str) -> None:
     river = np.array([[380.0, -200], [420, -200], [420, 1000], [380, 1000]])

@@ -8,6 +8,8 @@ from test_places import best_assignment
 from mission.planner.certified import CertifiedPlanner
 from mission.planner.evaluate import fit_budget
 
+pytestmark = pytest.mark.slow
+
 
 def exchanged(problem, *, turns, seed):
     """The best value of paths over devices, changed at random: one put in, out or elsewhere."""

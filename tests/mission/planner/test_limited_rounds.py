@@ -49,6 +49,7 @@ def plan(given: RoundProblem, kind: str = "certified") -> RoundPlan:
     return made
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["certified", "sqp", "paper"])
 @pytest.mark.parametrize(
     "given", [limits(30.0), limits(45.0), limits(energy_j=7000.0), limits(40.0, 9000.0)]
@@ -62,6 +63,7 @@ def test_every_planner_keeps_to_limits(kind: str, given: RoundLimits) -> None:
     assert math.isnan(made.upper_bound) == (kind != "certified")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(4))
 def test_nothing_that_fits_exceeds_the_bound(seed: int) -> None:
     given = limits(30.0) if seed % 2 else limits(energy_j=8000.0)
@@ -83,6 +85,7 @@ def test_nothing_that_fits_exceeds_the_bound(seed: int) -> None:
     assert tried > 10
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["certified", "sqp"])
 @pytest.mark.parametrize("duration_s", [3.0, 40.0])
 def test_hovers_for_uploads_count_and_fewer_are_served(kind: str, duration_s: float) -> None:
@@ -124,6 +127,7 @@ def test_metres_that_pay_for_less_are_the_limit() -> None:
     assert limited.upper_bound == pytest.approx(metres.upper_bound)
 
 
+@pytest.mark.slow
 def test_more_time_is_worth_no_less_in_the_bound() -> None:
     bounds = [plan(problem(given=limits(seconds))).upper_bound for seconds in (20, 30, 40, 60)]
     # Each is proven to a gap of 1 % only.
@@ -139,6 +143,7 @@ def test_without_limits_the_planner_itself_answers() -> None:
     np.testing.assert_array_equal(made.waypoints_m, inner.waypoints_m)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("altitudes_m", [None, (40.0, 120.0)])
 @pytest.mark.parametrize("seed", range(2))
 def test_around_areas_nothing_that_fits_exceeds_the_bound(seed: int, altitudes_m) -> None:
@@ -163,6 +168,7 @@ def test_around_areas_nothing_that_fits_exceeds_the_bound(seed: int, altitudes_m
     assert tried > 100
 
 
+@pytest.mark.slow
 def test_an_altitude_to_choose_is_worth_no_less_than_one_of_them() -> None:
     given = limits(35.0)
     free = plan(problem(given=given, altitudes_m=(40.0, 120.0)))
@@ -173,6 +179,7 @@ def test_an_altitude_to_choose_is_worth_no_less_than_one_of_them() -> None:
         assert fixed.value <= free.value * 1.02
 
 
+@pytest.mark.slow
 def test_around_areas_within_a_deadline() -> None:
     space = Airspace((WALL,), None, 15.0)
     here = problem(3, given=limits(40.0), airspace=space, start_m=np.array([200.0, 400.0]))
@@ -188,6 +195,7 @@ def test_a_round_that_may_take_nothing_much_stands_still() -> None:
     assert made.foreseen.duration_s == 0.0
 
 
+@pytest.mark.slow
 def test_the_same_problem_gives_the_same_plan() -> None:
     first, second = (plan(problem(given=limits(35.0))) for _ in range(2))
     np.testing.assert_array_equal(first.waypoints_m, second.waypoints_m)

@@ -19,6 +19,8 @@ from mission.planner.native.library import (
     square_bound,
 )
 
+pytestmark = pytest.mark.slow
+
 CHANNELS = st.sampled_from(sorted(CHANNEL_PRESETS))
 THOROUGH = settings(max_examples=25, deadline=None, derandomize=True)
 

@@ -128,6 +128,7 @@ KINDS: dict[str, dict[str, Any]] = {
 }  # fmt: skip
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 def test_steps_never_lose_and_keep_to_all_limits(kind):
     for seed in range(2):
@@ -168,6 +169,7 @@ def climbed(problem, plan, *, tries):
     return best.value
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", [kind for kind in KINDS if kind != "metres"])
 def test_no_hill_climber_finds_much_better_plans(kind):
     for seed, preset in ((3, "suburban+10dB"), (5, "suburban")):

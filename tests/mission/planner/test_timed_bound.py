@@ -89,6 +89,7 @@ def best_on_a_grid(given: RoundProblem) -> float:
     return best
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(4))
 @pytest.mark.parametrize("kind", ["uploads", "ready", "both"])
 def test_no_schedule_on_a_grid_exceeds_the_bound(seed: int, kind: str) -> None:
@@ -108,6 +109,7 @@ def test_no_schedule_on_a_grid_exceeds_the_bound(seed: int, kind: str) -> None:
     assert bound < timed_bound(free, best, GOAL), "the limits count"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(2))
 @pytest.mark.parametrize("kind", ["s", "J", "altitude", "pace", "unflown"])
 def test_no_plan_that_fits_exceeds_the_bound(seed: int, kind: str) -> None:
