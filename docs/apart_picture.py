@@ -34,7 +34,7 @@ COLOURS = dict(zip(LAYOUTS, (SOFT, COOL, BAD, GOOD, WARM), strict=True))
 
 _CHANNELS = {
     "suburban": "default", "suburban-7dB": "-7 dB", "suburban-4dB": "-4 dB",
-    "suburban+3dB": "+3 dB", "suburban-log-variance": "log var.", "dense-urban": "dense u.",
+    "suburban+3dB": "+3 dB", "suburban-log-variance": "log var.", "dense-urban": "dense",
 }  # fmt: skip
 
 
@@ -44,7 +44,7 @@ def _short(value: object) -> str:
 
 
 _APART = 0.15  # of a level's width, between its layouts
-_WIDTH, _HEIGHT = 330.0, 170.0
+_WIDTH, _HEIGHT = 350.0, 170.0
 _SHIFT = "shift, points"
 
 
@@ -73,7 +73,7 @@ def picture(rows: pd.DataFrame) -> Chart:
         "Shift: how much more often CIFAR-10's devices are heard where they are three times as "
         "important as MNIST's (one panel: other ratios)",
         "than with all alike. Planned only; one factor at a time around N = 2, K_bar = 3. Dots: "
-        "means of sixteen draws; faint: draws. Dashed: 10 points.",
+        "means over draws; faint: draws. Dashed: 10 points.",
     ]
     return arranged(
         panels,
@@ -89,12 +89,7 @@ def _panel(title: str, y: str, rows: pd.DataFrame, levels: Sequence[str]) -> Cha
     value."""
     order = list(COLOURS)
     means = rows.groupby(["layout", "level"], as_index=False, sort=False).value.mean()
-    axis = alt.Axis(
-        values=list(range(len(levels))),
-        labelExpr=f"{list(levels)}[datum.value]",
-        ticks=False,
-        labelOverlap=False,
-    )
+    axis = alt.Axis(labels=False, ticks=False, titlePadding=22)
     reach = alt.Scale(domain=[-0.5, len(levels) - 0.5], nice=False)
     across = alt.X("x:Q", title=title, axis=axis, scale=reach)
     up = alt.Y("value:Q", title=y)
@@ -102,7 +97,10 @@ def _panel(title: str, y: str, rows: pd.DataFrame, levels: Sequence[str]) -> Cha
     colour = alt.Color("layout:N", scale=named(order, [*COLOURS.values()]), legend=key)
     tip = [alt.Tooltip(f"{name}:N", title=" ") for name in ("layout", "level")]
     tip.append(alt.Tooltip("value:Q", title=y, format=".3~g"))
-    layers = []
+    # As marks: of an axis' labels every other one is left out as soon as two come close.
+    names = alt.Chart(table(x=list(range(len(levels))), name=list(levels)))
+    words = names.mark_text(baseline="top", color=SOFT, fontSize=11)
+    layers = [words.encode(x=across, y=alt.value(_HEIGHT + 6.0), text="name:N")]
     if y == _SHIFT:
         least = alt.Chart(table(y=[LEAST_SHIFT]))
         layers.append(least.mark_rule(color=SOFT, strokeDash=[5, 4]).encode(alt.Y("y:Q")))

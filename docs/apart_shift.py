@@ -85,7 +85,7 @@ Made from screen.csv by `python docs/apart.py --out docs/data/apart-screen`. Pla
 [PLAN](../PLAN.md), stage 1; what it says: [The paper's experiment, reproduced][page].
 
 Shift: CIFAR-10's participation with its devices three times as important as MNIST's, less that with
-all alike, in points; mean of sixteen draws (lowest to highest).
+all alike, in points; mean of {draws} draws (lowest to highest).
 
 [page]: ../../reproduction.md#where-weights-can-move-anything
 """
@@ -105,7 +105,8 @@ def tables(rows: pd.DataFrame) -> str:
         "Metres and rounds": f"{_METRES}\n{_rounds(found)}",
         "What goes forward": _forward(found),
     }
-    return _HEAD + "".join(f"\n## {title}\n\n{text}\n" for title, text in parts.items())
+    head = _HEAD.format(draws=found.seed.nunique())
+    return head + "".join(f"\n## {title}\n\n{text}\n" for title, text in parts.items())
 
 
 def _hypotheses(found: pd.DataFrame) -> str:
@@ -149,7 +150,7 @@ def _full(found: pd.DataFrame) -> str:
 def _shift(of: pd.DataFrame, *, bold: bool = False, both: bool = False) -> str:
     star = "**" if bold else ""
     low, high = of["shift"].min(), of["shift"].max()
-    words = f"{star}{of['shift'].mean():+.1f}{star} ({low:.0f} to {high:.0f})"
+    words = f"{star}{of['shift'].mean():+z.1f}{star} ({low:z.0f} to {high:z.0f})"
     return f"{words}<br>{of.cifar10_1.mean():.0f} → {of.cifar10.mean():.0f}" if both else words
 
 
