@@ -35,7 +35,8 @@ def fly(
         Folder for log (flight.mcap), track (track.csv) and summary; it must be new or empty.
         Default: a new one under runs/.
     set_
-        Override any key: --set vehicle.aircraft.wind.speed_mps=8 --set link.speed=1
+        Override a key of vehicle.* or link.*, or the seed; the plan says where and how fast:
+        --set vehicle.aircraft.wind.speed_mps=8 --set link.speed=1
     vehicle
         Fly an external autopilot (PX4, ArduPilot, aerofed sitl) instead of the simulated vehicle:
         a MAVSDK URL such as udpin://0.0.0.0:14540; overrides link.kind and link.url.

@@ -41,7 +41,7 @@ _FREE_M = 20.0  # of a way that one more device takes: less counts as this
 _ROUNDS, _WORTH = 3, 5e-4  # of programs and detours; the gain for which there is another
 _NEAR_M = 15.0  # waypoints of one turn
 _ALIKE = 0.003  # of the value: plans that differ by less are taken for one
-_LOOSE = "its bound counts less than all that corners, ways around areas and turns take"
+_LOOSE = "its bound leaves out part of the time that corners and ways around areas take"
 _GAIN = 1e-6  # of the value: less is no improvement
 
 
