@@ -111,6 +111,9 @@ def run_flight(flight: Coroutine[Any, Any, T]) -> T:
 
     async def fly() -> "asyncio.Task[T]":
         task = asyncio.ensure_future(flight)
+        # Where KeyboardInterrupt leaves the loop, nobody asks how the task ended; left unasked, it
+        # complains once it is collected, in the midst of anything.
+        task.add_done_callback(lambda ended: ended.cancelled() or ended.exception())
         ending = _endings[-1] if _endings else _Ending(patient=True)
         ending.flights[task] = asyncio.get_running_loop()
         try:

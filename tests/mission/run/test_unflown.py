@@ -1,5 +1,6 @@
 """Runs without flight: what was planned is what was met, and all else stays as it is."""
 
+import gc
 import json
 import re
 from pathlib import Path
@@ -73,7 +74,10 @@ def test_a_resumption_leaves_out_the_page_that_the_run_was_to_leave_out(
 
 
 def test_a_resumption_that_is_cut_off_says_what_is_kept(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    caplog: pytest.LogCaptureFixture,
 ) -> None:
     out = tmp_path / "cut"
     with monkeypatch.context() as patch:
@@ -94,6 +98,8 @@ def test_a_resumption_that_is_cut_off_says_what_is_kept(
     assert f"interrupted; aerofed run --resume {out} goes on" in said
     assert call(["compare", str(out)]) == 0
     assert "2 rounds of it are here" in capsys.readouterr().err
+    gc.collect()
+    assert not [record for record in caplog.records if record.name == "asyncio"]
 
 
 @pytest.mark.parametrize("strategy", ["barycenter", "rectangular", "ideal", "no_cov"])
