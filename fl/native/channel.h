@@ -7,16 +7,6 @@
 #include "learning.h"
 #include "normal.h"
 
-/* arctan(x) for 0 <= x <= 1, to 2e-16: halved twice, then Taylor's series. */
-static inline double arctan(double x)
-{
-    for (int i = 0; i < 2; i++) x /= 1.0 + sqrt(1.0 + x * x);
-    const double z = -x * x;
-    double sum = 0.0;
-    for (int n = 21; n >= 1; n -= 2) sum = sum * z + 1.0 / (double)n;
-    return 4.0 * x * sum;
-}
-
 /* 1 / (1 + e^-x) */
 static inline double logistic(double x)
 {
@@ -27,10 +17,7 @@ static inline double logistic(double x)
 /* At a horizontal distance >= 0 and a height >= 0, in metres. */
 static inline double per_at(const Channel *channel, double r, double height)
 {
-    const int low = r > height || height == 0.0; /* on the ground the elevation is 0 */
-    const double theta =
-        low ? arctan(r > 0.0 ? height / r : 0.0) : 1.57079632679489661923 - arctan(r / height);
-    const double rho = logistic(channel->a1 * theta - channel->a2);
+    const double rho = logistic(channel->a1 * arc_tangent2(height, r) - channel->a2);
     double d = sqrt(r * r + height * height);
     d = d > channel->nearest ? d : channel->nearest;
     const double log_d = log_of(d < 1e300 ? d : 1e300, 0);

@@ -2,7 +2,7 @@
 #ifndef VECTORS_H
 #define VECTORS_H
 
-#include <stdint.h>
+#include "elementary.h"
 
 /* a x b */
 static inline void cross(double out[3], const double a[3], const double b[3])
@@ -22,30 +22,7 @@ static inline double size3(double x, double y, double z)
     return __builtin_sqrt(x * x + y * y + z * z);
 }
 
-/* The angle of (x, y) from the x axis. The platform's own would not have the same last digit
-   everywhere: ratios up to tan(pi / 8) by their series, others by the half angle before it. */
-static double arc_tangent2(double y, double x)
-{
-    const double PI = 3.14159265358979323846;
-    const double ax = x < 0 ? -x : x, ay = y < 0 ? -y : y;
-    double low = ax < ay ? ax : ay, high = ax < ay ? ay : ax, angle = 0;
-    if (high == 0) return 0;
-    if (low > 0.41421356237309503 * high) { /* atan r = pi / 4 - atan((1 - r) / (1 + r)) */
-        const double sum = high + low;
-        low = low - high;
-        high = sum;
-        angle = PI / 4;
-    }
-    const double r = low / high, z = r * r;
-    double sum = 0;
-    for (int k = 45; k > 0; k -= 2) sum = 1.0 / k - z * sum;
-    angle += r * sum;
-    if (ay > ax) angle = PI / 2 - angle;
-    if (x < 0) angle = PI - angle;
-    return y < 0 ? -angle : angle;
-}
-
-/* The same angle in [-pi, pi). */
+/* An angle in [-pi, pi). */
 static inline double wrapped(double angle)
 {
     const double PI = 3.14159265358979323846, turns = (angle + PI) / (2 * PI);

@@ -1,5 +1,5 @@
-/* exp and log from additions and multiplications alone: the same digits on every machine, which
-   the platform's own do not promise. Both are within 2 units in the last place. */
+/* exp, log and arctan from additions, multiplications and divisions alone: the same digits on every
+   machine, which the platform's own do not promise. exp and log are within 2 units in the last place. */
 #ifndef ELEMENTARY_H
 #define ELEMENTARY_H
 
@@ -78,6 +78,29 @@ static inline double log_of(double m, int64_t power)
     double small = s * (half + z * sum);
     double k = (double)power;
     return k * LN2_HIGH - ((half - (small + k * LN2_LOW)) - f);
+}
+
+/* The angle of (x, y) from the x axis: ratios up to tan(pi / 8) by their series, others by the half
+   angle before it. */
+static inline double arc_tangent2(double y, double x)
+{
+    const double PI = 3.14159265358979323846;
+    const double ax = x < 0 ? -x : x, ay = y < 0 ? -y : y;
+    double low = ax < ay ? ax : ay, high = ax < ay ? ay : ax, angle = 0;
+    if (high == 0) return 0;
+    if (low > 0.41421356237309503 * high) { /* atan r = pi / 4 - atan((1 - r) / (1 + r)) */
+        const double sum = high + low;
+        low = low - high;
+        high = sum;
+        angle = PI / 4;
+    }
+    const double r = low / high, z = r * r;
+    double sum = 0;
+    for (int k = 45; k > 0; k -= 2) sum = 1.0 / k - z * sum;
+    angle += r * sum;
+    if (ay > ax) angle = PI / 2 - angle;
+    if (x < 0) angle = PI - angle;
+    return y < 0 ? -angle : angle;
 }
 
 #endif
