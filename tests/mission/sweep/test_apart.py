@@ -1,6 +1,7 @@
 """The screen of communities that live apart: its layouts, its rule, its statistics."""
 
 import apart
+import apart_runs
 import apart_shift
 import numpy as np
 import pandas as pd
@@ -95,3 +96,19 @@ def test_a_t_test_by_hand() -> None:
 def test_budgets_pay_for_no_more_rounds_than_a_run_has() -> None:
     metres = pd.Series([800.0, 10.0])
     assert apart_shift.rounds_paid(metres, 40e3).tolist() == [50.0, 400.0]
+
+
+def test_a_run_stands_where_its_layout_and_seed_have_it() -> None:
+    task = apart_runs.Task(apart_runs.Cell("rim", 3, 2), "no_cov", 203)
+    config = task.config()
+    places = [c.positions_m for c in config.communities]
+    assert np.vstack(places) == pytest.approx(apart.positions_m("rim", 203), abs=1e-3)  # type: ignore[arg-type]
+    assert (config.mission.steps, config.mission.devices_per_step) == (3, 2)
+    assert (config.seed, config.mission.flight) == (203, "none")
+
+
+def test_the_cells_are_those_of_the_plan() -> None:
+    """Twelve that go forward and two controls; the ideal once a seed, all else in every cell."""
+    assert len(set(apart_runs.CELLS)) == 14
+    names = [task.point.name for task in apart_runs.tasks(14)]
+    assert len(names) == len(set(names)) == 16 * (14 * 3 + 1)

@@ -1,0 +1,169 @@
+"""Runs where communities live apart: who learns what, not flown, small data.
+
+    python docs/apart_runs.py --data-dir DATA --out docs/data/apart-runs --jobs 2 [--cells 3]
+
+DATA holds MNIST and CIFAR-10; a tenth of each is used. `--out` gets a table a run, with a row a
+round. Runs that are there already are kept, so the command goes on where it was cut off. What is
+run, in which order and why, was written before: docs/data/PLAN.md, stage 2a.
+"""
+
+import argparse
+import os
+import tempfile
+from collections.abc import Iterator
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+from itertools import product
+from pathlib import Path
+
+import apart
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+import aerofed
+from mission.base.run_folder import RunFolder, write_atomically
+from mission.config.preflight import code_digests
+from mission.sweep.execute.worker import ENVIRONMENT, RunOrder, execute
+from mission.sweep.grid import Point
+from mission.sweep.results import read_run
+
+SEEDS = range(201, 217)
+ONLY = "cifar10_only"  # the ceiling of weights: all importance is CIFAR-10's
+STRATEGIES = ("cov", "no_cov", ONLY, "ideal")
+SPENT = ("budget_used_m", "energy_used_j")
+LEARNT = ("accuracy_cifar10", "accuracy_mnist")
+HEARD = ("participation_cifar10", "participation_mnist")  # of the whole run
+
+
+@dataclass(frozen=True)
+class Cell:
+    """A setting that goes forward from stage 1."""
+
+    layout: str
+    steps: int  # N
+    per_step: int  # K_bar
+
+
+# In the order in which they are run, each whole before the next: the cell of the hypotheses and its
+# control, then the best cell of each other layout, then the rest by their shift.
+CELLS = (
+    Cell("corners", 2, 3), Cell("mixed", 2, 3), Cell("clusters", 2, 3), Cell("halves", 2, 3),
+    Cell("rim", 2, 2), Cell("mixed", 3, 2), Cell("mixed", 3, 3), Cell("clusters", 2, 4),
+    Cell("corners", 2, 2), Cell("halves", 2, 4), Cell("corners", 3, 2), Cell("clusters", 3, 2),
+    Cell("halves", 3, 2), Cell("corners", 4, 2),
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class _Only:
+    planner: aerofed.Planner
+    fairness: bool = True
+    approach_m: NDArray[np.float64] | None = None
+
+    def importance(self, info: aerofed.RoundInfo) -> NDArray[np.float64]:
+        return info.delta * (info.community_of == 0)
+
+    def sortie(self, _: int, problem: aerofed.RoundProblem) -> aerofed.Sortie:
+        return aerofed.Sortie(self.planner.plan(problem))
+
+
+def cifar10_only(context: aerofed.StrategyContext) -> aerofed.Strategy:
+    """The strategy to which MNIST's devices are worth nothing."""
+    return _Only(context.planner)
+
+
+@dataclass(frozen=True)
+class Task:
+    """One run."""
+
+    cell: Cell
+    strategy: str
+    seed: int
+
+    @property
+    def point(self) -> Point:
+        """What tells the run from the others, as it stands in the tables."""
+        settings = (
+            ("layout", self.cell.layout),
+            ("N", self.cell.steps),
+            ("K_bar", self.cell.per_step),
+        )
+        return Point(self.strategy, self.seed, settings)
+
+    def config(self) -> aerofed.RunConfig:
+        """`paper-sweep` on a tenth of the data, with the devices where the layout has them."""
+        places = apart.positions_m(self.cell.layout, self.seed).round(3).tolist()
+        strategy = f"apart_runs:{ONLY}" if self.strategy == ONLY else self.strategy
+        return aerofed.config(
+            "paper-sweep",
+            {
+                "seed": self.seed,
+                "mission.strategy": strategy,
+                "mission.flight": "none",
+                "mission.steps": self.cell.steps,
+                "mission.devices_per_step": self.cell.per_step,
+                "communities.0.subset": 0.1,
+                "communities.1.subset": 0.1,
+                "communities.0.positions_m": places[: apart.EACH],
+                "communities.1.positions_m": places[apart.EACH :],
+            },
+        )
+
+
+def tasks(cells: int) -> Iterator[Task]:
+    """The runs of the first cells. The ideal knows no cell, so the first has all of it."""
+    for cell, seed, strategy in product(CELLS[:cells], SEEDS, STRATEGIES):
+        if strategy != "ideal" or cell == CELLS[0]:
+            yield Task(cell, strategy, seed)
+
+
+def run(task: Task, data_dir: Path) -> pd.DataFrame:
+    """The rounds of a run.
+
+    Raises:
+        RuntimeError: the run failed, with what it said.
+    """
+    config = task.config()
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / task.point.name
+        here, plugins = Path(__file__).parent, code_digests(config)
+        end = execute(
+            RunOrder(path.name, config, path, data_dir, here, figures=False, plugins=plugins)
+        )
+        if end.exit_code != 0:
+            raise RuntimeError(f"{path.name}: {end.message}")
+        found = read_run(RunFolder(path), task.point)
+    rounds = pd.DataFrame(found.rounds)[[*task.point.keys, "round", *SPENT, *LEARNT]]
+    heard = {name: round(float(found.summary[name]), 4) for name in HEARD}
+    return rounds.round({"budget_used_m": 2, "energy_used_j": 1} | dict.fromkeys(LEARNT, 4)).assign(
+        **heard
+    )
+
+
+def _made(task: Task, data_dir: Path, path: Path) -> str:
+    write_atomically(path, run(task, data_dir).to_csv(index=False, lineterminator="\n"))
+    return path.name
+
+
+def main() -> None:
+    """Run what was not yet."""
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("--data-dir", type=Path, required=True, metavar="DATA")
+    parser.add_argument("--out", type=Path, required=True, metavar="DIR")
+    parser.add_argument("--cells", type=int, default=len(CELLS), help="the first so many")
+    parser.add_argument("--jobs", type=int, default=1, help="processes")
+    options = parser.parse_args()
+    options.out.mkdir(parents=True, exist_ok=True)
+    os.environ.update(ENVIRONMENT)
+    with ProcessPoolExecutor(options.jobs) as pool:
+        for task in tasks(options.cells):
+            path = options.out / f"{task.point.name}.csv"
+            if not path.exists():
+                pool.submit(_made, task, options.data_dir, path).add_done_callback(
+                    lambda done: print(done.result(), flush=True)
+                )
+
+
+if __name__ == "__main__":
+    main()
