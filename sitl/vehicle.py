@@ -6,6 +6,7 @@ from flightdyn.aircraft import Aircraft
 from flightdyn.random import RandomStreams
 from flightdyn.state import GeodeticPoint, GnssFix
 from sitl.autopilot.autopilot import Autopilot
+from sitl.autopilot.codec.orders import OrderObserver
 from sitl.autopilot.parameters import Parameters, parameters_of
 from sitl.config import VehicleConfig
 from sitl.errors import SitlInputError
@@ -31,12 +32,13 @@ class Vehicle:
         observers: Sequence[VehicleObserver] = (),
         aircraft: Aircraft | None = None,
         logs: LogFolder | None = None,
+        orders: OrderObserver | None = None,
         standalone: bool = False,
     ) -> None:
         """Build the configured aircraft, or take `aircraft` as it is.
 
         A vehicle that stands alone, part of no run, may be rebooted, and says unasked what PX4
-        says. `logs` are served to ground stations.
+        says. `logs` are served to ground stations; `orders` hears of missions and setpoints.
 
         Raises:
             SitlInputError: a parameter or a rate is not acceptable, or a firmware is asked for;
@@ -52,6 +54,7 @@ class Vehicle:
         self._streams = streams
         self._standalone = standalone
         self._logs = logs
+        self._orders = orders
         self._observers = list(observers)
         self._boot(aircraft or self._new_aircraft(), parameters_of(config))
 
@@ -68,6 +71,7 @@ class Vehicle:
             sink=self._happened,
             parameter_file=config.parameter_file,
             logs=self._logs,
+            orders=self._orders,
             standalone=self._standalone,
         )
         self._tick = 0

@@ -19,14 +19,22 @@ class Alignment:
     """Sample by sample: how far along the path, and how far from it."""
 
     along_m: Floats  # (n,) never falls
-    cross_m: Floats  # (n,) distance to the path near there
+    cross_m: Floats  # (n,) horizontal distance to the path near there
     corners_m: Floats  # (c,) where along the path it turns
     corner_points_m: Floats  # (c, 2)
     length_m: float
+    waypoints_at_m: Floats  # (N,) where along the path its points are
+    above_m: Floats  # (n,) height above the path near there; zero on the plane
 
 
-def align(track_m: Floats, waypoints_m: Floats, *, turn_deg: float = 5.0) -> Alignment:
-    """Match a flown track (n, 2) to a planned polyline (N, 2), both in metres.
+def align(
+    track_m: Floats,
+    waypoints_m: Floats,
+    *,
+    turn_deg: float = 5.0,
+    between: tuple[Floats, Floats] | None = None,
+) -> Alignment:
+    """Match a flown track (n, 2) to a planned polyline (N, 2), both in metres, or both in space.
 
     Progress along the path may not fall, and the sum of squared distances is the least that is
     possible under that: so a path that crosses or retraces itself is matched leg by leg, which
@@ -35,27 +43,39 @@ def align(track_m: Floats, waypoints_m: Floats, *, turn_deg: float = 5.0) -> Ali
     where two legs are about equally near, the leg that is up to 0.25 m farther may be taken.
 
     Corners are interior waypoints at which the path turns by more than `turn_deg`; waypoints
-    that coincide count once.
+    that coincide count once. Climbs turn nowhere. Where it is known from elsewhere, `between` says
+    least and greatest progress of each sample (n,).
     """
     points = _distinct(waypoints_m)
     legs = np.diff(points, axis=0)
     lengths = np.linalg.norm(legs, axis=1)
     at_m = np.concatenate(([0.0], np.cumsum(lengths)))
     nodes, along = _nodes(points, at_m)
-    index = _monotone(track_m, nodes)
-    cross_m, along_m = _refine(track_m, nodes, along, index)
+    low, high = (0.0, along[-1]) if between is None else between
+    index = _monotone(
+        track_m,
+        nodes,
+        np.broadcast_to(np.searchsorted(along, low), len(track_m)),
+        np.broadcast_to(np.searchsorted(along, high, side="right"), len(track_m)),
+    )
+    away_m, along_m = _refine(track_m, nodes, along, index)
     if len(legs) > 1:
-        unit = legs / lengths[:, None]
+        flat = legs[:, :2]
+        level = np.linalg.norm(flat, axis=1)
+        unit = flat / np.maximum(level, 1e-6)[:, None]
         turn = np.degrees(np.arccos(np.clip((unit[1:] * unit[:-1]).sum(axis=1), -1.0, 1.0)))
-        corner = np.flatnonzero(turn > turn_deg) + 1
+        turns = (turn > turn_deg) & (level[1:] > 1e-6) & (level[:-1] > 1e-6)
+        corner = np.flatnonzero(turns) + 1
     else:
         corner = np.zeros(0, dtype=np.intp)
     return Alignment(
         along_m=np.maximum.accumulate(along_m),
-        cross_m=cross_m,
+        cross_m=np.asarray(np.linalg.norm(away_m[:, :2], axis=1)),
         corners_m=at_m[corner],
-        corner_points_m=points[corner],
+        corner_points_m=points[corner, :2],
         length_m=float(at_m[-1]),
+        waypoints_at_m=polyline.along(waypoints_m),
+        above_m=away_m[:, 2] if away_m.shape[1] > 2 else np.zeros(len(away_m)),
     )
 
 
@@ -63,7 +83,8 @@ def closest_approach(track_m: Floats, point_m: Floats) -> float:
     """Least distance from a point to a flown track (n, 2), straight between its samples."""
     if len(track_m) == 1:
         return float(np.linalg.norm(track_m[0] - point_m))
-    return float(_to_segments(point_m[None], track_m[:-1], track_m[1:])[0].min())
+    away_m, _ = to_segments(point_m[None], track_m[:-1], track_m[1:])
+    return float(np.linalg.norm(away_m, axis=1).min())
 
 
 def _distinct(points: Floats) -> Floats:
@@ -79,19 +100,29 @@ def _nodes(points: Floats, at_m: Floats) -> tuple[Floats, Floats]:
         for start, end in itertools.pairwise(at_m)
     ]
     along = np.concatenate((*pieces, at_m[-1:]))
-    nodes = np.column_stack([np.interp(along, at_m, points[:, axis]) for axis in range(2)])
+    nodes = np.column_stack(
+        [np.interp(along, at_m, points[:, axis]) for axis in range(points.shape[1])]
+    )
     return nodes, along
 
 
-def _monotone(track: Floats, nodes: Floats) -> NDArray[np.intp]:
-    """For each sample a node index, never falling, with the least sum of squared distances."""
+def _monotone(
+    track: Floats, nodes: Floats, first: NDArray[np.intp], last: NDArray[np.intp]
+) -> NDArray[np.intp]:
+    """For each sample a node index, never falling, with the least sum of squared distances.
+
+    Sample i may have the nodes `first[i]` to before `last[i]`, which may both not fall.
+    """
     # By sample, a bit a node: whether the least sum up to this node ends in the node itself.
     ends = np.empty((len(track), math.ceil(len(nodes) / 8)), dtype=np.uint8)
-    cost = np.zeros(len(nodes))
+    # Of sums that are equal, the one that begins and ends earliest: in the first of several laps.
+    cost = np.arange(len(nodes)) * 1e-6
     for i, sample in enumerate(track):
         best = np.minimum.accumulate(cost)
         ends[i] = np.packbits(cost == best)
         cost = best + ((nodes - sample) ** 2).sum(axis=1)
+        cost[: first[i]] = math.inf
+        cost[last[i] :] = math.inf
     index = np.empty(len(track), dtype=np.intp)
     j = int(cost.argmin())
     for i in range(len(track) - 1, -1, -1):
@@ -103,24 +134,24 @@ def _monotone(track: Floats, nodes: Floats) -> NDArray[np.intp]:
 def _refine(
     track: Floats, nodes: Floats, along: Floats, index: NDArray[np.intp]
 ) -> tuple[Floats, Floats]:
-    """Distance to the two path pieces that meet in the node, and where along the path."""
+    """(n, d) away from the nearer of the two path pieces that meet in the node, and where along."""
     if len(nodes) == 1:
-        return np.linalg.norm(track - nodes[0], axis=1), np.zeros(len(track))
+        return track - nodes[0], np.zeros(len(track))
     before = np.clip(index - 1, 0, len(nodes) - 2)
     after = np.clip(index, 0, len(nodes) - 2)
     options = []
     for piece in (before, after):
-        away, share = _to_segments(track, nodes[piece], nodes[piece + 1])
+        away, share = to_segments(track, nodes[piece], nodes[piece + 1])
         options.append((away, along[piece] + share * (along[piece + 1] - along[piece])))
     (first, first_at), (second, second_at) = options
-    nearer = first <= second
-    return np.where(nearer, first, second), np.where(nearer, first_at, second_at)
+    nearer = np.linalg.norm(first, axis=1) <= np.linalg.norm(second, axis=1)
+    return np.where(nearer[:, None], first, second), np.where(nearer, first_at, second_at)
 
 
-def _to_segments(points: Floats, start: Floats, end: Floats) -> tuple[Floats, Floats]:
-    """Distance from points to segments, row by row, and the share of the segment there."""
+def to_segments(points: Floats, start: Floats, end: Floats) -> tuple[Floats, Floats]:
+    """(n, d) from segments to points, row by row, and the share of the segment there."""
     way = end - start
     square = (way**2).sum(axis=1)
     along = ((points - start) * way).sum(axis=1)
     share = np.clip(np.divide(along, square, out=np.zeros(len(way)), where=square > 0), 0.0, 1.0)
-    return np.linalg.norm(points - start - share[:, None] * way, axis=1), share
+    return points - start - share[:, None] * way, share

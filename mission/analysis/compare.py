@@ -12,8 +12,9 @@ from typing import Annotated, Any
 
 import numpy as np
 
+from mission.analysis.legs import legs, spikes
 from mission.analysis.load import LoadedRun
-from mission.analysis.measure import Measured, measure
+from mission.analysis.measure import Measured, measure, measure_pass
 from mission.base.arrays import Floats
 from mission.base.errors import InputError
 from mission.base.tables import told
@@ -50,6 +51,11 @@ def _max(values: Floats) -> float:
 
 def _max_abs(values: Floats) -> float:
     return _max(np.abs(values))
+
+
+def _known(reduce: Callable[[Floats], float]) -> Callable[[Floats], float]:
+    """A statistic of the values that are known."""
+    return lambda values: reduce(values[~np.isnan(values)])
 
 
 def _of(reduce: Callable[[Floats], float], name: str) -> Made:
@@ -96,8 +102,10 @@ class Comparison:
     corner_cut_mean_m: Annotated[float, _of(_mean, "corner_cut_m"), Label("corner cut mean (m)", 3)]
     corner_cut_max_m: Annotated[float, _of(_max, "corner_cut_m"), Label("corner cut max (m)", 3)]
     # True height against the planned one.
-    height_rms_m: Annotated[float, _of(_rms, "height_m"), Label("height error rms (m)", 3)]
-    height_max_m: Annotated[float, _of(_max_abs, "height_m"), Label("height error max (m)", 3)]
+    height_rms_m: Annotated[float, _of(_known(_rms), "height_m"), Label("height error rms (m)", 3)]
+    height_max_m: Annotated[
+        float, _of(_known(_max_abs), "height_m"), Label("height error max (m)", 3)
+    ]
     # True position at a slot against its waypoint: along the path, and horizontal distance.
     slot_along_rms_m: Annotated[
         float, _of(_rms, "slot_along_m"), Label("slot along-track rms (m)", 3)
@@ -142,6 +150,20 @@ class Comparison:
         Made(lambda items: items[-1].numbers["battery_remaining"]),
         Label("battery left (0..1)", 3),
     ]
+    # Over ground; and the wind at the aircraft, horizontally, where the log has it.
+    speed_max_mps: Annotated[float, _of(_max, "speed_mps"), Label("speed max (m/s)", 2)]
+    wind_mean_mps: Annotated[float, _of(_mean, "wind_mps")]
+    wind_max_mps: Annotated[float, _of(_max, "wind_mps"), Label("wind max (m/s)", 2)]
+    # What happened meanwhile.
+    mode_changes: Annotated[float, _sum("mode_changes")]
+    failsafes: Annotated[float, _sum("failsafes"), Label("failsafes", 0)]
+    faults: Annotated[float, _sum("faults"), Label("faults", 0)]
+    gnss_gaps: Annotated[float, _sum("gnss_gaps")]
+    gnss_gap_max_s: Annotated[
+        float,
+        Made(lambda items: max(item.numbers["gnss_gap_max_s"] for item in items)),
+        Label("longest gap of GNSS (s)", 1),
+    ]
 
 
 @dataclass(frozen=True)
@@ -177,6 +199,21 @@ class RunComparison:
             "rounds": self.rounds,
             "total": self.total,
             "devices": self.devices,
+            **self._of_a_flight,
+        }
+
+    @property
+    def _of_a_flight(self) -> dict[str, object]:
+        judged = self.run.judged
+        if judged is None:
+            return {}
+        return {
+            "log": self.run.data.source,
+            "plan": self.run.data.plan_file.source if self.run.data.plan_file else "",
+            "not_compared_s": judged.apart,
+            "items_left_out": judged.left_out,
+            "legs": legs(self.measured, judged),
+            "spikes": spikes(self.run.data, self.measured, judged),
         }
 
 
@@ -194,9 +231,13 @@ def compare_run(loaded: LoadedRun, *, rounds: int | None = None) -> RunCompariso
             uplinks=tuple(item for item in run.uplinks if item.round <= rounds),
         )
     plans = {plan.round: plan for plan in run.plans}
-    measured = [
-        measure(run, record, plans[record.round]) for record in run.rounds if record.round in plans
-    ]
+    flown = [record for record in run.rounds if record.round in plans]
+    if loaded.judged is None:
+        measured = [measure(run, record, plans[record.round]) for record in flown]
+    else:
+        measured = [measure_pass(run, found) for found in loaded.judged.passes[: len(flown)]]
+    if not measured and loaded.unjudged:
+        raise InputError(loaded.unjudged)
     if not measured:
         why = f": {loaded.notice}" if loaded.notice else ""
         raise InputError(f"{loaded.path}: no round was flown, so there is nothing to compare{why}")

@@ -7,7 +7,9 @@ from rich import box
 from rich.table import Table
 
 from mission.analysis.compare import Comparison, Label, RunComparison
+from mission.analysis.legs import Leg, legs, spikes
 from mission.analysis.measure import CORNER_M
+from mission.analysis.passes import in_words
 from mission.base.tables import number, told
 from mission.base.terminal import TABLE_WIDTH
 
@@ -66,7 +68,9 @@ def tables(comparison: RunComparison) -> tuple[Table, ...]:
     A flight of a plan file has none of them but numbers, one below the other.
     """
     if comparison.run.data.plan_file is not None:
-        return side_by_side([comparison], width=TABLE_WIDTH)
+        numbers = side_by_side([comparison], width=TABLE_WIDTH)
+        judged = comparison.run.judged
+        return numbers if judged is None else (*numbers, _legs(legs(comparison.measured, judged)))
     some_late = _LATE if comparison.total.unready else ()
     energy = _ENERGY if math.isfinite(comparison.total.energy_j) else ()
     caption = f"straights: farther than {CORNER_M:.0f} m from every corner of the plan"
@@ -77,6 +81,34 @@ def tables(comparison: RunComparison) -> tuple[Table, ...]:
         _table("Radio", comparison, _RADIO, None),
         _devices(comparison),
     )
+
+
+def lines(comparison: RunComparison) -> list[str]:
+    """Spikes with what happened then, and what was not compared; for people, of a flight."""
+    judged = comparison.run.judged
+    if judged is None:
+        return []
+    found = spikes(comparison.run.data, comparison.measured, judged)
+    return [*(spike.words for spike in found), *in_words(judged)]
+
+
+def _legs(found: Sequence[Leg]) -> Table:
+    table = Table(box=box.SIMPLE_HEAD, title="Legs", title_justify="left", pad_edge=False)
+    heads = ("leg", "item", "length\n(m)", "time (s)\nfrom / to")
+    for head in (*heads, "cross-track\nrms / max", "height\nmax", "speed\n(m/s)"):
+        table.add_column(head, justify="right", no_wrap=True)
+    several = len({leg.number for leg in found}) > 1  # passes
+    for leg in found:
+        table.add_row(
+            f"{leg.number}.{leg.leg}" if several else str(leg.leg),
+            "-" if leg.item is None else str(leg.item),
+            number(leg.length_m, 0),
+            f"{number(leg.start_s, 1)} / {number(leg.end_s, 1)}",
+            f"{number(leg.cross_track_rms_m)} / {number(leg.cross_track_max_m)}",
+            number(leg.height_max_m),
+            number(leg.speed_mean_mps, 1),
+        )
+    return table
 
 
 def _devices(comparison: RunComparison) -> Table:

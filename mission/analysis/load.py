@@ -3,6 +3,7 @@
 import math
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -19,7 +20,11 @@ from mission.log.reader import decode, read_log
 from mission.log.records import UNKNOWN_ROUND, RoundRecord
 from mission.log.values import NS_PER_S, EventRecord, FlightData, Track
 
+if TYPE_CHECKING:
+    from mission.analysis.passes import Judged
+
 _FINISHED = "finished"
+FOREIGN = (".ulg", ".bin", ".tlog")  # logs of PX4, of ArduPilot, of ground stations
 
 
 @dataclass(frozen=True)
@@ -30,6 +35,8 @@ class LoadedRun:
     data: FlightData
     summary: RunSummary  # empty for a bare log, or a folder without one
     cut: bool  # its log has no end: the writer was killed, or is still at work
+    judged: "Judged | None" = None  # a flight that is no run: what was matched with its plan
+    unjudged: str = ""  # or why nothing was
 
     @property
     def name(self) -> str:
@@ -43,7 +50,9 @@ class LoadedRun:
         known = {**config.get("mission", {}), **config, **self.summary}
         keys = ("strategy", "seed") if plan_file is None else ("seed",)
         facts = [f"{key} {label_of(str(known[key]))}" for key in keys if key in known]
-        source = [] if plan_file is None else [f"plan file {plan_file.source}"]
+        source = [] if plan_file is None else [f"plan {plan_file.source}"]
+        if self.judged is not None and self.data.source.only is not None:
+            source.append(f"{self.data.source.only} positions only")
         return " · ".join([self.name, *facts, *source])
 
     @property
@@ -66,15 +75,43 @@ class LoadedRun:
         return f"{self.state}; {done}; aerofed run --resume {self.path} goes on"
 
 
-def load_run(path: Path) -> LoadedRun:
-    """A run's folder or a log file by itself.
+def load_run(path: Path, plan: Path | None = None, *, believed: bool = False) -> LoadedRun:
+    """A run's folder or a log file by itself, of ours or of another program.
 
-    Of a run that was killed, or is still under way, everything that was flushed is read.
+    Of a run that was killed, or is still under way, everything that was flushed is read. A flight
+    that is no run is matched with `plan`, a plan file, or else with the missions in its log.
+    `believed` takes the positions that the autopilot believed also where the true ones are known.
 
     Raises:
-        InputError: neither; the folder has no log; the log is damaged, or not one of ours.
+        InputError: neither; the folder has no log; the log is damaged, or of no kind that is known;
+            the plan cannot be read, or is of another place.
     """
+    loaded = _load(path)
+    data = loaded.data
+    if believed and data.source.only is None:
+        data = replace(data, truth=data.belief, source=replace(data.source, only="believed"))
+    if plan is None and (data.rounds or data.plan_file is not None or path.is_dir()):
+        return replace(loaded, data=data)
+    # Only for such flights: pymavlink takes half a second to import.
+    from mission.analysis.passes import Plan, judged
+    from mission.flight.plan_file import read_plan_file
+
+    given = None if plan is None else Plan(plan.name, read_plan_file(plan).items, logged=False)
+    try:
+        found = judged(path, data, given)
+    except InputError as error:
+        if plan is not None:
+            raise
+        return replace(loaded, data=data, unjudged=str(error))
+    return replace(loaded, data=found.data, judged=found)
+
+
+def _load(path: Path) -> LoadedRun:
     if path.is_file():
+        if path.suffix.lower() in FOREIGN:
+            from mission.flight.logs.reading import read_flight
+
+            return LoadedRun(path, read_flight(path), {}, cut=False)
         return LoadedRun(path, _with_its_flight(read_log(path)), {}, cut=False)
     if not path.is_dir():
         raise InputError(f"{path}: no such run folder or log file")
@@ -130,6 +167,8 @@ def _with_its_flight(data: FlightData) -> FlightData:
 
     No round where the vehicle never got as far as its mission.
     """
+    if data.config.get("link", {}).get("kind") == "external":
+        data = replace(data, source=replace(data.source, only="believed"))
     if data.plan_file is None or not data.plans or not len(data.truth.t_ns):
         return data
     plan = data.plans[0]

@@ -1,20 +1,23 @@
 """One round's flight against its plan, sample by sample and slot by slot."""
 
 import math
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from mission.analysis.alignment import Alignment, align, closest_approach
-from mission.analysis.load import flown, reached
+from mission.analysis.load import flown, ground_speed, reached
+from mission.analysis.passes import Pass
 from mission.base.arrays import Floats
 from mission.base.errors import InputError
 from mission.log.records import LATE, RoundRecord, UplinkRecord, flat
-from mission.log.values import FlightData, PlanRecord, Track
+from mission.log.values import NS_PER_S, FlightData, PlanRecord, Track
 
 # A straight is what lies farther than this along the planned path from every corner.
 CORNER_M = 25.0
+_GAP_S = 1.0
 
 
 @dataclass(frozen=True)
@@ -32,6 +35,8 @@ class Measured:
     straight: Floats  # cross-track of the samples on straights
     corner_cut_m: Floats
     height_m: Floats  # error over the track; at the places of a plan file, whose heights vary
+    speed_mps: Floats  # over ground
+    wind_mps: Floats  # horizontal, at the aircraft
     slot_along_m: Floats
     slot_miss_m: Floats
     slot_late_s: Floats
@@ -48,20 +53,36 @@ class Measured:
         return self.fit.cross_m
 
 
+def measure_pass(run: FlightData, found: Pass) -> Measured:
+    """Measure one pass of a flight through its mission."""
+    record, track, fit = found.record, found.track, found.fit
+    reached = [item for item in found.passages if not math.isnan(item.t_s)]
+    miss = np.array([item.miss_m for item in reached]).reshape(-1, 3)
+    numbers = {
+        **flat(record),
+        "plan_duration_s": found.plan.duration_s,
+        "slots": len(found.passages),
+        "slots_missed": len(found.passages) - len(reached),
+        "unready": 0,
+    }
+    nobody = np.zeros(0)
+    return _measured(
+        run,
+        record,
+        track,
+        fit,
+        numbers,
+        height_m=np.where(found.known_height, fit.above_m, math.nan),
+        slots=(nobody, np.linalg.norm(miss[:, :2], axis=1), nobody),
+        per=(nobody, nobody, nobody),
+    )
+
+
 def measure(run: FlightData, record: RoundRecord, plan: PlanRecord) -> Measured:
     """Measure a round that was flown; raises InputError where the log has no position of it."""
     truth = flown(run, record)
-    belief = flown(run, record, track=run.belief)
     if not len(truth.t_ns):
         raise InputError(f"round {record.round}: the log has no position in its time")
-    xy = truth.pos_m[:, :2]
-    fit = align(xy, plan.route_m)
-    from_corner = np.abs(fit.along_m[:, None] - fit.corners_m).min(axis=1, initial=math.inf)
-    cuts = [
-        closest_approach(xy[np.abs(fit.along_m - at) <= CORNER_M], corner)
-        for at, corner in zip(fit.corners_m, fit.corner_points_m, strict=True)
-        if np.any(np.abs(fit.along_m - at) <= CORNER_M)
-    ]
     uplinks = [item for item in run.uplinks if item.round == record.round]
     sent = [item for item in uplinks if item.outcome != LATE]
     slots: dict[int, UplinkRecord] = {}
@@ -74,35 +95,106 @@ def measure(run: FlightData, record: RoundRecord, plan: PlanRecord) -> Measured:
     heading = np.array(
         [_heading(plan.route_m, int(plan.stops_at[item.step])) for item in reached]
     ).reshape(-1, 2)
-    error = belief.pos_m - truth.pos_m
     plan_per = np.array([item.plan_per for item in sent])
     true_per = np.array([item.true_per for item in sent])
-    measured = Measured(
+    numbers = {
+        **flat(record),
+        "plan_duration_s": plan.duration_s,
+        "slots": len(slots),
+        "slots_missed": len(slots) - len(reached),
+        "unready": len(uplinks) - len(sent),
+    }
+    late = np.array([_late(item, record, plan) for item in reached])
+    measured = _measured(
+        run,
+        record,
+        truth,
+        align(truth.pos_m[:, :2], plan.route_m),
+        numbers,
+        height_m=truth.pos_m[:, 2] - plan.altitude_m,
+        slots=((miss * heading).sum(axis=1), np.linalg.norm(miss, axis=1), late),
+        per=(
+            plan_per,
+            np.array([i.est_per for i in sent if math.isfinite(i.slot_t_s)]),
+            true_per,
+        ),
+    )
+    return measured if run.plan_file is None else _at_places(measured, run)
+
+
+def _measured(
+    run: FlightData,
+    record: RoundRecord,
+    truth: Track,
+    fit: Alignment,
+    numbers: Mapping[str, float],
+    *,
+    height_m: Floats,
+    slots: tuple[Floats, Floats, Floats],
+    per: tuple[Floats, Floats, Floats],
+) -> Measured:
+    """What a track and what happened meanwhile give, beside `slots` (along-track, missed by, late)
+    and `per` (planned, believed, true)."""
+    xy = truth.pos_m[:, :2]
+    start_ns, end_ns = int(truth.t_ns[0]), int(truth.t_ns[-1])
+    belief = run.belief.between(start_ns, end_ns)
+    error = belief.pos_m - truth.pos_m
+    if run.source.only is not None:  # of one kind of position nobody knows the error
+        error = error[:0]
+    from_corner = np.abs(fit.along_m[:, None] - fit.corners_m).min(axis=1, initial=math.inf)
+    cuts = [
+        closest_approach(xy[np.abs(fit.along_m - at) <= CORNER_M], corner)
+        for at, corner in zip(fit.corners_m, fit.corner_points_m, strict=True)
+        if np.any(np.abs(fit.along_m - at) <= CORNER_M)
+    ]
+    events = Counter(e.kind for e in run.events if start_ns <= e.t_ns <= end_ns)
+    gaps_s = [end_s - begin_s for begin_s, end_s in gnss_gaps(run, start_ns, end_ns)]
+    blows = (run.wind.t_ns >= start_ns) & (run.wind.t_ns <= end_ns)
+    return Measured(
         record=record,
         numbers={
-            **flat(record),
-            "plan_duration_s": plan.duration_s,
-            "slots": len(slots),
-            "slots_missed": len(slots) - len(reached),
-            "unready": len(uplinks) - len(sent),
+            **numbers,
+            "mode_changes": events["mode"],
+            "failsafes": events["failsafe"],
+            "faults": events["fault"],
+            "gnss_gaps": len(gaps_s) if len(run.gnss_ns) else math.nan,
+            "gnss_gap_max_s": max(gaps_s, default=0.0) if len(run.gnss_ns) else math.nan,
         },
         truth=truth,
         belief=belief,
         fit=fit,
         straight=fit.cross_m[from_corner > CORNER_M],
         corner_cut_m=np.array(cuts),
-        height_m=truth.pos_m[:, 2] - plan.altitude_m,
-        slot_along_m=(miss * heading).sum(axis=1),
-        slot_miss_m=np.linalg.norm(miss, axis=1),
-        slot_late_s=np.array([_late(item, record, plan) for item in reached]),
+        height_m=height_m,
+        speed_mps=ground_speed(truth),
+        wind_mps=np.linalg.norm(run.wind.vel_mps[blows, :2], axis=1),
+        slot_along_m=slots[0],
+        slot_miss_m=slots[1],
+        slot_late_s=slots[2],
         estimate_m=np.linalg.norm(error[:, :2], axis=1),
         estimate_height_m=error[:, 2],
-        plan_per=plan_per,
-        est_per=np.array([i.est_per for i in sent if math.isfinite(i.slot_t_s)]),
-        true_per=true_per,
-        per_shift=true_per - plan_per,
+        plan_per=per[0],
+        est_per=per[1],
+        true_per=per[2],
+        per_shift=per[2] - per[0],
     )
-    return measured if run.plan_file is None else _at_places(measured, run)
+
+
+def gnss_gaps(run: FlightData, start_ns: int, end_ns: int) -> list[tuple[float, float]]:
+    """From when to when (s) satellites gave no position, as far as that lies between two instants:
+    longer than a second, and than three of the usual intervals."""
+    if len(run.gnss_ns) < 2:
+        return []
+    apart_s = np.diff(run.gnss_ns) / NS_PER_S
+    longer = np.flatnonzero(apart_s > max(_GAP_S, 3 * float(np.median(apart_s))))
+    found = [(int(run.gnss_ns[i]), int(run.gnss_ns[i + 1])) for i in longer]
+    if run.gnss_ns[-1] < end_ns - max(_GAP_S, 3 * float(np.median(apart_s))) * NS_PER_S:
+        found.append((int(run.gnss_ns[-1]), end_ns))
+    return [
+        (begin / NS_PER_S, end / NS_PER_S)
+        for begin, end in found
+        if end > start_ns and begin < end_ns
+    ]
 
 
 def _at_places(measured: Measured, run: FlightData) -> Measured:

@@ -34,18 +34,31 @@ def read_bytes(path: Path, *, most: int = TEXT_BYTES) -> bytes:
         InputError: it cannot be read, is no regular file, or has more than `most` bytes.
     """
     try:
-        size = path.stat().st_size
-        if not path.is_file():
-            kind = "a folder" if path.is_dir() else "a device or a pipe"
-            raise InputError(f"{path}: cannot be read: {kind}, not a file")
-        if size > most:
-            raise InputError(f"{path}: cannot be read: {size} bytes, {most} are allowed")
+        size = check_regular(path, most=most)
         with path.open("rb") as file:
             return file.read(size)  # no more: /proc has files of no size that never end
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror}") from None
     except ValueError:  # a null in it
         raise InputError(f"{path}: no name of a file") from None
+
+
+def check_regular(path: Path, *, most: int) -> int:
+    """The size of a regular file, for libraries that open it themselves.
+
+    Raises:
+        InputError: it is not there, is no regular file, or has more than `most` bytes.
+    """
+    try:
+        size = path.stat().st_size
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror}") from None
+    if not path.is_file():
+        kind = "a folder" if path.is_dir() else "a device or a pipe"
+        raise InputError(f"{path}: cannot be read: {kind}, not a file")
+    if size > most:
+        raise InputError(f"{path}: cannot be read: {size} bytes, {most} are allowed")
+    return size
 
 
 def read_text(path: Path, *, most: int = TEXT_BYTES) -> str:

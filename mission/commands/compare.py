@@ -8,7 +8,7 @@ from rich.console import Console
 
 from mission.base.errors import InputError
 from mission.base.terminal import PLAIN, Terminal
-from mission.commands.options import Json, print_json
+from mission.commands.options import Flag, Json, print_json
 
 if TYPE_CHECKING:
     from mission.analysis.compare import RunComparison
@@ -17,21 +17,29 @@ if TYPE_CHECKING:
 def compare(
     run: Path,
     *others: Path,
+    plan: Path | None = None,
+    believed: Flag = False,
     as_json: Json = False,
     figure: Path | None = None,
     rounds: int | None = None,
 ) -> int:
-    """Planned against flown: cross-track error, timing and packet error rates of runs.
+    """Planned against flown: cross-track error, heights, timing of runs and of any flight.
 
     Example: aerofed compare paper6
     Example: aerofed compare cov no_cov --figure both.png
+    Example: aerofed compare log_12.ulg --plan survey.plan
 
     Parameters
     ----------
     run
-        The folder of a run or of an `aerofed fly`, or a flight log (.mcap).
+        The folder of a run or of an `aerofed fly`, or a flight log: .mcap (also of `aerofed sitl
+        --logs`), PX4's .ulg, ArduPilot's .bin, a ground station's .tlog.
     others
         More folders or logs, shown beside the first.
+    plan
+        A .plan or .waypoints file to compare with. Default: the mission in the log.
+    believed
+        Compare where the autopilot believed to be, also where the log has the true position.
     as_json
         Print JSON, with every number at full precision, not tables: a list with one entry per run.
     figure
@@ -43,10 +51,10 @@ def compare(
     if rounds is not None and rounds < 1:
         raise InputError(f"--rounds {rounds}: must be at least 1")
     from mission.analysis.compare import compare_run
-    from mission.analysis.comparison_text import side_by_side, tables
+    from mission.analysis.comparison_text import lines, side_by_side, tables
     from mission.analysis.load import load_run
 
-    loaded = [load_run(path) for path in (run, *others)]
+    loaded = [load_run(path, plan, believed=believed) for path in (run, *others)]
     aside = Console(stderr=True, **PLAIN)
     found = [compare_run(item, rounds=rounds) for item in loaded]
     _warn_of_lengths(found, aside)
@@ -61,6 +69,8 @@ def compare(
     else:
         for table in side_by_side(found, width=console.width) if others else tables(found[0]):
             console.print(table)
+        for line in (line for item in found for line in lines(item)):
+            console.print(line)
     for item in loaded:
         if item.notice:
             aside.print(f"{item.path}: {item.notice}")

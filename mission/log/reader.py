@@ -27,8 +27,12 @@ from mission.log.values import (
     FlightData,
     InnovationTrack,
     LearningRecord,
+    MissionRecord,
+    ModeRecord,
+    Modes,
     PlanFileRecord,
     PlanRecord,
+    SetpointRecord,
     Track,
     WindTrack,
     Zone,
@@ -79,6 +83,18 @@ def decode(contents: Contents) -> FlightData:
             metadata=contents.metadata,
             attachments=contents.attachments,
             plan_file=None if plan_file is None else PlanFileRecord.from_text(plan_file),
+            missions=tuple(
+                from_json(MissionRecord, row, t_ns=t) for t, row in contents.decoded(topics.MISSION)
+            ),
+            setpoints=tuple(
+                from_json(SetpointRecord, row, t_ns=t)
+                for t, row in contents.decoded(topics.SETPOINT)
+            ),
+            modes=_modes(contents),
+            gnss_ns=np.array(
+                [item.log_time for item in contents.messages.get(topics.GNSS.name, ())],
+                dtype=np.int64,
+            ),
         )
     except (KeyError, TypeError, ValueError, IndexError) as error:
         raise ForeignLogError(
@@ -138,6 +154,11 @@ def _uplinks(contents: Contents) -> tuple[UplinkRecord, ...]:
     return tuple(
         from_json(TimedUplinkRecord if "late" in row else UplinkRecord, row) for row in rows
     )
+
+
+def _modes(contents: Contents) -> Modes:
+    rows = [(t, from_json(ModeRecord, row)) for t, row in contents.decoded(topics.MODE)]
+    return Modes(np.array([t for t, _ in rows], dtype=np.int64), tuple(m.mode for _, m in rows))
 
 
 def _battery(contents: Contents) -> BatteryTrack:

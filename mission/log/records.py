@@ -59,6 +59,13 @@ PAIRS = _array(_LISTS, -1, 2)
 WHERE_TRUE = Kind(_LISTS, lambda mask: np.argwhere(mask).tolist())  # indices; the reader knows more
 XYZ_M = Kind(_LIST, list, tuple)
 STRINGS = Kind({"type": "array", "items": {"type": "string"}}, list, tuple)
+_MAYBE_LIST: dict[str, object] = {"type": "array", "items": {"type": ["number", "null"]}}
+MAYBE_NUMBERS = Kind(_MAYBE_LIST, list, lambda row: tuple(map(_nan_for_none, row)))
+ITEMS = Kind(
+    {"type": "array", "items": _MAYBE_LIST},
+    list,
+    lambda rows: tuple(tuple(map(_nan_for_none, row)) for row in rows),
+)
 OUTLINES = Kind({"type": "array", "items": _LISTS})
 Maybe: TypeAlias = Annotated[float, MAYBE]
 # A number for each community, and a column each in a table: `accuracy_<name>`.

@@ -19,8 +19,10 @@ from mission.log.values import (
     FenceRecord,
     InnovationsRecord,
     LearningRecord,
+    MissionRecord,
     ModeRecord,
     PlanRecord,
+    SetpointRecord,
 )
 
 FORMAT_VERSION = "2"
@@ -141,10 +143,12 @@ MODE = _json("/mode", "aerofed.Mode", ModeRecord, latched=True)
 EVENTS = _json("/events", "aerofed.Event", EventRecord)
 INNOVATIONS = _json("/innovations", "aerofed.Innovations", InnovationsRecord)
 FENCE = _json("/fence", "aerofed.Fence", FenceRecord, latched=True)
+MISSION = _json("/mission", "aerofed.Mission", MissionRecord, latched=True)
+SETPOINT = _json("/setpoint", "aerofed.Setpoint", SetpointRecord)
 
 TOPICS: tuple[Topic, ...] = (
     *(TF, TRUE_POSE, EST_POSE, TRUE_VELOCITY, EST_VELOCITY, COMMAND, TRUE_LOCATION, GNSS),
     *(PLAN_PATH, FLOWN_PATH, PLAN_MAP, SCENE_GROUND, SCENE_DEVICES, SCENE_LINKS, LOG),
     *(DEVICES, PLAN, ROUNDS, UPLINKS, LEARNING, BATTERY, MODE, EVENTS),
-    *(TRUE_WIND, INNOVATIONS, FENCE),
+    *(TRUE_WIND, INNOVATIONS, FENCE, MISSION, SETPOINT),
 )

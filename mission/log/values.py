@@ -6,7 +6,7 @@ A field with words stands in the log's records, one without (its time) beside th
 import json
 import tomllib
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from functools import cached_property
 from typing import Annotated, Any, Self
 
@@ -18,7 +18,9 @@ from mission.base.area import Area
 from mission.base.arrays import Bools, Floats, Ints
 from mission.log.records import (
     INTEGERS,
+    ITEMS,
     MAYBE_INTEGER,
+    MAYBE_NUMBERS,
     NUMBERS,
     OUTLINES,
     PAIRS,
@@ -267,8 +269,62 @@ class InnovationTrack:
 
 
 @dataclass(frozen=True)
+class MissionRecord:
+    """A mission, a fence or rally points that the vehicle took, at that instant; one without items
+    clears the list. Numbers are MAVLink's, places in degrees."""
+
+    t_ns: int
+    kind: Annotated[str, "mission, fence or rally"]
+    items: Annotated[
+        tuple[tuple[float, ...], ...],
+        ITEMS,
+        "seq, command, frame, param1..4, x, y, z, autocontinue of each item; null: left open",
+    ]
+
+
+@dataclass(frozen=True)
+class SetpointRecord:
+    """A setpoint that a program sent to the vehicle, with MAVLink's numbers."""
+
+    t_ns: int
+    message: Annotated[str, "name of the MAVLink message"]
+    frame: Annotated[int | None, MAYBE_INTEGER, "MAV_FRAME; null of an attitude"]
+    mask: Annotated[int, "type mask: the bits of what is to be ignored"]
+    values: Annotated[
+        tuple[float, ...],
+        MAYBE_NUMBERS,
+        "x, y, z (degrees where global), velocity, acceleration, yaw, yaw rate; of an attitude "
+        "quaternion (w, x, y, z), body rates, thrust; null where not a number",
+    ]
+
+
+@dataclass(frozen=True)
+class Modes:
+    """The flight modes, each from its instant on."""
+
+    t_ns: Ints  # (n,)
+    names: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Source:
+    """What a log is, and what was left out of it."""
+
+    kind: str  # of the file
+    clock: str  # what its times count from
+    # What its positions are, where it has one kind: truth and belief are then the same track.
+    only: str | None = None
+    skipped: Mapping[str, int] = field(default_factory=dict)  # what was not read, and how often
+
+
+OURS = Source("MCAP", "simulated time")
+_NONE: Ints = np.zeros(0, dtype=np.int64)
+NO_MODES = Modes(_NONE, ())
+
+
+@dataclass(frozen=True)
 class FlightData:
-    """Everything that a log holds, read back."""
+    """A flight: everything that a log holds, whoever wrote it."""
 
     area: Area
     devices: Devices
@@ -286,6 +342,12 @@ class FlightData:
     metadata: Mapping[str, Mapping[str, str]]
     attachments: Mapping[str, bytes]
     plan_file: PlanFileRecord | None = None  # None: the rounds of a run
+    missions: tuple[MissionRecord, ...] = ()  # each list that was in force, and from when
+    setpoints: tuple[SetpointRecord, ...] = ()
+    modes: Modes = NO_MODES
+    current: tuple[Ints, Ints] = (_NONE, _NONE)  # times, and the mission item flown to from then on
+    gnss_ns: Ints = field(default_factory=lambda: _NONE)  # when satellites gave a position
+    source: Source = OURS
 
     @cached_property
     def config(self) -> Mapping[str, Any]:

@@ -20,7 +20,9 @@ from mission.log.values import (
     Devices,
     FenceRecord,
     LearningRecord,
+    MissionRecord,
     PlanRecord,
+    SetpointRecord,
     Zone,
     area_to_text,
 )
@@ -169,6 +171,14 @@ class FlightLog:
                 round_number, t_ns, community, value, cov[community], loss[community]
             )
             self._write(topics.LEARNING, t_ns, messages.record(learnt))
+
+    def mission(self, record: MissionRecord) -> None:
+        """Write a list that the vehicle took."""
+        self._write(topics.MISSION, record.t_ns, messages.record(record))
+
+    def setpoint(self, record: SetpointRecord) -> None:
+        """Write a setpoint that the vehicle was sent."""
+        self._write(topics.SETPOINT, record.t_ns, messages.record(record))
 
     def note(self, text: str, *, severity: int = NOTICE, source: str = "mission") -> None:
         """Write a line of our own, at the present simulated time."""

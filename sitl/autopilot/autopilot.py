@@ -10,6 +10,7 @@ from sitl.autopilot.codec.orders import (
     CommandOrder,
     Handlers,
     MissionItem,
+    OrderObserver,
     Outbox,
     Peer,
     command_name,
@@ -71,8 +72,10 @@ class Autopilot:
         sink: EventSink,
         parameter_file: Path | None = None,
         logs: LogFolder | None = None,
+        orders: OrderObserver | None = None,
         standalone: bool = False,
     ) -> None:
+        self._aircraft, self._orders = aircraft, orders
         self.parameters = parameters
         self._outbox: Outbox = []
         self._report = report = Reporter(self._outbox, sink)
@@ -98,7 +101,7 @@ class Autopilot:
         )
 
         self._transfer = MissionTransfer(
-            self._outbox, report, check=self._check_item, store=self._store
+            self._outbox, report, check=self._check_item, store=self._take
         )
         files = logs or LogFolder(None)
         parameter_server = ParameterServer(self._outbox, parameters, parameter_file)
@@ -187,6 +190,8 @@ class Autopilot:
                 failed = partial(self._not_handled, peer, message)
                 with self._report.contain(message.get_type(), failed):
                     handler(peer, message, now)
+                    if self._orders is not None and type(message) in self._offboard.handlers():
+                        self._orders.heard(self._aircraft.t_ns, message)
 
     def _not_handled(self, peer: Peer, message: mav.MAVLink_message) -> None:
         """Answer what was asked by a message whose handling failed."""
@@ -277,6 +282,12 @@ class Autopilot:
             self._report.say(
                 f"{kind} refused: item {item.seq} {name}: {why_refused(item, verdict)}"
             )
+        return verdict
+
+    def _take(self, kind: int, items: tuple[MissionItem, ...]) -> int:
+        verdict = self._store(kind, items)
+        if self._orders is not None and verdict == mav.MAV_MISSION_ACCEPTED:
+            self._orders.took(self._aircraft.t_ns, kind, items)
         return verdict
 
     def _store(self, kind: int, items: tuple[MissionItem, ...]) -> int:

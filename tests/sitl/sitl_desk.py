@@ -24,6 +24,7 @@ class Desk:
         ready_after_s: float = 0.2,
         aircraft: Aircraft | None = None,
         logs: LogFolder | None = None,
+        orders: Any = None,
     ) -> None:
         """`aircraft` flies instead of the point mass."""
         self.recorder = Recorder()
@@ -35,6 +36,7 @@ class Desk:
             observers=(self.recorder,),
             aircraft=aircraft or self.mass,  # type: ignore[arg-type]
             logs=logs,
+            orders=orders,
         )
         self.now = 100.0
         self.heard: list[Any] = []

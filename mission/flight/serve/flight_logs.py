@@ -1,7 +1,8 @@
 """Flight logs of a vehicle that stands alone: a file from each arming to the disarming after it."""
 
 import logging
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from tempfile import TemporaryFile
 
@@ -9,8 +10,11 @@ import numpy as np
 
 from mission.base.area import Area
 from mission.base.errors import InputError
-from mission.log.values import Devices
+from mission.flight.logs.items import record_of
+from mission.log.values import Devices, SetpointRecord
 from mission.log.writer import FlightLog
+from sitl.autopilot.codec.orders import MissionItem
+from sitl.autopilot.pilots.offboard import Setpoint, setpoint_of
 from sitl.logfolder import next_log
 from sitl.observer import VehicleEvent, VehicleSample
 
@@ -19,7 +23,9 @@ _NOBODY = Devices(np.zeros((0, 2)), ())
 
 
 class FlightLogs:
-    """Writes `flight-0001.mcap` and on into a folder. A `VehicleObserver`; close it at the end."""
+    """Writes `flight-0001.mcap` and on into a folder, with the missions that were in force and
+    every setpoint. A `VehicleObserver` and an `OrderObserver`; close it at the end.
+    """
 
     def __init__(self, folder: Path, *, area: Area) -> None:
         """Make the folder where it is not there; files in it stay.
@@ -38,20 +44,28 @@ class FlightLogs:
         self._folder = folder
         self._area = area
         self._log: FlightLog | None = None
+        self._lists: dict[int, tuple[MissionItem, ...]] = {}
         self.being_written: Path | None = None
 
     def sampled(self, sample: VehicleSample) -> None:
-        if self._log is not None:
-            try:
+        with self._kept():
+            if self._log is not None:
                 self._log.sampled(sample)
-            except InputError as error:
-                self._give_up(error)
 
     def happened(self, event: VehicleEvent) -> None:
-        try:
+        with self._kept():
             self._happened(event)
-        except InputError as error:
-            self._give_up(error)
+
+    def took(self, t_ns: int, kind: int, items: tuple[MissionItem, ...]) -> None:
+        self._lists[kind] = items
+        with self._kept():
+            if self._log is not None:
+                self._log.mission(record_of(t_ns, kind, items))
+
+    def heard(self, t_ns: int, setpoint: Setpoint) -> None:
+        with self._kept():
+            if self._log is not None:
+                self._log.setpoint(SetpointRecord(t_ns, *setpoint_of(setpoint)))
 
     def _happened(self, event: VehicleEvent) -> None:
         armed = event.kind == "armed" and event.text == "armed"
@@ -60,17 +74,24 @@ class FlightLogs:
             self._log = FlightLog(
                 self.being_written, area=self._area, devices=_NOBODY, start_ns=event.t_ns
             )
+            for kind, items in self._lists.items():
+                if items:
+                    self._log.mission(record_of(event.t_ns, kind, items))
         if self._log is not None:
             self._log.happened(event)
         if event.kind == "armed" and not armed:
             self.close()
 
-    def _give_up(self, error: InputError) -> None:
+    @contextmanager
+    def _kept(self) -> Iterator[None]:
         """A full disk, or a file that somebody deletes, ends the log and not the flight."""
-        _LOGGER.warning("%s; the rest of this flight is not recorded", error)
-        with suppress(InputError):
-            self.close()
-        self._log = self.being_written = None
+        try:
+            yield
+        except InputError as error:
+            _LOGGER.warning("%s; the rest of this flight is not recorded", error)
+            with suppress(InputError):
+                self.close()
+            self._log = self.being_written = None
 
     def close(self) -> None:
         """Complete the file that is being written."""

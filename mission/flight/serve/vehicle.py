@@ -101,6 +101,7 @@ def _served(config: RunConfig, i: int, udp: Sequence[str], logs: Path | None) ->
             logs=None
             if logs is None or recorder is None
             else LogFolder(logs, being_written=lambda: recorder.being_written),
+            orders=recorder,
             standalone=True,
         )
     urls = [link_url(_counted_up(text, i) if at == 0 else text) for at, text in enumerate(udp)]

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, NamedTuple, TypeAlias
+from typing import Any, NamedTuple, Protocol, TypeAlias
 
 from pymavlink.dialects.v20 import common as mav
 
@@ -81,6 +81,16 @@ class MissionItem:
         return mav.MAVLink_mission_item_int_message(
             *head, *self.params, x, y, self.z, self.mission_type
         )
+
+
+class OrderObserver(Protocol):
+    """Receives what is given to the vehicle from outside, with its time."""
+
+    def took(self, t_ns: int, kind: int, items: tuple[MissionItem, ...]) -> None:
+        """The vehicle took a list of a MAV_MISSION_TYPE."""
+
+    def heard(self, t_ns: int, setpoint: Any) -> None:
+        """A setpoint came, for a position or an attitude."""
 
 
 def read_order(

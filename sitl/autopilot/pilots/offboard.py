@@ -24,6 +24,7 @@ from sitl.autopilot.pilots.stream import Cockpit, StreamPilot
 _LocalTarget: TypeAlias = mav.MAVLink_set_position_target_local_ned_message
 _GlobalTarget: TypeAlias = mav.MAVLink_set_position_target_global_int_message
 _AttitudeTarget: TypeAlias = mav.MAVLink_set_attitude_target_message
+Setpoint: TypeAlias = _LocalTarget | _GlobalTarget | _AttitudeTarget
 # Bits of the type masks of positions and attitudes that say what to ignore.
 _POSITION, _VELOCITY, _ACCELERATION = 0, 3, 6  # the first of three
 _FORCE, _YAW, _YAW_RATE = 1 << 9, 1 << 10, 1 << 11
@@ -55,9 +56,7 @@ class Offboard(StreamPilot):
             _AttitudeTarget: self._receive,
         }
 
-    def _receive(
-        self, _peer: Peer, msg: _LocalTarget | _GlobalTarget | _AttitudeTarget, _now: float
-    ) -> None:
+    def _receive(self, _peer: Peer, msg: Setpoint, _now: float) -> None:
         try:
             if isinstance(msg, _AttitudeTarget):
                 self._order = _attitude_order(msg)
@@ -135,6 +134,20 @@ class Offboard(StreamPilot):
         if math.hypot(north, east) not in ranges.AWAY:
             raise _InvalidError(f"position {math.hypot(north, east) / 1000:.0f} km away")
         return float(north), float(east), float(down)
+
+
+def setpoint_of(msg: Setpoint) -> tuple[str, int | None, int, tuple[float, ...]]:
+    """Name, frame, type mask and numbers of a setpoint, in MAVLink's order; degrees."""
+    name, mask = msg.get_type(), msg.type_mask
+    if isinstance(msg, _AttitudeTarget):
+        rates = (msg.body_roll_rate, msg.body_pitch_rate, msg.body_yaw_rate)
+        return name, None, mask, (*msg.q, *rates, msg.thrust)
+    if isinstance(msg, _GlobalTarget):
+        place = (from_deg_e7(msg.lat_int), from_deg_e7(msg.lon_int), msg.alt)
+    else:
+        place = (msg.x, msg.y, msg.z)
+    moves = (msg.vx, msg.vy, msg.vz, msg.afx, msg.afy, msg.afz, msg.yaw, msg.yaw_rate)
+    return name, msg.coordinate_frame, mask, (*place, *moves)
 
 
 def _number(what: str, value: float, ignored: int, allowed: ranges.Range) -> float:

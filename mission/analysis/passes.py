@@ -1,0 +1,366 @@
+"""A flight cut into passes through its mission: by modes, by uploads, by the item flown to.
+
+A pass is for a flight what a round is for a run: a plan, the track that belongs to it, and numbers.
+"""
+
+import math
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from mission.analysis.alignment import Alignment, align, to_segments
+from mission.base import polyline
+from mission.base.arrays import Bools, Floats, Ints
+from mission.base.errors import InputError
+from mission.base.tables import count
+from mission.flight.logs.items import MissionPath, items_of, mission_path, returns
+from mission.log.records import UNKNOWN_ROUND, RoundRecord
+from mission.log.values import NS_PER_S, FlightData, PlanFileRecord, PlanRecord, Track
+from sitl.autopilot.codec.orders import MissionItem
+from sitl.autopilot.flying.route import repeats
+
+_MISSION = ("MISSION", "AUTO")  # what autopilots call the mode that flies a mission
+_RETURNS = ("RETURN", "RETURN_TO_LAUNCH", "RTL", "LAND", "SMART_RTL")  # and those that may end one
+_PAUSES = ("HOLD", "LOITER")
+_PAUSE_S = 5.0  # at most, before a return that belongs to the mission
+_LEAST_S = 2.0  # a pass that is shorter is none
+_OFF_GROUND_M = 0.7
+_STANDING_M = 3.0  # that a position may wander on the ground
+_AT_END_M = 1.0  # of the path's end: what is flown there belongs to it no more
+_REACHED_M = 10.0  # passed no farther than this, a place counts as reached
+_FAR_M = 2000.0  # from the flight a plan is of another place
+
+
+@dataclass(frozen=True)
+class Plan:
+    """Mission items, and what they were read from."""
+
+    source: str
+    items: tuple[MissionItem, ...]
+    since_ns: int = 0
+    logged: bool = True  # in the log itself, so that its numbers of items are those of the log
+
+
+@dataclass(frozen=True)
+class Passage:
+    """How a place of the plan was passed; NaN where it never was."""
+
+    seq: int
+    t_s: float
+    miss_m: Floats  # (3,)
+
+
+@dataclass(frozen=True)
+class Pass:
+    """One way through the mission, from one of its items on."""
+
+    plan: PlanRecord
+    record: RoundRecord
+    track: Track
+    path: MissionPath
+    fit: Alignment
+    passages: tuple[Passage, ...]
+    known_height: Bools  # (n,) samples at which the plan says how high
+
+
+@dataclass(frozen=True)
+class Judged:
+    """What of a flight was matched with its plan, and what was not, in words."""
+
+    data: FlightData
+    passes: tuple[Pass, ...] = ()
+    apart: Mapping[str, float] = field(default_factory=dict)  # seconds in the air, by mode
+    left_out: Mapping[str, int] = field(default_factory=dict)  # items of no path, by command
+
+
+def judged(path: object, data: FlightData, given: Plan | None) -> Judged:
+    """The passes of a flight through `given`, or through the missions in its log.
+
+    Raises:
+        InputError: nothing was flown, there is no plan, or it is of another place.
+    """
+    if len(data.truth.t_ns) < 2:
+        raise InputError(f"{path}: the log has no positions, so there is nothing to compare")
+    start_ns, end_ns = _airborne(path, data)
+    plans = [given] if given is not None else _logged(data)
+    if not any(plan.items for plan in plans):
+        raise InputError(
+            f"{path}: the log has no mission; give the plan that was flown (--plan FILE)"
+        )
+    stretches = list(_stretches(data, plans, start_ns, end_ns))
+    if not stretches and given is None:
+        modes = ", ".join(dict.fromkeys(data.modes.names)) or "no mode that is known"
+        raise InputError(
+            f"{path}: its mission was never flown (modes: {modes}); --plan FILE compares the whole "
+            "flight with a plan"
+        )
+    if not stretches:
+        stretches = [(plans[0], start_ns, end_ns)]
+    passes: list[Pass] = []
+    left_out: Counter[str] = Counter()
+    for plan, begin_ns, until_ns in stretches:
+        for found in _passes(path, data, plan, begin_ns, until_ns, first=len(passes) + 1):
+            passes.append(found)
+            left_out |= Counter(found.path.left_out)
+    if not passes:
+        raise InputError(f"{path}: no stretch of its mission lasts {_LEAST_S:g} s")
+    places = {
+        int(seq): point
+        for found in passes
+        for seq, point in zip(found.path.seqs, found.path.points_m, strict=True)
+        if seq >= 0
+    }
+    data = replace(
+        data,
+        plans=tuple(found.plan for found in passes),
+        rounds=tuple(found.record for found in passes),
+        plan_file=PlanFileRecord(", ".join(dict.fromkeys(plan.source for plan in plans)), places),
+    )
+    return Judged(data, tuple(passes), _apart(data, passes, start_ns, end_ns), left_out)
+
+
+def _airborne(path: object, data: FlightData) -> tuple[int, int]:
+    """A second before it was first away from where it stood, and the last instant that it was."""
+    pos_m = data.truth.pos_m
+    away = np.flatnonzero(np.linalg.norm(pos_m - pos_m[0], axis=1) > _OFF_GROUND_M)
+    if not len(away):
+        raise InputError(f"{path}: it never left the ground, so there is nothing to compare")
+    return int(data.truth.t_ns[away[0]]) - NS_PER_S, int(data.truth.t_ns[away[-1]])
+
+
+def _logged(data: FlightData) -> list[Plan]:
+    return [
+        Plan("mission in the log", items_of(record), record.t_ns)
+        for record in data.missions
+        if record.kind == "mission"
+    ]
+
+
+def _stretches(
+    data: FlightData, plans: Sequence[Plan], start_ns: int, end_ns: int
+) -> Iterator[tuple[Plan, int, int]]:
+    """The times in the mission mode, cut where another mission was uploaded."""
+    names = data.modes.names
+    begins = [max(int(t_ns), start_ns) for t_ns in data.modes.t_ns]
+    ends = [*begins[1:], end_ns]
+    for index, (name, begin_ns, until_ns) in enumerate(zip(names, begins, ends, strict=True)):
+        if name not in _MISSION:
+            continue
+        following = zip(names[index + 1 :], ends[index + 1 :], strict=True)
+        home_ns = until_ns
+        paused_ns = until_ns
+        for other, other_ns in following:
+            if other in _RETURNS:
+                home_ns = other_ns
+            elif other not in _PAUSES or other_ns - paused_ns > _PAUSE_S * NS_PER_S:
+                break
+            paused_ns = other_ns
+        for number, plan in enumerate(plans):
+            later_ns = plans[number + 1].since_ns if number + 1 < len(plans) else end_ns
+            first_ns = begin_ns if number == 0 else max(begin_ns, plan.since_ns)
+            last_ns = min(until_ns, later_ns)
+            ends_home = last_ns == until_ns and returns(plan.items)
+            last_ns = min(home_ns if ends_home else last_ns, end_ns)
+            if plan.items and last_ns - first_ns >= _LEAST_S * NS_PER_S:
+                yield plan, first_ns, last_ns
+
+
+def _passes(
+    path: object, data: FlightData, plan: Plan, begin_ns: int, until_ns: int, *, first: int
+) -> Iterator[Pass]:
+    """A pass, or several where the vehicle went back to an earlier item on the way."""
+    times, seqs = _current(data, plan)
+    before = seqs[times <= begin_ns]
+    item = int(before[-1]) if len(before) and before[-1] < len(plan.items) else 0
+    cuts = [begin_ns]
+    firsts = [item]
+    for t_ns, seq in zip(times.tolist(), seqs.tolist(), strict=True):
+        back = seq < item and not repeats(plan.items)
+        if begin_ns < t_ns < until_ns and back:
+            cuts.append(t_ns)
+            firsts.append(seq)
+        if begin_ns < t_ns < until_ns:
+            item = seq
+    for number, (start_ns, item) in enumerate(zip(cuts, firsts, strict=True)):
+        end_ns = cuts[number + 1] if number + 1 < len(cuts) else until_ns
+        track = data.truth.between(start_ns, end_ns)
+        if end_ns - start_ns < _LEAST_S * NS_PER_S or len(track.t_ns) < 2:
+            continue
+        way = mission_path(plan.items, data.area, track.pos_m[0], first=item)
+        if len(way.points_m) > 1:
+            _check_place(path, plan, way, track)
+            yield _pass(first, data, way, track, (times, seqs))
+            first += 1
+
+
+def _check_place(path: object, plan: Plan, way: MissionPath, track: Track) -> None:
+    """Refuse a plan that no part of the flight comes near."""
+    places = way.points_m[way.seqs >= 0][:, None, :2]
+    away_m = np.linalg.norm(places - track.pos_m[None, ::10, :2], axis=2)
+    if away_m.size and (nearest := float(away_m.min())) > _FAR_M:
+        raise InputError(
+            f"{path}: {plan.source} is of another place: its nearest item is "
+            f"{nearest / 1000:.1f} km from the flight"
+        )
+
+
+def _current(data: FlightData, plan: Plan) -> tuple[Ints, Ints]:
+    """Times, and the item that is flown to from then on, as far as the log says so."""
+    times, seqs = data.current
+    if not plan.logged or len(times):
+        kept = times >= plan.since_ns if plan.logged else np.zeros(len(times), dtype=bool)
+        return times[kept], seqs[kept]
+    passed = [
+        (event.t_ns, event.seq)
+        for event in data.events
+        if event.kind == "reached" and event.seq is not None and event.t_ns >= plan.since_ns
+    ]
+    if not passed:
+        return times, seqs
+    # What was reached next is what was flown to.
+    times, seqs = np.array(passed, dtype=np.int64).T
+    return np.insert(times, 0, plan.since_ns), np.append(seqs, seqs[-1] + 1)
+
+
+def _pass(
+    number: int, data: FlightData, way: MissionPath, track: Track, current: tuple[Ints, Ints]
+) -> Pass:
+    at_m = polyline.along(way.points_m)
+    between = _windows(way, at_m, track, *current)
+    fit = align(track.pos_m, way.points_m, between=between)
+    # To stand before the start and to hover at the end are no part of the way.
+    standing = np.flatnonzero(fit.along_m < _AT_END_M)
+    done = np.flatnonzero(fit.along_m >= fit.length_m - _AT_END_M)
+    kept = slice(standing[-1] if len(standing) else 0, done[0] + 1 if len(done) else None)
+    track = Track(track.t_ns[kept], track.pos_m[kept])
+    fit = replace(
+        fit, along_m=fit.along_m[kept], cross_m=fit.cross_m[kept], above_m=fit.above_m[kept]
+    )
+    start_ns, end_ns = int(track.t_ns[0]), int(track.t_ns[-1])
+    legs_m = polyline.legs(way.points_m)
+    leg_s = legs_m / way.speed_mps[1:] + way.wait_s[1:]
+    leg_s[legs_m < 1e-6] = way.wait_s[1:][legs_m < 1e-6]
+    flat, flown_m = way.points_m[:, :2], polyline.length(track.pos_m[:, :2])
+    duration_s = float(leg_s.sum())
+    plan = PlanRecord(
+        round=number,
+        t_ns=start_ns,
+        waypoints_m=flat,
+        schedule=np.zeros((len(flat), 0), dtype=bool),
+        importance=np.zeros(0),
+        value=0.0,
+        upper_bound=math.nan,
+        path_budget_m=polyline.length(flat),
+        speed_mps=float(np.nanmax(way.speed_mps, initial=0.0)),
+        altitude_m=float(way.points_m[:, 2].max()),
+        height_m=way.points_m[:, 2],
+        slot_s=np.concatenate(([0.0], np.cumsum(leg_s))),
+        duration_s=duration_s,
+        route_m=flat,
+        stops_at=np.arange(len(flat)),
+    )
+    battery = data.battery.remaining[data.battery.t_ns <= end_ns]
+    record = replace(
+        UNKNOWN_ROUND,
+        round=number,
+        start_t_s=start_ns / NS_PER_S,
+        duration_s=(end_ns - start_ns) / NS_PER_S,
+        plan_path_m=plan.path_m,
+        flown_path_m=flown_m,
+        budget_used_m=flown_m,
+        time_used_s=(end_ns - start_ns) / NS_PER_S,
+        battery_remaining=float(battery[-1]) if len(battery) else math.nan,
+    )
+    leg = leg_of(fit)
+    known = way.height_known[1:][leg] & way.height_known[:-1][leg]
+    return Pass(plan, record, track, way, fit, tuple(_passages(way, fit, track)), known)
+
+
+def leg_of(fit: Alignment) -> Ints:
+    """(n,) which leg of the plan each sample was matched with, from 0."""
+    found = np.searchsorted(fit.waypoints_at_m, fit.along_m, side="right") - 1
+    return np.clip(found, 0, len(fit.waypoints_at_m) - 2)
+
+
+def _windows(
+    way: MissionPath, at_m: Floats, track: Track, times: Ints, seqs: Ints
+) -> tuple[Floats, Floats] | None:
+    """Least and greatest progress of each sample: from the leg before the one that leads to the
+    item flown to, to the one after it. None where the log does not say which item that is."""
+    stops = np.flatnonzero(way.seqs >= 0)
+    inside = (times > track.t_ns[0]) & (times <= track.t_ns[-1])
+    if not inside.any():
+        return None
+    towards = np.zeros(len(track.t_ns), dtype=np.int64)
+    stop = 0
+    for t_ns, seq in zip(times[inside].tolist(), seqs[inside].tolist(), strict=True):
+        # An item without a place lies between two that have one.
+        ahead = [k for k in range(stop, len(stops)) if way.seqs[stops[k]] >= seq > 0]
+        if ahead:
+            exact = [k for k in ahead if way.seqs[stops[k]] == seq]
+            stop = (exact or ahead)[0]
+        towards[track.t_ns >= t_ns] = stop
+    ends = np.concatenate(([0.0, 0.0], at_m[stops], at_m[-1:]))
+    return ends[towards], ends[np.minimum(towards + 3, len(ends) - 1)]
+
+
+def _passages(way: MissionPath, fit: Alignment, track: Track) -> Iterator[Passage]:
+    """When each place was passed, on the way that was matched, and by how much it was missed."""
+    for index in np.flatnonzero(way.seqs >= 0):
+        at_m, place = fit.waypoints_at_m[index], way.points_m[index]
+        near = np.flatnonzero(np.abs(fit.along_m[:-1] - at_m) <= 3 * _REACHED_M)
+        pos_m = track.pos_m - place
+        if not way.height_known[index]:
+            pos_m[:, 2] = 0.0
+        # Between samples straight.
+        away_m, share = to_segments(np.zeros(3), pos_m[near], pos_m[near + 1])
+        reach_m = np.linalg.norm(away_m, axis=1)
+        passed = len(near) > 0 and (
+            fit.along_m[-1] > at_m + _AT_END_M or float(reach_m.min()) <= _REACHED_M
+        )
+        if not passed:
+            yield Passage(int(way.seqs[index]), math.nan, np.full(3, math.nan))
+            continue
+        best = int(reach_m.argmin())
+        before_ns, after_ns = track.t_ns[near[best]], track.t_ns[near[best] + 1]
+        t_ns = before_ns + share[best] * (after_ns - before_ns)
+        yield Passage(int(way.seqs[index]), float(t_ns) / NS_PER_S, -away_m[best])
+
+
+def _apart(
+    data: FlightData, passes: Sequence[Pass], start_ns: int, end_ns: int
+) -> Mapping[str, float]:
+    """Seconds in the air that no pass has, by mode; not those of standing before the first."""
+    before = data.truth.between(start_ns, int(passes[0].track.t_ns[0]))
+    if len(before.t_ns) and np.ptp(before.pos_m, axis=0).max() < _STANDING_M:
+        start_ns = int(before.t_ns[-1])
+    track = data.truth.between(start_ns, end_ns)
+    step_s = np.diff(track.t_ns, append=track.t_ns[-1:]) / NS_PER_S
+    outside = np.ones(len(track.t_ns), dtype=bool)
+    for item in passes:
+        outside &= (track.t_ns < item.track.t_ns[0]) | (track.t_ns >= item.track.t_ns[-1])
+    at = np.searchsorted(data.modes.t_ns, track.t_ns, side="right") - 1
+    found: dict[str, float] = {}
+    for index in np.unique(at):
+        name = data.modes.names[index] if index >= 0 else "mode unknown"
+        found[name] = found.get(name, 0.0) + float(step_s[outside & (at == index)].sum())
+    return {name: seconds for name, seconds in found.items() if seconds >= 0.05}
+
+
+def in_words(found: Judged) -> list[str]:
+    """What was not compared, a line each; nothing where all was."""
+    lines = [
+        f"{count(number, what)} not read" for what, number in found.data.source.skipped.items()
+    ]
+    if found.apart:
+        each = ", ".join(f"{name} {seconds:.1f} s" for name, seconds in found.apart.items())
+        lines.append(f"flown outside the plan, not compared: {each}")
+    if found.left_out:
+        each = ", ".join(f"{name} ({number})" for name, number in found.left_out.items())
+        lines.append(f"items that lead nowhere known here: {each}")
+    missed = [p.seq for item in found.passes for p in item.passages if math.isnan(p.t_s)]
+    if missed:
+        lines.append("items never reached: " + ", ".join(map(str, missed)))
+    return lines

@@ -1,0 +1,129 @@
+"""ArduPilot's DataFlash log (.bin) as a flight."""
+
+from pathlib import Path
+from typing import Any
+
+from pymavlink.DFReader import DFReader_binary
+from pymavlink.dialects.v20 import common as mav
+from pymavlink.mavutil import mode_mapping_acm
+
+from mission.base.errors import InputError
+from mission.base.user_files import check_regular
+from mission.flight.logs.flight import MOST_BYTES, Found
+from mission.flight.logs.items import record_of
+from mission.log.values import FlightData
+from sitl.autopilot.codec.orders import MissionItem
+
+_MAGIC = b"\xa3\x95"
+_READ = ("POS", "MODE", "MSG", "ORGN", "CMD", "MISE", "GPS", "BAT", "XKF2", "ERR", "ARM", "EV")
+_COUNTED = {"RALY": "rally point", "FNCE": "fence point"}
+_VEHICLES = ("ArduPlane", "ArduRover", "Rover", "ArduSub", "AntennaTracker", "Blimp")
+_FIX_3D = 3
+_ARMED, _DISARMED = 10, 11  # EV
+_HOME = 1  # ORGN.Type; 0: the origin of its filter
+# ERR.Subsys of the failsafes.
+_FAILSAFES = {
+    5: "radio",
+    6: "battery",
+    8: "ground station",
+    9: "fence",
+    16: "EKF check",
+    17: "EKF",
+    19: "terrain",
+    23: "vibration",
+    24: "internal",
+    29: "dead reckoning",
+}
+
+
+def read_dataflash(path: Path) -> FlightData:
+    """The flight in a DataFlash log.
+
+    Raises:
+        InputError: it cannot be read, has no positions, or another kind of vehicle flew. Whatever
+            the library raises of a damaged one passes through.
+    """
+    check_regular(path, most=MOST_BYTES)
+    with path.open("rb") as file:
+        if file.read(2) != _MAGIC:
+            raise InputError(f"{path}: not a DataFlash log: it does not begin as one")
+    log = DFReader_binary(str(path))
+    try:
+        reader = _Reader(Found(path, "DataFlash of ArduPilot", "seconds since ArduPilot started"))
+        while (row := log.recv_match(type=[*_READ, *_COUNTED])) is not None:
+            reader.take(row)
+    finally:
+        log.close()
+    return reader.found.flight()
+
+
+class _Reader:
+    """Takes the rows of a log one after another."""
+
+    def __init__(self, found: Found) -> None:
+        self.found = found
+        self._items: dict[int, MissionItem] = {}  # of the list that is being written
+        self._whole = True
+
+    def take(self, row: Any) -> None:
+        """Keep what a row says."""
+        found, kind, t_ns = self.found, row.get_type(), int(row.TimeUS) * 1000
+        match kind:
+            case "POS":
+                found.places.append((t_ns, row.Lat, row.Lng, row.Alt))
+            case "ORGN" if row.Type == _HOME:
+                found.homes.append((t_ns, row.Lat, row.Lng, row.Alt))
+            case "MODE":
+                number = int(getattr(row, "ModeNum", row.Mode))
+                found.mode(t_ns, mode_mapping_acm.get(number, f"MODE {number}"))
+            case "MSG":
+                self._text(t_ns, row.Message)
+            case "CMD":
+                self._command(t_ns, row)
+            case "MISE":
+                found.heads_for(t_ns, int(row.CNum))
+            case "GPS" if row.Status >= _FIX_3D and getattr(row, "I", 0) == 0:
+                found.fixes.append(t_ns)
+            case "BAT" if getattr(row, "Inst", getattr(row, "Instance", 0)) == 0:
+                left = getattr(row, "RemPct", float("nan")) / 100
+                found.battery.append((t_ns, row.Volt, row.Curr, row.CurrTot, left))
+            case "XKF2" if getattr(row, "C", 0) == 0:
+                # The wind that the filter estimates is where the air moves to.
+                found.wind.append((t_ns, row.VWE, row.VWN))
+            case "ERR" if row.Subsys in _FAILSAFES and row.ECode:
+                text = f"failsafe: {_FAILSAFES[row.Subsys]}"
+                found.events.append((t_ns, "failsafe", text, None, 4))
+            case "EV" if row.Id in (_ARMED, _DISARMED):
+                text = "armed" if row.Id == _ARMED else "disarmed"
+                found.events.append((t_ns, "armed", text, None, 6))
+            case _ if kind in _COUNTED:
+                found.skipped[_COUNTED[kind]] += 1
+
+    def _text(self, t_ns: int, text: str) -> None:
+        vehicle = next((name for name in _VEHICLES if text.startswith(f"{name} ")), None)
+        if vehicle is not None:
+            raise InputError(
+                f"{self.found.path}: the log of {vehicle}: only multicopters' are compared"
+            )
+        if text == "New mission":
+            self._items, self._whole = {}, False
+        self.found.events.append((t_ns, "status", text, None, 6))
+
+    def _command(self, t_ns: int, row: Any) -> None:
+        """A row of the mission as it was uploaded; versions before MISE write items carried out as
+        such rows, too."""
+        seq, total = int(row.CNum), int(row.CTot)
+        if seq == 0 and self._whole:
+            self._items, self._whole = {}, False
+        if self._whole:
+            self.found.heads_for(t_ns, seq)
+            return
+        params = (row.Prm1, row.Prm2, row.Prm3, row.Prm4)
+        frame = int(getattr(row, "Frame", mav.MAV_FRAME_GLOBAL_RELATIVE_ALT))
+        # Number 0 is home, not an item.
+        command = int(row.CId) if seq else 0
+        self._items[seq] = MissionItem(seq, command, frame, params, row.Lat, row.Lng, row.Alt)
+        if len(self._items) == total and total > 1:
+            items = [self._items[at] for at in sorted(self._items)]
+            self.found.missions.append(record_of(t_ns, mav.MAV_MISSION_TYPE_MISSION, items))
+            self._whole = True

@@ -1,0 +1,188 @@
+"""What the readers of other programs' logs have in common: from what they find to a flight."""
+
+import struct
+import zlib
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from flightdyn.state import GeodeticPoint
+from mission.base.area import Area
+from mission.base.arrays import Floats, Ints
+from mission.base.errors import InputError
+from mission.log.values import (
+    BatteryTrack,
+    Devices,
+    EventRecord,
+    FlightData,
+    MissionRecord,
+    Modes,
+    Source,
+    Track,
+    WindTrack,
+)
+
+MOST_BYTES = 1 << 30
+_CLOSEST_NS = 20_000_000  # samples of positions that are kept
+_BACK_NS = 1_000_000_000  # a clock that goes back by more started anew
+_MARGIN_M = 50.0  # around the flight, for the map
+
+
+@contextmanager
+def told_damage(path: Path) -> Iterator[None]:
+    """Say in one line what a damaged log makes its library raise."""
+    try:
+        yield
+    except (
+        *(ValueError, TypeError, KeyError, IndexError, AttributeError, AssertionError),
+        *(ArithmeticError, EOFError, struct.error, zlib.error, UnicodeError, MemoryError),
+    ) as error:
+        what = " ".join(str(error).split())[:100]
+        raise InputError(
+            f"{path}: cannot be read as a {path.suffix.lower()} flight log: damaged, cut off, "
+            f"or of another kind ({type(error).__name__}: {what})"
+        ) from None
+
+
+@dataclass
+class Found:
+    """What is found in a log, in order of time (ns of its clock)."""
+
+    path: Path
+    kind: str
+    clock: str
+    places: list[tuple[int, float, float, float]] = field(default_factory=list)  # lat, lon, alt msl
+    truth: list[tuple[int, float, float, float]] = field(default_factory=list)
+    homes: list[tuple[int, float, float, float]] = field(default_factory=list)
+    modes: list[tuple[int, str]] = field(default_factory=list)
+    events: list[tuple[int, str, str, int | None, int]] = field(default_factory=list)
+    battery: list[tuple[int, float, float, float, float]] = field(default_factory=list)
+    wind: list[tuple[int, float, float]] = field(default_factory=list)  # towards east, north
+    fixes: list[int] = field(default_factory=list)
+    missions: list[MissionRecord] = field(default_factory=list)
+    current: list[tuple[int, int]] = field(default_factory=list)
+    skipped: Counter[str] = field(default_factory=Counter)
+
+    def mode(self, t_ns: int, name: str) -> None:
+        """Note the mode of an instant; only a change counts."""
+        if not self.modes or self.modes[-1][1] != name:
+            self.modes.append((t_ns, name))
+            self.events.append((t_ns, "mode", name, None, 6))
+
+    def heads_for(self, t_ns: int, seq: int) -> None:
+        """Note the item that is flown to at an instant."""
+        if not self.current or self.current[-1][1] != seq:
+            self.current.append((t_ns, seq))
+
+    def flight(self) -> FlightData:
+        """All of it as a flight.
+
+        Raises:
+            InputError: there are no positions, or its clock started anew and no part is longest.
+        """
+        places = self._of_one_clock(self.places)
+        if len(places) < 2:
+            raise InputError(f"{self.path}: the log has no positions, so there is no flight in it")
+        # Home may be set anew on the ground: that of the flight is the one in force at its top.
+        top_ns = places[places[:, 3].argmax(), 0]
+        homes = [home for home in self.homes if home[0] <= top_ns] or self.homes[:1]
+        home = GeodeticPoint(*(homes[-1] if homes else places[0].tolist())[1:])
+        t_ns, ned = _ned(places, home)
+        area = _area(home, ned)
+        belief = Track(t_ns, _area_m(area, ned))
+        truth: Track = belief
+        only: str | None = "believed"
+        if len(self.truth) > 1:
+            at_ns, true_ned = _ned(self._of_one_clock(self.truth), home)
+            true_m = _area_m(area, true_ned)
+            along = [np.interp(t_ns, at_ns, true_m[:, axis]) for axis in range(3)]
+            truth, only = Track(t_ns, np.column_stack(along)), None
+        battery = np.array(self.battery, dtype=np.float64).reshape(-1, 5)
+        wind = np.array(self.wind, dtype=np.float64).reshape(-1, 3)
+        if not wind[:, 1:].any():  # a filter that estimates none writes zeros
+            wind = wind[:0]
+        where = [
+            tuple(p) for p in belief.pos_m[_nearest(t_ns, [e[0] for e in self.events])].tolist()
+        ]
+        return FlightData(
+            area=area,
+            devices=Devices(np.zeros((0, 2)), ()),
+            fence=(),
+            truth=truth,
+            belief=belief,
+            plans=(),
+            rounds=(),
+            uplinks=(),
+            learning=(),
+            events=tuple(
+                EventRecord(t, kind, text, seq, severity, at, at)
+                for (t, kind, text, seq, severity), at in zip(self.events, where, strict=True)
+            ),
+            battery=BatteryTrack(battery[:, 0].astype(np.int64), *battery[:, 1:].T),
+            wind=WindTrack(
+                wind[:, 0].astype(np.int64), np.column_stack((wind[:, 1:], np.zeros(len(wind))))
+            ),
+            innovations={},
+            metadata={},
+            attachments={},
+            missions=tuple(self.missions),
+            modes=Modes(
+                np.array([t for t, _ in self.modes], dtype=np.int64),
+                tuple(n for _, n in self.modes),
+            ),
+            current=(
+                np.array([t for t, _ in self.current], dtype=np.int64),
+                np.array([seq for _, seq in self.current], dtype=np.int64),
+            ),
+            gnss_ns=np.array(self.fixes, dtype=np.int64),
+            source=Source(self.kind, self.clock, only, dict(self.skipped)),
+        )
+
+    def _of_one_clock(self, rows: Sequence[tuple[int, float, float, float]]) -> Floats:
+        """The rows in order of time, thinned; those of a clock that started anew are refused."""
+        table = np.array(rows, dtype=np.float64).reshape(-1, 4)
+        finite = np.isfinite(table).all(axis=1)
+        finite &= (np.abs(table[:, 1]) > 1e-9) | (np.abs(table[:, 2]) > 1e-9)
+        if not finite.all():
+            self.skipped["position without a value"] += int((~finite).sum())
+        table = table[finite]
+        back = np.flatnonzero(np.diff(table[:, 0]) < -_BACK_NS)
+        if len(back):
+            before, after = table[back[0], 0] / 1e9, table[back[0] + 1, 0] / 1e9
+            raise InputError(
+                f"{self.path}: its clock goes back from {before:.1f} to {after:.1f} s: the vehicle "
+                "started anew, or two logs were joined; cut it there"
+            )
+        kept, last = [], -np.inf
+        for index, t_ns in enumerate(table[:, 0].tolist()):
+            if t_ns - last >= _CLOSEST_NS - 1_000_000:
+                kept.append(index)
+                last = t_ns
+        return table[kept]
+
+
+def _ned(rows: Floats, home: GeodeticPoint) -> tuple[Ints, Floats]:
+    frame = Area((1.0, 1.0), (0.0, 0.0), home).frame
+    ned = np.array([frame.to_ned(*row) for row in rows[:, 1:].tolist()])
+    # Height above home, not above the plane that touches the globe there.
+    ned[:, 2] = home.alt_msl_m - rows[:, 3]
+    return rows[:, 0].astype(np.int64), ned
+
+
+def _area(home: GeodeticPoint, ned: Floats) -> Area:
+    """The rectangle around a track."""
+    low, high = ned[:, :2].min(axis=0) - _MARGIN_M, ned[:, :2].max(axis=0) + _MARGIN_M
+    size = high - low
+    return Area((float(size[1]), float(size[0])), (float(-low[1]), float(-low[0])), home)
+
+
+def _area_m(area: Area, ned: Floats) -> Floats:
+    return np.column_stack((area.from_ned(ned), -ned[:, 2]))
+
+
+def _nearest(t_ns: Ints, times: Sequence[int]) -> Ints:
+    return np.clip(np.searchsorted(t_ns, np.array(times, dtype=np.int64)), 0, len(t_ns) - 1)

@@ -1,0 +1,152 @@
+"""Mission items in logs, and the path that they mean, whoever flew them."""
+
+import math
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from pymavlink.dialects.v20 import common as mav
+
+from mission.base.area import Area
+from mission.base.arrays import Bools, Floats, Ints
+from mission.log.values import MissionRecord
+from sitl.autopilot.codec.orders import GLOBAL_FRAMES, MissionItem, bare_name
+from sitl.autopilot.flying.route import flown_order, item_altitude, repeats
+
+KINDS = {
+    mav.MAV_MISSION_TYPE_MISSION: "mission",
+    mav.MAV_MISSION_TYPE_FENCE: "fence",
+    mav.MAV_MISSION_TYPE_RALLY: "rally",
+}
+_TERRAIN = (mav.MAV_FRAME_GLOBAL_TERRAIN_ALT, mav.MAV_FRAME_GLOBAL_TERRAIN_ALT_INT)
+_CIRCLES = (mav.MAV_CMD_NAV_LOITER_TURNS,)
+_TAKEOFFS = (mav.MAV_CMD_NAV_TAKEOFF, mav.MAV_CMD_NAV_VTOL_TAKEOFF)
+_LANDINGS = (mav.MAV_CMD_NAV_LAND, mav.MAV_CMD_NAV_VTOL_LAND)
+_LEADS = (  # straight to their place
+    mav.MAV_CMD_NAV_WAYPOINT,
+    mav.MAV_CMD_NAV_SPLINE_WAYPOINT,
+    mav.MAV_CMD_NAV_LOITER_TIME,
+    mav.MAV_CMD_NAV_LOITER_UNLIM,
+    mav.MAV_CMD_NAV_LOITER_TO_ALT,
+    mav.MAV_CMD_NAV_PAYLOAD_PLACE,
+)
+_WITHOUT_PLACE = (mav.MAV_CMD_NAV_DELAY, mav.MAV_CMD_NAV_GUIDED_ENABLE, mav.MAV_CMD_NAV_LAST)
+_CORNERS = 24  # of a circle
+_MOST_LAPS = 50.0
+_MOST_POINTS = 2000  # of a path; jumps may be without end
+_LOW_M = 1.0  # below this a flight begins on the ground
+
+
+def record_of(t_ns: int, kind: int, items: Sequence[MissionItem]) -> MissionRecord:
+    """A list of a MAV_MISSION_TYPE as logs hold it."""
+    rows = [
+        (i.seq, i.command, i.frame, *i.params, i.x, i.y, i.z, int(i.autocontinue)) for i in items
+    ]
+    return MissionRecord(t_ns, KINDS[kind], tuple(tuple(map(float, row)) for row in rows))
+
+
+def items_of(record: MissionRecord) -> tuple[MissionItem, ...]:
+    """The inverse of `record_of`, without the kind."""
+    return tuple(
+        MissionItem(int(seq), int(command), int(frame), (p1, p2, p3, p4), x, y, z, 0, bool(auto))
+        for seq, command, frame, p1, p2, p3, p4, x, y, z, auto in record.items
+    )
+
+
+def returns(items: Sequence[MissionItem]) -> bool:
+    """Whether a mission ends by a return or a landing."""
+    return bool(items) and items[-1].command in (mav.MAV_CMD_NAV_RETURN_TO_LAUNCH, *_LANDINGS)
+
+
+@dataclass(frozen=True)
+class MissionPath:
+    """Where a mission leads from one of its items on, jumps and circles included."""
+
+    points_m: Floats  # (P, 3) area coordinates; the first is where it begins
+    seqs: Ints  # (P,) the item whose place a point is; -1 where it is none's
+    height_known: Bools  # (P,) not where the vehicle chooses
+    wait_s: Floats  # (P,) hover there
+    speed_mps: Floats  # (P,) ordered for the leg that ends there; NaN where the vehicle chooses
+    returns: bool  # the last item leads home, or to the ground
+    left_out: Mapping[str, int]  # items that lead nowhere that is known here, by command
+
+
+def mission_path(
+    items: Sequence[MissionItem], area: Area, start_m: Floats, *, first: int = 0
+) -> MissionPath:
+    """The path of a mission that begins at `start_m`, (3,) area coordinates, with item `first`."""
+    frame, home = area.frame, area.home
+    points, seqs, known = [np.array(start_m, dtype=np.float64)], [-1], [True]
+    waits, speeds, speed = [0.0], [math.nan], math.nan
+    left_out: Counter[str] = Counter()
+
+    def go(place_m: Floats, seq: int, *, height: bool = True, wait_s: float = 0.0) -> None:
+        points.append(place_m)
+        seqs.append(seq)
+        known.append(height)
+        waits.append(wait_s)
+        speeds.append(speed)
+
+    def place_of(item: MissionItem) -> Floats:
+        here = points[-1]
+        if math.isnan(item.x) or math.isnan(item.y) or item.x == item.y == 0.0:
+            x, y = float(here[0]), float(here[1])
+        else:
+            ned = frame.to_ned(item.x, item.y, home.alt_msl_m)
+            x, y = area.from_ned(ned).tolist()
+        z = item.z if item.frame in _TERRAIN else item_altitude(item, home) - home.alt_msl_m
+        return np.array([x, y, float(here[2]) if math.isnan(z) else z])
+
+    jumps = {seq: n if n >= 0 else _MOST_POINTS for seq, n in repeats(items).items()}
+    for item in flown_order(items, first, jumps):
+        if len(points) > _MOST_POINTS:
+            break
+        command, wait_s = item.command, max(item.params[0], 0.0)
+        wait_s = 0.0 if math.isnan(wait_s) else wait_s
+        placed = item.frame in GLOBAL_FRAMES or item.frame in _TERRAIN
+        level = item.frame not in _TERRAIN
+        if command == mav.MAV_CMD_DO_CHANGE_SPEED:
+            speed = item.params[1] if item.params[1] > 0 else speed
+        elif command == mav.MAV_CMD_NAV_RETURN_TO_LAUNCH:
+            go(np.array([*area.home_m, points[-1][2]]), item.seq, height=False)
+            break
+        elif not placed and (command in _LEADS + _TAKEOFFS + _LANDINGS + _CIRCLES):
+            left_out[bare_name(command)] += 1
+        elif command in _LANDINGS:
+            place_m, here = place_of(item), points[-1]
+            go(np.array([*place_m[:2], here[2]]), -1, height=False)
+            go(np.array([*place_m[:2], 0.0]), item.seq, height=False)
+        elif command in _TAKEOFFS + _LEADS + _CIRCLES:
+            place_m, here = place_of(item), points[-1]
+            if command in _TAKEOFFS or (len(points) == 1 and here[2] < _LOW_M):
+                go(np.array([*here[:2], place_m[2]]), -1)
+            if command in _CIRCLES:
+                for point in _circle(place_m, item.params[2], here, laps=wait_s):
+                    go(point, -1, height=level)
+                seqs[-1] = item.seq
+            else:
+                go(place_m, item.seq, height=level, wait_s=wait_s * (command in _LEADS))
+        elif command <= mav.MAV_CMD_NAV_LAST and command not in _WITHOUT_PLACE:
+            left_out[bare_name(command)] += 1
+    return MissionPath(
+        np.array(points),
+        np.array(seqs, dtype=np.int64),
+        np.array(known),
+        np.array(waits),
+        np.array(speeds),
+        returns(items),
+        left_out,
+    )
+
+
+def _circle(centre_m: Floats, radius_m: float, here_m: Floats, *, laps: float) -> Floats:
+    """(n, 3) points of circles flown clockwise, or with a negative radius the other way; only the
+    centre where the vehicle chooses the radius."""
+    if not abs(radius_m) > 0:
+        return centre_m[None]
+    east, north = (here_m - centre_m)[:2].tolist()
+    steps = np.arange(round(_CORNERS * min(max(laps, 1.0), _MOST_LAPS)) + 1)
+    bearing = math.atan2(east, north) + steps * math.copysign(2 * math.pi / _CORNERS, radius_m)
+    away = np.column_stack((np.sin(bearing), np.cos(bearing), np.zeros(len(steps))))
+    return np.asarray(centre_m + abs(radius_m) * away)

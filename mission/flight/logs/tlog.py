@@ -1,0 +1,167 @@
+"""A ground station's telemetry log (.tlog) as a flight: MAVLink, each message after its time."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from pymavlink.dialects.v20 import common as mav
+from pymavlink.mavutil import interpret_px4_mode, mode_mapping_acm
+
+from mission.base.errors import InputError
+from mission.base.user_files import read_bytes
+from mission.flight.logs.flight import MOST_BYTES, Found
+from mission.flight.logs.items import record_of
+from mission.log.values import FlightData
+from sitl.autopilot.codec.orders import MissionItem, read_item
+from sitl.firmware.relay import packets
+
+_HEAD = 8  # bytes of a time before each message: microseconds since 1970
+_LONGEST = 300
+_ROTARY = frozenset({0, 2, 3, 4, 13, 14, 15, 18, 29, 35})  # MAV_TYPE
+_OTHERS = frozenset({1, 7, 8, 9, 10, 11, 12, 16, *range(19, 26), 36})  # that fly or drive otherwise
+_NO_AUTOPILOT = mav.MAV_AUTOPILOT_INVALID
+_FIX_3D = 3
+_WARNING = mav.MAV_SEVERITY_CRITICAL
+_ITEMS = ("MISSION_ITEM_INT", "MISSION_ITEM")
+
+
+def read_tlog(path: Path) -> FlightData:
+    """The flight in a telemetry log: of the first autopilot that speaks in it.
+
+    Raises:
+        InputError: it cannot be read, has no positions, another kind of vehicle flew, or the
+            clock of the vehicle started anew.
+    """
+    found = Found(path, "telemetry log", "seconds since the autopilot started")
+    reader = _Reader(found)
+    for wall_us, message in _messages(read_bytes(path, most=MOST_BYTES), found):
+        reader.take(wall_us, message)
+    if not reader.clock:
+        raise InputError(f"{path}: the log has no positions, so there is no flight in it")
+    wall_us, boot_ms = np.array(reader.clock, dtype=np.float64).T
+    if (back := np.flatnonzero(np.diff(boot_ms) < -1000.0)).size:
+        before, after = boot_ms[back[0]] / 1e3, boot_ms[back[0] + 1] / 1e3
+        raise InputError(
+            f"{path}: its clocks disagree: the recorder's goes on, the vehicle's back from "
+            f"{before:.1f} to {after:.1f} s: the vehicle started anew; cut the log there"
+        )
+    order = np.argsort(wall_us, kind="stable")
+    for later in reader.later:  # what has no time of the vehicle's own has that of its neighbours
+        t_ms = np.interp(later[0], wall_us[order], np.maximum.accumulate(boot_ms[order]))
+        reader.place(int(t_ms * 1e6), later[1])
+    found.events.sort(key=lambda event: event[0])
+    return found.flight()
+
+
+def _messages(content: bytes, found: Found) -> Iterator[tuple[int, Any]]:
+    """Time and message of all that can be read; the rest is counted."""
+    parser = mav.MAVLink(None)
+    parser.robust_parsing = True
+    at = 0
+    while at + _HEAD < len(content):
+        packet = next(packets(content[at + _HEAD : at + _HEAD + _LONGEST]), None)
+        if packet is None:
+            # To where the next message may begin.
+            marks = [content.find(mark, at + _HEAD + 1) for mark in (b"\xfd", b"\xfe")]
+            ahead = [mark for mark in marks if mark > 0]
+            found.skipped["damaged stretch"] += 1
+            if not ahead:
+                return
+            at = min(ahead) - _HEAD
+            continue
+        wall_us = int.from_bytes(content[at : at + _HEAD], "big")
+        at += _HEAD + len(packet.data)
+        if packet.number not in mav.mavlink_map:
+            found.skipped["message of another dialect"] += 1
+            continue
+        for message in parser.parse_buffer(packet.data) or ():
+            if message.get_type() == "BAD_DATA":
+                found.skipped["damaged message"] += 1
+            else:
+                yield wall_us, message
+
+
+class _Reader:
+    """Takes messages one after another; those without a time of the vehicle wait in `later`."""
+
+    def __init__(self, found: Found) -> None:
+        self._found = found
+        self._system: int | None = None
+        self._ardupilot = False
+        self._items: dict[int, MissionItem] = {}
+        self._count = 0
+        self.clock: list[tuple[int, int]] = []  # the recorder's (us), the vehicle's (ms)
+        self.later: list[tuple[int, Any]] = []
+
+    def take(self, wall_us: int, message: Any) -> None:
+        """Keep what a message says."""
+        kind, found = message.get_type(), self._found
+        if kind == "HEARTBEAT" and message.autopilot != _NO_AUTOPILOT and self._system is None:
+            if message.type in _OTHERS:
+                name = mav.enums["MAV_TYPE"][message.type].name.removeprefix("MAV_TYPE_").lower()
+                raise InputError(
+                    f"{found.path}: the log of another kind of vehicle ({name.replace('_', ' ')}): "
+                    "only multicopters' are compared"
+                )
+            if message.type in _ROTARY:
+                self._system = message.get_srcSystem()
+                self._ardupilot = message.autopilot == mav.MAV_AUTOPILOT_ARDUPILOTMEGA
+        if kind in (*_ITEMS, "MISSION_COUNT"):  # they go both ways
+            self.later.append((wall_us, message))
+        elif message.get_srcSystem() != self._system:
+            if kind == "GLOBAL_POSITION_INT":
+                found.skipped["position of another vehicle"] += 1
+        elif kind == "GLOBAL_POSITION_INT":
+            self.clock.append((wall_us, message.time_boot_ms))
+            where = message.lat / 1e7, message.lon / 1e7, message.alt / 1e3
+            found.places.append((message.time_boot_ms * 1_000_000, *where))
+        else:
+            self.later.append((wall_us, message))
+
+    def place(self, t_ns: int, message: Any) -> None:
+        """Keep what a message says, at a time of the vehicle's clock."""
+        found = self._found
+        match message.get_type():
+            case "HEARTBEAT" if message.autopilot != _NO_AUTOPILOT:
+                if self._ardupilot:
+                    name = mode_mapping_acm.get(message.custom_mode, f"MODE {message.custom_mode}")
+                else:
+                    name = interpret_px4_mode(message.base_mode, message.custom_mode)
+                found.mode(t_ns, name)
+            case "STATUSTEXT":
+                kind = "failsafe" if "failsafe" in message.text.lower() else "status"
+                found.events.append((t_ns, kind, message.text, None, message.severity))
+            case "MISSION_CURRENT":
+                found.heads_for(t_ns, message.seq)
+            case "MISSION_ITEM_REACHED":
+                text = f"item {message.seq}"
+                found.events.append((t_ns, "reached", text, message.seq, 6))
+            case "HOME_POSITION":
+                home = message.latitude / 1e7, message.longitude / 1e7, message.altitude / 1e3
+                found.homes.append((t_ns, *home))
+            case "GPS_RAW_INT" if message.fix_type >= _FIX_3D:
+                found.fixes.append(t_ns)
+            case "SYS_STATUS" if message.battery_remaining >= 0:
+                volts, amperes = message.voltage_battery / 1e3, message.current_battery / 1e2
+                left = message.battery_remaining / 100
+                found.battery.append((t_ns, volts, amperes, float("nan"), left))
+            case "WIND_COV":
+                found.wind.append((t_ns, message.wind_y, message.wind_x))
+            case "MISSION_COUNT" if message.mission_type == mav.MAV_MISSION_TYPE_MISSION:
+                self._items, self._count = {}, message.count
+            case "MISSION_ITEM" | "MISSION_ITEM_INT" if message.mission_type == 0:
+                self._item(t_ns, message)
+
+    def _item(self, t_ns: int, message: Any) -> None:
+        item = read_item(message)
+        if self._ardupilot and item.seq == 0:  # home, not an item
+            item = MissionItem(0, 0, item.frame, item.params, item.x, item.y, item.z)
+        self._items[item.seq] = item
+        if len(self._items) == self._count:
+            items = [self._items[seq] for seq in sorted(self._items)]
+            record = record_of(t_ns, mav.MAV_MISSION_TYPE_MISSION, items)
+            missions = self._found.missions
+            if not missions or missions[-1].items != record.items:  # a download says it again
+                missions.append(record)
+            self._items, self._count = {}, 0

@@ -1,0 +1,187 @@
+"""PX4's ULog as a flight.
+
+A ULog does not hold the mission, only what the navigator was heading for: its position setpoints
+in the mission mode, one after another, are taken for the items, as far as they were flown.
+"""
+
+import io
+import math
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from pymavlink.dialects.v20 import common as mav
+from pyulog import ULog
+
+from flightdyn.state import GeodeticPoint
+from mission.base.errors import InputError
+from mission.base.user_files import read_bytes
+from mission.flight.logs.flight import MOST_BYTES, Found
+from mission.flight.logs.items import record_of
+from mission.log.values import FlightData
+from sitl.autopilot.codec.orders import MissionItem
+
+# vehicle_status.nav_state, as ground stations call the modes.
+_MODES = {
+    0: "MANUAL",
+    1: "ALTITUDE",
+    2: "POSITION",
+    3: "MISSION",
+    4: "HOLD",
+    5: "RETURN",
+    10: "ACRO",
+    12: "DESCEND",
+    13: "TERMINATED",
+    14: "OFFBOARD",
+    15: "STABILIZED",
+    17: "TAKEOFF",
+    18: "LAND",
+    19: "FOLLOW",
+    20: "PRECISION LAND",
+    21: "ORBIT",
+}
+_ROTARY = (0, 1)  # vehicle_status.vehicle_type; 0: not known
+_KINDS = {2: "a fixed-wing aircraft", 3: "a rover", 4: "an airship"}
+_ARMED = 2
+_COMMANDS = {  # of position_setpoint.type
+    0: mav.MAV_CMD_NAV_WAYPOINT,
+    2: mav.MAV_CMD_NAV_LOITER_UNLIM,
+    3: mav.MAV_CMD_NAV_TAKEOFF,
+    4: mav.MAV_CMD_NAV_LAND,
+}
+_LOG_LEVEL = ord("0")  # of a message: a digit
+_SAME_DEG = 1e-7
+_FIX_3D = 3
+
+Columns = dict[str, NDArray[np.float64]]
+
+
+def read_ulog(path: Path) -> FlightData:
+    """The flight in a ULog.
+
+    Raises:
+        InputError: it cannot be read, has no positions, or another kind of vehicle flew. Whatever
+            the library raises of a damaged one passes through.
+    """
+    content = read_bytes(path, most=MOST_BYTES)
+    if content[:4] != b"ULog":
+        raise InputError(f"{path}: not a ULog: it does not begin as one")
+    log = ULog(io.BytesIO(content))
+    found = Found(path, "ULog of PX4", "seconds since PX4 started")
+    topics = {item.name: item.data for item in reversed(log.data_list) if item.multi_id == 0}
+    found.places = list(_places(topics, ("vehicle_global_position", "vehicle_gps_position")))
+    if not found.places:
+        found.places = list(_local(topics.get("vehicle_local_position")))
+    found.truth = list(_places(topics, ("vehicle_global_position_groundtruth",)))
+    found.homes = list(_rows(topics.get("home_position"), "lat", "lon", "alt"))  # type: ignore[arg-type]
+    _status(found, topics.get("vehicle_status"))
+    for message in log.logged_messages:
+        level = message.log_level - _LOG_LEVEL
+        found.events.append(
+            (_ns(message.timestamp), "status", message.message.strip(), None, level)
+        )
+    found.events.sort(key=lambda event: event[0])
+    names = ("voltage_v", "current_a", "discharged_mah", "remaining")
+    found.battery = list(_rows(topics.get("battery_status"), *names))  # type: ignore[arg-type]
+    wind = topics.get("wind", topics.get("wind_estimate"))
+    found.wind = list(_rows(wind, "windspeed_east", "windspeed_north"))  # type: ignore[arg-type]
+    fixes = topics.get("vehicle_gps_position")
+    found.fixes = [int(row[0]) for row in _rows(fixes, "fix_type") if row[1] >= _FIX_3D]
+    _heading_for(found, topics.get("position_setpoint_triplet"))
+    found.skipped["dropout"] += len(log.dropouts)
+    found.skipped["damaged stretch"] += int(log.file_corruption)
+    found.skipped["event of PX4's events interface"] += len(
+        topics.get("event", {"timestamp": ()})["timestamp"]
+    )
+    found.skipped = +found.skipped
+    return found.flight()
+
+
+def _ns(timestamp_us: float) -> int:
+    return int(timestamp_us) * 1000
+
+
+def _rows(data: Columns | None, *names: str) -> Iterator[tuple[float, ...]]:
+    """(t_ns, ...) of some columns; nothing where one is missing."""
+    if data is None or any(name not in data for name in names):
+        return
+    columns = [data[name].tolist() for name in names]
+    for t_us, *values in zip(data["timestamp"].tolist(), *columns, strict=True):
+        yield (_ns(t_us), *values)
+
+
+def _places(
+    topics: dict[str, Columns], names: tuple[str, ...]
+) -> Iterator[tuple[int, float, float, float]]:
+    """Latitude, longitude, altitude of the first of some topics that is there."""
+    data = next((topics[name] for name in names if name in topics), None)
+    if data is None:
+        return
+    if "latitude_deg" in data:
+        yield from _rows(data, "latitude_deg", "longitude_deg", "altitude_msl_m")  # type: ignore[misc]
+        return
+    for t_ns, lat, lon, alt in _rows(data, "lat", "lon", "alt"):
+        # A receiver's are whole numbers in the logs of old versions.
+        whole = abs(lat) > 90 or abs(lon) > 180
+        scale, tall = (1e-7, 1e-3) if whole else (1.0, 1.0)
+        yield int(t_ns), lat * scale, lon * scale, alt * tall
+
+
+def _local(data: Columns | None) -> Iterator[tuple[int, float, float, float]]:
+    """Local positions that have a place on the globe."""
+    from flightdyn.frames import LocalFrame
+
+    for t_ns, x, y, z, lat, lon, alt, valid in _rows(
+        data, "x", "y", "z", "ref_lat", "ref_lon", "ref_alt", "xy_global"
+    ):
+        if valid and math.isfinite(lat + lon + alt):
+            place = LocalFrame(GeodeticPoint(lat, lon, alt)).to_geodetic(np.array([x, y, z]))
+            yield int(t_ns), place.lat_deg, place.lon_deg, alt - z
+
+
+def _status(found: Found, data: Columns | None) -> None:
+    """Modes, arming, failsafes; refuses another kind of vehicle."""
+    kinds = {int(row[1]) for row in _rows(data, "vehicle_type")}
+    if kinds and not kinds & set(_ROTARY):
+        kind = _KINDS.get(min(kinds), f"a vehicle of kind {min(kinds)}")
+        raise InputError(f"{found.path}: the log of {kind}: only multicopters' are compared")
+    armed = failsafe = False
+    # The topic comes twice a second; when the mode changed it says exactly, where it says so.
+    since = "nav_state_timestamp" if data and "nav_state_timestamp" in data else "timestamp"
+    names = "nav_state", since, "arming_state", "failsafe"
+    for t, state, since_us, arming, lost in _rows(data, *names):
+        t_ns = int(t)
+        found.mode(min(t_ns, _ns(since_us)), _MODES.get(int(state), f"MODE {state:g}"))
+        if (arming == _ARMED) != armed:
+            armed = arming == _ARMED
+            found.events.append((t_ns, "armed", "armed" if armed else "disarmed", None, 6))
+        if bool(lost) != failsafe:
+            failsafe = bool(lost)
+            if failsafe:
+                found.events.append((t_ns, "failsafe", "failsafe", None, 4))
+
+
+def _heading_for(found: Found, data: Columns | None) -> None:
+    """The mission, as far as it was flown: what was headed for in the mission mode."""
+    items: list[MissionItem] = []
+    started: list[int] = []
+    names = ("current.valid", "current.type", "current.lat", "current.lon", "current.alt")
+    for t, valid, kind, lat, lon, alt in _rows(data, *names):
+        in_force = [name for since_ns, name in found.modes if since_ns <= t]
+        if not valid or in_force[-1:] != ["MISSION"] or int(kind) not in _COMMANDS:
+            continue
+        place = (lat, lon, float(alt))
+        last = items[-1] if items else None
+        if (
+            last is not None
+            and np.allclose((last.x, last.y), place[:2], rtol=0, atol=_SAME_DEG)
+            and (abs(last.z - place[2]) < 0.05)
+        ):
+            continue
+        command = _COMMANDS[int(kind)]
+        items.append(MissionItem(len(items), command, mav.MAV_FRAME_GLOBAL, (0.0,) * 4, *place))
+        started.append(int(t))
+    if items:
+        found.missions.append(record_of(started[0], mav.MAV_MISSION_TYPE_MISSION, items))
+        found.current = list(zip(started, range(len(items)), strict=True))

@@ -1,0 +1,217 @@
+"""Flights of our own vehicle on its own, matched with the missions in their logs."""
+
+import json
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from pymavlink.dialects.v20 import common as mav
+from sitl_desk import Desk
+from sitl_mavsdk import HOME
+
+from flightdyn.frames import LocalFrame
+from mission.analysis.compare import compare_run
+from mission.analysis.legs import legs, spikes
+from mission.analysis.load import LoadedRun, load_run
+from mission.analysis.passes import in_words, judged
+from mission.base.area import Area
+from mission.base.errors import InputError
+from mission.cli import call
+from mission.flight.serve.flight_logs import FlightLogs
+from mission.log.reader import read_log
+from mission.log.values import EventRecord, FlightData, Track
+
+NAN = math.nan
+SQUARE = ((0.0, 100.0), (120.0, 100.0), (120.0, -60.0), (0.0, -60.0))
+RELATIVE = mav.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT
+
+
+def item(seq: int, command: int, *params: float, at: tuple[float, ...] | None = None) -> Any:
+    p1, p2, p3, p4 = (*params, *[0.0] * (4 - len(params)))
+    x, y, z = 0, 0, 0.0
+    if at is not None:
+        place = LocalFrame(HOME).to_geodetic(np.array([*at[:2], 0.0]))
+        x, y, z = round(place.lat_deg * 1e7), round(place.lon_deg * 1e7), at[2]
+    frame = mav.MAV_FRAME_MISSION if at is None else RELATIVE
+    return mav.MAVLink_mission_item_int_message(
+        1, 1, seq, frame, command, 0, 1, p1, p2, p3, p4, x, y, z, mav.MAV_MISSION_TYPE_MISSION
+    )
+
+
+def square(*, first: int = 1) -> list[Any]:
+    return [
+        item(first + k, mav.MAV_CMD_NAV_WAYPOINT, at=(*place, 30.0))
+        for k, place in enumerate(SQUARE)
+    ]
+
+
+def take_off() -> Any:
+    return item(0, mav.MAV_CMD_NAV_TAKEOFF, at=(0.0, 0.0, 30.0))
+
+
+def plain() -> list[Any]:
+    return [take_off(), *square(), item(5, mav.MAV_CMD_NAV_RETURN_TO_LAUNCH)]
+
+
+def mode(desk: Desk, sub: int) -> None:
+    assert desk.command(mav.MAV_CMD_DO_SET_MODE, 1, 4, sub) == mav.MAV_RESULT_ACCEPTED
+
+
+def flown(folder: Path, items: Sequence[Any], then: Callable[[Desk], None] | None = None) -> Path:
+    """The log of a mission that was flown on a vehicle that stands alone."""
+    logs = FlightLogs(folder, area=Area((400.0, 400.0), (200.0, 200.0), HOME))
+    desk = Desk(orders=logs)
+    desk.vehicle.add_observer(logs)
+    assert desk.upload(list(items)) == mav.MAV_MISSION_ACCEPTED
+    assert desk.command(mav.MAV_CMD_COMPONENT_ARM_DISARM, 1, 0) == mav.MAV_RESULT_ACCEPTED
+    assert desk.command(mav.MAV_CMD_MISSION_START, 0, 0) == mav.MAV_RESULT_ACCEPTED
+    if then is not None:
+        then(desk)
+    desk.fly()
+    logs.close()
+    return folder / "flight-0001.mcap"
+
+
+def compared(log: Path, data: FlightData | None = None) -> Any:
+    loaded = load_run(log)
+    if data is not None:
+        found = judged(log, data, None)
+        loaded = LoadedRun(log, found.data, {}, cut=False, judged=found)
+    assert loaded.judged is not None, loaded.unjudged
+    return compare_run(loaded)
+
+
+def test_a_log_of_the_vehicle_alone_holds_its_missions_and_setpoints(tmp_path: Path) -> None:
+    def replace_and_steer(desk: Desk) -> None:
+        desk.fly(seconds=15)
+        mode(desk, 3)  # hold
+        desk.fly(seconds=5)
+        assert desk.upload(plain()[:3]) == mav.MAV_MISSION_ACCEPTED
+        fence = mav.MAVLink_mission_item_int_message(
+            1, 1, 0, 0, mav.MAV_CMD_NAV_FENCE_CIRCLE_INCLUSION, 0, 1, 900.0, 0, 0, 0,
+            round(HOME.lat_deg * 1e7), round(HOME.lon_deg * 1e7), 0, mav.MAV_MISSION_TYPE_FENCE,
+        )  # fmt: skip
+        assert desk.upload([fence], mav.MAV_MISSION_TYPE_FENCE) == mav.MAV_MISSION_ACCEPTED
+        desk.send(
+            mav.MAVLink_set_position_target_local_ned_message(
+                0, 1, 1, 1, 0b110111000111, 0, 0, 0, 1.5, NAN, 0.5, 0, 0, 0, 0, 0
+            )
+        )
+        desk.fly(seconds=1)
+
+    data = read_log(flown(tmp_path, plain(), replace_and_steer))
+    kinds = [(record.kind, len(record.items)) for record in data.missions]
+    assert kinds == [("mission", 6), ("mission", 3), ("fence", 1)]
+    first, second, fence = data.missions
+    assert first.t_ns == data.truth.t_ns[0] or first.t_ns < data.truth.t_ns[0]
+    assert second.t_ns == pytest.approx(first.t_ns + 20e9, abs=0.2e9)
+    assert fence.items[0][3] == 900.0
+    (setpoint,) = data.setpoints
+    assert setpoint.message == "SET_POSITION_TARGET_LOCAL_NED"
+    assert setpoint.values[3] == 1.5
+    assert math.isnan(setpoint.values[4])
+    assert setpoint.t_ns >= second.t_ns
+
+
+def test_the_legs_of_a_mission_in_the_log_are_matched(tmp_path: Path) -> None:
+    log = flown(tmp_path, plain())
+    found = compared(log)
+    rows = legs(found.measured, found.run.judged)
+    assert [row.item for row in rows] == [0, 1, 2, 3, 4, 5]
+    assert [round(row.length_m) for row in rows] == [30, 100, 120, 160, 120, 60]
+    assert all(row.cross_track_max_m < 6.0 for row in rows)
+    assert found.total.slots_missed == 0
+    assert found.total.height_max_m < 0.5
+    assert call(["compare", str(log)]) == 0
+
+
+@pytest.mark.parametrize("offset_m", [1.0, 3.0, 10.0])
+def test_an_offset_is_found_at_its_leg(tmp_path: Path, offset_m: float) -> None:
+    log = flown(tmp_path, plain())
+    data = read_log(log)
+    before = compared(log)
+    third = legs(before.measured, before.run.judged)[2]
+    t_s = data.truth.t_ns / 1e9
+    inside = (t_s > third.start_s + 4.0) & (t_s < third.end_s - 4.0)
+    pos_m = data.truth.pos_m.copy()
+    pos_m[inside, 0] += offset_m  # east of a leg that leads north
+    gone = (EventRecord(int(1e9 * (third.start_s + 4.5)), "fault", "wind", None, 4, (0,) * 3, (0,) * 3),)  # noqa: E501  # fmt: skip
+    moved = replace(data, truth=Track(data.truth.t_ns, pos_m), events=(*data.events, *gone))
+    found = compared(log, moved)
+    rows = legs(found.measured, found.run.judged)
+    assert rows[2].cross_track_max_m == pytest.approx(
+        offset_m, abs=0.2 + before.total.straight_max_m
+    )
+    others = [row.cross_track_max_m for row in rows[:2] + rows[3:]]
+    assert max(others) < 6.0
+    if offset_m >= 3.0:
+        (spike,) = [s for s in spikes(moved, found.measured, found.run.judged)
+                    if s.what == "cross-track" and s.peak_m > 0.9 * offset_m]  # fmt: skip
+        assert "fault: wind" in spike.during
+        assert spike.words.startswith(f"at {spike.start_s:.1f}-{spike.end_s:.1f} s cross-track")
+
+
+def test_laps_by_a_jump_are_told_apart(tmp_path: Path) -> None:
+    items = [take_off(), *square(), item(5, mav.MAV_CMD_DO_JUMP, 1, 2)]
+    found = compared(flown(tmp_path, items))
+    rows = legs(found.measured, found.run.judged)
+    assert [row.item for row in rows] == [0, *(1, 2, 3, 4) * 3]
+    assert all(row.cross_track_max_m < 6.0 for row in rows)
+    starts = [row.start_s for row in rows]
+    assert starts == sorted(starts)
+    assert found.total.slots_missed == 0
+
+
+def test_an_aborted_and_a_repeated_mission_are_two_passes(tmp_path: Path) -> None:
+    def abort(desk: Desk) -> None:
+        desk.fly(seconds=30)
+        mode(desk, 3)
+        desk.fly(seconds=8)
+        desk.send(mav.MAVLink_mission_set_current_message(1, 1, 1))
+        mode(desk, 4)
+
+    found = compared(flown(tmp_path, plain(), abort))
+    first, second = found.run.judged.passes
+    assert first.record.round == 1
+    assert [p.seq for p in first.passages if math.isnan(p.t_s)]
+    assert not [p.seq for p in second.passages if math.isnan(p.t_s)]
+    words = in_words(found.run.judged)
+    assert any("HOLD 8." in line for line in words)
+    assert any(line.startswith("items never reached: ") for line in words)
+    assert len(found.rounds) == 2
+
+
+def test_a_plan_of_another_place_and_a_flight_without_a_mission_are_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def take_home(desk: Desk) -> None:
+        desk.fly(seconds=20)
+
+    log = flown(tmp_path, plain()[:2], take_home)
+    plan = tmp_path / "far.waypoints"
+    plan.write_text("QGC WPL 110\n0\t0\t3\t16\t0\t0\t0\t0\t48.0\t8.5\t30\t1\n")
+    assert call(["compare", str(log), "--plan", str(plan)]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "far.waypoints is of another place: its nearest item is" in line
+    assert "km from the flight" in line
+    data = replace(read_log(log), missions=())
+    with pytest.raises(InputError, match="the log has no mission; give the plan"):
+        judged(log, data, None)
+    nowhere = replace(data, truth=Track(data.truth.t_ns[:0], data.truth.pos_m[:0]))
+    with pytest.raises(InputError, match="the log has no positions"):
+        judged(log, nowhere, None)
+
+
+def test_json_has_legs_spikes_and_what_was_not_compared(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    log = flown(tmp_path, plain())
+    assert call(["compare", str(log), "--json"]) == 0
+    (found,) = json.loads(capsys.readouterr().out)
+    assert {"legs", "spikes", "not_compared_s", "log", "plan"} <= set(found)
+    assert found["log"]["kind"] == "MCAP"
+    assert len(found["legs"]) == 6
