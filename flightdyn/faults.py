@@ -5,6 +5,7 @@ from typing import Annotated, Literal
 from pydantic import BaseModel, ConfigDict, Field
 
 _Rate = Annotated[float, Field(ge=-10, le=10)]
+_Item = Annotated[int, Field(ge=0, le=65_535)]
 _Force = Annotated[float, Field(ge=-100, le=100)]
 
 
@@ -13,6 +14,11 @@ class _Fault(BaseModel):
 
     at_s: float = Field(
         default=0.0, ge=0, le=1e6, description="simulated time at which a configured fault begins"
+    )
+    after: Literal["arming", "take-off"] | _Item | None = Field(
+        default=None,
+        description="from when at_s counts: the first arming, the first take-off, or the number of "
+        "a mission item, from when it is first reached or carried out; unset: from power-up",
     )
     duration_s: float | None = Field(
         default=None, gt=0, le=1e6, description="how long it lasts; unset: for good"

@@ -152,6 +152,10 @@ class Plant:
         self._gusty = True
         self.due = self._after(self.clock.tick)
 
+    def happened(self, what: str | int) -> None:
+        """Arming, take-off or a mission item's number: configured faults may come after it."""
+        self._faults.happened(what, self.clock.t_ns)
+
     def end(self, fault: Fault) -> None:
         """End one fault in force, and no other; nothing happens where it is not in force."""
         self._faults.end(fault)

@@ -25,9 +25,11 @@ class FaultState:
         self._vehicle = vehicle
         self._receiver = receiver
         self._imu = imu
-        self._waiting = sorted(scheduled, key=lambda fault: -fault.at_s)
-        for fault in self._waiting:
+        self._waiting: list[tuple[int, Fault]] = []  # when each begins, ns; the first one last
+        self._held = list(scheduled)  # until that happens which they come after
+        for fault in self._held:
             self._check(fault)
+        self.happened(None, 0)
         self._active: list[tuple[Fault, int | None]] = []
         self._broken: set[int] = set()
         self.burst_ned_mps: Triple = (0.0, 0.0, 0.0)
@@ -36,6 +38,14 @@ class FaultState:
     def active(self) -> tuple[Fault, ...]:
         """The faults in force."""
         return tuple(fault for fault, _ in self._active) if self._active else ()
+
+    def happened(self, what: str | int | None, t_ns: int) -> None:
+        """Schedule the faults that come after `what`, which has happened for the first time."""
+        due = [fault for fault in self._held if fault.after == what]
+        if due:
+            self._held = [fault for fault in self._held if fault.after != what]
+            self._waiting += [(t_ns + round(fault.at_s * 1e9), fault) for fault in due]
+            self._waiting.sort(key=lambda each: -each[0])
 
     def begin(self, fault: Fault, t_ns: int) -> None:
         """Put `fault` in force from now on, whatever its `at_s`."""
@@ -51,8 +61,8 @@ class FaultState:
 
     def update(self, t_ns: int) -> None:
         """Begin what is scheduled and end what is over."""
-        while self._waiting and self._waiting[-1].at_s * 1e9 <= t_ns:
-            self.begin(self._waiting.pop(), t_ns)
+        while self._waiting and self._waiting[-1][0] <= t_ns:
+            self.begin(self._waiting.pop()[1], t_ns)
         if self._active and any(end is not None and end <= t_ns for _, end in self._active):
             self._active = [(f, end) for f, end in self._active if end is None or end > t_ns]
             self._apply()

@@ -18,7 +18,7 @@ from mission.log import DamagedLogError
 from mission.log.contents import load_damaged
 from mission.log.reader import decode, read_log
 from mission.log.records import UNKNOWN_ROUND, RoundRecord
-from mission.log.values import NS_PER_S, EventRecord, FlightData, Track
+from mission.log.values import NS_PER_S, BatteryTrack, EventRecord, FlightData, Track
 
 if TYPE_CHECKING:
     from mission.analysis.passes import Judged
@@ -141,6 +141,14 @@ def reached(run: FlightData) -> dict[int, EventRecord]:
     return passed
 
 
+def arrival(run: FlightData) -> EventRecord | None:
+    """When the last place of a plan file was reached, for the last time that it leads there."""
+    order = run.plan_file.order if run.plan_file else ()
+    passed = [e for e in run.events if e.kind == "reached" and order and e.seq == order[-1]]
+    visits = order.count(order[-1]) if order else 1
+    return passed[visits - 1] if len(passed) >= visits else None
+
+
 def flown(run: FlightData, record: RoundRecord, *, track: Track | None = None) -> Track:
     """The part of the true track (or of `track`) that belongs to a round."""
     start_ns = round(record.start_t_s * 1e9)
@@ -172,13 +180,13 @@ def _with_its_flight(data: FlightData) -> FlightData:
     if data.plan_file is None or not data.plans or not len(data.truth.t_ns):
         return data
     plan = data.plans[0]
-    last = reached(data).get(max(data.plan_file.places_m))
+    last = arrival(data)
     end_ns = int(data.truth.t_ns[-1]) if last is None else last.t_ns
     track = data.truth.between(plan.t_ns, end_ns)
     if not len(track.t_ns):
         return data
     flown_m = polyline.length(track.pos_m[:, :2])
-    battery = data.battery.remaining
+    battery, energy_j = data.battery.remaining, _energy_j(data.battery, plan.t_ns, end_ns)
     record = replace(
         UNKNOWN_ROUND,
         round=plan.round,
@@ -188,9 +196,19 @@ def _with_its_flight(data: FlightData) -> FlightData:
         flown_path_m=flown_m,
         budget_used_m=flown_m,
         time_used_s=(end_ns - plan.t_ns) / NS_PER_S,
+        energy_j=energy_j,
+        energy_used_j=energy_j,
         battery_remaining=float(battery[-1]) if len(battery) else math.nan,
     )
     return replace(data, plans=(plan,), rounds=(record,))
+
+
+def _energy_j(battery: BatteryTrack, start_ns: int, end_ns: int) -> float:
+    """What the battery gave in a time; NaN where nobody knows."""
+    during = (battery.t_ns >= start_ns) & (battery.t_ns <= end_ns)
+    charge_mah, voltage_v = battery.consumed_mah[during], battery.voltage_v[during]
+    energy_j = float((np.diff(charge_mah) * 3.6 * voltage_v[1:]).sum())
+    return energy_j if energy_j > 0.0 else math.nan
 
 
 def _summary(path: Path) -> RunSummary:

@@ -15,6 +15,7 @@ def fly(
     vehicle: str | None = None,
     live: Flag = False,
     live_port: int = LIVE_PORT,
+    no_figures: Flag = False,
     no_report: Flag = False,
     quiet: Flag = False,
     as_json: Json = False,
@@ -26,9 +27,9 @@ def fly(
     Parameters
     ----------
     plan
-        A QGroundControl .plan or MAVLink .waypoints file. It may have the items take-off, waypoint,
-        loiter time, change speed, return and land, a fence and rally points; anything else is
-        refused by name. Home is the planned home of the plan, or else its first item.
+        A QGroundControl .plan (also with surveys, corridor and structure scans) or a MAVLink
+        .waypoints file. Items for cameras, gimbals and servos are passed over; what cannot be flown
+        is refused by name. Home is the planned home of the plan, or else its first item.
     config
         TOML file; its vehicle.* and link.* count here.
     out
@@ -45,6 +46,8 @@ def fly(
         --set link.speed=1 for real time.
     live_port
         Port of the live view; 0 takes a free one.
+    no_figures
+        Draw no pictures into the folder; the page has its own.
     no_report
         Leave out report.html, the page that is written into the folder at the end.
     quiet
@@ -61,4 +64,4 @@ def fly(
 
     page = None if no_report else write_page
     with output_folder(out, plan.stem) as folder, summary_of(folder, as_json=as_json):
-        return fly_plan(resolved, plan, folder, console=watching, page=page)
+        return fly_plan(resolved, plan, folder, console=watching, figures=not no_figures, page=page)

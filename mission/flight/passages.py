@@ -4,7 +4,8 @@ It aims at its stops by its own estimate; where that is the truth as well, so ar
 """
 
 import itertools
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -36,6 +37,15 @@ def passages(
         found.append(flight.at(instant))
         after_ns = instant
     return tuple(found)
+
+
+def reported_in_turn(
+    reported_ns: Mapping[int, Sequence[int]], items: Sequence[int]
+) -> list[int | None]:
+    """The report of each visit to mission `items`; None where some of that item were lost."""
+    visits = Counter(items)
+    each = {item: iter(told) for item, told in reported_ns.items() if len(told) == visits[item]}
+    return [next(each.get(item, iter(())), None) for item in items]
 
 
 def _closest(flight: Flight, stop: Floats, after_ns: int, until_ns: int, *, hovers: bool) -> int:

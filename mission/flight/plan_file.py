@@ -9,9 +9,8 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal, TypeAlias
 
-from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError
+from pydantic import ValidationError
 from pymavlink.dialects.v20 import common as mav
 
 from flightdyn.state import GeodeticPoint
@@ -22,7 +21,8 @@ from mission.base.user_files import decoded, read_bytes
 from mission.flight.fence_zones import airspace_zones, corners_of
 from mission.flight.flight_plan import FlightPlan
 from mission.flight.mission_items import mission_items
-from sitl.autopilot.codec.orders import MissionItem
+from mission.flight.plan_document import SCANS, Document, Fence
+from sitl.autopilot.codec.orders import MissionItem, command_name
 
 HEADER = "QGC WPL 110"
 _COLUMNS = 12
@@ -58,88 +58,25 @@ def read_plan_file(path: Path) -> PlanFile:
     return read(path, content, text)
 
 
-# QGroundControl's document, as far as it is flown.
-
-_Place: TypeAlias = tuple[FiniteFloat, FiniteFloat]  # latitude, longitude in degrees
-
-
-class _Part(BaseModel):
-    model_config = ConfigDict(strict=True)
-
-
-class _SimpleItem(_Part):
-    type: Literal["SimpleItem"]
-    command: Annotated[int, Field(ge=0, le=0xFFFF)]
-    frame: Annotated[int, Field(ge=0, le=0xFF)]
-    params: Annotated[list[FiniteFloat | None], Field(min_length=7, max_length=7)]
-    autoContinue: bool = True  # noqa: N815  QGroundControl's name
-
-
-class _Transects(_Part):
-    Items: list[_SimpleItem]
-
-
-class _Survey(_Part):
-    type: Literal["ComplexItem"]
-    complexItemType: Literal["survey"]  # noqa: N815
-    TransectStyleComplexItem: _Transects
-
-
-class _Mission(_Part):
-    items: list[Annotated[_SimpleItem | _Survey, Field(discriminator="type")]]
-    plannedHomePosition: (  # noqa: N815
-        Annotated[list[FiniteFloat | None], Field(min_length=2, max_length=3)] | None
-    ) = None
-
-
-class _Polygon(_Part):
-    inclusion: bool
-    polygon: list[_Place]
-
-
-class _Disc(_Part):
-    center: _Place
-    radius: FiniteFloat
-
-
-class _Circle(_Part):
-    inclusion: bool
-    circle: _Disc
-
-
-class _Fence(_Part):
-    polygons: list[_Polygon] = []
-    circles: list[_Circle] = []
-
-
-class _Rally(_Part):
-    points: list[tuple[FiniteFloat, FiniteFloat, FiniteFloat]] = []
-
-
-class _Document(_Part):
-    fileType: Literal["Plan"]  # noqa: N815
-    mission: _Mission
-    geoFence: _Fence = _Fence()  # noqa: N815
-    rallyPoints: _Rally = _Rally()  # noqa: N815
-
-
 def _read_qgroundcontrol(path: Path, content: bytes, text: str) -> PlanFile:
     try:
-        document = _Document.model_validate_json(text)
+        document = Document.model_validate_json(text)
     except ValidationError as error:
         raise InputError(f"{path}: not a QGroundControl plan: {_first(error)}") from None
-    simple = [
-        item
-        for part in document.mission.items
-        for item in (
-            [part] if isinstance(part, _SimpleItem) else part.TransectStyleComplexItem.Items
-        )
-    ]
+    simple = [item for part in document.mission.items for item in part.flown()]
     if not simple:
         raise InputError(f"{path}: the mission is empty")
+    numbers = {part.doJumpId: seq for seq, part in reversed(list(enumerate(simple)))}
     items = []
     for seq, part in enumerate(simple):
-        params = tuple(math.nan if value is None else value for value in part.params)
+        params = [math.nan if value is None else value for value in part.params]
+        if part.command == mav.MAV_CMD_DO_JUMP:
+            if params[0] not in numbers:
+                raise InputError(
+                    f"{path}: item {seq}, {command_name(part.command)}: jumps to doJumpId = "
+                    f"{params[0]:g}, which no item has"
+                )
+            params[0] = numbers[int(params[0])]
         items.append(_item(seq, part.command, part.frame, params, autocontinue=part.autoContinue))
     rally = [
         _item(
@@ -163,11 +100,13 @@ def _first(error: ValidationError) -> str:
     wrong = error.errors()[0]
     where = ""
     for part in wrong["loc"]:
-        if part not in ("SimpleItem", "ComplexItem"):  # the branch of the union
+        if part not in ("SimpleItem", "ComplexItem", *SCANS):  # the branch of the union
             where += f"[{part}]" if isinstance(part, int) else f".{part}"
-    value = "" if isinstance(wrong["input"], dict | list | str) and where == "" else wrong["input"]
-    shown = "" if wrong["type"] == "missing" or value == "" else f" = {value!r}"
-    return f"{where[1:]}{shown[:80]}: {wrong['msg']}".removeprefix(": ")
+    value = wrong["input"]
+    whole = isinstance(value, dict | list) or (isinstance(value, str) and where == "")
+    shown = "" if wrong["type"] == "missing" or whole else f" = {value!r}"
+    said = wrong["msg"].removeprefix("Value error, ")
+    return f"{where[1:]}{shown[:80]}: {said}".removeprefix(": ")
 
 
 def _item(
@@ -185,7 +124,7 @@ def _item(
     return MissionItem(seq, command, frame, first, round(x, 7), round(y, 7), z, kind, autocontinue)
 
 
-def _fence_items(fence: _Fence) -> Iterable[MissionItem]:
+def _fence_items(fence: Fence) -> Iterable[MissionItem]:
     inclusions = (
         mav.MAV_CMD_NAV_FENCE_POLYGON_VERTEX_EXCLUSION,
         mav.MAV_CMD_NAV_FENCE_POLYGON_VERTEX_INCLUSION,
@@ -213,7 +152,7 @@ def _read_waypoints(path: Path, content: bytes, text: str) -> PlanFile:
     # By convention row 0 is the home: a waypoint at a height above the sea.
     if rows and rows[0][2] == mav.MAV_FRAME_GLOBAL and rows[0][3] == mav.MAV_CMD_NAV_WAYPOINT:
         home = _home(path, *rows[0][8:11])
-        del rows[0]
+        rows = [_counted_without_home(row) for row in rows[1:]]
     if not rows:
         raise InputError(f"{path}: the mission is empty")
     items = (
@@ -221,6 +160,11 @@ def _read_waypoints(path: Path, content: bytes, text: str) -> PlanFile:
         for seq, row in enumerate(rows)
     )
     return PlanFile(path, content, home, tuple(items))
+
+
+def _counted_without_home(row: Sequence[float]) -> Sequence[float]:
+    jumps = row[3] == mav.MAV_CMD_DO_JUMP
+    return [*row[:4], row[4] - 1.0, *row[5:]] if jumps else row
 
 
 def _row(path: Path, number: int, line: str) -> Sequence[float]:

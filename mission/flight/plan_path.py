@@ -4,6 +4,7 @@ What the autopilot would refuse is refused by the autopilot's own rules, and so 
 take but what has no business in an unattended flight.
 """
 
+import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -11,7 +12,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from pymavlink.dialects.v20 import common as mav
 
+from flightdyn.config import LimitsConfig
+from flightdyn.foresight import SETTLING_S
 from flightdyn.frames import LocalFrame
+from flightdyn.guidance.path_plan import passing_times
 from flightdyn.state import GeodeticPoint
 from mission.base import polyline
 from mission.base.arrays import Floats
@@ -21,20 +25,26 @@ from sitl.autopilot.codec.orders import GLOBAL_FRAMES, MissionItem, bare_name, c
 from sitl.autopilot.fence import breach_of, compile_fence
 from sitl.autopilot.flying import route
 from sitl.autopilot.parameters import Parameters
-from sitl.autopilot.protocol.item_rules import PLACES, check_item, why_refused
+from sitl.autopilot.protocol.item_rules import (
+    ABSENT,
+    COMMANDS,
+    NAVIGATION,
+    PLACES,
+    check_item,
+    why_refused,
+)
 from sitl.errors import SitlInputError
 
 MAX_HEIGHT_M = 500.0
 MAX_WAIT_S = 3600.0
-ALLOWED = (
-    mav.MAV_CMD_NAV_TAKEOFF,
+ALLOWED = COMMANDS - {mav.MAV_CMD_NAV_LOITER_UNLIM}  # which nobody is there to end
+_LAST = (mav.MAV_CMD_NAV_RETURN_TO_LAUNCH, mav.MAV_CMD_NAV_LAND)
+_WAITS = (
     mav.MAV_CMD_NAV_WAYPOINT,
     mav.MAV_CMD_NAV_LOITER_TIME,
-    mav.MAV_CMD_DO_CHANGE_SPEED,
-    mav.MAV_CMD_NAV_RETURN_TO_LAUNCH,
-    mav.MAV_CMD_NAV_LAND,
+    mav.MAV_CMD_NAV_DELAY,
+    mav.MAV_CMD_CONDITION_DELAY,
 )
-_LAST = (mav.MAV_CMD_NAV_RETURN_TO_LAUNCH, mav.MAV_CMD_NAV_LAND)
 _KEEP, _DEFAULT = -1.0, -2.0  # DO_CHANGE_SPEED's other values
 _KINDS = {
     mav.MAV_MISSION_TYPE_MISSION: "item",
@@ -44,14 +54,42 @@ _KINDS = {
 
 
 @dataclass(frozen=True)
+class Visit:
+    """A place where the items lead, in the order in which they are flown."""
+
+    seq: int  # of its item
+    way_ned_m: Floats  # (P, 3) from the place before; the last is the place
+    by_s: float  # after the start, in calm air
+
+    @property
+    def place_ned_m(self) -> Floats:
+        """(3,) where it is."""
+        place: Floats = self.way_ned_m[-1]
+        return place
+
+
+@dataclass(frozen=True)
 class PlannedPath:
     """What the items mean: from the ground at home to the last place."""
 
-    points_ned_m: Floats  # (P, 3); the first is home
-    duration_s: float  # of a flight always at planned speed
-    places: dict[int, Floats]  # (3,) NED by sequence number of the item
+    visits: tuple[Visit, ...]
     rally_ned_m: tuple[Floats, ...]  # (3,) each: where a return may lead beside home
     returns: bool  # comes home and lands by itself, or lands elsewhere
+
+    @property
+    def points_ned_m(self) -> Floats:
+        """(P, 3); the first is home."""
+        return np.vstack((np.zeros(3), *(visit.way_ned_m for visit in self.visits)))
+
+    @property
+    def duration_s(self) -> float:
+        """Until the last place is reached, in calm air."""
+        return self.visits[-1].by_s
+
+    @property
+    def places(self) -> dict[int, Floats]:
+        """(3,) NED by sequence number of the item."""
+        return {visit.seq: visit.place_ned_m for visit in self.visits}
 
     @property
     def top_m(self) -> float:
@@ -79,8 +117,11 @@ def placed(items: Sequence[MissionItem], home: GeodeticPoint) -> tuple[MissionIt
     return tuple(found_items)
 
 
-def planned_path(plan: PlanFile, home: GeodeticPoint, parameters: Parameters) -> PlannedPath:
-    """The path of a plan that begins at `home`, for a vehicle with these parameters.
+def planned_path(
+    plan: PlanFile, home: GeodeticPoint, *, parameters: Parameters, limits: LimitsConfig
+) -> PlannedPath:
+    """The path of a plan that begins at `home`, for a vehicle with these parameters that keeps to
+    these limits.
 
     Raises:
         InputError: names the file, the item, what is wrong and what is allowed.
@@ -101,8 +142,10 @@ def planned_path(plan: PlanFile, home: GeodeticPoint, parameters: Parameters) ->
     def place_of(item: MissionItem) -> Floats:
         return route.place_of(item, frame, home)
 
+    first_seq = next((item.seq for item in plan.items if item.command in NAVIGATION), 0)
     for item in plan.items:
-        refuse(item, _wrong(item, last=item.seq == len(plan.items) - 1) or _refused(item))
+        first, last = item.seq <= first_seq, item.seq == len(plan.items) - 1
+        refuse(item, _wrong(item, first=first, last=last) or _refused(item))
     for item in plan.fence:
         refuse(item, _refused(item))
     try:
@@ -112,19 +155,18 @@ def planned_path(plan: PlanFile, home: GeodeticPoint, parameters: Parameters) ->
     reason = route.check_mission(plan.items, frame=frame, home=home, farthest_m=p["MIS_DIST_1WP"])
     if reason:
         raise InputError(f"{plan.path}: {reason}")
-    places = {item.seq: place_of(item) for item in plan.items if item.command in PLACES}
-    if not places:
-        raise InputError(f"{plan.path}: no item leads anywhere")
-    here = np.zeros(3)
-    for seq, place in places.items():
-        item = plan.items[seq]
-        if item.command != mav.MAV_CMD_NAV_LAND:
+    for item in plan.items:
+        if item.command in PLACES and item.command != mav.MAV_CMD_NAV_LAND:
             refuse(item, bad_height(item, least_m=1.0))
-        steps = 2 + int(np.linalg.norm(place - here))  # a metre each, at most
-        way = np.linspace(here, place, steps)
+    visits = _visits(plan.items, home, p, limits)
+    if not visits:
+        raise InputError(f"{plan.path}: no item leads anywhere")
+    here = np.zeros((1, 3))
+    for visit in visits:
+        way = _metre_by_metre(np.vstack((here[-1:], visit.way_ned_m)))
         if breach := breach_of(fence, way, home_ned_m=np.zeros(3), parameters=p):
-            refuse(item, f"the way there is partly {breach}")
-        here = place
+            refuse(plan.items[visit.seq], f"the way there is partly {breach}")
+        here = way
     for item in plan.rally:
         refuse(item, "it has no position" if item.x == item.y == 0.0 else _refused(item))
         place = place_of(item)
@@ -133,18 +175,20 @@ def planned_path(plan: PlanFile, home: GeodeticPoint, parameters: Parameters) ->
         refuse(item, bad_height(item, least_m=0.0))
         if breach := breach_of(fence, place, home_ned_m=np.zeros(3), parameters=p):
             refuse(item, f"it is {breach}")
-    return _path(plan, places, tuple(place_of(item) for item in plan.rally), home, p)
+    rally_ned_m = tuple(place_of(item) for item in plan.rally)
+    return PlannedPath(visits, rally_ned_m, plan.items[-1].command in _LAST)
 
 
-def _wrong(item: MissionItem, *, last: bool) -> str:
+def _wrong(item: MissionItem, *, first: bool, last: bool) -> str:
     """Why an item has no business in an unattended flight; empty if it has."""
     if item.command not in ALLOWED:
-        return "not supported; allowed are " + ", ".join(map(bare_name, ALLOWED))
+        moves = sorted(map(bare_name, ALLOWED - ABSENT.keys()))
+        return f"not supported; allowed are {', '.join(moves)}, and items of camera and payload"
     if not item.autocontinue:
         return "stops without autocontinue, and nobody is there to go on"
     if item.command in PLACES and item.frame in GLOBAL_FRAMES and item.x == item.y == 0.0:
         return "it has no position"
-    if item.command == mav.MAV_CMD_NAV_TAKEOFF and item.seq != 0:
+    if item.command == mav.MAV_CMD_NAV_TAKEOFF and not first:
         return "a take-off has to come first"
     if item.command in _LAST and not last:
         return "nothing may come after it"
@@ -162,38 +206,60 @@ def _refused(item: MissionItem) -> str:
     return "" if verdict == mav.MAV_MISSION_ACCEPTED else why_refused(item, verdict)
 
 
-def _path(
-    plan: PlanFile,
-    places: dict[int, Floats],
-    rally_ned_m: tuple[Floats, ...],
-    home: GeodeticPoint,
-    p: Parameters,
-) -> PlannedPath:
+def _visits(
+    items: Sequence[MissionItem], home: GeodeticPoint, p: Parameters, limits: LimitsConfig
+) -> tuple[Visit, ...]:
     stages = route.compile_route(
-        plan.items, p, frame=LocalFrame(home), home=home, start=np.zeros(3), on_ground=True
+        items, p, frame=LocalFrame(home), home=home, start=np.zeros(3), on_ground=True
     )
-    points: list[Floats] = [np.zeros(3)]
-    duration_s = 0.0
-    last = max(places)
+    visits: list[Visit] = []
+    way: list[Floats] = []
+    by_s = 0.0
+
+    def arrive(seq: int) -> None:
+        if items[seq].command in PLACES:
+            visits.append(Visit(seq, np.array(way), by_s))
+            way.clear()
+
     for stage in stages:
-        if isinstance(stage, route.Fly):
-            legs_m = polyline.legs(stage.path.points_ned_m)
-            duration_s += float((legs_m / stage.path.speeds_mps).sum())
-            points += list(stage.path.points_ned_m[1:])
-        # A hover at the last waypoint comes after it was reached, where the comparison ends.
-        elif isinstance(stage, route.Wait) and (stage.reports or stage.seq != last):
-            duration_s += stage.duration_s
-    ends = plan.items[-1].command
-    if ends == mav.MAV_CMD_NAV_LAND:
-        height_m = -float(points[-1][2])
-        slow_m = min(height_m, p["MPC_LAND_ALT2"])
-        duration_s += (height_m - slow_m) / p["MPC_Z_VEL_MAX_DN"] + slow_m / p["MPC_LAND_SPEED"]
-    array = np.array(points)
-    array.flags.writeable = False
-    return PlannedPath(array, duration_s, places, rally_ned_m, ends in _LAST)
+        match stage:
+            case route.Fly(path, reached):
+                began_s, passed_s = by_s, passing_times(path, limits)
+                for point, at_s, seqs in zip(
+                    path.points_ned_m[1:], passed_s[1:], reached[1:], strict=True
+                ):
+                    way.append(point)
+                    by_s = began_s + at_s
+                    for seq in seqs:
+                        arrive(seq)
+                by_s += SETTLING_S
+            case route.Wait(duration_s, seq, reports):
+                by_s += duration_s
+                if reports:
+                    arrive(seq)
+            case route.Circle(orbit, _, _, seq):
+                by_s += polyline.length(stage.points_ned_m) / abs(orbit.speed_mps)
+                way += list(stage.points_ned_m)
+                arrive(seq)
+            case route.End(mav.MAV_CMD_NAV_LAND, seq):
+                ground = route.place_of(items[seq], LocalFrame(home), home)
+                height_m = -float(way[-1][2])
+                slow_m = min(height_m, p["MPC_LAND_ALT2"])
+                by_s += (height_m - slow_m) / p["MPC_Z_VEL_MAX_DN"] + slow_m / p["MPC_LAND_SPEED"]
+                way.append(ground)
+                arrive(seq)
+    return tuple(visits)
+
+
+def _metre_by_metre(points: Floats) -> Floats:
+    """A polyline with points a metre apart at most."""
+    parts = [
+        np.linspace(a, b, 2 + int(np.linalg.norm(b - a))) for a, b in itertools.pairwise(points)
+    ]
+    return np.vstack(parts)
 
 
 def wait_of(item: MissionItem) -> float:
     """Seconds for which the vehicle hovers at an item."""
-    waits = item.command in (mav.MAV_CMD_NAV_WAYPOINT, mav.MAV_CMD_NAV_LOITER_TIME)
+    waits = item.command in _WAITS
     return item.params[0] if waits and item.params[0] > 0.0 else 0.0

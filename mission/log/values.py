@@ -143,6 +143,7 @@ class PlanFileRecord:
     source: str  # its name
     places_m: Mapping[int, Floats]  # (3,) where an item leads, by its number
     rally_m: tuple[Floats, ...] = ()  # (3,) each: where a return may lead beside home
+    order: tuple[int, ...] = ()  # items in the order in which they are flown, jumps included
 
     KEY = "plan flight"  # of the metadata, by which such a log is known
 
@@ -154,6 +155,7 @@ class PlanFileRecord:
             "plan": self.source,
             "places_m": json.dumps(places),
             "rally_m": json.dumps(rally),
+            "order": json.dumps(self.order),
         }
 
     @classmethod
@@ -164,10 +166,12 @@ class PlanFileRecord:
             KeyError, ValueError: a key is missing or not what it should be.
         """
         places = json.loads(values["places_m"]).items()
+        order = json.loads(values.get("order", "[]")) or [int(seq) for seq, _ in places]
         return cls(
             source=values["plan"],
             places_m={int(seq): np.array(place, dtype=np.float64) for seq, place in places},
             rally_m=tuple(np.array(at, dtype=np.float64) for at in json.loads(values["rally_m"])),
+            order=tuple(order),
         )
 
 

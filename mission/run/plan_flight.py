@@ -13,7 +13,7 @@ from flightdyn.random import RandomStreams
 from flightdyn.state import GeodeticPoint
 from mission.analysis.compare import RunComparison, compare_run
 from mission.analysis.comparison_text import tables
-from mission.analysis.load import load_run, reached
+from mission.analysis.load import arrival, load_run
 from mission.base import polyline
 from mission.base.area import Area
 from mission.base.arrays import Floats
@@ -38,8 +38,10 @@ from mission.log.values import Devices, FlightData, PlanFileRecord, PlanRecord
 from mission.log.writer import FlightLog
 from mission.run.budget import RunTotals
 from mission.run.outcome import Summary
+from mission.run.plan_progress import PlanProgress
 from mission.run.progress import Progress, make_progress
 from mission.run.recorded import Page, fly_recorded
+from mission.scenario.limits import guidance_of
 from sitl.autopilot.codec.orders import ABSOLUTE_FRAMES, command_name
 from sitl.autopilot.parameters import Parameters, parameters_of
 from sitl.autopilot.protocol.item_rules import PLACES
@@ -75,11 +77,17 @@ class _Order:
 
 
 def fly_plan(
-    config: RunConfig, source: Path, path: Path, *, console: RunConsole, page: Page | None = None
+    config: RunConfig,
+    source: Path,
+    path: Path,
+    *,
+    console: RunConsole,
+    figures: bool = True,
+    page: Page | None = None,
 ) -> int:
     """Fly the plan in `source` and leave a folder at `path`. Returns the exit code.
 
-    `page` makes a page of the folder, last of all.
+    Without `figures` nothing is drawn. `page` makes a page of the folder, last of all.
 
     Raises:
         InputError: the plan is damaged or holds what may not be flown; nothing is written then.
@@ -111,7 +119,9 @@ def fly_plan(
             position_source=flyers.position_source,
         )
         opening = _recording(order, flyers, folder, console, stopwatch, live)
-        return fly_recorded(opening, summary, console=console, stopwatch=stopwatch, page=page)
+        return fly_recorded(
+            opening, summary, console=console, stopwatch=stopwatch, figures=figures, page=page
+        )
 
 
 @dataclass
@@ -136,7 +146,6 @@ class _PlanFlight:
     async def run(self) -> None:
         """Fly the plan from take-off to landing."""
         flyer: Flyer | None = None
-        self.progress.phase(f"flying {self.order.plan.path.name}")
         try:
             with self.stopwatch("fly"):
                 async with self.flyers.open(self.attached) as flyer:
@@ -191,9 +200,8 @@ class _PlanFlight:
         total = vars(self.comparison.total).items()
         known = {key: value for key, value in total if key != "round" and math.isfinite(value)}
         summary.add(planned_and_flown=known)
-        last = max(self.order.path.places)
-        if self.ended and last not in reached(run.data):
-            raise FlightError(f"item {last} was never reached")
+        if self.ended and arrival(run.data) is None:
+            raise FlightError(f"item {self.order.path.visits[-1].seq} was never reached")
 
     def show(self, console: RunConsole) -> None:
         """Print the comparison of planned and flown."""
@@ -224,10 +232,12 @@ def _recording(
         )  # fmt: skip
         log.attach("config.toml", "application/toml", order.config.to_toml().encode())
         log.attach(plan.path.name, "text/plain", plan.content)
+        visits = tuple(visit.seq for visit in order.path.visits)
         places = PlanFileRecord(
             source=plan.path.name,
             places_m={seq: area_xyz(area, ned) for seq, ned in order.path.places.items()},
             rally_m=tuple(area_xyz(area, ned) for ned in order.path.rally_ned_m),
+            order=visits,
         )
         log.metadata(PlanFileRecord.KEY, places.to_text())
 
@@ -235,7 +245,8 @@ def _recording(
             log.note(text, severity=4)
             progress.notice(text)
 
-        attached = Attached((log,), folder.path, say)
+        watch = PlanProgress(progress, plan.path.name, visits)
+        attached = Attached((log, watch), folder.path, say)
         yield _PlanFlight(order, flyers, log, attached, progress, stopwatch)
 
 
@@ -257,8 +268,14 @@ def _order(config: RunConfig, plan: PlanFile, speeds: Mapping[str, float] | None
     with of_settings():
         parameters = parameters_of(config.vehicle)
         parameters.apply(speeds or {}, "the vehicle's parameters")
+    for fault in config.vehicle.aircraft.faults:
+        if isinstance(fault.after, int) and fault.after >= len(plan.items):
+            raise InputError(
+                f"vehicle.aircraft.faults: after = {fault.after}: {plan.path} has the items 0 to "
+                f"{len(plan.items) - 1}"
+            )
     plan = replace(plan, items=placed(plan.items, home))
-    path = planned_path(plan, home, parameters)
+    path = planned_path(plan, home, parameters=parameters, limits=guidance_of(config.vehicle))
     around = _area_around(path, home)
     return _Order(
         plan, path, config.model_copy(update={"area": around}), around.build(), parameters

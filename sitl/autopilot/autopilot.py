@@ -38,7 +38,7 @@ from sitl.autopilot.protocol.commands import (
     demand,
 )
 from sitl.autopilot.protocol.ftp import FtpServer
-from sitl.autopilot.protocol.item_rules import check_item, why_refused
+from sitl.autopilot.protocol.item_rules import absent, check_item, why_refused
 from sitl.autopilot.protocol.log_server import LogServer
 from sitl.autopilot.protocol.parameter_server import ParameterServer
 from sitl.autopilot.protocol.payload import NoPayload
@@ -313,4 +313,6 @@ class Autopilot:
         if being_flown is not None:
             self._report.say(being_flown)
             return mav.MAV_MISSION_DENIED
+        if parts := absent(items):
+            self._report.say(f"Not on board, done as nothing: {parts}", mav.MAV_SEVERITY_NOTICE)
         return mav.MAV_MISSION_ACCEPTED

@@ -9,8 +9,8 @@ from flightdyn.aircraft import Aircraft
 from flightdyn.faults import Fault
 from sitl.autopilot.codec.instruments import Dials, Snapshot
 from sitl.autopilot.failsafe import Cause, Failsafes
+from sitl.autopilot.flying.circle import Orbit
 from sitl.autopilot.flying.flight import Flight
-from sitl.autopilot.flying.orbit import Orbit
 from sitl.autopilot.guard import Guard
 from sitl.autopilot.modes import Mode
 from sitl.autopilot.reporter import Reporter
@@ -58,6 +58,8 @@ class Monitor:
         self.watch_faults()
         self._flight.notice_crash()
         landed = self._flight.landed_state
+        if self._flight.airborne:
+            self._aircraft.happened("take-off")
         if landed != self._landed:
             self._landed = landed
             self._report.nudge(mav.MAVLINK_MSG_ID_EXTENDED_SYS_STATE)

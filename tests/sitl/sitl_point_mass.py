@@ -75,6 +75,9 @@ class PointMass:
     def inject(self, fault: Fault) -> None:
         self.faults = (*self.faults, fault)
 
+    def happened(self, _what: str | int) -> None:
+        """Nothing is configured to fail."""
+
     def end(self, fault: Fault) -> None:
         self.faults = tuple(other for other in self.faults if other != fault)
 
@@ -87,7 +90,7 @@ class PointMass:
         self.progress = PathProgress()
 
     def idle(self) -> None:
-        self._path = self._velocity = self.cmd_pos_ned_m = None
+        self._path = self._velocity = self.cmd_pos_ned_m = self.target = None
 
     def hold(self, pos_ned_m: Vector, yaw_rad: float) -> None:
         self.follow(FlightPath(np.array([self.pos_ned_m, pos_ned_m]), np.array([5.0]), np.ones(2)))

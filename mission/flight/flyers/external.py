@@ -24,7 +24,7 @@ from mission.flight.flyers.contact import await_vehicle, located, until, until_r
 from mission.flight.flyers.flyer import CHARGED, HOLD_TIMEOUT_S, Flyer
 from mission.flight.flyers.flyers import Attached, Flyers, Say
 from mission.flight.mission_items import mission_items, stop_items
-from mission.flight.passages import passages
+from mission.flight.passages import passages, reported_in_turn
 from mission.flight.pilot.feed import TelemetryFeed
 from mission.flight.pilot.limits import VehicleLimits, read_limits
 from mission.flight.pilot.parameters import adjusted
@@ -142,14 +142,14 @@ class ExternalFlyer(Flyer):
         await self.ready()
         await self.pilot.upload_surroundings(plan)
         await self.pilot.upload_items(items)
-        if items[0].command == mav.MAV_CMD_NAV_TAKEOFF:
+        if any(item.command == mav.MAV_CMD_NAV_TAKEOFF for item in items):  # so it comes first
             await self.pilot.arm()
         else:  # not every autopilot leaves the ground for a waypoint
-            await self.pilot.take_off(-float(path.places[min(path.places)][2]))
+            await self.pilot.take_off(-float(path.visits[0].place_ned_m[2]))
         begins()
         flight = await self.record(lambda: self.pilot.carry_out(lands=lands))
-        sequence = sorted(path.places)
-        places = np.array([path.places[seq] for seq in sequence])
+        sequence = [visit.seq for visit in path.visits]
+        places = np.array([visit.place_ned_m for visit in path.visits])
         hold_s = [wait_of(plan.items[seq]) for seq in sequence]
         passed = self.find_passages(flight, places, items=sequence, hold_s=hold_s)
         check_end(float(np.linalg.norm((passed[-1].est_ned_m - places[-1])[:2])))
@@ -172,7 +172,7 @@ class ExternalFlyer(Flyer):
         found = passages(
             flight,
             places_ned_m,
-            reported_ns=[self.feed.reached_ns.get(item) for item in items],
+            reported_ns=reported_in_turn(self.feed.reached_ns, items),
             hovers=[wait_s > 0.0 for wait_s in hold_s],
         )
         for item, passage in zip(items, found, strict=True):

@@ -88,7 +88,7 @@ class TelemetryFeed:
         self.readiness = Readiness(pilot.dialect.estimator)
         self.battery = BatteryWatch()
         self.first: asyncio.Future[GeodeticPoint] = asyncio.get_running_loop().create_future()
-        self.reached_ns: dict[int, int] = {}  # by item: when the vehicle said so
+        self.reached_ns: dict[int, list[int]] = {}  # by item: when the vehicle said so
         pilot.watch.listeners.append(self._take_text)
 
     @property
@@ -199,12 +199,14 @@ class TelemetryFeed:
             self._estimator = self.readiness.estimator
             self._happened("status", self._estimator, _INFO)
 
-    def _happened(self, kind: EventKind, text: str, severity: int) -> None:
+    def _happened(
+        self, kind: EventKind, text: str, severity: int, *, seq: int | None = None
+    ) -> None:
         if self._moment is None:
             self._early.append((kind, text, severity))
             return
         truth, belief = self._moment
-        self._tell(VehicleEvent(truth.t_ns, kind, text, truth, belief, severity=severity))
+        self._tell(VehicleEvent(truth.t_ns, kind, text, truth, belief, seq, severity))
 
     def _tell(self, event: VehicleEvent) -> None:
         for observer in self._observers:
@@ -232,8 +234,8 @@ class TelemetryFeed:
     def _hear_reached(self, fields: Fields) -> None:
         if self._moment is not None:
             seq = fields["seq"] - self._pilot.dialect.first_item
-            self.reached_ns.setdefault(seq, self._moment[0].t_ns)
-            self._happened("status", f"item {seq}: reported", _INFO)
+            self.reached_ns.setdefault(seq, []).append(self._moment[0].t_ns)
+            self._happened("status", f"item {seq}: reported", _INFO, seq=seq)
 
 
 class VehicleClock:

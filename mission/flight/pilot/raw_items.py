@@ -11,7 +11,9 @@ from pymavlink.dialects.v20 import common as mav
 from mission.flight.mission_items import DEG_E7
 from mission.flight.pilot.dialects import Dialect
 from sitl.autopilot.codec.orders import GLOBAL_FRAMES, MissionItem
-from sitl.autopilot.protocol.item_rules import PLACES
+from sitl.autopilot.protocol.item_rules import LOOKS, PLACES
+
+_PLACED = PLACES | LOOKS - {mav.MAV_CMD_DO_SET_ROI_NONE}
 
 
 def raw_items(items: Sequence[MissionItem]) -> list[RawItem]:
@@ -24,7 +26,7 @@ def raw_items(items: Sequence[MissionItem]) -> list[RawItem]:
 
 def _to_raw(item: MissionItem) -> RawItem:
     scale = DEG_E7 if item.frame in GLOBAL_FRAMES else 1.0
-    placeless = item.mission_type == mav.MAV_MISSION_TYPE_MISSION and item.command not in PLACES
+    placeless = item.mission_type == mav.MAV_MISSION_TYPE_MISSION and item.command not in _PLACED
     return RawItem(
         seq=item.seq,
         frame=mav.MAV_FRAME_MISSION if placeless else item.frame,
@@ -35,9 +37,9 @@ def _to_raw(item: MissionItem) -> RawItem:
         param2=item.params[1],
         param3=item.params[2],
         param4=item.params[3],
-        x=round(item.x * scale),
-        y=round(item.y * scale),
-        z=item.z,
+        x=0 if math.isnan(item.x) else round(item.x * scale),
+        y=0 if math.isnan(item.y) else round(item.y * scale),
+        z=0.0 if placeless and math.isnan(item.z) else item.z,
         mission_type=item.mission_type,
     )
 
@@ -63,6 +65,8 @@ def as_dialect(items: Sequence[RawItem], dialect: Dialect) -> list[RawItem]:
             if item.command == mav.MAV_CMD_NAV_WAYPOINT:
                 item.param1 = float(math.ceil(item.param1))
     for seq, item in enumerate(taken):
+        if item.command == mav.MAV_CMD_DO_JUMP:
+            item.param1 += dialect.first_item
         item.seq, item.current = seq, int(seq == dialect.first_item)
     return taken
 
@@ -79,9 +83,7 @@ def _essence(items: list[RawItem], dialect: Dialect) -> list[tuple[int, ...]]:
         (
             item.seq,
             item.command,
-            item.x,
-            item.y,
-            round(item.z * 100),
+            *((item.x, item.y, round(item.z * 100)) if item.command in _PLACED else ()),
             _thousandths(item.param1) if item.command == mav.MAV_CMD_NAV_WAYPOINT else 0,
             _thousandths(item.param2) if dialect.keeps_radius else 0,
         )

@@ -37,7 +37,9 @@ FENCE_RADIUS = Range(0.01, 1e6, "m")
 CORNERS = Range(3, 5_000, whole=True)
 ITEM = Range(0, 65_535, whole=True)
 REPEATS = Range(0, 1_000_000, whole=True)
+TURNS = Range(0.0, 1_000.0)
 ORBIT_RADIUS = Range(1.0, 1_000.0, "m")
+COUNTER_CLOCKWISE = Range(-1_000.0, -1.0, "m")  # its negative radius
 ORBIT_YAW = Range(0, 5, whole=True)
 ORBIT_SPEED = Range(0.0, 10.0, "m/s")
 AWAY = Range(-100_000.0, 100_000.0, "m")  # of a setpoint, in the local frame

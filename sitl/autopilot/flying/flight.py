@@ -16,7 +16,7 @@ from sitl.autopilot.flying.navigator import Navigator
 from sitl.autopilot.guard import Guard
 from sitl.autopilot.modes import PILOTED, Mode, Need, Trigger, transition
 from sitl.autopilot.parameters import Parameters
-from sitl.autopilot.protocol.item_rules import NAVIGATION
+from sitl.autopilot.protocol.item_rules import LOOKS, NAVIGATION
 from sitl.autopilot.reporter import Reporter
 
 _LEAST_CLIMB_M = 0.5  # of a take-off
@@ -164,6 +164,7 @@ class Flight:
         if reason := self.not_ready():
             return reason
         self._aircraft.arm()
+        self._aircraft.happened("arming")
         self._released = True
         self.flights += 1
         self.armed_t_ns = self._aircraft.t_ns
@@ -227,7 +228,7 @@ class Flight:
         stages = self._stages()
         if self.mission.items and not stages:
             return f"from item {self.mission.next_start[0]} on the mission holds nothing to fly"
-        paths = [s.path.points_ned_m[1:] for s in stages if isinstance(s, route.Fly)]
+        paths = route.points_of(stages)
         if paths and (forbidden := self.guard.forbidden(np.vstack(paths))):
             return f"the mission leads {forbidden}"
         return self.order(Trigger.ORDER_MISSION, lambda: self._fly_on(stages))
@@ -416,5 +417,9 @@ class Flight:
         self._ended_by = command
 
     def _reached(self, seq: int) -> None:
+        item = self.mission.items[seq]
+        if item.command in LOOKS:
+            self._aircraft.look_at(route.looked_at(item, self.frame, self.guard.home))
+        self._aircraft.happened(seq)
         self.mission.reached(seq)
-        self._report.reached(seq, place=self.mission.items[seq].command in NAVIGATION)
+        self._report.reached(seq, place=item.command in NAVIGATION)

@@ -11,12 +11,14 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
+from pymavlink.dialects.v20 import common as mav
 
 from flightdyn.aircraft import Aircraft
 from flightdyn.frames import wrap_pi, yaw_of
 from flightdyn.guidance.path import FlightPath
 from flightdyn.guidance.pursuit import Target
 from flightdyn.state import Vector
+from sitl.autopilot.flying.circle import Orbit
 
 _READY_TIMEOUT_S = 120.0
 _TURN_TOLERANCE_RAD = math.radians(2.0)
@@ -269,6 +271,54 @@ class Piloted(Manoeuvre):
             self._flown = True
             self._settled.restart()
         return self._flown and self._settled.over
+
+
+class Circle(Manoeuvre):
+    """Round and round, from the point at `phase_rad` on; done after so many turns."""
+
+    def __init__(
+        self, aircraft: Aircraft, orbit: Orbit, *, phase_rad: float, turns: float = math.inf
+    ) -> None:
+        self._aircraft = aircraft
+        self._orbit = orbit
+        self._phase = self._start = phase_rad
+        self._turns = turns
+        self._heading = yaw_of(aircraft.belief.q_frd_to_ned)
+        self._t_ns = aircraft.t_ns
+
+    def tick(self) -> bool:
+        passed_s = (self._aircraft.t_ns - self._t_ns) * 1e-9
+        self._t_ns = self._aircraft.t_ns
+        self._phase += self._orbit.speed_mps / self._orbit.radius_m * passed_s
+        if abs(self._phase - self._start) >= self._turns * math.tau:
+            yaw = yaw_of(self._aircraft.belief.q_frd_to_ned)
+            self._aircraft.hold(self._orbit.point(self._phase), yaw)
+            return True
+        self._aircraft.pursue(self._target())
+        return False
+
+    def _target(self) -> Target:
+        orbit = self._orbit
+        c, s = math.cos(self._phase), math.sin(self._phase)
+        north, east, down = map(float, orbit.point(self._phase))
+        v, inwards = orbit.speed_mps, orbit.speed_mps**2 / orbit.radius_m
+        return Target(
+            pos=(north, east, down),
+            vel=(-v * s, v * c, 0.0),
+            acc=(-inwards * c, -inwards * s, 0.0),
+            yaw=self._yaw(),
+        )
+
+    def _yaw(self) -> float:
+        match self._orbit.yaw:
+            case mav.ORBIT_YAW_BEHAVIOUR_HOLD_FRONT_TO_CIRCLE_CENTER:
+                return self._phase + math.pi
+            case mav.ORBIT_YAW_BEHAVIOUR_HOLD_INITIAL_HEADING:
+                return self._heading
+            case mav.ORBIT_YAW_BEHAVIOUR_HOLD_FRONT_TANGENT_TO_CIRCLE:
+                return self._phase + math.copysign(math.pi / 2, self._orbit.speed_mps)
+            case _:
+                return math.nan
 
 
 class Sequence(Manoeuvre):

@@ -163,6 +163,9 @@ class Navigator:
                             yield do.pause(self._aircraft, duration_s)
                         if reports:
                             reached(seq)
+                    case route.Circle(orbit, phase_rad, turns, seq):
+                        yield do.Circle(self._aircraft, orbit, phase_rad=phase_rad, turns=turns)
+                        reached(seq)
                     case route.Turn(yaw_rad, relative, seq):
                         now = yaw_of(self._aircraft.belief.q_frd_to_ned) if relative else 0.0
                         yield self.turn(self.here(resting=True), now + yaw_rad)

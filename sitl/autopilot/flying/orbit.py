@@ -2,18 +2,15 @@
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 import numpy as np
 from pymavlink.dialects.v20 import common as mav
 
 from flightdyn.aircraft import Aircraft
-from flightdyn.frames import yaw_of
-from flightdyn.guidance.pursuit import Target
-from flightdyn.state import Vector
 from sitl.autopilot.codec import ranges
 from sitl.autopilot.codec.orders import CommandOrder
 from sitl.autopilot.flying import manoeuvres as do
+from sitl.autopilot.flying.circle import DEFAULT_RADIUS_M, Orbit, fastest
 from sitl.autopilot.flying.flight import Flight
 from sitl.autopilot.modes import Mode, Trigger
 from sitl.autopilot.protocol.commands import (
@@ -24,66 +21,8 @@ from sitl.autopilot.protocol.commands import (
     demand_within,
 )
 
-_DEFAULT_RADIUS_M, _DEFAULT_SPEED_MPS = 10.0, 2.0
-_INWARDS_MPS2 = 2.0  # greatest centripetal acceleration
+_DEFAULT_SPEED_MPS = 2.0
 _LOOKS = 16  # points of the circle that the fence is asked about
-
-
-@dataclass(frozen=True, slots=True)
-class Orbit:
-    """A circle being flown, positive speed clockwise seen from above."""
-
-    center_ned_m: tuple[float, float, float]
-    radius_m: float
-    speed_mps: float
-    yaw: int  # ORBIT_YAW_BEHAVIOUR
-
-    def point(self, phase_rad: float) -> Vector:
-        """On the circle, in the direction `phase_rad` from its middle."""
-        north, east, down = self.center_ned_m
-        r = self.radius_m
-        return np.array([north + r * math.cos(phase_rad), east + r * math.sin(phase_rad), down])
-
-
-class Circle(do.Manoeuvre):
-    """The manoeuvre: round and round, from the point at `phase_rad` on."""
-
-    def __init__(self, aircraft: Aircraft, orbit: Orbit, *, phase_rad: float) -> None:
-        self._aircraft = aircraft
-        self._orbit = orbit
-        self._phase = phase_rad
-        self._heading = yaw_of(aircraft.belief.q_frd_to_ned)
-        self._t_ns = aircraft.t_ns
-
-    def tick(self) -> bool:
-        passed_s = (self._aircraft.t_ns - self._t_ns) * 1e-9
-        self._t_ns = self._aircraft.t_ns
-        self._phase += self._orbit.speed_mps / self._orbit.radius_m * passed_s
-        self._aircraft.pursue(self._target())
-        return False
-
-    def _target(self) -> Target:
-        orbit = self._orbit
-        c, s = math.cos(self._phase), math.sin(self._phase)
-        north, east, down = map(float, orbit.point(self._phase))
-        v, inwards = orbit.speed_mps, orbit.speed_mps**2 / orbit.radius_m
-        return Target(
-            pos=(north, east, down),
-            vel=(-v * s, v * c, 0.0),
-            acc=(-inwards * c, -inwards * s, 0.0),
-            yaw=self._yaw(),
-        )
-
-    def _yaw(self) -> float:
-        match self._orbit.yaw:
-            case mav.ORBIT_YAW_BEHAVIOUR_HOLD_FRONT_TO_CIRCLE_CENTER:
-                return self._phase + math.pi
-            case mav.ORBIT_YAW_BEHAVIOUR_HOLD_INITIAL_HEADING:
-                return self._heading
-            case mav.ORBIT_YAW_BEHAVIOUR_HOLD_FRONT_TANGENT_TO_CIRCLE:
-                return self._phase + math.copysign(math.pi / 2, self._orbit.speed_mps)
-            case _:
-                return math.nan
 
 
 class Orbits:
@@ -117,7 +56,7 @@ class Orbits:
     def _asked(self, order: CommandOrder) -> Orbit:
         demand_global(order)
         radius, speed, yaw, _, lat_deg, lon_deg, z = order.params
-        radius = _DEFAULT_RADIUS_M if math.isnan(radius) else radius
+        radius = DEFAULT_RADIUS_M if math.isnan(radius) else radius
         speed = _DEFAULT_SPEED_MPS if math.isnan(speed) else speed
         yaw = 0.0 if math.isnan(yaw) else yaw
         demand_within("radius", abs(radius), ranges.ORBIT_RADIUS)
@@ -134,8 +73,8 @@ class Orbits:
             demand_within("altitude", z, ranges.ALTITUDE)
             down = frame.origin.alt_msl_m - z
         # The sign of the radius is the direction; a speed that would press too hard is lowered.
-        fastest = math.sqrt(_INWARDS_MPS2 * abs(radius))
-        speed_mps = math.copysign(min(abs(speed), fastest), radius * (speed or 1.0))
+        flown_mps = min(abs(speed), fastest(abs(radius)))
+        speed_mps = math.copysign(flown_mps, radius * (speed or 1.0))
         return Orbit((north, east, down), abs(radius), speed_mps, int(yaw))
 
     def _fly(self, orbit: Orbit) -> do.Manoeuvre:
@@ -146,6 +85,6 @@ class Orbits:
             yield self._flight.navigator.go_to(
                 here, orbit.point(phase), speed_mps=None, yaw_rad=None
             )
-            yield Circle(self._aircraft, orbit, phase_rad=phase)
+            yield do.Circle(self._aircraft, orbit, phase_rad=phase)
 
         return do.Sequence(parts())

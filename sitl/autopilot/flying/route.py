@@ -18,12 +18,14 @@ from flightdyn.guidance.path import FlightPath
 from flightdyn.state import GeodeticPoint, Vector
 from sitl.autopilot.codec import ranges
 from sitl.autopilot.codec.orders import RELATIVE_FRAMES, MissionItem
+from sitl.autopilot.flying.circle import DEFAULT_RADIUS_M, Orbit, fastest
 from sitl.autopilot.parameters import Parameters
 from sitl.autopilot.protocol.item_rules import PLACES
 
 _JUMPS = frozenset({mav.MAV_CMD_DO_JUMP})
 _ENDS = frozenset({mav.MAV_CMD_NAV_RETURN_TO_LAUNCH, mav.MAV_CMD_NAV_LOITER_UNLIM})
 MAX_STEPS = 10_000  # items carried out, jumps included
+_SIDES = 72  # of the polygon that a circle is taken for, a turn
 MAX_JUMPS = 100  # items of a mission that jump; ArduPilot's limit, too
 
 
@@ -45,6 +47,24 @@ class Wait:
 
 
 @dataclass(frozen=True, slots=True)
+class Circle:
+    """Fly round a place: from the point at `phase_rad` of the circle on, so many turns."""
+
+    orbit: Orbit
+    phase_rad: float
+    turns: float
+    seq: int
+
+    @property
+    def points_ned_m(self) -> Vector:
+        """(P, 3) the circle as a polyline, from its first point to its last."""
+        count = 2 + math.ceil(abs(self.turns) * _SIDES)
+        swept = math.copysign(self.turns * math.tau, self.orbit.speed_mps)
+        phases = self.phase_rad + np.linspace(0.0, swept, count)
+        return np.array([self.orbit.point(phase) for phase in phases])
+
+
+@dataclass(frozen=True, slots=True)
 class Turn:
     """Turn to a heading, or by an angle."""
 
@@ -61,7 +81,7 @@ class End:
     seq: int
 
 
-Stage: TypeAlias = Fly | Wait | Turn | End
+Stage: TypeAlias = Fly | Wait | Circle | Turn | End
 
 
 @dataclass(slots=True)
@@ -85,12 +105,26 @@ def leg_speed(start: Vector, end: Vector, speed_mps: float, parameters: Paramete
     return max(speed, ranges.SPEED.low)
 
 
+def points_of(stages: Sequence[Stage]) -> list[Vector]:
+    """(P, 3) each: where the stages lead, one after another."""
+    return [
+        stage.path.points_ned_m[1:] if isinstance(stage, Fly) else stage.points_ned_m
+        for stage in stages
+        if isinstance(stage, Fly | Circle)
+    ]
+
+
 def turn_of(params: Sequence[float]) -> tuple[float, bool]:
     """The heading, or the signed angle and True, that the parameters of a CONDITION_YAW mean."""
     angle_deg, _, direction, relative = params[:4]
     if relative != 1.0:
         return math.radians(angle_deg), False
     return math.radians(-angle_deg if direction < 0 else angle_deg), True
+
+
+def _positive(value: float) -> float:
+    """A number that may be left open (NaN): 0 then."""
+    return value if value > 0.0 else 0.0
 
 
 def speed_from(item: MissionItem, before: float | None) -> float | None:
@@ -109,6 +143,14 @@ def item_altitude(item: MissionItem, home: GeodeticPoint) -> float:
 def place_of(item: MissionItem, frame: LocalFrame, home: GeodeticPoint) -> Vector:
     """Where an item with a global frame lies, (3,) NED."""
     return frame.to_ned(item.x, item.y, item_altitude(item, home))
+
+
+def looked_at(item: MissionItem, frame: LocalFrame, home: GeodeticPoint) -> Vector | None:
+    """What an item turns the nose to, (3,) NED; None where it leaves it free."""
+    free = item.command == mav.MAV_CMD_DO_SET_ROI and item.params[0] == 0.0
+    if free or item.command == mav.MAV_CMD_DO_SET_ROI_NONE:
+        return None
+    return place_of(item, frame, home)
 
 
 class _Compiler:
@@ -149,7 +191,9 @@ class _Compiler:
                     self._then(Wait(item.params[0], item.seq, reports=False))
             case mav.MAV_CMD_NAV_LOITER_TIME:
                 self._go(self._place(item), item.seq, acceptance_m=math.nan, report=False)
-                self._then(Wait(max(item.params[0], 0.0), item.seq, reports=True))
+                self._then(Wait(_positive(item.params[0]), item.seq, reports=True))
+            case mav.MAV_CMD_NAV_LOITER_TURNS:
+                self._circle(item)
             case mav.MAV_CMD_NAV_LOITER_UNLIM:
                 self._go(self._place(item), item.seq, acceptance_m=math.nan)
                 self._then(End(item.command, item.seq))
@@ -169,6 +213,8 @@ class _Compiler:
                 self._then(Turn(yaw_rad, relative=relative, seq=item.seq))
             case mav.MAV_CMD_DO_CHANGE_SPEED:
                 self._speed = speed_from(item, self._speed)
+                self._leg.reached[-1].append(item.seq)
+            case _:  # what is done on the way
                 self._leg.reached[-1].append(item.seq)
 
     def close(self) -> None:
@@ -208,6 +254,21 @@ class _Compiler:
         self._append(up, self._parameters["MPC_TKO_SPEED"], self._radius_m, [])
         self._go(np.array([place[0], place[1], up[2]]), item.seq, acceptance_m=item.params[1])
         self.close()
+
+    def _circle(self, item: MissionItem) -> None:
+        """From the nearest point of the circle on, clockwise where the radius is not negative."""
+        centre = self._place(item)
+        radius_m = abs(item.params[2]) if abs(item.params[2]) > 0.0 else DEFAULT_RADIUS_M
+        phase_rad = math.atan2(self._here[1] - centre[1], self._here[0] - centre[0])
+        speed_mps = min(self._cruise_mps(), self._parameters["MPC_XY_VEL_MAX"], fastest(radius_m))
+        north, east, down = map(float, centre)
+        clockwise = -1.0 if item.params[2] < 0.0 else 1.0
+        orbit = Orbit((north, east, down), radius_m, clockwise * speed_mps, yaw=0)
+        circle = Circle(orbit, phase_rad, _positive(item.params[0]), item.seq)
+        self._go(orbit.point(phase_rad), item.seq, acceptance_m=math.nan, report=False)
+        self._then(circle)
+        self._here = circle.points_ned_m[-1]
+        self._leg = self._new_leg()
 
     def _go(self, point: Vector, seq: int, *, acceptance_m: float, report: bool = True) -> None:
         if self._climb_first:

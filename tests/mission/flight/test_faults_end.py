@@ -22,7 +22,7 @@ def ends(kind: str) -> list[dict[str, Any]]:
         return [{name: [sign * most] * 3} for name, most in axes for sign in (-1.0, 1.0)]
     found: list[dict[str, Any]] = [{}, {}]
     for name, field in KINDS[kind].model_fields.items():
-        if name in ("kind", "at_s", "duration_s"):
+        if name in ("kind", "at_s", "after", "duration_s"):
             continue
         low = next(m.ge for m in field.metadata if hasattr(m, "ge"))
         high = next(m.le for m in field.metadata if hasattr(m, "le"))

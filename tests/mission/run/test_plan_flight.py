@@ -20,11 +20,9 @@ from patience import HANG_S
 from small_runs import QUIET
 from test_planfile import HOME_ROW, ROW, plan_document, simple
 
-from mission.analysis.load import reached
 from mission.cli import call
 from mission.log import DamagedLogError
 from mission.log.reader import read_log
-from mission.log.values import EventRecord, FlightData
 
 TAKE_OFF = simple(22, 15, 0, 0, None, 47.4, 8.5, 50)
 SPEED = simple(178, 1, 15, -1, 0, 0, 0, 0, frame=2)
@@ -174,11 +172,17 @@ def test_waiting_for_a_vehicle_ends_once_however_often_it_is_interrupted(
 
 
 REFUSED = {
-    "servo": ([TAKE_OFF, simple(183, 1, 1500, 0, 0, 0, 0, 0)], ["item 1", "DO_SET_SERVO (183)"]),
     "unknown": ([simple(9999, 0, 0, 0, 0, 0, 0, 0)], ["item 0", "unknown command (9999)"]),
-    "jump": ([TAKE_OFF, simple(177, 0, 5, 0, 0, 0, 0, 0, frame=2)], ["DO_JUMP (177)"]),
+    "jump": (
+        [TAKE_OFF, simple(177, 0, 5, 0, 0, 0, 0, 0, frame=2)],
+        ["DO_JUMP (177)", "doJumpId = 0"],
+    ),
+    "parachute": ([TAKE_OFF, simple(208, 1, 0, 0, 0, 0, 0, 0)], ["item 1", "DO_PARACHUTE (208)"]),
     "endless": ([simple(17, 0, 0, 0, 0, 47.4, 8.5, 50)], ["NAV_LOITER_UNLIM (17)"]),
-    "terrain": ([simple(16, 0, 3, 0, None, 47.4, 8.5, 50, frame=10)], ["item 0", "frame 10"]),
+    "terrain": (
+        [simple(16, 0, 3, 0, None, 47.4, 8.5, 50, frame=10)],
+        ["item 0", "frame 10", "terrain", "Relative To Launch"],
+    ),
     "far": ([TAKE_OFF, place(48.4, 8.5)], ["item 1", "from home"]),
     "sea": ([simple(16, 0, 3, 0, None, 47.4, 8.5, 50, frame=0)], ["item 0", "-438", "above home"]),
     "high": ([place(47.4, 8.5, 900)], ["item 0", "900", "500 m"]),
@@ -414,10 +418,7 @@ def test_a_flight_whose_pictures_fail_is_not_finished(
 def test_a_flight_that_misses_its_end_has_failed(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def short(run: FlightData) -> dict[int, EventRecord]:
-        return {0: reached(run)[0]}
-
-    monkeypatch.setattr("mission.run.plan_flight.reached", short)
+    monkeypatch.setattr("mission.run.plan_flight.arrival", lambda _: None)
     plan, out = written(tmp_path, TAKE_OFF, place(NORTH, 8.5), RETURN), tmp_path / "out"
     assert call(["fly", str(plan), "--out", str(out), *QUIET]) == 4
     said = "item 1 was never reached"

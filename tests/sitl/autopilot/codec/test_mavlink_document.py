@@ -11,7 +11,7 @@ from sitl.autopilot.failsafe import RULES
 from sitl.autopilot.injection import FAILURES
 from sitl.autopilot.modes import Mode
 from sitl.autopilot.parameters import TABLE
-from sitl.autopilot.protocol.item_rules import NAVIGATION
+from sitl.autopilot.protocol.item_rules import COMMANDS
 from sitl.autopilot.protocol.streams import DEFAULT_RATES_HZ, SERVED_RATES_HZ
 
 TEXT = (Path(__file__).parents[4] / "docs" / "mavlink.md").read_text(encoding="utf-8")
@@ -36,7 +36,7 @@ def test_commands_items_modes_failsafes_and_failures() -> None:
     known = Desk().vehicle.autopilot.commands.known
     assert named == set(map(bare_name, known))
     items = set(re.findall(r"`([A-Z][A-Z_]+)`", section("Missions")))
-    assert set(map(bare_name, NAVIGATION)) <= items
+    assert set(map(bare_name, COMMANDS)) <= items
     for mode in Mode:
         assert f"| {mode.name} | {mode.value[0]}, {mode.value[1]} |" in section("Modes")
     for rule in RULES.values():

@@ -327,8 +327,101 @@ def test_a_refused_item_says_which_why_and_the_limit() -> None:
     assert desk.upload(far) == mav.MAV_MISSION_INVALID
     high = [item(0, WAYPOINT, height=30.0), item(1, WAYPOINT, height=15_000.0)]
     assert desk.upload(high) == mav.MAV_MISSION_INVALID_PARAM7
-    assert desk.upload([item(0, mav.MAV_CMD_IMAGE_START_CAPTURE)]) == mav.MAV_MISSION_UNSUPPORTED
+    assert desk.upload([item(0, mav.MAV_CMD_DO_PARACHUTE)]) == mav.MAV_MISSION_UNSUPPORTED
+    terrain = item(0, WAYPOINT, frame=mav.MAV_FRAME_GLOBAL_TERRAIN_ALT)
+    assert desk.upload([terrain]) == mav.MAV_MISSION_UNSUPPORTED_FRAME
+    wide = item(0, mav.MAV_CMD_NAV_LOITER_TURNS, params=(1.0, 0.0, 1001.0, 0.0))
+    assert desk.upload([wide]) == mav.MAV_MISSION_INVALID_PARAM3
     text = "".join(desk.texts())
     assert "Mission refused: item 1 is 30 km from home, MIS_DIST_1WP allows 20 km" in text
     assert "item 1 NAV_WAYPOINT (16): altitude 15000 m, -500 to 10000 m above home" in text
-    assert "item 0 IMAGE_START_CAPTURE (2000): is not supported" in text
+    assert "item 0 DO_PARACHUTE (208): is not supported" in text
+    assert "frame 10 counts heights from the terrain, of which nothing is known here" in text
+    assert "parameter 3 = 1001, 1 to 1000 m, -1000 to -1 m, 0 are allowed" in text
+
+
+def test_what_has_no_body_is_done_as_nothing_in_its_order_and_told_once() -> None:
+    desk = Desk()
+    desk.take_off(30.0)
+    none = {"frame": mav.MAV_FRAME_MISSION}
+    mission = [
+        item(0, mav.MAV_CMD_SET_CAMERA_MODE, **none, params=(0.0, 2.0, NAN, NAN)),
+        item(1, WAYPOINT, north=40.0),
+        item(2, mav.MAV_CMD_DO_SET_CAM_TRIGG_DIST, **none, params=(25.0, 0.0, 1.0, 0.0)),
+        item(3, WAYPOINT, north=80.0),
+        item(4, mav.MAV_CMD_DO_SET_CAM_TRIGG_DIST, **none),
+        item(5, mav.MAV_CMD_DO_SET_SERVO, **none, params=(9.0, 1500.0, 0.0, 0.0)),
+        item(6, mav.MAV_CMD_DO_LAND_START, **none),
+        item(7, mav.MAV_CMD_DO_SET_RELAY, **none),
+    ]
+    assert desk.upload(mission) == ACCEPTED
+    start(desk)
+    assert len(desk.mass.paths[-1].points_ned_m) == 3  # without a stop
+    desk.fly()
+    assert reached(desk) == list(range(8))
+    assert [event.seq for event in desk.recorder.of_kind("reached")] == [1, 3]
+    (told,) = [text for text in desk.recorder.of_kind("status") if "Not on board" in text.text]
+    assert told.text == (
+        "Not on board, done as nothing: 1 x SET_CAMERA_MODE (camera), 2 x DO_SET_CAM_TRIGG_DIST "
+        "(camera), 1 x DO_SET_SERVO (servo), 1 x DO_SET_RELAY (relay)"
+    )
+
+
+@pytest.mark.parametrize(
+    ("turns", "radius_m", "swept_deg"),
+    [(2.0, 20.0, 720.0), (0.75, -20.0, -270.0), (1.0, 0.0, 360.0)],
+)
+def test_turns_round_a_place_are_flown(turns: float, radius_m: float, swept_deg: float) -> None:
+    desk = Desk()
+    desk.take_off(30.0)
+    circle = item(0, mav.MAV_CMD_NAV_LOITER_TURNS, north=100.0, params=(turns, 0.0, radius_m, 0.0))
+    desk.upload([circle, item(1, WAYPOINT, north=100.0, east=100.0)])
+    start(desk)
+    size_m = abs(radius_m) or 10.0
+    np.testing.assert_allclose(
+        desk.mass.paths[-1].points_ned_m[-1], [100.0 - size_m, 0.0, -30.0], atol=0.02
+    )
+    phases, speeds = [], []
+    while not reached(desk):
+        desk.vehicle.step()
+        if (target := desk.mass.target) is not None and target.pos is not None:
+            north, east, down = target.pos
+            assert np.hypot(north - 100.0, east) == pytest.approx(size_m, abs=0.02)
+            assert down == pytest.approx(-30.0, abs=0.02)
+            phases.append(math.atan2(east, north - 100.0))
+            speeds.append(np.hypot(*target.vel[:2]))
+    # Slower than the cruise speed where it would press too hard inwards.
+    assert speeds == pytest.approx([min(10.0, math.sqrt(2.0 * size_m))] * len(speeds))
+    swept = math.degrees(np.unwrap(phases)[-1] - np.unwrap(phases)[0])
+    assert swept == pytest.approx(swept_deg, abs=2.0)
+    desk.fly()
+    assert reached(desk) == [0, 1]
+
+
+def test_turns_round_a_place_keep_within_the_fence() -> None:
+    desk = Desk()
+    desk.take_off(30.0)
+    desk.vehicle.autopilot.parameters.set("GF_MAX_HOR_DIST", 110.0)
+    desk.upload([item(0, mav.MAV_CMD_NAV_LOITER_TURNS, north=100.0, params=(1.0, 0.0, 20.0, 0.0))])
+    assert start(desk) == mav.MAV_RESULT_TEMPORARILY_REJECTED
+    assert "the mission leads" in "".join(desk.texts())
+
+
+def test_the_nose_turns_to_what_is_looked_at_from_its_item_on() -> None:
+    desk = Desk()
+    desk.take_off(30.0)
+    look = item(1, mav.MAV_CMD_DO_SET_ROI_LOCATION, north=50.0, east=70.0, height=0.0)
+    mission = [
+        item(0, WAYPOINT, north=40.0), look, item(2, WAYPOINT, north=80.0),
+        item(3, mav.MAV_CMD_DO_SET_ROI_NONE, frame=mav.MAV_FRAME_MISSION),
+        item(4, WAYPOINT, north=120.0),
+    ]  # fmt: skip
+    desk.upload(mission)
+    start(desk)
+    looked: dict[int, object] = {}
+    while len(done := reached(desk)) < len(mission):
+        looked[len(done)] = desk.mass.interest_ned_m
+        desk.vehicle.step()
+    assert looked[0] is None
+    np.testing.assert_allclose(looked[2], [50.0, 70.0, 0.0], atol=0.02)
+    assert looked[4] is None

@@ -535,7 +535,7 @@ def test_refusals_name_what_is_wrong() -> None:
         return answer.type
 
     assert verdict() == ACCEPTED
-    assert verdict(command=205) == mav.MAV_MISSION_UNSUPPORTED
+    assert verdict(command=208) == mav.MAV_MISSION_UNSUPPORTED
     assert verdict(frame=2) == mav.MAV_MISSION_UNSUPPORTED_FRAME
     assert verdict(x=math.nan) == mav.MAV_MISSION_INVALID_PARAM5_X
     assert verdict(x=91.0) == mav.MAV_MISSION_INVALID_PARAM5_X

@@ -1,0 +1,49 @@
+"""What a person sees of a plan file while it is flown: item, height, battery, what is said."""
+
+from collections.abc import Sequence
+
+from mission.run.progress import Progress
+from sitl.observer import VehicleEvent, VehicleSample
+
+_NOTICE = 5  # MAV_SEVERITY; what is less severe is for logs
+_EACH_NS = 1_000_000_000
+
+
+class PlanProgress:
+    """A vehicle observer that tells how far a plan has come whose items lead in this `order`."""
+
+    def __init__(self, progress: Progress, name: str, order: Sequence[int]) -> None:
+        self._progress = progress
+        self._name, self._order, self._passed = name, order, 0
+        self._due_ns = 0
+        self._now: VehicleSample | None = None
+        self._item = "on the way to the first place"
+
+    def sampled(self, sample: VehicleSample) -> None:
+        """Show where the vehicle is, once a second of its time."""
+        self._now = sample
+        if sample.t_ns >= self._due_ns:
+            self._due_ns = sample.t_ns + _EACH_NS
+            self._progress.phase(f"flying {self._name}: {self._item}, {_state(sample)}")
+
+    def happened(self, event: VehicleEvent) -> None:
+        """Show that a place was reached, or what the vehicle says."""
+        now = self._now
+        if now is not None and event.t_ns < now.t_ns:
+            return  # found out afterwards
+        at = f"t {event.t_ns / 1e9:.1f} s"
+        if event.seq in self._order:
+            self._passed += 1
+            self._item = f"item {event.seq} ({self._passed} of {len(self._order)})"
+            tenths = [
+                10 * passed // len(self._order) for passed in (self._passed - 1, self._passed)
+            ]
+            if now is not None and tenths[0] < tenths[1]:
+                self._progress.step(f"{at}: {self._item}, {_state(now)}")
+        elif event.kind in ("status", "failsafe", "fault") and event.severity <= _NOTICE:
+            self._progress.notice(f"{at}: {event.text}")
+
+
+def _state(sample: VehicleSample) -> str:
+    charge = f"{100 * sample.battery.remaining:.0f} %"
+    return f"{0.0 - round(sample.belief.pos_ned_m[2]):.0f} m high, battery {charge}"
