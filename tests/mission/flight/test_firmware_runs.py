@@ -217,6 +217,18 @@ def test_a_real_firmware_flies_rounds(
 
 @pytest.mark.real
 @pytest.mark.parametrize("autopilot", sorted(REAL))
+def test_a_real_firmware_flies_a_survey_as_it_was_drawn(tmp_path: Path, autopilot: str) -> None:
+    survey, out = Path(__file__).parents[3] / "examples" / "survey.plan", tmp_path / "out"
+    keys = (f"vehicle.autopilot={autopilot}", f"vehicle.firmware.path={real(autopilot)}")
+    words = [word for key in keys for word in ("--set", key)]
+    assert call(["fly", str(survey), "--out", str(out), "--no-report", "--no-figures", *words]) == 0
+    found = json.loads((out / "summary.json").read_text())["planned_and_flown"]
+    assert (found["slots"], found["slots_missed"]) == (17, 0)
+    assert found["straight_max_m"] < 3.0
+
+
+@pytest.mark.real
+@pytest.mark.parametrize("autopilot", sorted(REAL))
 def test_a_real_firmware_takes_about_the_energy_that_was_planned(
     tmp_path: Path, autopilot: str
 ) -> None:

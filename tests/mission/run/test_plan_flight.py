@@ -4,6 +4,7 @@ import asyncio
 import csv
 import json
 import math
+import re
 import signal
 import socket
 from collections.abc import AsyncIterator
@@ -55,12 +56,14 @@ def test_a_plan_is_flown_and_compared(tmp_path: Path, capsys: pytest.CaptureFixt
     assert call(["fly", str(plan), "--out", str(out)]) == 0
     printed = capsys.readouterr().out
     assert "cross-track" in printed
+    assert re.search(r"t \d+\.\d s: item 4 \(4 of 4\), 60 m high, battery \d+ %", printed)
     found = summary(out)["planned_and_flown"]
     assert found["plan_path_m"] == pytest.approx(600, abs=1.0)
     assert found["flown_path_m"] == pytest.approx(600, rel=0.03)
-    # Up at 3 m/s, 200 m at the default 10 m/s, 400 m at 15 m/s, and 4 s of waiting.
-    assert found["plan_duration_s"] == pytest.approx(50 / 3 + 20 + 400 / 15 + 4, abs=1.0)
-    assert 0 < found["duration_s"] - found["plan_duration_s"] < 25
+    # Up at 3 m/s, 200 m at the default 10 m/s, 400 m at 15 m/s, 4 s of waiting; and braking.
+    assert found["plan_duration_s"] > 50 / 3 + 20 + 400 / 15 + 4
+    assert found["duration_s"] == pytest.approx(found["plan_duration_s"], rel=0.02)
+    assert summary(out)["energy_used_j"] == found["energy_j"] > 0
     assert 0 < found["cross_track_rms_m"] < 1.5
     assert found["cross_track_max_m"] < 5
     assert (found["slots"], found["slots_missed"]) == (4, 0)
@@ -350,6 +353,7 @@ def test_its_folder_has_the_after_care_of_a_run(
         assert call(["fly", str(plan), "--out", str(first)]) == 0
     assert call(["fly", str(plan), "--out", str(second)]) == 0
     printed = capsys.readouterr().out.splitlines()
+    printed = printed[next(n for n, line in enumerate(printed) if "Planned and" in line) :]
     assert {path.name for path in (first / "figures").iterdir()} == {"map.png", "profile.png"}
     assert all(path.stat().st_size > 5000 for path in (first / "figures").iterdir())
     assert call(["compare", str(first)]) == 0
@@ -451,3 +455,127 @@ def test_a_live_port_that_is_none_or_in_use_leaves_nothing(
         assert call([*fly, str(port)]) == 5
     assert f"127.0.0.1:{port}: the port is in use" in capsys.readouterr().err
     assert not out.exists()
+
+
+SURVEY = Path(__file__).parents[3] / "examples" / "survey.plan"
+
+
+def passed(out: Path) -> list[int | None]:
+    """Items in the order in which they were reached."""
+    events = read_log(out / "flight.mcap").events
+    return [event.seq for event in events if event.kind == "reached"]
+
+
+@pytest.mark.slow
+def test_a_survey_is_flown_as_it_was_drawn(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "out"
+    assert call(["fly", str(SURVEY), "--out", str(out), "--no-figures", "--no-report"]) == 0
+    # A take-off and four legs of four places each; the camera's items lie between them.
+    legs = [
+        place for first in range(1, 24, 6) for place in (first, *range(first + 1, first + 6, 2))
+    ]
+    assert passed(out) == [0, *legs, 25]
+    found = summary(out)["planned_and_flown"]
+    assert (found["slots"], found["slots_missed"]) == (17, 0)
+    assert found["straight_max_m"] < 1.0
+    assert found["duration_s"] == pytest.approx(found["plan_duration_s"], rel=0.02)
+    printed = capsys.readouterr().out
+    assert printed.count("Not on board, done as nothing: 8 x DO_SET_CAM_TRIGG_DIST (camera)") == 1
+    assert not (out / "figures").exists()
+
+
+@pytest.mark.slow
+def test_jumps_turns_waits_and_speeds_are_flown(tmp_path: Path) -> None:
+    def numbered(jump_id: int, item: Any) -> Any:
+        return {**item, "doJumpId": jump_id}
+
+    slow = simple(178, 1, 5, -1, 0, 0, 0, 0, frame=2)
+    items = [
+        numbered(11, TAKE_OFF), numbered(12, slow), numbered(13, place(47.4005, 8.5)),
+        numbered(14, place(47.4005, 8.501)),
+        numbered(15, simple(177, 13, 1, 0, 0, 0, 0, 0, frame=2)),
+        numbered(16, simple(18, 2, 0, 20, 1, 47.4, 8.501, 50)),
+        numbered(17, simple(93, 5, -1, -1, -1, 0, 0, 0, frame=2)),
+        numbered(18, simple(19, 6, 0, 0, None, 47.4, 8.5, 40)),
+        numbered(19, simple(177, 18, 1, 0, 0, 0, 0, 0, frame=2)), numbered(20, RETURN),
+    ]  # fmt: skip
+    out = tmp_path / "out"
+    plan = written(tmp_path, *items)
+    assert call(["fly", str(plan), "--out", str(out), *QUIET, "--no-figures"]) == 0
+    assert passed(out) == [0, 2, 3, 2, 3, 5, 6, 7, 7, 9]
+    found = summary(out)["planned_and_flown"]
+    assert found["duration_s"] == pytest.approx(found["plan_duration_s"], rel=0.03)
+    log = read_log(out / "flight.mcap")
+    at_s = {event.seq: event.t_ns / 1e9 for event in log.events if event.kind == "reached"}
+    assert at_s[6] - at_s[5] == pytest.approx(5.0, abs=0.1)
+    # Two turns of a radius of 20 m at 5 m/s, from the west; the middle is 75 m east of home.
+    assert log.plan_file is not None
+    middle = log.plan_file.places_m[0][:2] + np.array([75.48, 0.0])
+    time_s = log.truth.t_ns / 1e9
+    turning = (time_s > at_s[5] - 2 * np.pi * 40 / 5) & (time_s < at_s[5])
+    way = log.truth.pos_m[turning, :2] - middle
+    assert np.linalg.norm(way, axis=1) == pytest.approx(np.full(len(way), 20.0), abs=2.0)
+    turned = np.unwrap(np.arctan2(way[:, 0], way[:, 1]))
+    assert turned[-1] - turned[0] == pytest.approx(4 * np.pi, abs=0.3)
+
+
+@pytest.mark.slow
+def test_a_mission_that_is_aborted_is_compared_as_far_as_it_came(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "out"
+    fault = 'vehicle.aircraft.faults=[{kind="gnss_off", after=7, at_s=1}]'
+    assert call(["fly", str(SURVEY), "--out", str(out), "--set", fault, "--no-report"]) == 4
+    printed = capsys.readouterr()
+    assert re.search(r"t 4\d\.\d s: Fault begins: gnss_off", printed.out)
+    assert "left the mission for LAND" in printed.err
+    assert summary(out)["status"] == "failed"
+    assert 0 < summary(out)["planned_and_flown"]["slots_missed"] < 17
+    assert passed(out)[:6] == [0, 1, 2, 4, 6, 7]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("top", "heights"), [(False, [15, 25]), (True, [25, 15])])
+def test_a_structure_scan_goes_round_the_building(
+    tmp_path: Path, top: bool, heights: list[float]
+) -> None:
+    corners = [[47.4005, 8.5], [47.4005, 8.5005], [47.4008, 8.5005], [47.4008, 8.5]]
+    scan = {
+        "type": "ComplexItem", "complexItemType": "StructureScan", "version": 3,
+        "CameraCalc": {
+            "AdjustedFootprintFrontal": 10, "AdjustedFootprintSide": 12, "DistanceToSurface": 15,
+            "CameraName": "Manual (no camera specs)", "DistanceMode": 1, "version": 2,
+        },
+        "EntranceAltitude": 40, "ScanBottomAlt": 10, "StructureHeight": 30, "StartFromTop": top,
+        "Layers": 2, "GimbalPitch": 0, "polygon": corners,
+    }  # fmt: skip
+    out = tmp_path / "out"
+    plan = written(tmp_path, TAKE_OFF, scan, RETURN)
+    assert call(["fly", str(plan), "--out", str(out), *QUIET, "--no-figures"]) == 0
+    file = read_log(out / "flight.mcap").plan_file
+    assert file is not None
+    flown = [file.places_m[seq] for seq in file.order][1:]
+    assert [round(at[2]) for at in flown] == [40, *[heights[0]] * 5, *[heights[1]] * 5, 40]
+    # 15 m outside of every wall, from the first corner round to it.
+    south_west = file.places_m[0][:2] + np.array([-15.0, 0.0005 * 111_180 - 15.0])
+    for begin in (1, 6):
+        ring = np.array(flown[begin : begin + 5])[:, :2]
+        np.testing.assert_allclose(ring[[0, 4]], [south_west] * 2, atol=0.1)
+        size = np.ptp(ring, axis=0)
+        np.testing.assert_allclose(size, [0.0005 * 75_480 + 30, 0.0003 * 111_180 + 30], atol=0.1)
+    assert summary(out)["planned_and_flown"]["slots_missed"] == 0
+
+
+@pytest.mark.parametrize(
+    ("after", "words"),
+    [("26", "examples/survey.plan has the items 0 to 25"), ('"landing"', "'arming' or 'take-off'")],
+)
+def test_a_fault_after_what_never_comes_is_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], after: str, words: str
+) -> None:
+    fault = f'vehicle.aircraft.faults=[{{kind="gnss_off", after={after}}}]'
+    assert call(["fly", str(SURVEY), "--out", str(tmp_path / "out"), "--set", fault]) == 2
+    assert words in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
