@@ -1,6 +1,7 @@
 """What missions mean: the paths and stops that items become, and how their progress is told."""
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -343,16 +344,16 @@ def test_a_refused_item_says_which_why_and_the_limit() -> None:
 def test_what_has_no_body_is_done_as_nothing_in_its_order_and_told_once() -> None:
     desk = Desk()
     desk.take_off(30.0)
-    none = {"frame": mav.MAV_FRAME_MISSION}
+    none = mav.MAV_FRAME_MISSION
     mission = [
-        item(0, mav.MAV_CMD_SET_CAMERA_MODE, **none, params=(0.0, 2.0, NAN, NAN)),
+        item(0, mav.MAV_CMD_SET_CAMERA_MODE, frame=none, params=(0.0, 2.0, NAN, NAN)),
         item(1, WAYPOINT, north=40.0),
-        item(2, mav.MAV_CMD_DO_SET_CAM_TRIGG_DIST, **none, params=(25.0, 0.0, 1.0, 0.0)),
+        item(2, mav.MAV_CMD_DO_SET_CAM_TRIGG_DIST, frame=none, params=(25.0, 0.0, 1.0, 0.0)),
         item(3, WAYPOINT, north=80.0),
-        item(4, mav.MAV_CMD_DO_SET_CAM_TRIGG_DIST, **none),
-        item(5, mav.MAV_CMD_DO_SET_SERVO, **none, params=(9.0, 1500.0, 0.0, 0.0)),
-        item(6, mav.MAV_CMD_DO_LAND_START, **none),
-        item(7, mav.MAV_CMD_DO_SET_RELAY, **none),
+        item(4, mav.MAV_CMD_DO_SET_CAM_TRIGG_DIST, frame=none),
+        item(5, mav.MAV_CMD_DO_SET_SERVO, frame=none, params=(9.0, 1500.0, 0.0, 0.0)),
+        item(6, mav.MAV_CMD_DO_LAND_START, frame=none),
+        item(7, mav.MAV_CMD_DO_SET_RELAY, frame=none),
     ]
     assert desk.upload(mission) == ACCEPTED
     start(desk)
@@ -418,7 +419,7 @@ def test_the_nose_turns_to_what_is_looked_at_from_its_item_on() -> None:
     ]  # fmt: skip
     desk.upload(mission)
     start(desk)
-    looked: dict[int, object] = {}
+    looked: dict[int, Any] = {}
     while len(done := reached(desk)) < len(mission):
         looked[len(done)] = desk.mass.interest_ned_m
         desk.vehicle.step()
