@@ -1,0 +1,133 @@
+"""The benchmark's problems, and its evaluator, which knows nothing of our code."""
+
+import importlib.util
+import json
+from copy import deepcopy
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import round_problems
+
+from mission.planner.check import check_plan
+from mission.planner.files import NamedPlan, plans_as_json, problems_of
+from mission.planner.fitting import fitted
+
+FOLDER = Path(round_problems.__file__).parent / "data" / "problems"
+
+
+def _module(path: Path) -> Any:
+    spec = importlib.util.spec_from_file_location(path.stem, path)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+evaluator = _module(FOLDER / "evaluate.py")
+
+
+def some_plan(entry: dict[str, Any], seed: int) -> tuple[Any, Any, dict[str, Any]]:
+    """A problem of ours, a plan that keeps to its limits along a way at random, and its entry."""
+    (named,) = problems_of([entry], "benchmark")
+    rng = np.random.default_rng(seed)
+    way = rng.uniform(0.0, 800.0, (named.problem.steps, 2))
+    way[0] = named.problem.start_m
+    plan = fitted(named.problem, way)
+    assert plan is not None
+    made = plans_as_json([NamedPlan(named.id, plan, 0.0)])[named.id]
+    return named.problem, plan, json.loads(json.dumps(made))
+
+
+def test_the_file_holds_what_the_generator_makes() -> None:
+    stored = json.loads((FOLDER / "problems.json").read_text(encoding="utf-8"))
+    made = json.loads(json.dumps(round_problems.problems()))
+    assert len(stored) == 300
+    assert [entry["id"] for entry in stored] == [entry["id"] for entry in made]
+    for ours, theirs in zip(made, stored, strict=True):
+        for key, value in theirs.items():  # trigonometry differs in the last digit by machine
+            if key not in ("areas", "channel"):
+                assert ours[key] == value, f"{theirs['id']}: {key}"
+
+
+@pytest.mark.parametrize("kind", round_problems.KINDS)
+def test_the_evaluator_agrees_with_our_own_check(kind: str) -> None:
+    for number in range(3):
+        entry = round_problems.problem(kind, number)
+        problem, plan, told = some_plan(entry, number)
+        check_plan(problem, plan)
+        value, duration_s, energy_j = evaluator.evaluate(entry, told)
+        assert value == pytest.approx(plan.value, rel=1e-12)
+        if plan.foreseen is not None:
+            assert duration_s == pytest.approx(plan.foreseen.duration_s, rel=1e-12)
+            assert energy_j == pytest.approx(plan.foreseen.energy_j, rel=1e-9)
+
+
+def _farther(_: dict[str, Any], plan: dict[str, Any]) -> None:
+    plan["waypoints"][-1] = plan["route"][-1] = [2000.0, 2000.0]
+
+
+def _elsewhere(_: dict[str, Any], plan: dict[str, Any]) -> None:
+    plan["waypoints"][0] = plan["route"][0] = [401.0, 400.0]
+
+
+def _twice(_: dict[str, Any], plan: dict[str, Any]) -> None:
+    for row in plan["schedule"][1:3]:
+        row[:] = [1] + [0] * (len(row) - 1)
+
+
+def _crowded(_: dict[str, Any], plan: dict[str, Any]) -> None:
+    plan["schedule"] = [[0] * 12 for _ in plan["schedule"]]
+    plan["schedule"][1][:4] = [1, 1, 1, 1]
+
+
+def _high(_: dict[str, Any], plan: dict[str, Any]) -> None:
+    plan["altitude_m"] = 130.0
+
+
+def _hurried(entry: dict[str, Any], _: dict[str, Any]) -> None:
+    entry["deadline_s"] = 5.0
+
+
+def _weak(entry: dict[str, Any], _: dict[str, Any]) -> None:
+    entry["energy_j"] = 900.0
+
+
+def _through(entry: dict[str, Any], plan: dict[str, Any]) -> None:
+    x, y = plan["route"][1]
+    entry["areas"] = [[[x - 5, y - 5], [x + 5, y - 5], [x + 5, y + 5], [x - 5, y + 5]]]
+
+
+def _off_route(_: dict[str, Any], plan: dict[str, Any]) -> None:
+    plan["route"] = plan["route"][::-1]
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (_farther, "m are allowed|m, 800"), (_elsewhere, "start"), (_twice, "twice"),
+        (_crowded, "too many"), (_high, "altitude"), (_hurried, "deadline_s"), (_weak, "energy_j"),
+        (_through, "of an area"), (_off_route, "route"),
+    ],
+)  # fmt: skip
+def test_a_plan_that_breaks_a_rule_is_refused(change: Any, words: str) -> None:
+    entry = round_problems.problem("all-12x10", 3)
+    entry = {k: v for k, v in entry.items() if k != "areas"} | {"areas": []}
+    _, _, plan = some_plan(entry, 1)
+    evaluator.evaluate(entry, plan)
+    broken_entry, broken_plan = deepcopy(entry), deepcopy(plan)
+    change(broken_entry, broken_plan)
+    with pytest.raises(evaluator.BrokenRuleError, match=words):
+        evaluator.evaluate(broken_entry, broken_plan)
+
+
+def test_who_is_served_too_early_brings_nothing() -> None:
+    entry = round_problems.problem("ready-12x10", 0)
+    entry["ready_in_s"] = [0.0] * 12
+    _, _, plan = some_plan(entry, 2)
+    value, _, _ = evaluator.evaluate(entry, plan)
+    assert value > 0.0
+    late, _, _ = evaluator.evaluate(entry | {"ready_in_s": [1000.0] * 12}, plan)
+    assert late == 0.0
