@@ -126,7 +126,7 @@ def _hypotheses(found: pd.DataFrame) -> str:
         [what, _plus_minus(interval(of)), f"{p:.1g}", f"{(of > 0).sum()} of {len(of)}"]
         for what, of, p in zip(tested, values, corrected, strict=True)
     ]
-    return _table(["", "mean ± 95 % interval", "p (Holm)", "draws above 0"], rows)
+    return markdown(["", "mean ± 95 % interval", "p (Holm)", "draws above 0"], rows)
 
 
 def _plus_minus(of: Interval) -> str:
@@ -144,7 +144,7 @@ def _full(found: pd.DataFrame) -> str:
             for k in per_step
         ]
         rows.append([str(layout), str(steps), *cells])
-    return _table(["layout", "N", *(f"K_bar = {k}" for k in per_step)], rows)
+    return markdown(["layout", "N", *(f"K_bar = {k}" for k in per_step)], rows)
 
 
 def _shift(of: pd.DataFrame, *, bold: bool = False, both: bool = False) -> str:
@@ -161,7 +161,7 @@ def _alone(found: pd.DataFrame) -> str:
         for value, of in some.groupby(factor, sort=False):
             by_layout = [_shift(of[of.layout == layout]) for layout in LAYOUTS]
             rows.append([TITLES[factor], level_name(value), *by_layout])
-    return _table(["factor", "level", *LAYOUTS], rows)
+    return markdown(["factor", "level", *LAYOUTS], rows)
 
 
 def level_name(value: object) -> str:
@@ -183,7 +183,7 @@ def _rounds(found: pd.DataFrame) -> str:
         ]
         rows.append([str(layout), f"{of.path_m_1.mean():.0f} → {of.path_m.mean():.0f}", *paid])
     heads = (f"rounds, {total_m / 1e3:.0f} km" for total_m in L_TOTAL_M)
-    return _table(["layout", "metres", *heads], rows)
+    return markdown(["layout", "metres", *heads], rows)
 
 
 def _forward(found: pd.DataFrame) -> str:
@@ -196,9 +196,10 @@ def _forward(found: pd.DataFrame) -> str:
         for cell in forward(found).itertuples()
     ]  # fmt: skip
     heads = ["layout", "N", "K_bar", "shift", "CIFAR-10, %", "MNIST, %", "metres a round"]
-    return _table(heads, rows)
+    return markdown(heads, rows)
 
 
-def _table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+def markdown(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """A table."""
     rule = ["---" for _ in heads]
     return "\n".join(f"| {' | '.join(cells)} |" for cells in (heads, rule, *rows))

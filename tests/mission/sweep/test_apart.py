@@ -1,6 +1,7 @@
 """The screen of communities that live apart: its layouts, its rule, its statistics."""
 
 import apart
+import apart_gains
 import apart_runs
 import apart_shift
 import numpy as np
@@ -112,3 +113,30 @@ def test_the_cells_are_those_of_the_plan() -> None:
     assert len(set(apart_runs.CELLS)) == 14
     names = [task.point.name for task in apart_runs.tasks(14)]
     assert len(names) == len(set(names)) == 16 * (14 * 3 + 1)
+
+
+def run_of(accuracies: list[float], *, joules: float) -> pd.DataFrame:
+    """A run with these accuracies on CIFAR-10, half of them on MNIST; each round takes as much."""
+    values = np.array(accuracies)
+    return pd.DataFrame(
+        {
+            "energy_used_j": joules * np.arange(1, len(values) + 1),
+            "accuracy_cifar10": values,
+            "accuracy_mnist": values / 2.0,
+        }
+    )
+
+
+def test_a_gain_is_of_equal_metres_rounds_or_joules() -> None:
+    """`cov` learns a point a round in twice the rounds at half the joules a round; `no_cov` two."""
+    cov = run_of([0.01 * n for n in range(1, 41)], joules=1.0)
+    no_cov = run_of([0.02 * n for n in range(1, 21)], joules=3.0)
+    runs = {"cov": [cov] * 3, "no_cov": [no_cov] * 3}
+    ahead = {way: apart_gains.gains(runs, "no_cov", "cifar10", way)[0] for way in apart_gains.WAYS}
+    # Ten rounds up to 40 and 20: 35.5 and 31; up to 20 and 20; 40 joules are 40 and 13 rounds.
+    assert ahead["metre"] == pytest.approx(35.5 - 31.0)
+    assert ahead["round"] == pytest.approx(15.5 - 31.0)
+    assert ahead["joule"] == pytest.approx(35.5 - 17.0)
+    mnist, level = apart_gains.gains(runs, "no_cov", "mnist", "metre")
+    assert mnist == pytest.approx((35.5 - 31.0) / 2.0)
+    assert level == pytest.approx(15.5)

@@ -1,0 +1,201 @@
+"""What `cov` gains where communities live apart: per metre, per round and per joule.
+
+    python docs/apart_gains.py RUNS --out docs/data/apart-runs
+
+RUNS is what `apart_runs.py` left, finished or not. `--out` gets all rounds as one table,
+rounds.csv.gz, and README.md with the tables of stage 2a: docs/data/PLAN.md.
+"""
+
+import argparse
+import gzip
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import apart_runs
+import numpy as np
+import pandas as pd
+from apart_shift import markdown, two_sided
+from numpy.typing import NDArray
+
+from mission.sweep.outcome.curves import interval
+
+Floats = NDArray[np.float64]
+CELL = ["layout", "N", "K_bar"]
+TESTS = 13  # of stage 2, those of 2b too; times so many, no p is less than Holm's
+LAST = 10  # rounds that the accuracy at an end is a mean of
+WAYS = ("metre", "round", "joule")
+TASKS = ("cifar10", "mnist")
+NAMES = {"cifar10": "CIFAR-10", "mnist": "MNIST"}
+
+
+def collected(folder: Path) -> pd.DataFrame:
+    """The rounds of all runs that are done."""
+    return pd.concat(
+        [pd.read_csv(path) for path in sorted(folder.glob("*.csv"))], ignore_index=True
+    )
+
+
+def ends(runs: Sequence[pd.DataFrame], way: str) -> list[int]:
+    """How many rounds of each run count: to its own end per metre, else as far as the run that has
+    fewest, or that took least energy."""
+    if way == "metre":
+        return [len(run) for run in runs]
+    if way == "round":
+        return [min(len(run) for run in runs)] * len(runs)
+    least_j = min(float(run.energy_used_j.iloc[-1]) for run in runs)
+    return [int((run.energy_used_j <= least_j).sum()) for run in runs]
+
+
+def accuracy(run: pd.DataFrame, task: str, count: int, *, last: int = LAST) -> float:
+    """In percent: mean of the last of `count` rounds."""
+    return 100.0 * float(run[f"accuracy_{task}"].iloc[max(0, count - last) : count].mean())
+
+
+def heard(run: pd.DataFrame, task: str) -> float:
+    """In percent: updates that arrived, over devices and rounds."""
+    return 100.0 * float(run[f"participation_{task}"].iloc[0])
+
+
+def whole_cells(
+    rounds: pd.DataFrame,
+) -> Iterator[tuple[apart_runs.Cell, dict[str, list[pd.DataFrame]]]]:
+    """Cells of which every run is done: by strategy its runs in the order of their seeds."""
+    by_run = dict(iter(rounds.groupby([*CELL, "strategy", "seed"], sort=False)))
+    ideal = apart_runs.CELLS[0]
+    for cell in apart_runs.CELLS:
+        runs = {}
+        for strategy in apart_runs.STRATEGIES:
+            at = ideal if strategy == "ideal" else cell
+            keys = [(at.layout, at.steps, at.per_step, strategy, seed) for seed in apart_runs.SEEDS]
+            runs[strategy] = [by_run[key] for key in keys if key in by_run]
+        if all(len(of) == len(apart_runs.SEEDS) for of in runs.values()):
+            yield cell, runs
+
+
+def gains(
+    runs: dict[str, list[pd.DataFrame]], other: str, task: str, way: str
+) -> tuple[Floats, Floats]:
+    """(seeds,) points that `cov` is ahead of another strategy, and the other's accuracy."""
+    pairs = []
+    for mine, theirs in zip(runs["cov"], runs[other], strict=True):
+        counts = ends((mine, theirs), way)
+        pairs.append(
+            [accuracy(run, task, n) for run, n in zip((mine, theirs), counts, strict=True)]
+        )
+    ahead, level = np.array(pairs).T
+    return ahead - level, level
+
+
+def _gain(of: Floats, level: Floats) -> str:
+    found = interval(of)
+    share = 100.0 * found.mean / level.mean()
+    return f"{found.mean:+.1f} ± {found.half:.1f} ({share:+.0f} %, {(of > 0.0).sum()} of {len(of)})"
+
+
+def _mean(values: Sequence[float]) -> str:
+    found = interval(values)
+    return f"{found.mean:.1f} ± {found.half:.1f}"
+
+
+def _name(cell: apart_runs.Cell) -> str:
+    return f"{cell.layout}, N = {cell.steps}, K_bar = {cell.per_step}"
+
+
+def _hypotheses(cells: dict[apart_runs.Cell, dict[str, list[pd.DataFrame]]]) -> str:
+    corners, mixed = (cells.get(cell) for cell in apart_runs.CELLS[:2])
+    if corners is None or mixed is None:
+        return "Not yet: corners or its control is not whole."
+    at, there = ({w: gains(c, "no_cov", "cifar10", w)[0] for w in WAYS} for c in (corners, mixed))
+    more = [len(a) - len(b) for a, b in zip(corners["cov"], corners["no_cov"], strict=True)]
+    tested = {
+        "H3: corners, per metre, points": at["metre"],
+        "H4: corners, per round, points": at["round"],
+        "H5: corners, per joule, points": at["joule"],
+        "H6: corners, rounds that `cov` has more": np.array(more, dtype=np.float64),
+        "H7: per metre, corners less mixed, points": at["metre"] - there["metre"],
+        "H8: per round, corners less mixed, points": at["round"] - there["round"],
+    }
+    rows = []
+    for what, of in tested.items():
+        found, p = interval(of), min(1.0, TESTS * two_sided(of))
+        ahead = f"{(of > 0.0).sum()} of {len(of)}"
+        rows.append([what, f"{found.mean:+.1f} ± {found.half:.1f}", f"{p:.1g}", ahead])
+    return markdown(["", "mean ± 95 % interval", "p times 13", "seeds above 0"], rows)
+
+
+def tables(rounds: pd.DataFrame) -> str:
+    """README.md of the runs."""
+    cells = dict(whole_cells(rounds))
+    missing = [_name(cell) for cell in apart_runs.CELLS if cell not in cells]
+    ahead, level, last = [], [], []
+    for cell, runs in cells.items():
+        for task in TASKS:
+            by_way = [_gain(*gains(runs, "no_cov", task, way)) for way in WAYS]
+            ahead.append([_name(cell), NAMES[task], *by_way])
+            single = [
+                accuracy(a, task, len(a), last=1) - accuracy(b, task, len(b), last=1)
+                for a, b in zip(runs["cov"], runs["no_cov"], strict=True)
+            ]
+            last.append([_name(cell), NAMES[task], _mean(single)])
+        for strategy, of in runs.items():
+            level.append(
+                [
+                    _name(cell), f"`{strategy}`",
+                    *(_mean([accuracy(run, task, len(run)) for run in of]) for task in TASKS),
+                    *(_mean([heard(run, task) for run in of]) for task in TASKS),
+                    _mean([len(run) for run in of]),
+                ]
+            )  # fmt: skip
+    parts = {
+        "Hypotheses": _hypotheses(cells),
+        "`cov` less `no_cov`, three ways": markdown(
+            ["cell", "task", *(f"per {way}" for way in WAYS)], ahead
+        ),
+        "The same of the last round alone, per metre": markdown(["cell", "task", "points"], last),
+        "What each strategy comes to": markdown(
+            [
+                "cell",
+                "strategy",
+                "CIFAR-10, %",
+                "MNIST, %",
+                "CIFAR-10 heard, %",
+                "MNIST heard, %",
+                "rounds",
+            ],
+            level,
+        ),
+        "Not computed": "\n".join(f"- {name}" for name in missing) or "Nothing is missing.",
+    }
+    return _HEAD + "".join(f"\n## {title}\n\n{text}\n" for title, text in parts.items())
+
+
+_HEAD = """\
+# Who learns what where communities live apart
+
+Made from rounds.csv.gz by `python docs/apart_gains.py`; the runs by `python docs/apart_runs.py`,
+not flown, on a tenth of the data. Planned before: [PLAN](../PLAN.md), stage 2a.
+
+Accuracy: on held-out images, mean of the last ten rounds that count. Per metre: when 40 km are
+spent. Per round: after as many rounds as the shorter run has. Per joule: up to what the cheaper run
+took in all. In brackets: over `no_cov`'s mean, and in how many seeds `cov` is ahead. `cifar10_only`
+gives MNIST's devices no importance; `ideal` hears everybody in 50 rounds, whatever the cell. A p
+times thirteen, the tests of the stage, is at least what Holm makes of it.
+"""
+
+
+def main() -> None:
+    """Collect and write."""
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("runs", type=Path, metavar="RUNS")
+    parser.add_argument("--out", type=Path, required=True, metavar="DIR")
+    options = parser.parse_args()
+    rounds = collected(options.runs)
+    options.out.mkdir(parents=True, exist_ok=True)
+    # Without a time and a name in its head, so that the same rounds are the same bytes.
+    packed = gzip.compress(rounds.to_csv(index=False, lineterminator="\n").encode(), mtime=0)
+    (options.out / "rounds.csv.gz").write_bytes(packed)
+    (options.out / "README.md").write_text(tables(rounds), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
