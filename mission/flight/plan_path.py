@@ -61,12 +61,6 @@ class Visit:
     way_ned_m: Floats  # (P, 3) from the place before; the last is the place
     by_s: float  # after the start, in calm air
 
-    @property
-    def place_ned_m(self) -> Floats:
-        """(3,) where it is."""
-        place: Floats = self.way_ned_m[-1]
-        return place
-
 
 @dataclass(frozen=True)
 class PlannedPath:
@@ -82,14 +76,9 @@ class PlannedPath:
         return np.vstack((np.zeros(3), *(visit.way_ned_m for visit in self.visits)))
 
     @property
-    def duration_s(self) -> float:
-        """Until the last place is reached, in calm air."""
-        return self.visits[-1].by_s
-
-    @property
     def places(self) -> dict[int, Floats]:
         """(3,) NED by sequence number of the item."""
-        return {visit.seq: visit.place_ned_m for visit in self.visits}
+        return {visit.seq: visit.way_ned_m[-1] for visit in self.visits}
 
     @property
     def top_m(self) -> float:
@@ -155,14 +144,13 @@ def planned_path(
     reason = route.check_mission(plan.items, frame=frame, home=home, farthest_m=p["MIS_DIST_1WP"])
     if reason:
         raise InputError(f"{plan.path}: {reason}")
-    for item in plan.items:
-        if item.command in PLACES and item.command != mav.MAV_CMD_NAV_LAND:
-            refuse(item, bad_height(item, least_m=1.0))
     visits = _visits(plan.items, home, p, limits)
     if not visits:
         raise InputError(f"{plan.path}: no item leads anywhere")
     here = np.zeros((1, 3))
     for visit in visits:
+        if plan.items[visit.seq].command != mav.MAV_CMD_NAV_LAND:
+            refuse(plan.items[visit.seq], bad_height(plan.items[visit.seq], least_m=1.0))
         way = _metre_by_metre(np.vstack((here[-1:], visit.way_ned_m)))
         if breach := breach_of(fence, way, home_ned_m=np.zeros(3), parameters=p):
             refuse(plan.items[visit.seq], f"the way there is partly {breach}")
@@ -261,5 +249,4 @@ def _metre_by_metre(points: Floats) -> Floats:
 
 def wait_of(item: MissionItem) -> float:
     """Seconds for which the vehicle hovers at an item."""
-    waits = item.command in _WAITS
-    return item.params[0] if waits and item.params[0] > 0.0 else 0.0
+    return item.params[0] if item.command in _WAITS and item.params[0] > 0.0 else 0.0

@@ -164,7 +164,7 @@ class _PlanFlight:
         """Log the planned path, as rounds have theirs."""
         area, path = self.order.area, self.order.path
         points = area_xyz(area, path.points_ned_m)
-        speed_mps = polyline.length(points) / path.duration_s
+        speed_mps = polyline.length(points) / path.visits[-1].by_s
         self.log.plan_record(
             PlanRecord(
                 round=1,
@@ -179,7 +179,7 @@ class _PlanFlight:
                 altitude_m=path.top_m,
                 height_m=points[:, 2],
                 slot_s=polyline.along(points) / speed_mps,
-                duration_s=path.duration_s,
+                duration_s=path.visits[-1].by_s,
                 route_m=points[:, :2],
                 stops_at=np.arange(len(points)),
             )

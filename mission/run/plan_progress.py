@@ -1,5 +1,6 @@
 """What a person sees of a plan file while it is flown: item, height, battery, what is said."""
 
+import math
 from collections.abc import Sequence
 
 from mission.run.progress import Progress
@@ -39,11 +40,12 @@ class PlanProgress:
                 10 * passed // len(self._order) for passed in (self._passed - 1, self._passed)
             ]
             if now is not None and tenths[0] < tenths[1]:
-                self._progress.step(f"{at}: {self._item}, {_state(now)}")
+                self._progress.notice(f"{at}: {self._item}, {_state(now)}")
         elif event.kind in ("status", "failsafe", "fault") and event.severity <= _NOTICE:
             self._progress.notice(f"{at}: {event.text}")
 
 
 def _state(sample: VehicleSample) -> str:
-    charge = f"{100 * sample.battery.remaining:.0f} %"
-    return f"{0.0 - round(sample.belief.pos_ned_m[2]):.0f} m high, battery {charge}"
+    charge = 100 * sample.battery.remaining
+    told = "unknown" if math.isnan(charge) else f"{charge:.0f} %"
+    return f"{0.0 - round(sample.belief.pos_ned_m[2]):.0f} m high, battery {told}"

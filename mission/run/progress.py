@@ -22,9 +22,6 @@ class Progress:
     def round_done(self, record: RoundRecord, *, real_time_factor: float) -> None:
         """Show a finished round."""
 
-    def step(self, text: str) -> None:
-        """Show how far a flight has come, where nothing shows the phase under way."""
-
     def notice(self, text: str) -> None:
         """Show a message in a line of its own."""
 
@@ -37,9 +34,6 @@ class PlainLines(Progress):
 
     def __init__(self, console: Console, *, rounds: int, flown: bool) -> None:
         self._console, self._rounds, self._flown = console, rounds, flown
-
-    def step(self, text: str) -> None:
-        self.notice(text)
 
     def notice(self, text: str) -> None:
         self._console.print(text, **PLAIN)

@@ -36,10 +36,9 @@ STREAMS_HZ = {
 }
 ESTIMATOR_HZ = 2.0
 _UNKNOWN_PERCENT = -1
-_NOTICE = 5  # MAV_SEVERITY
 _REBOOT_MS = 5_000  # no message is that late
 FLOWN_S = 120.0  # in which any battery loses more than a reading's 1 %
-_INFO = 6
+_INFO = 6  # MAV_SEVERITY
 
 
 class Source(Protocol):
@@ -127,7 +126,7 @@ class TelemetryFeed:
                 )
             )
 
-    def note(self, text: str, *, severity: int = _NOTICE) -> None:
+    def note(self, text: str, *, severity: int = _INFO) -> None:
         """Put a line about the vehicle into the log, where it is and flies now."""
         self._happened("status", text, severity)
 

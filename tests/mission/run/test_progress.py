@@ -12,6 +12,7 @@ from rich.console import Console
 
 from mission.base.stopwatch import Stopwatch
 from mission.log.records import UNKNOWN_ROUND, RoundRecord
+from mission.run.plan_progress import PlanProgress
 from mission.run.progress import LiveTable, PlainLines, Progress, make_progress
 from mission.run.recorder import FolderRecorder
 
@@ -138,3 +139,34 @@ def test_a_long_phase_says_for_how_long(monkeypatch) -> None:
     monkeypatch.undo()
     progress.close()
     assert "round 1/3: training ..., 12 s" in caught.get()
+
+
+def test_a_plan_file_shows_item_height_battery_and_what_is_said() -> None:
+    progress = Mock(spec=Progress)
+    watch = PlanProgress(progress, "survey.plan", (1, 2, 1, 4))
+
+    def seen(t_s: float, remaining: float) -> None:
+        belief, battery = Mock(pos_ned_m=(0.0, 0.0, -49.6)), Mock(remaining=remaining)
+        watch.sampled(Mock(t_ns=round(t_s * 1e9), belief=belief, battery=battery))
+
+    def told(t_s: float, kind: str, text: str, seq: int | None = None, severity: int = 6) -> None:
+        watch.happened(
+            Mock(t_ns=round(t_s * 1e9), kind=kind, text=text, seq=seq, severity=severity)
+        )
+
+    seen(1.0, math.nan)
+    seen(1.1, 0.97)  # not every sample
+    told(1.2, "reached", "item 1", 1)
+    seen(2.1, 0.97)
+    told(2.2, "status", "item 3: reported", 3)
+    told(2.2, "status", "Geofence loaded")
+    told(2.3, "failsafe", "Battery low", severity=2)
+    told(1.5, "reached", "item 2", 2)  # found out afterwards
+    assert [str(call.args[0]) for call in progress.phase.call_args_list] == [
+        "flying survey.plan: on the way to the first place, 50 m high, battery unknown",
+        "flying survey.plan: item 1 (1 of 4), 50 m high, battery 97 %",
+    ]
+    assert [str(call.args[0]) for call in progress.notice.call_args_list] == [
+        "t 1.2 s: item 1 (1 of 4), 50 m high, battery 97 %",
+        "t 2.3 s: Battery low",
+    ]

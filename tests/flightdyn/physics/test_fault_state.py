@@ -1,0 +1,24 @@
+"""When configured faults begin."""
+
+from unittest.mock import Mock
+
+from flightdyn.faults import WindBurst
+from flightdyn.physics.fault_state import FaultState
+
+S = 1_000_000_000
+
+
+def test_a_fault_counts_from_what_it_comes_after_when_that_first_happens() -> None:
+    at_once = WindBurst(at_s=1.0, north_mps=1.0, duration_s=1.0)
+    armed = WindBurst(after="arming", at_s=2.0, north_mps=2.0, duration_s=1.0)
+    third = WindBurst(after=3, north_mps=4.0, duration_s=1.0)
+    state = FaultState([third, armed, at_once], Mock(), receiver=None, imu=None)
+    begun: dict[int, float] = {}
+    happens: dict[int, str | int] = {10: "arming", 11: "take-off", 20: 3, 30: "arming", 40: 3}
+    for t_s in range(50):
+        if t_s in happens:
+            state.happened(happens[t_s], t_s * S)
+        state.update(t_s * S)
+        if north_mps := state.burst_ned_mps[0]:
+            begun[t_s] = north_mps
+    assert begun == {1: 1.0, 12: 2.0, 20: 4.0}
