@@ -35,6 +35,7 @@ class Made:
     """How a number is made of what was measured in one round, or in all of a run."""
 
     by: Callable[[Sequence[Measured]], float]
+    of: str  # what it is made of
 
 
 def _rms(values: Floats) -> float:
@@ -60,7 +61,7 @@ def _known(reduce: Callable[[Floats], float]) -> Callable[[Floats], float]:
 
 def _of(reduce: Callable[[Floats], float], name: str) -> Made:
     """A statistic of all rounds' samples (or slots) pooled, not a mean of the rounds' own."""
-    return Made(lambda items: reduce(np.concatenate([getattr(item, name) for item in items])))
+    return Made(lambda items: reduce(np.concatenate([getattr(item, name) for item in items])), name)
 
 
 def _sum(name: str) -> Made:
@@ -70,7 +71,7 @@ def _sum(name: str) -> Made:
         known = all(name in item.numbers for item in items)
         return sum(item.numbers[name] for item in items) if known else math.nan
 
-    return Made(add)
+    return Made(add, name)
 
 
 @dataclass(frozen=True)
@@ -147,7 +148,7 @@ class Comparison:
     # 0..1 of the capacity at the end.
     battery_remaining: Annotated[
         float,
-        Made(lambda items: items[-1].numbers["battery_remaining"]),
+        Made(lambda items: items[-1].numbers["battery_remaining"], "battery_remaining"),
         Label("battery left (0..1)", 3),
     ]
     # Over ground; and the wind at the aircraft, horizontally, where the log has it.
@@ -161,7 +162,7 @@ class Comparison:
     gnss_gaps: Annotated[float, _sum("gnss_gaps")]
     gnss_gap_max_s: Annotated[
         float,
-        Made(lambda items: max(item.numbers["gnss_gap_max_s"] for item in items)),
+        Made(lambda items: max(i.numbers["gnss_gap_max_s"] for i in items), "gnss_gap_max_s"),
         Label("longest gap of GNSS (s)", 1),
     ]
 

@@ -4,23 +4,31 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from mission.api.configuring import as_path
 from mission.api.runs import Run, load
 from mission.base.errors import InputError
 
 if TYPE_CHECKING:
-    import pandas as pd
+    from mission.api.comparison import Comparison
 
 
 def compare(
-    *runs: Run | Path | str, rounds: int | None = None, by_round: bool = False
-) -> "pd.DataFrame":
+    *runs: Run | Path | str,
+    plan: Path | str | None = None,
+    believed: bool = False,
+    rounds: int | None = None,
+    by_round: bool = False,
+) -> "Comparison":
     """Planned against flown, a row a run: the numbers of `aerofed compare`.
 
     The columns are explained in docs/comparing.md; the index is the name of the run's folder, with
-    `by_round` that and the round. Two runs of one name keep their paths.
+    `by_round` that and the round. Two runs of one name keep their paths. The table is pandas' own,
+    with `check` beside it: compare(log).check(cross_track_max_m=3).
 
     Args:
-        runs: one or more, flown or loaded, or their folders.
+        runs: one or more, flown or loaded, or their folders, or flight logs of any kind.
+        plan: a plan file to compare with; default: the mission in the log.
+        believed: compare where the autopilot believed to be, also where the truth is known.
         rounds: only the first rounds, so that runs of different length compare.
         by_round: a row a round of each run, instead of one over all its rounds.
 
@@ -28,14 +36,21 @@ def compare(
         InputError: none was given, or no round of one was flown.
     """
     from mission.analysis.compare import compare_run
+    from mission.analysis.load import load_run
+    from mission.api.comparison import Comparison
     from mission.api.frames import frame
 
     if not runs:
         raise InputError("compare: give at least one run")
     if rounds is not None and rounds < 1:
         raise InputError(f"compare: rounds = {rounds}: must be at least 1")
-    loaded = [run if isinstance(run, Run) else load(run) for run in runs]
-    found = [compare_run(run._loaded, rounds=rounds) for run in loaded]
+    file = None if plan is None else as_path(plan, "plan")
+    if file is None and not believed:
+        loaded = [(run if isinstance(run, Run) else load(run))._loaded for run in runs]
+    else:
+        paths = [run.path if isinstance(run, Run) else as_path(run, "path") for run in runs]
+        loaded = [load_run(path, file, believed=believed) for path in paths]
+    found = [compare_run(run, rounds=rounds) for run in loaded]
     names = [item.run.name for item in found]
     rows = [
         {
@@ -47,5 +62,9 @@ def compare(
     ]
     table = frame(None, rows)
     if by_round:
-        return table.set_index(["run", "round"])
-    return table.set_index("run").drop(columns="round")
+        table = table.set_index(["run", "round"])
+    else:
+        table = table.set_index("run").drop(columns="round")
+    made = Comparison(table)
+    made.flights = tuple(found)
+    return made

@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from typing import Self
 
 LIMITS_NOT_MET = 6
+DIFFERENT = 7
 INTERRUPTED = 130
 
 # In words, for the command line and the documentation.
@@ -14,7 +15,8 @@ EXIT_CODES: Mapping[int, str] = {
     3: "no feasible plan",
     4: "failed on the way: flight not finished, or training diverged",
     5: "link lost, download failed, or port in use",
-    LIMITS_NOT_MET: "limits not met, or differences found",
+    LIMITS_NOT_MET: "limits not met",
+    DIFFERENT: "logs differ, or a log has gaps",
     INTERRUPTED: "interrupted by Ctrl-C, SIGTERM or SIGHUP; aerofed run --resume goes on",
 }
 

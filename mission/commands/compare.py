@@ -1,14 +1,14 @@
 """`aerofed compare`."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rich.console import Console
 
-from mission.base.errors import InputError
+from mission.base.errors import LIMITS_NOT_MET, InputError
 from mission.base.terminal import PLAIN, Terminal
-from mission.commands.options import Flag, Json, print_json
+from mission.commands.options import Flag, Json, Limits, print_json
 
 if TYPE_CHECKING:
     from mission.analysis.compare import RunComparison
@@ -19,6 +19,9 @@ def compare(
     *others: Path,
     plan: Path | None = None,
     believed: Flag = False,
+    limit: Limits = (),
+    limits: Path | None = None,
+    junit: Path | None = None,
     as_json: Json = False,
     figure: Path | None = None,
     rounds: int | None = None,
@@ -27,7 +30,7 @@ def compare(
 
     Example: aerofed compare paper6
     Example: aerofed compare cov no_cov --figure both.png
-    Example: aerofed compare log_12.ulg --plan survey.plan
+    Example: aerofed compare log_12.ulg --plan survey.plan --limit cross_track_max_m=3
 
     Parameters
     ----------
@@ -40,6 +43,14 @@ def compare(
         A .plan or .waypoints file to compare with. Default: the mission in the log.
     believed
         Compare where the autopilot believed to be, also where the log has the true position.
+    limit
+        NAME=VALUE, once for each limit: a number of the comparison (as --json names it) and the
+        most that is allowed, or the least of battery_remaining and of what arrives. Exit code 6
+        and a line for each that is not met.
+    limits
+        TOML file with a table [limits] of such numbers.
+    junit
+        Also write the verdict into this file, as JUnit's XML.
     as_json
         Print JSON, with every number at full precision, not tables: a list with one entry per run.
     figure
@@ -52,8 +63,10 @@ def compare(
         raise InputError(f"--rounds {rounds}: must be at least 1")
     from mission.analysis.compare import compare_run
     from mission.analysis.comparison_text import lines, side_by_side, tables
+    from mission.analysis.limits import given_limits, verdicts
     from mission.analysis.load import load_run
 
+    bounds = given_limits(limit, limits)
     loaded = [load_run(path, plan, believed=believed) for path in (run, *others)]
     aside = Console(stderr=True, **PLAIN)
     found = [compare_run(item, rounds=rounds) for item in loaded]
@@ -65,7 +78,13 @@ def compare(
         save(comparison_figure(found), figure)
     console = Terminal.for_tables()
     if as_json:
-        print_json([item.values for item in found])
+        judged = [verdicts(item, bounds) for item in found]
+        print_json(
+            [
+                {**item.values, **({"limits": its} if bounds else {})}
+                for item, its in zip(found, judged, strict=True)
+            ]
+        )
     else:
         for table in side_by_side(found, width=console.width) if others else tables(found[0]):
             console.print(table)
@@ -74,7 +93,25 @@ def compare(
     for item in loaded:
         if item.notice:
             aside.print(f"{item.path}: {item.notice}")
-    return 0
+    return tell_verdict(found, bounds, junit)
+
+
+def tell_verdict(
+    found: Sequence["RunComparison"], bounds: Mapping[str, float], junit: Path | None
+) -> int:
+    """Say which limits are not met, a line each; the exit code."""
+    from mission.analysis.comparison_text import names_of
+    from mission.analysis.limits import junit as write
+    from mission.analysis.limits import verdicts
+
+    judged = [verdicts(item, bounds) for item in found]
+    if junit is not None:
+        write(junit, dict(zip(names_of(found), judged, strict=True)))
+    broken = [item for each in judged for item in each if not item.met]
+    aside = Console(stderr=True, **PLAIN)
+    for item in broken:
+        aside.print(f"aerofed: {item.words}")
+    return LIMITS_NOT_MET if broken else 0
 
 
 def _warn_of_lengths(found: Sequence["RunComparison"], aside: Console) -> None:

@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
-from mission.commands.options import LIVE_PORT, Flag, Json, Overrides, console, load
-from mission.commands.run import summary_of, write_page
+from mission.commands.options import LIVE_PORT, Flag, Json, Limits, Overrides, console, load
+from mission.commands.run import bounds_of, judge, summary_of, write_page
 
 
 def fly(
@@ -15,6 +15,8 @@ def fly(
     vehicle: str | None = None,
     live: Flag = False,
     live_port: int = LIVE_PORT,
+    limit: Limits = (),
+    junit: Path | None = None,
     no_figures: Flag = False,
     no_report: Flag = False,
     quiet: Flag = False,
@@ -46,6 +48,11 @@ def fly(
         --set link.speed=1 for real time.
     live_port
         Port of the live view; 0 takes a free one.
+    limit
+        NAME=VALUE, once for each limit on a number of `aerofed compare`, beside those of the
+        table [limits]: exit code 6 and a line for each that is not met.
+    junit
+        Also write the verdict into this file, as JUnit's XML.
     no_figures
         Draw no pictures into the folder; the page has its own.
     no_report
@@ -58,10 +65,12 @@ def fly(
     watching = console(quiet=quiet or as_json, live=live, live_port=live_port)
     external = {"link.kind": None if vehicle is None else "external", "link.url": vehicle}
     resolved = load(config, set_, external)
+    bounds = bounds_of(resolved, limit)
     # Only now, so that wrong input is answered at once.
     from mission.base.run_folder import output_folder
     from mission.run.plan_flight import fly_plan
 
     page = None if no_report else write_page
     with output_folder(out, plan.stem) as folder, summary_of(folder, as_json=as_json):
-        return fly_plan(resolved, plan, folder, console=watching, figures=not no_figures, page=page)
+        code = fly_plan(resolved, plan, folder, console=watching, figures=not no_figures, page=page)
+        return code or judge(folder, bounds, junit)

@@ -7,7 +7,7 @@ from typing import Literal
 from rich import box
 from rich.table import Table
 
-from mission.base.errors import LIMITS_NOT_MET, InputError
+from mission.base.errors import DIFFERENT, InputError
 from mission.base.run_folder import RunFolder
 from mission.base.terminal import PLAIN, Terminal
 from mission.commands.options import Json, print_json
@@ -97,7 +97,7 @@ def check(log: Path, *, as_json: Json = False) -> int:
     Parameters
     ----------
     log
-        The log, or its run's folder. Exit code 0: sound; 2: damaged or not a log; 6: sound bytes,
+        The log, or its run's folder. Exit code 0: sound; 2: damaged or not a log; 7: sound bytes,
         but gaps.
     as_json
         Print the findings as JSON.
@@ -113,12 +113,12 @@ def check(log: Path, *, as_json: Json = False) -> int:
         raise
     if as_json:
         print_json({"log": log, "sound": not findings, "findings": findings})
-        return LIMITS_NOT_MET if findings else 0
+        return DIFFERENT if findings else 0
     console = Terminal(**PLAIN)
     for finding in findings:
         console.print(f"{log}: {finding}")
     if findings:
-        return LIMITS_NOT_MET
+        return DIFFERENT
     console.print(f"{log}: sound")
     return 0
 
@@ -183,7 +183,7 @@ def diff(first: Path, second: Path, *, as_json: Json = False) -> int:
     first
         A log, or its run's folder.
     second
-        Another log, or its run's folder. Exit code 0: they say the same; 6: they differ.
+        Another log, or its run's folder. Exit code 0: they say the same; 7: they differ.
     as_json
         Print the differences as JSON.
     """
@@ -193,11 +193,11 @@ def diff(first: Path, second: Path, *, as_json: Json = False) -> int:
     lines = compare(_file(first), _file(second))
     if as_json:
         print_json({"same": not lines, "differences": lines})
-        return LIMITS_NOT_MET if lines else 0
+        return DIFFERENT if lines else 0
     for line in lines:
         console.print(line)
     if lines:
-        return LIMITS_NOT_MET
+        return DIFFERENT
     console.print("the same")
     return 0
 

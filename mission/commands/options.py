@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 LIVE_PORT = 8765  # that Foxglove proposes
 
 Overrides = Annotated[tuple[str, ...], Parameter(name="--set", negative=())]
+Limits = Annotated[tuple[str, ...], Parameter(name="--limit", negative=())]
 Flag = Annotated[bool, Parameter(negative=())]
 Json = Annotated[bool, Parameter(name="--json", negative=())]
 

@@ -1,25 +1,29 @@
 """`aerofed run`."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
 from mission.base.console import RunConsole
 from mission.base.errors import InputError
 from mission.base.stopwatch import Stopwatch
-from mission.base.user_files import read_json
+from mission.base.user_files import parse_toml, read_json, read_text
 from mission.commands.options import (
     LIVE_PORT,
     Flag,
     Json,
+    Limits,
     Overrides,
     console,
     load,
     print_json,
 )
+
+if TYPE_CHECKING:
+    from mission.config.models import RunConfig
 
 
 def run(
@@ -35,6 +39,8 @@ def run(
     live: Flag = False,
     live_port: int = LIVE_PORT,
     resume: Path | None = None,
+    limit: Limits = (),
+    junit: Path | None = None,
     no_report: Flag = False,
     quiet: Flag = False,
     as_json: Json = False,
@@ -72,6 +78,11 @@ def run(
     resume
         Go on with the run in this folder, from its last finished round; takes no other setting:
         the folder has them all, also --no-report.
+    limit
+        NAME=VALUE, once for each limit on a number of `aerofed compare`, beside those of the
+        table [limits]: exit code 6 and a line for each that is not met.
+    junit
+        Also write the verdict into this file, as JUnit's XML.
     no_report
         Leave out report.html, the page that is written into the folder at the end.
     quiet
@@ -82,7 +93,7 @@ def run(
     watching = console(quiet=quiet or as_json, live=live, live_port=live_port)
     stopwatch = Stopwatch()
     if resume is not None:
-        others = (config, out, data_dir, seed, rounds, vehicle, *set_, *gcs)
+        others = (config, out, data_dir, seed, rounds, vehicle, junit, *set_, *gcs, *limit)
         if no_report or any(value is not None for value in others):
             raise InputError("--resume takes no other setting: the folder has them all")
         return _resume(resume, watching, stopwatch, as_json=as_json)
@@ -94,6 +105,7 @@ def run(
         "link.url": vehicle,
     }
     resolved = load(config, set_, options)
+    bounds = bounds_of(resolved, limit)
     if data_dir is not None and not data_dir.is_dir():
         raise InputError(f"--data-dir {data_dir}: no such folder")
     from mission.base.run_folder import RunFolder, output_folder
@@ -106,7 +118,7 @@ def run(
             # Only now, so that wrong input is answered at once: cvxpy and the rest take a second.
             from mission.run.session import fly_session
         with summary_of(folder, as_json=as_json):
-            return fly_session(
+            code = fly_session(
                 resolved,
                 folder,
                 data_dir=data_dir,
@@ -114,6 +126,7 @@ def run(
                 stopwatch=stopwatch,
                 page=None if no_report else write_page,
             )
+            return code or judge(folder, bounds, junit)
 
 
 def _resume(path: Path, watching: RunConsole, stopwatch: Stopwatch, *, as_json: bool) -> int:
@@ -124,8 +137,34 @@ def _resume(path: Path, watching: RunConsole, stopwatch: Stopwatch, *, as_json: 
         read_checkpoint(path)  # refuses what cannot be resumed, before anything heavy is imported
     with stopwatch("setup"), watching.waiting("loading"):
         from mission.run.session import resume_session
+    limits = parse_toml(read_text(RunFolder(path).config)).get("limits", {})
     with summary_of(path, as_json=as_json):
-        return resume_session(path, console=watching, stopwatch=stopwatch, page=write_page)
+        code = resume_session(path, console=watching, stopwatch=stopwatch, page=write_page)
+        return code or judge(path, limits, None)
+
+
+def bounds_of(config: "RunConfig", options: Sequence[str]) -> dict[str, float]:
+    """The limits of a configuration, under those of `--limit`.
+
+    Raises:
+        InputError: one of them is none.
+    """
+    if not (config.limits or options):
+        return {}
+    from mission.analysis.limits import given_limits, known_limits
+
+    return known_limits(config.limits or {}, "limits") | given_limits(options)
+
+
+def judge(folder: Path, bounds: Mapping[str, float], junit: Path | None) -> int:
+    """The verdict on a flight that has ended, where it has limits; the exit code."""
+    if not bounds:
+        return 0
+    from mission.analysis.compare import compare_run
+    from mission.analysis.load import load_run
+    from mission.commands.compare import tell_verdict
+
+    return tell_verdict([compare_run(load_run(folder))], bounds, junit)
 
 
 def write_page(folder: Path) -> None:

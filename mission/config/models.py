@@ -335,6 +335,13 @@ class RunConfig(_Model):
         "'package.module:factory'",
     )
 
+    limits: dict[str, float] | None = Field(
+        None,
+        examples=[{"cross_track_max_m": 3.0}],
+        description="numbers of `aerofed compare`, each with what it may be at most, or of what is "
+        "better the more, at least: a run or flight that does not meet one ends with exit code 6",
+    )
+
     _blame: Blame = PrivateAttr(default_factory=lambda: Blame("configuration"))
 
     def read_from(self, blame: Blame) -> Self:

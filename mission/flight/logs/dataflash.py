@@ -1,5 +1,7 @@
 """ArduPilot's DataFlash log (.bin) as a flight."""
 
+import io
+from contextlib import redirect_stderr
 from pathlib import Path
 from typing import Any
 
@@ -47,13 +49,17 @@ def read_dataflash(path: Path) -> FlightData:
     with path.open("rb") as file:
         if file.read(2) != _MAGIC:
             raise InputError(f"{path}: not a DataFlash log: it does not begin as one")
-    log = DFReader_binary(str(path))
-    try:
-        reader = _Reader(Found(path, "DataFlash of ArduPilot", "seconds since ArduPilot started"))
-        while (row := log.recv_match(type=[*_READ, *_COUNTED])) is not None:
-            reader.take(row)
-    finally:
-        log.close()
+    reader = _Reader(Found(path, "DataFlash of ArduPilot", "seconds since ArduPilot started"))
+    said = io.StringIO()  # by the library, a line for each byte that begins nothing
+    with redirect_stderr(said):
+        log = DFReader_binary(str(path))
+        try:
+            while (row := log.recv_match(type=[*_READ, *_COUNTED])) is not None:
+                reader.take(row)
+        finally:
+            log.close()
+    reader.found.skipped["damaged byte"] += said.getvalue().count("bad header")
+    reader.found.skipped = +reader.found.skipped
     return reader.found.flight()
 
 

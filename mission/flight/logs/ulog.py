@@ -7,6 +7,7 @@ in the mission mode, one after another, are taken for the items, as far as they 
 import io
 import math
 from collections.abc import Iterator
+from contextlib import redirect_stderr, redirect_stdout
 from pathlib import Path
 
 import numpy as np
@@ -67,7 +68,9 @@ def read_ulog(path: Path) -> FlightData:
     content = read_bytes(path, most=MOST_BYTES)
     if content[:4] != b"ULog":
         raise InputError(f"{path}: not a ULog: it does not begin as one")
-    log = ULog(io.BytesIO(content))
+    said = io.StringIO()  # by the library, of what is damaged
+    with redirect_stderr(said), redirect_stdout(said):
+        log = ULog(io.BytesIO(content))
     found = Found(path, "ULog of PX4", "seconds since PX4 started")
     topics = {item.name: item.data for item in reversed(log.data_list) if item.multi_id == 0}
     found.places = list(_places(topics, ("vehicle_global_position", "vehicle_gps_position")))
@@ -90,7 +93,7 @@ def read_ulog(path: Path) -> FlightData:
     found.fixes = [int(row[0]) for row in _rows(fixes, "fix_type") if row[1] >= _FIX_3D]
     _heading_for(found, topics.get("position_setpoint_triplet"))
     found.skipped["dropout"] += len(log.dropouts)
-    found.skipped["damaged stretch"] += int(log.file_corruption)
+    found.skipped["damaged stretch"] += int(log.file_corruption or bool(said.getvalue()))
     found.skipped["event of PX4's events interface"] += len(
         topics.get("event", {"timestamp": ()})["timestamp"]
     )

@@ -1,0 +1,177 @@
+"""The verdict on a flight: limits on the numbers of its comparison, and where they were not met."""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from xml.etree import ElementTree as ET
+
+import numpy as np
+
+from fl.errors import did_you_mean
+from mission.analysis.compare import Comparison, Made, RunComparison
+from mission.analysis.legs import leg_numbers
+from mission.analysis.measure import CORNER_M, Measured
+from mission.base.arrays import Floats
+from mission.base.errors import LIMITS_NOT_MET, AerofedError, InputError
+from mission.base.run_folder import write_atomically
+from mission.base.tables import told
+from mission.base.user_files import parse_toml, read_text
+from mission.log.values import NS_PER_S
+
+# Of these more is better: their limit is the least that is allowed.
+_AT_LEAST = frozenset(
+    {"battery_remaining", "delivered", "expected", "scheduled", "upper_bound"}
+    | {"plan_objective", "est_objective", "true_objective"}
+)
+_MADE = {name: how.of for name, how in told(Comparison, Made)}
+_EVENTS = {"mode_changes": "mode", "failsafes": "failsafe", "faults": "fault"}
+
+
+class LimitsNotMetError(AerofedError):
+    """A flight does not keep to its limits; `verdicts` are all of them."""
+
+    exit_code = LIMITS_NOT_MET
+
+    def __init__(self, verdicts: "Sequence[Verdict]") -> None:
+        super().__init__("\n".join(item.words for item in verdicts if not item.met))
+        self.verdicts = tuple(verdicts)
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """One limit of one flight. NaN is no value that is known, and meets no limit."""
+
+    flight: str
+    name: str
+    value: float
+    limit: float
+    met: bool
+    where: str  # leg, position and time of the worst; empty where it has none
+
+    @property
+    def words(self) -> str:
+        """A line for people."""
+        bound = "at least" if self.name in _AT_LEAST else "at most"
+        value = "not known" if math.isnan(self.value) else f"{self.value:.4g}"
+        where = f"; {self.where}" if self.where else ""
+        return f"{self.flight}: {self.name} = {value}: must be {bound} {self.limit:g}{where}"
+
+
+def known_limits(limits: Mapping[str, object], source: str) -> dict[str, float]:
+    """The limits, each of a number of the comparison.
+
+    Raises:
+        InputError: there is no such number, or a limit is none.
+    """
+    found: dict[str, float] = {}
+    for name, value in limits.items():
+        if name not in _MADE:
+            hint = did_you_mean(name, _MADE)
+            raise InputError(f"{source}: {name}: the comparison has no such number{hint}")
+        number = isinstance(value, int | float) and not isinstance(value, bool)
+        if not number or not math.isfinite(float(value)):  # type: ignore[arg-type]
+            raise InputError(f"{source}: {name} = {value!r}: must be a number")
+        found[name] = float(value)  # type: ignore[arg-type]
+    return found
+
+
+def given_limits(options: Sequence[str], file: Path | None = None) -> dict[str, float]:
+    """The limits of a TOML file's table `limits`, under those of options NAME=VALUE.
+
+    Raises:
+        InputError: one of them is none.
+    """
+    limits: dict[str, float] = {}
+    if file is not None:
+        try:
+            table = parse_toml(read_text(file)).get("limits")
+        except ValueError as error:
+            raise InputError(f"{file}: not valid TOML: {error}") from None
+        if not isinstance(table, dict):
+            raise InputError(f"{file}: has no table [limits]")
+        limits |= known_limits(table, str(file))
+    for option in options:
+        name, _, text = option.partition("=")
+        try:
+            value: object = float(text)
+        except ValueError:
+            value = text
+        limits |= known_limits({name.strip(): value}, "--limit")
+    return limits
+
+
+def verdicts(comparison: RunComparison, limits: Mapping[str, float]) -> tuple[Verdict, ...]:
+    """Whether a flight, or a whole run, keeps to each limit."""
+    found = []
+    for name, limit in limits.items():
+        value = float(getattr(comparison.total, name))
+        met = value >= limit if name in _AT_LEAST else value <= limit
+        where = "" if met else _where(comparison, name)
+        found.append(Verdict(comparison.run.name, name, value, limit, met, where))
+    return tuple(found)
+
+
+def _where(comparison: RunComparison, name: str) -> str:
+    """Where and when the worst of a number was: leg, position, time."""
+    if name in _EVENTS:
+        events = [e for e in comparison.run.data.events if e.kind == _EVENTS[name]]
+        return f"first at {events[0].t_ns / NS_PER_S:.1f} s: {events[0].text}" if events else ""
+    array = _MADE[name]
+    worst, at = -math.inf, (0, 0)
+    for index, measured in enumerate(comparison.measured):
+        values = _values(measured, array)
+        if len(values) and np.isfinite(values).any() and np.nanmax(np.abs(values)) > worst:
+            sample = int(np.nanargmax(np.abs(values)))
+            worst, at = float(abs(values[sample])), (index, sample)
+    if worst == -math.inf:
+        return ""
+    return _place(comparison, *at)
+
+
+def _values(measured: Measured, array: str) -> Floats:
+    """A number at every sample of the track; nothing where it has none at each."""
+    fit, count = measured.fit, len(measured.truth.t_ns)
+    if array == "corner_cut_m":  # at the samples that pass the corners
+        values = np.full(count, math.nan)
+        for at_m, cut_m in zip(fit.corners_m, measured.corner_cut_m, strict=False):
+            values[min(int(np.searchsorted(fit.along_m, at_m)), count - 1)] = cut_m
+        return values
+    if array == "straight":
+        away_m = np.abs(fit.along_m[:, None] - fit.corners_m).min(axis=1, initial=math.inf)
+        return np.where(away_m > CORNER_M, fit.cross_m, math.nan)
+    values = getattr(measured, array, np.zeros(0))
+    return values if len(values) == count else np.zeros(0)
+
+
+def _place(comparison: RunComparison, index: int, sample: int) -> str:
+    measured, run = comparison.measured[index], comparison.run
+    way = run.judged.passes[index] if run.judged is not None else None
+    leg = int(leg_numbers(measured, way)[sample])
+    position = measured.truth.pos_m[sample]
+    area = run.data.area
+    place = area.frame.to_geodetic(area.to_ned(position[:2], position[2]))
+    several = f"round {measured.record.round}, " if len(comparison.measured) > 1 else ""
+    return (
+        f"{several}leg {leg}, {measured.truth.t_ns[sample] / NS_PER_S:.1f} s, "
+        f"{place.lat_deg:.7f}, {place.lon_deg:.7f}, {position[2]:.1f} m high"
+    )
+
+
+def junit(path: Path, flights: Mapping[str, Sequence[Verdict]]) -> None:
+    """Write verdicts as JUnit's XML: a suite a flight, a case a limit.
+
+    Raises:
+        InputError: the file cannot be written.
+    """
+    root = ET.Element("testsuites", name="aerofed")
+    for flight, items in flights.items():
+        failures = sum(not item.met for item in items)
+        counts = {"name": flight, "tests": str(len(items)), "failures": str(failures)}
+        suite = ET.SubElement(root, "testsuite", counts)
+        for item in items:
+            case = ET.SubElement(suite, "testcase", classname=flight, name=item.name)
+            if not item.met:
+                ET.SubElement(case, "failure", message=item.words)
+    ET.indent(root)
+    write_atomically(path, ET.tostring(root, encoding="utf-8", xml_declaration=True))

@@ -1,0 +1,38 @@
+"""The table of `aerofed.compare`: pandas' own, with a verdict."""
+
+from typing import TYPE_CHECKING, ClassVar
+
+import pandas as pd
+
+if TYPE_CHECKING:
+    from mission.analysis.compare import RunComparison
+    from mission.analysis.limits import Verdict
+
+
+class Comparison(pd.DataFrame):  # type: ignore[misc]
+    """A pandas table like any other; what is computed from it is a plain one.
+
+    `flights` are the comparisons that it was made of.
+    """
+
+    _metadata: ClassVar[list[str]] = ["flights"]
+    flights: "tuple[RunComparison, ...]"
+
+    def check(self, **limits: float) -> "tuple[Verdict, ...]":
+        """The verdict of `aerofed compare --limit`: check(cross_track_max_m=3).
+
+        Returns:
+            each limit of each flight, with value, limit, and `met`.
+
+        Raises:
+            LimitsNotMetError: one is not met; its message has a line for each, with where and
+                when, and its `verdicts` are all of them.
+            InputError: the comparison has no such number.
+        """
+        from mission.analysis.limits import LimitsNotMetError, known_limits, verdicts
+
+        known = known_limits(limits, "check")
+        found = tuple(item for flight in self.flights for item in verdicts(flight, known))
+        if not all(item.met for item in found):
+            raise LimitsNotMetError(found)
+        return found

@@ -1,0 +1,148 @@
+"""Logs of PX4, ArduPilot and ground stations, compared with their missions; and the verdict."""
+
+import os
+import tomllib
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree as ET
+
+import pytest
+from made_up_logs import CORNERS, HEIGHT_M, write_dataflash, write_tlog, write_ulog
+
+import aerofed
+from mission.analysis.compare import RunComparison, compare_run
+from mission.analysis.legs import legs
+from mission.analysis.limits import LimitsNotMetError
+from mission.analysis.load import load_run
+from mission.base.errors import EXIT_CODES, LIMITS_NOT_MET
+from mission.cli import call
+
+Write = Callable[..., Path]
+KINDS: dict[str, Write] = {".ulg": write_ulog, ".bin": write_dataflash, ".tlog": write_tlog}
+
+
+def compared(log: Path) -> RunComparison:
+    loaded = load_run(log)
+    assert loaded.judged is not None, loaded.unjudged
+    return compare_run(loaded)
+
+
+def test_one_flight_in_three_logs_is_one_comparison(tmp_path: Path) -> None:
+    found = [compared(write(tmp_path / f"x{end}", off_m=3.0)) for end, write in KINDS.items()]
+    for other in found[1:]:
+        for name in ("cross_track_rms_m", "cross_track_max_m", "corner_cut_max_m", "height_max_m"):
+            first, second = (getattr(c.total, name) for c in (found[0], other))
+            assert second == pytest.approx(first, abs=0.012), name  # degE7: 1.1 cm
+        times = [
+            [p.t_s - way.record.start_t_s for p in way.passages]
+            for c in (found[0], other) if c.run.judged for way in c.run.judged.passes
+        ]  # fmt: skip
+        assert times[1] == pytest.approx(times[0], abs=0.02)
+    for one in found:
+        assert one.total.slots == len(CORNERS)
+        assert one.total.slots_missed == 0
+        assert one.run.data.source.only == "believed"
+        assert str(one.total.estimate_rms_m) == "nan"
+
+
+@pytest.mark.parametrize("end", KINDS)
+@pytest.mark.parametrize("off_m", [1.0, 3.0, 10.0])
+def test_an_offset_is_at_the_right_leg(tmp_path: Path, end: str, off_m: float) -> None:
+    found = compared(KINDS[end](tmp_path / f"x{end}", off_m=off_m))
+    assert found.run.judged is not None
+    rows = legs(found.measured, found.run.judged)
+    assert [round(row.length_m) for row in rows] == [round(HEIGHT_M), 100, 120, 160]
+    assert rows[2].cross_track_max_m == pytest.approx(off_m, abs=0.02)
+    assert max(row.cross_track_max_m for row in (*rows[:2], rows[3])) < 0.05
+
+
+@pytest.mark.parametrize(
+    ("end", "other", "said"),
+    [
+        (".ulg", {"kind": 2}, "the log of a fixed-wing aircraft: only multicopters' are compared"),
+        (".bin", {"vehicle": "ArduPlane"}, "the log of ArduPlane: only multicopters'"),
+        (".tlog", {"kind": 1}, "the log of another kind of vehicle (fixed wing)"),
+        (".tlog", {"reboot": True}, "its clocks disagree: the recorder's goes on"),
+    ],
+)
+def test_another_vehicle_and_a_restart_are_refused_in_a_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], end: str, other: Any, said: str
+) -> None:
+    log = KINDS[end](tmp_path / f"x{end}", **other)
+    assert call(["compare", str(log)]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith(f"aerofed: {log}: {said}")
+
+
+@pytest.mark.parametrize("end", KINDS)
+def test_cut_and_altered_logs_end_in_a_line_at_most(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], end: str
+) -> None:
+    whole = KINDS[end](tmp_path / f"x{end}").read_bytes()
+    broken = tmp_path / f"broken{end}"
+    stretches = [whole[: len(whole) * k // 9] for k in range(9)]
+    stretches += [
+        whole[:at] + os.urandom(200) + whole[at + 200 :]
+        for at in range(0, len(whole), len(whole) // 9)
+    ]
+    for content in stretches:
+        broken.write_bytes(content)
+        code = call(["compare", str(broken)])
+        errors = capsys.readouterr().err.splitlines()
+        assert (code, len(errors)) in ((0, 0), (2, 1)), errors
+
+
+def test_devices_are_not_read(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for end in KINDS:
+        link = tmp_path / f"zero{end}"
+        link.symlink_to("/dev/zero")
+        assert call(["compare", str(link)]) == 2
+        assert len(capsys.readouterr().err.splitlines()) == 1
+
+
+def test_a_limit_that_is_not_met_is_told_with_where_and_when(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    log, xml = write_ulog(tmp_path / "x.ulg", off_m=3.0), tmp_path / "verdict.xml"
+    limits = ["--limit", "cross_track_max_m=2", "--limit", "height_rms_m=1"]
+    assert call(["compare", str(log), *limits, "--junit", str(xml)]) == LIMITS_NOT_MET
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith("aerofed: x.ulg: cross_track_max_m = 3: must be at most 2; leg 3, 3")
+    (suite,) = ET.parse(xml).getroot()
+    assert (suite.get("tests"), suite.get("failures")) == ("2", "1")
+    table = tmp_path / "limits.toml"
+    table.write_text("[limits]\ncross_track_max_m = 3.5\nwind_max_mps = 5\n")
+    assert call(["compare", str(log), "--limits", str(table)]) == LIMITS_NOT_MET
+    assert "wind_max_mps = not known" in capsys.readouterr().err
+    assert call(["compare", str(log), "--limit", "cross_trak_max_m=2"]) == 2
+    assert "did you mean cross_track_max_m?" in capsys.readouterr().err
+    assert EXIT_CODES[LIMITS_NOT_MET] == "limits not met"
+
+
+def test_python_has_the_same_verdict(tmp_path: Path) -> None:
+    found = aerofed.compare(write_dataflash(tmp_path / "x.bin", off_m=3.0))
+    assert found.loc["x.bin", "cross_track_max_m"] == pytest.approx(3.0, abs=0.02)
+    assert all(item.met for item in found.check(cross_track_max_m=3.5))
+    with pytest.raises(LimitsNotMetError, match="leg 3") as raised:
+        found.check(cross_track_max_m=2, failsafes=0)
+    assert [item.met for item in raised.value.verdicts] == [False, True]
+
+
+def test_a_flight_of_a_plan_ends_with_its_verdict(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    plan, out = tmp_path / "p.waypoints", tmp_path / "out"
+    rows = [(22, 0, 0), (16, 0, 5e-4), (16, 5e-4, 5e-4)]
+    lines = [
+        f"{seq}\t0\t3\t{command}\t0\t0\t0\t0\t{47 + north}\t{8 + east}\t20\t1"
+        for seq, (command, north, east) in enumerate(rows)
+    ]
+    plan.write_text("\n".join(["QGC WPL 110", *lines]) + "\n")
+    common = ["fly", str(plan), "--no-report", "--quiet", "--out"]
+    assert call([*common, str(out), "--limit", "slots_missed=0"]) == 0
+    again = [*common, str(tmp_path / "two"), "--set", "limits.corner_cut_max_m=0.0"]
+    assert call(again) == LIMITS_NOT_MET
+    assert "corner_cut_max_m" in capsys.readouterr().err
+    assert tomllib.loads((tmp_path / "two/config.toml").read_text())["limits"]
+    assert "limits" not in tomllib.loads((out / "config.toml").read_text())

@@ -1,0 +1,193 @@
+"""One made-up flight of a square, as ULog, DataFlash and telemetry log: bytes written here."""
+
+import math
+import struct
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from pymavlink.dialects.v20 import common as mav
+
+from flightdyn.frames import LocalFrame
+from flightdyn.state import GeodeticPoint
+
+HOME = GeodeticPoint(47.397742, 8.545594, 488.0)
+CORNERS = ((0.0, 0.0), (0.0, 100.0), (120.0, 100.0), (120.0, -60.0))  # north, east
+HEIGHT_M, SPEED_MPS, CLIMB_MPS = 30.0, 8.0, 2.0
+STEP_S = 0.1
+START_S, HOVER_S = 5.0, 6.0
+
+
+@dataclass(frozen=True)
+class Sample:
+    t_s: float
+    lat_deg: float
+    lon_deg: float
+    alt_msl_m: float
+    toward: int  # the item, from 0: take-off, then the corners after the first
+    mission: bool
+
+
+def samples(*, off_m: float = 0.0) -> Iterator[Sample]:
+    """On the ground, up, around, hover; `off_m` to the side in the middle of the second leg."""
+    frame = LocalFrame(HOME)
+    path = [(*CORNERS[0], 0.0), *((*corner, HEIGHT_M) for corner in CORNERS)]
+    t_s = 0.0
+
+    def sample(place: Any, toward: int, *, mission: bool) -> Sample:
+        at = frame.to_geodetic(np.array([place[0], place[1], 0.0]))
+        return Sample(t_s, at.lat_deg, at.lon_deg, HOME.alt_msl_m + place[2], toward, mission)
+
+    while t_s < START_S:
+        yield sample(path[0], 0, mission=False)
+        t_s += STEP_S
+    for toward, (a, b) in enumerate(pairwise(path)):
+        length = math.dist(a, b)
+        steps = round(length / (CLIMB_MPS if toward == 0 else SPEED_MPS) / STEP_S)
+        for step in range(steps):
+            share = step / steps
+            place = np.array(a) + share * (np.array(b) - np.array(a))
+            place[1] += off_m * (toward == 2 and 0.4 < share < 0.6)
+            yield sample(place, toward, mission=True)
+            t_s += STEP_S
+    for _ in range(round(HOVER_S / STEP_S)):
+        yield sample(path[-1], len(path) - 2, mission=False)
+        t_s += STEP_S
+
+
+def places() -> list[tuple[int, float, float]]:
+    """Command, latitude, longitude of each item."""
+    frame = LocalFrame(HOME)
+    found = []
+    for index, corner in enumerate(CORNERS):
+        at = frame.to_geodetic(np.array([*corner, 0.0]))
+        command = mav.MAV_CMD_NAV_TAKEOFF if index == 0 else mav.MAV_CMD_NAV_WAYPOINT
+        found.append((command, at.lat_deg, at.lon_deg))
+    return found
+
+
+def write_ulog(path: Path, *, kind: int = 1, off_m: float = 0.0) -> Path:
+    """As PX4 writes it: what it headed for, not the mission."""
+    setpoint = "bool current.valid;uint8_t current.type;double current.lat;double current.lon;float current.alt"  # noqa: E501
+    topics = {
+        "vehicle_global_position": ("double lat;double lon;float alt", "<Qddf"),
+        "home_position": ("double lat;double lon;float alt", "<Qddf"),
+        "vehicle_status": (
+            "uint8_t nav_state;uint8_t arming_state;bool failsafe;uint8_t vehicle_type", "<QBB?B",
+        ),
+        "position_setpoint_triplet": (setpoint, "<Q?Bddf"),
+    }  # fmt: skip
+    out = bytearray(b"ULog\x01\x12\x35\x01" + struct.pack("<Q", 0))
+
+    def message(mark: bytes, data: bytes) -> None:
+        out.extend(struct.pack("<H", len(data)) + mark + data)
+
+    message(b"B", bytes(40))
+    for name, (fields, _) in topics.items():
+        message(b"F", f"{name}:uint64_t timestamp;{fields};".encode())
+    for number, name in enumerate(topics):
+        message(b"A", struct.pack("<BH", 0, number) + name.encode())
+
+    def data(name: str, t_s: float, *values: Any) -> None:
+        number = list(topics).index(name)
+        row = struct.pack(topics[name][1], round(t_s * 1e6), *values)
+        message(b"D", struct.pack("<H", number) + row)
+
+    data("home_position", 0.0, HOME.lat_deg, HOME.lon_deg, HOME.alt_msl_m)
+    toward = -1
+    for s in samples(off_m=off_m):
+        data("vehicle_global_position", s.t_s, s.lat_deg, s.lon_deg, s.alt_msl_m)
+        data("vehicle_status", s.t_s, 3 if s.mission else 4, 2, False, kind)
+        if s.mission and s.toward != toward:
+            toward = s.toward
+            _, lat, lon = places()[toward]
+            kind_of = 3 if toward == 0 else 0
+            data("position_setpoint_triplet", s.t_s, True, kind_of, lat, lon,
+                 HOME.alt_msl_m + HEIGHT_M)  # fmt: skip
+    message(b"L", b"4" + struct.pack("<Q", 1_000_000) + b"low battery")
+    path.write_bytes(out)
+    return path
+
+
+_FORMATS = {
+    "FMT": (128, "BBnNZ", "Type,Length,Name,Format,Columns"),
+    "POS": (1, "QLLf", "TimeUS,Lat,Lng,Alt"),
+    "ORGN": (2, "QBLLf", "TimeUS,Type,Lat,Lng,Alt"),
+    "MODE": (3, "QBBB", "TimeUS,Mode,ModeNum,Rsn"),
+    "MSG": (4, "QZ", "TimeUS,Message"),
+    "CMD": (5, "QHHHffffLLfB", "TimeUS,CTot,CNum,CId,Prm1,Prm2,Prm3,Prm4,Lat,Lng,Alt,Frame"),
+    "MISE": (6, "QHH", "TimeUS,CTot,CNum"),
+}
+_PACKED = {"Q": "Q", "L": "i", "f": "f", "B": "B", "H": "H", "Z": "64s", "n": "4s", "N": "16s"}
+
+
+def write_dataflash(path: Path, *, vehicle: str = "ArduCopter", off_m: float = 0.0) -> Path:
+    """As ArduCopter writes it: item 0 is home."""
+    out = bytearray()
+
+    def row(name: str, *values: Any) -> None:
+        number, form, _ = _FORMATS[name]
+        packed = "<" + "".join(_PACKED[letter] for letter in form)
+        out.extend(b"\xa3\x95" + bytes([number]) + struct.pack(packed, *values))
+
+    for name, (number, form, columns) in _FORMATS.items():
+        size = 3 + struct.calcsize("<" + "".join(_PACKED[letter] for letter in form))
+        row("FMT", number, size, name.encode(), form.encode(), columns.encode())
+    lat, lon = round(HOME.lat_deg * 1e7), round(HOME.lon_deg * 1e7)
+    row("MSG", 1000, f"{vehicle} V4.7.0".encode())
+    row("ORGN", 1000, 1, lat, lon, HOME.alt_msl_m)
+    row("MSG", 1000, b"New mission")
+    row("CMD", 1000, 5, 0, 16, 0, 0, 0, 0, lat, lon, HOME.alt_msl_m, 0)
+    for index, (command, lat_deg, lon_deg) in enumerate(places()):
+        where = round(lat_deg * 1e7), round(lon_deg * 1e7), HEIGHT_M, 3
+        row("CMD", 1000, 5, index + 1, command, 0, 0, 0, 0, *where)
+    mission, toward = None, -1
+    for s in samples(off_m=off_m):
+        t_us = round(s.t_s * 1e6)
+        if s.mission != mission:
+            mission = s.mission
+            row("MODE", t_us, *((3, 3) if mission else (5, 5)), 2)
+        if s.mission and s.toward != toward:
+            toward = s.toward
+            row("MISE", t_us, 5, toward + 1)
+        row("POS", t_us, round(s.lat_deg * 1e7), round(s.lon_deg * 1e7), s.alt_msl_m)
+    path.write_bytes(out)
+    return path
+
+
+def write_tlog(path: Path, *, kind: int = 2, reboot: bool = False, off_m: float = 0.0) -> Path:
+    """As a ground station of PX4 writes it, with the upload of the mission."""
+    out = bytearray()
+    vehicle, station = mav.MAVLink(None, 1, 1), mav.MAVLink(None, 255, 190)
+
+    def told(t_s: float, message: Any, by: mav.MAVLink = vehicle) -> None:
+        out.extend(struct.pack(">Q", round((1e9 + t_s) * 1e6)) + bytes(message.pack(by)))
+
+    def heartbeat(t_s: float, mission: bool) -> None:
+        custom = (4 << 16) | ((4 if mission else 3) << 24)
+        told(t_s, mav.MAVLink_heartbeat_message(kind, 12, 157, custom, 4, 3))
+
+    heartbeat(0.0, False)
+    home = round(HOME.lat_deg * 1e7), round(HOME.lon_deg * 1e7), round(HOME.alt_msl_m * 1e3)
+    told(0.0, mav.MAVLink_home_position_message(*home, 0, 0, 0, [1, 0, 0, 0], 0, 0, 0))
+    told(0.0, mav.MAVLink_mission_count_message(1, 1, 4, 0), station)
+    for seq, (command, lat, lon) in enumerate(places()):
+        at = round(lat * 1e7), round(lon * 1e7), HEIGHT_M
+        told(0.1, mav.MAVLink_mission_item_int_message(
+            1, 1, seq, 3, command, 0, 1, 0, 0, 0, 0, *at, 0), station)  # fmt: skip
+    mission, toward = False, -1
+    for s in samples(off_m=off_m):
+        if s.mission != mission:
+            mission = s.mission
+            heartbeat(s.t_s, mission)
+        if s.mission and s.toward != toward:
+            toward = s.toward
+            told(s.t_s, mav.MAVLink_mission_current_message(toward))
+        boot_ms = round(1e3 * (s.t_s - 30.0 * (reboot and s.t_s > 40.0)))
+        where = round(s.lat_deg * 1e7), round(s.lon_deg * 1e7), round(s.alt_msl_m * 1e3)
+        told(s.t_s, mav.MAVLink_global_position_int_message(boot_ms, *where, 0, 0, 0, 0, 0))
+    path.write_bytes(out)
+    return path
