@@ -16,7 +16,7 @@ from fl.federation import fairness as fair
 from fl.federation.algorithms import Update, mean_step
 from fl.federation.community import Community, Federation
 from fl.federation.state import CommunityState, FederationState, Pending, parts_of
-from fl.federation.updates import trained
+from fl.federation.updates import Begun, trained
 from fl.training.local import in_parallel
 
 
@@ -92,14 +92,20 @@ def _importance(federation: Federation, cov: Floats, missed: Bools) -> Floats:
 
 
 def play_round(
-    federation: Federation, state: FederationState, who: Participation, *, workers: int = 1
+    federation: Federation,
+    state: FederationState,
+    who: Participation,
+    *,
+    workers: int = 1,
+    early: Begun | None = None,
 ) -> tuple[FederationState, RoundLearning]:
     """One communication round, given who was scheduled and whose update arrives.
 
     Of all devices only those are trained whose update arrives, or who keep it: nobody would ever
     see the rest, and every device draws from its own stream, so the result is the same. Up to
-    `workers` devices train at a time, with the same result for any number. Raises
-    `DivergedError` naming round, community and device.
+    `workers` devices train at a time, some of them `early`, from `begin_training` with the same
+    state; the result is the same for any number. Raises `DivergedError` naming round, community
+    and device.
     """
     scheduled, delivered = who.scheduled, who.delivered
     if scheduled.shape != federation.p.shape or delivered.shape != federation.p.shape:
@@ -118,7 +124,7 @@ def play_round(
     eps_received = np.where(delivered, sent, state.eps_received)
     workers = workers if all(c.network.parallel for c in federation.communities) else 1
     wanted = (delivered | kept) & (begun == number)
-    made = trained(federation, state, wanted, workers=workers)
+    made = trained(federation, state, wanted, early or {}, workers=workers)
     learnt = in_parallel(
         [
             partial(_learn, federation, state, index, made[index], delivered[who], kept[who])

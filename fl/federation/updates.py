@@ -1,6 +1,9 @@
 """What devices make of the models that come down: whom to train, from what, and how."""
 
+from collections.abc import Mapping
+from concurrent.futures import Executor, Future
 from functools import partial
+from typing import TypeAlias
 
 import numpy as np
 
@@ -8,35 +11,68 @@ from fl.arrays import Bools, Vector, frozen
 from fl.errors import DivergedError
 from fl.federation.algorithms import StaleStart
 from fl.federation.community import Federation
+from fl.federation.custom_algorithm import CustomAlgorithm
 from fl.federation.state import FederationState, Pending, parts_of
 from fl.plugins import PluginError
 from fl.training.custom_trainer import TrainingDevice
 from fl.training.local import LocalSettings, LocalTask, in_parallel
 
+# Training that has begun, by community and by device within it.
+Begun: TypeAlias = Mapping[tuple[int, int], Future[Pending]]
+
+
+def begin_training(
+    pool: Executor, federation: Federation, state: FederationState, likely: Bools
+) -> Begun:
+    """Train in `pool` the devices (K,) that are likely to be wanted, while it is not known yet.
+
+    A researcher's own code is left to `trained`: it is asked for what is wanted, and no more.
+    """
+    own = federation.trainer is not None or isinstance(federation.algorithm, CustomAlgorithm)
+    if own or not all(community.network.parallel for community in federation.communities):
+        return {}
+    return {
+        each: pool.submit(_train, federation, state, *each) for each in _chosen(federation, likely)
+    }
+
 
 def trained(
-    federation: Federation, state: FederationState, wanted: Bools, *, workers: int
+    federation: Federation, state: FederationState, wanted: Bools, begun: Begun, *, workers: int
 ) -> list[dict[int, Pending]]:
     """What the devices of each community have at hand after the `wanted` (K,) were trained.
 
-    Up to `workers` train at a time, one thread each.
+    Up to `workers` train at a time, one thread each, beside the last of those that have `begun`.
 
     Raises:
         DivergedError: names round, community and device.
     """
-    asked = [
-        (index, device)
-        for index in range(len(federation.communities))
-        for device in np.flatnonzero(wanted[federation.members(index)]).tolist()
-    ]
+    asked = _chosen(federation, wanted)
+    for each in begun.keys() - asked:
+        begun[each].cancel()
+
+    def finished(each: tuple[int, int]) -> Pending:
+        early = begun.get(each)
+        if early is None or early.cancel():  # who only waits there is trained here, beside others
+            return _train(federation, state, *each)
+        return early.result()
+
     results = in_parallel(
-        [partial(_train, federation, state, *each) for each in asked],
+        [partial(finished, each) for each in asked],
         workers=workers if federation.trainer is None else 1,
     )
     made = [dict(community.pending) for community in state.communities]
     for (index, device), result in zip(asked, results, strict=True):
         made[index][device] = result
     return made
+
+
+def _chosen(federation: Federation, devices: Bools) -> list[tuple[int, int]]:
+    """Community of each of the devices (K,), and its number within that."""
+    return [
+        (index, device)
+        for index in range(len(federation.communities))
+        for device in np.flatnonzero(devices[federation.members(index)]).tolist()
+    ]
 
 
 def _train(federation: Federation, state: FederationState, index: int, device: int) -> Pending:

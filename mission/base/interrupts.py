@@ -24,7 +24,7 @@ P = ParamSpec("P")
 _AGAIN_S = 0.1
 # Two signals within it are one: timeout(1) sends its own to us and to our process group.
 _SECOND_AFTER_S = 1.0
-_BACKGROUND = "aerofed-work"
+BACKGROUND = "aerofed-work"  # begins the names of threads whose work may be left alone
 
 
 @dataclass(eq=False)
@@ -158,7 +158,7 @@ async def in_background(work: Callable[P, T], *given: P.args, **named: P.kwargs)
         except BaseException as error:
             tell(future.set_exception, error)
 
-    threading.Thread(target=run, name=_BACKGROUND, daemon=True).start()
+    threading.Thread(target=run, name=BACKGROUND, daemon=True).start()
     return await future
 
 
@@ -178,7 +178,7 @@ def end_program(code: int) -> None:
     """
     if threading.current_thread() is threading.main_thread():
         signal.signal(signal.SIGINT, signal.SIG_IGN)
-    if any(thread.name == _BACKGROUND for thread in threading.enumerate()):
+    if any(thread.name.startswith(BACKGROUND) for thread in threading.enumerate()):
         end_process(code=code)
     # `python -m` takes an interruption within an `exec` of text, as dataclasses are made, for one
     # that nobody catches, and ends by SIGINT in the place of our exit code. The next `exec` clears

@@ -115,6 +115,10 @@ def run(
         RunFolder.check(folder)
         with stopwatch("setup"), watching.waiting("loading"):
             load_data(resolved, data_dir)
+            if not no_report:
+                from mission.figures.render import begin_libraries
+
+                begin_libraries()  # of the page: a core is idle while the rest is loaded
             # Only now, so that wrong input is answered at once: cvxpy and the rest take a second.
             from mission.run.session import fly_session
         with summary_of(folder, as_json=as_json):

@@ -3,6 +3,8 @@
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
+from altair.utils.schemapi import debug_mode
+
 from mission.analysis.compare import Comparison, RunComparison, compare_run
 from mission.analysis.load import LoadedRun, load_run
 from mission.base.palette import community_colour
@@ -34,6 +36,7 @@ def draw_run(folder: Path) -> tuple[Path, ...]:
         return save_all(run_pictures(load_run(folder)), folder / "figures", started)
 
 
+@debug_mode(False)  # what is described here is valid: the tests see to that
 def run_pictures(loaded: LoadedRun) -> dict[str, Chart]:
     """The pictures of a run, by the name of their file."""
     run, about = loaded.data, loaded.about

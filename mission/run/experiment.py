@@ -8,6 +8,7 @@ import numpy as np
 
 from fl.federation import rounds as learning
 from fl.federation.state import FederationState
+from fl.federation.updates import Begun
 from mission.base.console import RunConsole
 from mission.base.interrupts import in_background
 from mission.base.record_file import RecordFile
@@ -107,13 +108,15 @@ class Experiment(ABC):
         done = self.totals.rounds_done
         return self.memory[done] if done < len(self.memory) else None
 
-    async def _learn(self, who: learning.Participation) -> learning.RoundLearning:
+    async def _learn(
+        self, who: learning.Participation, early: Begun | None = None
+    ) -> learning.RoundLearning:
         self._show("training")
         state, federation = self.state, self.scenario.federation
         with self.stopwatch("learn"), errors_of_learning():
             # Heartbeats go on; simulated time stands still.
             self.state, learnt = await in_background(
-                learning.play_round, federation, state, who, workers=self.workers
+                learning.play_round, federation, state, who, workers=self.workers, early=early
             )
         return learnt
 

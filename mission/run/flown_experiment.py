@@ -2,15 +2,17 @@
 
 import math
 from collections.abc import Iterable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from fl.federation import rounds as learning
 from fl.federation.device_work import DeviceWork
+from fl.federation.updates import begin_training
 from mission.base.arrays import Bools, Floats
 from mission.base.errors import FlightError, LinkLostError
-from mission.base.interrupts import in_background
+from mission.base.interrupts import BACKGROUND, in_background
 from mission.base.user_code import errors_of_learning
 from mission.flight.fence_zones import fence_items
 from mission.flight.flight_plan import FlightPlan, flight_of_round
@@ -36,10 +38,13 @@ class FlownExperiment(Experiment):
     work: DeviceWork = field(init=False)  # of the devices, as the last round left it
     _most_drawn: float = field(default=0.0, init=False)  # of the battery (0..1), by a round so far
     _stage: str = field(default="", init=False)  # of the flight, for people
+    _trainer: ThreadPoolExecutor = field(init=False)  # of devices, during the flight
 
     def __post_init__(self) -> None:
         super().__post_init__()
         self.work = self.scenario.work_before()
+        # One thread: a core is left for the flight.
+        self._trainer = ThreadPoolExecutor(1, thread_name_prefix=BACKGROUND)
 
     async def _run(self) -> None:
         run, recorder = self.recorder.run, self.recorder
@@ -55,6 +60,8 @@ class FlownExperiment(Experiment):
                 raise
             when = f"{self._stage}, t {self.totals.sim_s:.1f} s"
             raise error.in_words(f"{when}: {error}") from error.__cause__
+        finally:
+            self._trainer.shutdown(wait=False, cancel_futures=True)
 
     def flown(self) -> str:
         if self.scenario.config.mission.strategy == "barycenter":
@@ -90,6 +97,10 @@ class FlownExperiment(Experiment):
         problem = problem.at(sortie.plan.altitude_m)
         if recalled is None:
             self._show("flying")
+        early = None
+        if recalled is None and self.workers > 1:
+            asked = self._mask(np.nonzero(sortie.plan.schedule)[1])
+            early = begin_training(self._trainer, self.scenario.federation, self.state, asked)
         plan, flight, foreseen = await self._fly(flyer, problem, sortie)
         self._most_drawn = max(self._most_drawn, _known(charge - flight.battery_remaining))
         self.work = self.work.round_begins(self.totals.next_round, int(flight.t_ns[0]))
@@ -106,7 +117,7 @@ class FlownExperiment(Experiment):
         self.work = self.work.round_ends(late=late, sent=sent)
         kept = self.work.kept(int(flight.t_ns[-1]))
         who = learning.Participation(scheduled, delivered, self.work.begun, kept)
-        learnt = recalled.learnt if recalled else await self._learn(who)
+        learnt = recalled.learnt if recalled else await self._learn(who, early)
         used = self._used(problem, sortie, flight, foreseen)
         record = RoundRecord(
             round=self.totals.next_round,

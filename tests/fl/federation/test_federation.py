@@ -1,7 +1,11 @@
 """Rounds of a federation against the specification, retold with loops and plain torch modules."""
 
+import itertools
 import math
+from concurrent.futures import ThreadPoolExecutor, as_completed
+from dataclasses import replace
 from pathlib import Path
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -16,7 +20,9 @@ from fl.errors import (
 )
 from fl.federation import rounds as fed
 from fl.federation.community import Federation, build_federation
+from fl.federation.custom_algorithm import CustomAlgorithm
 from fl.federation.state import FederationState, from_bytes, to_bytes
+from fl.federation.updates import begin_training
 from fl.training.networks import ConvNet
 from flightdyn.random import RandomStreams
 
@@ -301,6 +307,48 @@ def test_any_number_of_workers_gives_the_same_bytes() -> None:
         for workers in (1, 2, 5)
     }
     assert len(saved) == 1
+
+
+def test_training_that_began_before_who_arrives_was_known_gives_the_same_bytes() -> None:
+    """What is done, at work, still waiting; asked for or not: all of it comes out the same."""
+    federation = build(FAST, DIGITS, SHAPES)
+    state = fed.init(federation)
+    likely, some = flags(7, 0, 1, 2, 4, 5), flags(7, 0, 2, 3, 5)
+    who = fed.Participation(np.ones(7, dtype=bool), some)
+    expected = to_bytes(federation, fed.play_round(federation, state, who)[0])
+    for done in range(6):
+        with ThreadPoolExecutor(1) as pool:
+            early = begin_training(pool, federation, state, likely)
+            assert len(early) == 5
+            list(itertools.islice(as_completed(early.values()), done))
+            after, _ = fed.play_round(federation, state, who, workers=2, early=early)
+            assert to_bytes(federation, after) == expected
+    # What was done is taken over, not done again.
+    another = {**early, (0, 2): early[0, 0]}
+    after, _ = fed.play_round(federation, state, who, early=another)
+    assert to_bytes(federation, after) != expected
+
+
+def test_nobody_is_told_of_a_divergence_whose_update_is_lost() -> None:
+    federation = build(FAST.model_copy(update={"learning_rate": 10.0, "local_epochs": 5}))
+    state, nobody = fed.init(federation), fed.Participation(flags(4, 2), flags(4))
+    with ThreadPoolExecutor(1) as pool:
+        early = begin_training(pool, federation, state, flags(4, 2))
+        assert isinstance(early[0, 2].exception(), DivergedError)
+        fed.play_round(federation, state, nobody, early=early)
+        with pytest.raises(DivergedError, match="device 2"):
+            fed.play_round(federation, state, replace(nobody, delivered=flags(4, 2)), early=early)
+
+
+def test_own_code_is_asked_only_for_what_is_wanted() -> None:
+    federation = build()
+    for changed in (
+        replace(federation, trainer=Mock()),
+        replace(federation, algorithm=CustomAlgorithm("mine", Mock())),
+    ):
+        pool = Mock()
+        assert begin_training(pool, changed, fed.init(federation), flags(4, 2)) == {}
+        pool.submit.assert_not_called()
 
 
 def test_divergence_names_round_community_and_device() -> None:
