@@ -92,14 +92,12 @@ def lines(comparison: RunComparison) -> list[str]:
     return [*(spike.words for spike in found), *in_words(judged)]
 
 
-def _legs(found: Sequence[Leg]) -> Table:
-    table = Table(box=box.SIMPLE_HEAD, title="Legs", title_justify="left", pad_edge=False)
-    heads = ("leg", "item", "length\n(m)", "time (s)\nfrom / to")
-    for head in (*heads, "cross-track\nrms / max", "height\nmax", "speed\n(m/s)"):
-        table.add_column(head, justify="right", no_wrap=True)
+def leg_rows(found: Sequence[Leg]) -> tuple[list[str], list[list[str]]]:
+    """Heads and cells of the table of legs."""
     several = len({leg.number for leg in found}) > 1  # passes
-    for leg in found:
-        table.add_row(
+    heads = ["leg", "item", "length\n(m)", "time (s)\nfrom / to", "cross-track\nrms / max"]
+    rows = [
+        [
             f"{leg.number}.{leg.leg}" if several else str(leg.leg),
             "-" if leg.item is None else str(leg.item),
             number(leg.length_m, 0),
@@ -107,7 +105,19 @@ def _legs(found: Sequence[Leg]) -> Table:
             f"{number(leg.cross_track_rms_m)} / {number(leg.cross_track_max_m)}",
             number(leg.height_max_m),
             number(leg.speed_mean_mps, 1),
-        )
+        ]
+        for leg in found
+    ]
+    return [*heads, "height\nmax", "speed\n(m/s)"], rows
+
+
+def _legs(found: Sequence[Leg]) -> Table:
+    table = Table(box=box.SIMPLE_HEAD, title="Legs", title_justify="left", pad_edge=False)
+    heads, rows = leg_rows(found)
+    for head in heads:
+        table.add_column(head, justify="right", no_wrap=True)
+    for row in rows:
+        table.add_row(*row)
     return table
 
 

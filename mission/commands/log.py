@@ -13,7 +13,7 @@ from mission.base.terminal import PLAIN, Terminal
 from mission.commands.options import Json, print_json
 from mission.log import DamagedLogError
 
-Form = Literal["csv", "parquet", "kml", "attachments"]
+Form = Literal["csv", "parquet", "kml", "geojson", "attachments"]
 
 
 def recover(log: Path, out: Path | None = None, *, as_json: Json = False) -> int:
@@ -139,11 +139,12 @@ def export(
     log
         The log, or its run's folder.
     out
-        The new folder, or file for kml. Default: beside the log.
+        The new folder, or file for kml and geojson. Default: beside the log.
     to
         csv or parquet: one table each of track, plans, devices, rounds, uplinks, learning, events,
-        battery, wind and innovations; kml: devices, planned and flown paths; attachments: the
-        files inside the log (configuration, a Foxglove layout).
+        battery, wind and innovations; kml: devices, planned and flown paths; geojson: planned and
+        flown paths in latitude and longitude, also of a .ulg, .bin or .tlog; attachments: the files
+        inside the log (configuration, a Foxglove layout).
     as_json
         Print the new files' paths as a JSON list.
     """
@@ -164,6 +165,11 @@ def _write(log: Path, out: Path | None, to: Form) -> tuple[Path, ...]:
         from mission.log.export import export_kml
 
         return (export_kml(log, file),)
+    if to == "geojson":
+        from mission.analysis.load import load_run
+        from mission.log.export import export_geojson
+
+        return (export_geojson(load_run(log).data, file),)
     if to == "attachments":
         from mission.log.export import export_attachments
 

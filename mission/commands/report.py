@@ -5,8 +5,8 @@ from pathlib import Path
 from mission.base.terminal import PLAIN, Terminal
 
 
-def report(run: Path, *, out: Path | None = None) -> int:
-    """Write the report of a run or a sweep: one HTML file that needs nothing else.
+def report(run: Path, *, plan: Path | None = None, out: Path | None = None) -> int:
+    """Write the report of a run, a flight or a sweep: one HTML file that needs nothing else.
 
     Example: aerofed report paper6
     Example: aerofed report paper-sweep
@@ -14,7 +14,9 @@ def report(run: Path, *, out: Path | None = None) -> int:
     Parameters
     ----------
     run
-        A run's folder, a sweep's folder, or a flight log (.mcap).
+        A run's folder, a sweep's folder, or a flight log (.mcap, .ulg, .bin, .tlog).
+    plan
+        A .plan or .waypoints file to compare a flight with. Default: the mission in its log.
     out
         The HTML file. Default: report.html in the folder, or beside the log.
     """
@@ -25,6 +27,6 @@ def report(run: Path, *, out: Path | None = None) -> int:
     else:
         from mission.report.page import write_report
 
-        path = write_report(run, out)
+        path = write_report(run, out, plan)
     Terminal(**PLAIN).print(path)
     return 0

@@ -1,5 +1,6 @@
 """A log for other programs: as CSV or Parquet tables, as KML 2.2 (OGC 07-147r2), its files."""
 
+import json
 import math
 import shutil
 from collections.abc import Iterable, Mapping, Sequence
@@ -235,6 +236,40 @@ def export_kml(path: Path, target: Path) -> Path:
     ET.indent(root)
     write_atomically(target, ET.tostring(root, encoding="utf-8", xml_declaration=True))
     return target
+
+
+def export_geojson(data: FlightData, target: Path) -> Path:
+    """Write planned and flown paths as GeoJSON (RFC 7946): longitude, latitude, height above sea
+    level; of flown ones `t_s` has the time of each position.
+
+    Raises:
+        InputError: the file exists or cannot be written.
+    """
+    if target.exists():
+        raise InputError(f"{target}: exists already; give another name")
+    only = data.source.only
+    flown = [("true", data.truth), ("believed", data.belief)]
+    features = [
+        _feature(
+            data, np.column_stack((p.route_m, p.route_height_m)), kind="planned", round=p.round
+        )
+        for p in data.plans
+    ]
+    features += [
+        _feature(data, track.pos_m, kind=kind, t_s=(track.t_ns / 1e9).tolist())
+        for kind, track in flown
+        if (only is None or kind == only) and len(track.t_ns) > 1
+    ]
+    collection = {"type": "FeatureCollection", "features": features}
+    write_atomically(target, json.dumps(collection, separators=(",", ":")))
+    return target
+
+
+def _feature(data: FlightData, points_m: Floats, **properties: object) -> dict[str, object]:
+    text = _coordinates(data, points_m).split()
+    line = [[float(number) for number in point.split(",")] for point in text]
+    geometry = {"type": "LineString", "coordinates": line}
+    return {"type": "Feature", "properties": properties, "geometry": geometry}
 
 
 def _pieces(data: FlightData) -> Iterable[tuple[str, Track]]:

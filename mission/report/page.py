@@ -7,7 +7,8 @@ from pathlib import Path
 import numpy as np
 
 from mission.analysis.compare import Comparison, RunComparison, compare_run
-from mission.analysis.comparison_text import labelled
+from mission.analysis.comparison_text import labelled, leg_rows, lines
+from mission.analysis.legs import legs
 from mission.analysis.load import LoadedRun, load_run, reached
 from mission.base.errors import InputError
 from mission.base.run_folder import RunFolder, write_atomically
@@ -24,16 +25,19 @@ from mission.report.html import page
 _PLACE_HEADS = ("item", "x m", "y m", "height m", "reached at s", "missed by m", "height error m")
 
 
-def write_report(path: Path, target: Path | None = None) -> Path:
-    """Write the report of a run, or of a flight of a plan file, to `target`; returns the file.
+def write_report(path: Path, target: Path | None = None, plan: Path | None = None) -> Path:
+    """Write the report of a run, or of any flight, to `target`; returns the file.
 
-    `path` is its folder, or its bare log. Default target: `report.html` in the folder, or beside
-    the log. Of a run that was interrupted or killed, what is there is reported.
+    `path` is its folder, or its log, which is compared with `plan` in place of its own mission.
+    Default target: `report.html` in the folder, or beside the log. Of a run that was interrupted
+    or killed, what is there is reported.
 
     Raises:
         InputError: neither, damaged, without a finished round, or `target` cannot be written.
     """
-    run = load_run(path)
+    run = load_run(path, plan)
+    if run.unjudged and not run.data.rounds:
+        raise InputError(run.unjudged)
     if not run.data.rounds:
         why = f": {run.notice}" if run.notice else ""
         done = "finished" if run.data.plan_file is None else "flown"
@@ -76,6 +80,14 @@ def report_html(loaded: LoadedRun) -> str:
                 "flight": [card(chart) for chart in profile_charts([comparison])],
                 "table": ("Places", _PLACE_HEADS, _places(run, run.plan_file)),
             }
+            if loaded.judged is not None:
+                notes = [(str(at), line) for at, line in enumerate(lines(comparison), start=1)]
+                heads, rows = leg_rows(legs(comparison.measured, loaded.judged))
+                flown["details"] = [
+                    ("The flight", numbers[0], facts),
+                    *([("Spikes, and what was not compared", numbers[0], notes)] if notes else []),
+                ]
+                flown["table"] = ("Legs", [head.replace("\n", " ") for head in heads], rows)
     return page(
         "run.html",
         title=str(summary.get("name", loaded.path.stem)),
@@ -106,7 +118,11 @@ def _tiles(run: FlightData, comparison: RunComparison | None) -> list[tuple[str,
         where = "flown in rounds"
     else:
         places = len(run.plan_file.places_m)
-        tiles = [(f"{len(reached(run))} / {places}", "places reached")]
+        done = len(reached(run))
+        if comparison is not None and comparison.run.judged is not None:
+            places, done = comparison.total.slots, comparison.total.slots
+            done -= comparison.total.slots_missed
+        tiles = [(f"{done} / {places}", "places reached")]
         where = "flown along the plan"
     if comparison is not None:
         total = comparison.total

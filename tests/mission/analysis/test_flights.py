@@ -215,3 +215,21 @@ def test_json_has_legs_spikes_and_what_was_not_compared(
     assert {"legs", "spikes", "not_compared_s", "log", "plan"} <= set(found)
     assert found["log"]["kind"] == "MCAP"
     assert len(found["legs"]) == 6
+
+
+def test_a_flight_of_two_passes_has_its_pictures_and_its_page(tmp_path: Path) -> None:
+    def abort(desk: Desk) -> None:
+        desk.fly(seconds=30)
+        mode(desk, 3)
+        desk.fly(seconds=8)
+        desk.send(mav.MAVLink_mission_set_current_message(1, 1, 1))
+        mode(desk, 4)
+
+    log, page = flown(tmp_path, plain(), abort), tmp_path / "page.html"
+    assert call(["report", str(log), "--out", str(page)]) == 0
+    text = page.read_text()
+    assert "Time line" in text
+    assert "items never reached" in text
+    picture = tmp_path / "picture.svg"
+    assert call(["compare", str(log), "--figure", str(picture)]) == 0
+    assert "pass 2" in picture.read_text()

@@ -1,5 +1,6 @@
 """Logs of PX4, ArduPilot and ground stations, compared with their missions; and the verdict."""
 
+import json
 import os
 import tomllib
 from collections.abc import Callable
@@ -8,7 +9,7 @@ from typing import Any
 from xml.etree import ElementTree as ET
 
 import pytest
-from made_up_logs import CORNERS, HEIGHT_M, write_dataflash, write_tlog, write_ulog
+from made_up_logs import CORNERS, HEIGHT_M, HOME, write_dataflash, write_tlog, write_ulog
 
 import aerofed
 from mission.analysis.compare import RunComparison, compare_run
@@ -146,3 +147,15 @@ def test_a_flight_of_a_plan_ends_with_its_verdict(
     assert "corner_cut_max_m" in capsys.readouterr().err
     assert tomllib.loads((tmp_path / "two/config.toml").read_text())["limits"]
     assert "limits" not in tomllib.loads((out / "config.toml").read_text())
+
+
+def test_positions_go_out_as_geojson(tmp_path: Path) -> None:
+    log = write_ulog(tmp_path / "x.ulg")
+    assert call(["log", "export", str(log), "--to", "geojson"]) == 0
+    found = json.loads((tmp_path / "x.geojson").read_text())["features"]
+    assert [feature["properties"]["kind"] for feature in found] == ["planned", "believed"]
+    lon, lat, alt = found[1]["geometry"]["coordinates"][0]
+    assert (lat, lon, alt) == pytest.approx((HOME.lat_deg, HOME.lon_deg, HOME.alt_msl_m), abs=1e-6)
+    times = found[1]["properties"]["t_s"]
+    assert len(times) == len(found[1]["geometry"]["coordinates"])
+    assert times == sorted(times)
