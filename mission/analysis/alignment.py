@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mission.base import polyline
-from mission.base.arrays import Floats
+from mission.base.arrays import Floats, Ints
 
 _SPACING_M = 0.5
 _MOST_NODES = 4000  # so that memory stays small: 500 bytes a sample
@@ -77,6 +77,12 @@ def align(
         waypoints_at_m=polyline.along(waypoints_m),
         above_m=away_m[:, 2] if away_m.shape[1] > 2 else np.zeros(len(away_m)),
     )
+
+
+def leg_of(fit: Alignment) -> Ints:
+    """(n,) which leg of the plan each sample was matched with, from 0."""
+    found = np.searchsorted(fit.waypoints_at_m, fit.along_m, side="right") - 1
+    return np.clip(found, 0, len(fit.waypoints_at_m) - 2)
 
 
 def closest_approach(track_m: Floats, point_m: Floats) -> float:

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING
 
 from rich import box
 from rich.table import Table
@@ -9,9 +10,11 @@ from rich.table import Table
 from mission.analysis.compare import Comparison, Label, RunComparison
 from mission.analysis.legs import Leg, legs, spikes
 from mission.analysis.measure import CORNER_M
-from mission.analysis.passes import in_words
-from mission.base.tables import number, told
+from mission.base.tables import count, number, told
 from mission.base.terminal import TABLE_WIDTH
+
+if TYPE_CHECKING:
+    from mission.analysis.passes import Judged
 
 _Cell = Callable[[Comparison], str]
 
@@ -90,6 +93,23 @@ def lines(comparison: RunComparison) -> list[str]:
         return []
     found = spikes(comparison.run.data, comparison.measured, judged)
     return [*(spike.words for spike in found), *in_words(judged)]
+
+
+def in_words(found: "Judged") -> list[str]:
+    """What was not compared, a line each; nothing where all was."""
+    lines = [
+        f"{count(number, what)} not read" for what, number in found.data.source.skipped.items()
+    ]
+    if found.apart:
+        each = ", ".join(f"{name} {seconds:.1f} s" for name, seconds in found.apart.items())
+        lines.append(f"flown outside the plan, not compared: {each}")
+    if found.left_out:
+        each = ", ".join(f"{name} ({number})" for name, number in found.left_out.items())
+        lines.append(f"items that lead nowhere known here: {each}")
+    missed = [p.seq for item in found.passes for p in item.passages if math.isnan(p.t_s)]
+    if missed:
+        lines.append("items never reached: " + ", ".join(map(str, missed)))
+    return lines
 
 
 def leg_rows(found: Sequence[Leg]) -> tuple[list[str], list[list[str]]]:

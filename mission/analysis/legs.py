@@ -3,13 +3,17 @@
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from mission.analysis.alignment import leg_of
 from mission.analysis.measure import Measured, gnss_gaps
-from mission.analysis.passes import Judged, Pass, leg_of
 from mission.base.arrays import Bools, Floats, Ints
 from mission.log.values import NS_PER_S, FlightData
+
+if TYPE_CHECKING:
+    from mission.analysis.passes import Judged, Pass
 
 _LEAST_M = 0.5  # a leg that is shorter is none
 # A spike is farther off than this, and than three times the usual; and where it begins and ends.
@@ -68,13 +72,13 @@ class Spike:
         )
 
 
-def legs(measured: Sequence[Measured], judged: Judged) -> tuple[Leg, ...]:
+def legs(measured: Sequence[Measured], judged: "Judged") -> tuple[Leg, ...]:
     """Every leg of every pass, in order."""
     pairs = zip(measured, judged.passes, strict=False)
     return tuple(leg for one, found in pairs for leg in _legs(one, found))
 
 
-def _legs(measured: Measured, found: Pass) -> Iterator[Leg]:
+def _legs(measured: Measured, found: "Pass") -> Iterator[Leg]:
     t_s = measured.truth.t_ns / NS_PER_S
     numbers = leg_numbers(measured, found)
     at_m, names = measured.fit.waypoints_at_m, _numbers(found)
@@ -102,13 +106,13 @@ def _legs(measured: Measured, found: Pass) -> Iterator[Leg]:
         )
 
 
-def _numbers(found: Pass) -> Ints:
+def _numbers(found: "Pass") -> Ints:
     """(L,) the number, from 1, of what each piece of the path belongs to: a leg to an item."""
     ends = found.path.seqs[1:] >= 0
     return np.concatenate(([1], 1 + np.cumsum(ends)[:-1]))
 
 
-def leg_numbers(measured: Measured, found: Pass | None) -> Ints:
+def leg_numbers(measured: Measured, found: "Pass | None") -> Ints:
     """(n,) on which leg each sample was, from 1; a leg leads to an item, or else to a corner."""
     pieces = leg_of(measured.fit)
     return _numbers(found)[pieces] if found is not None else pieces + 1
@@ -134,7 +138,7 @@ def events(run: FlightData, start_s: float, end_s: float) -> list[Event]:
 
 
 def spikes(
-    run: FlightData, all_measured: Sequence[Measured], judged: Judged | None
+    run: FlightData, all_measured: Sequence[Measured], judged: "Judged | None"
 ) -> tuple[Spike, ...]:
     """Where the flight was farther from its plan, or from where it believed to be, than usual."""
     found: list[Spike] = []

@@ -4,16 +4,19 @@ import math
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from mission.analysis.alignment import Alignment, align, closest_approach
 from mission.analysis.load import flown, ground_speed, reached
-from mission.analysis.passes import Pass
 from mission.base.arrays import Floats
 from mission.base.errors import InputError
 from mission.log.records import LATE, RoundRecord, UplinkRecord, flat
 from mission.log.values import NS_PER_S, FlightData, PlanRecord, Track
+
+if TYPE_CHECKING:
+    from mission.analysis.passes import Pass
 
 # A straight is what lies farther than this along the planned path from every corner.
 CORNER_M = 25.0
@@ -53,7 +56,7 @@ class Measured:
         return self.fit.cross_m
 
 
-def measure_pass(run: FlightData, found: Pass) -> Measured:
+def measure_pass(run: FlightData, found: "Pass") -> Measured:
     """Measure one pass of a flight through its mission."""
     record, track, fit = found.record, found.track, found.fit
     reached = [item for item in found.passages if not math.isnan(item.t_s)]

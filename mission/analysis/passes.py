@@ -10,11 +10,10 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from mission.analysis.alignment import Alignment, align, to_segments
+from mission.analysis.alignment import Alignment, align, leg_of, to_segments
 from mission.base import polyline
 from mission.base.arrays import Bools, Floats, Ints
 from mission.base.errors import InputError
-from mission.base.tables import count
 from mission.flight.logs.items import MissionPath, items_of, mission_path, returns
 from mission.log.records import UNKNOWN_ROUND, RoundRecord
 from mission.log.values import NS_PER_S, FlightData, PlanFileRecord, PlanRecord, Track
@@ -278,12 +277,6 @@ def _pass(
     return Pass(plan, record, track, way, fit, tuple(_passages(way, fit, track)), known)
 
 
-def leg_of(fit: Alignment) -> Ints:
-    """(n,) which leg of the plan each sample was matched with, from 0."""
-    found = np.searchsorted(fit.waypoints_at_m, fit.along_m, side="right") - 1
-    return np.clip(found, 0, len(fit.waypoints_at_m) - 2)
-
-
 def _windows(
     way: MissionPath, at_m: Floats, track: Track, times: Ints, seqs: Ints
 ) -> tuple[Floats, Floats] | None:
@@ -347,20 +340,3 @@ def _apart(
         name = data.modes.names[index] if index >= 0 else "mode unknown"
         found[name] = found.get(name, 0.0) + float(step_s[outside & (at == index)].sum())
     return {name: seconds for name, seconds in found.items() if seconds >= 0.05}
-
-
-def in_words(found: Judged) -> list[str]:
-    """What was not compared, a line each; nothing where all was."""
-    lines = [
-        f"{count(number, what)} not read" for what, number in found.data.source.skipped.items()
-    ]
-    if found.apart:
-        each = ", ".join(f"{name} {seconds:.1f} s" for name, seconds in found.apart.items())
-        lines.append(f"flown outside the plan, not compared: {each}")
-    if found.left_out:
-        each = ", ".join(f"{name} ({number})" for name, number in found.left_out.items())
-        lines.append(f"items that lead nowhere known here: {each}")
-    missed = [p.seq for item in found.passes for p in item.passages if math.isnan(p.t_s)]
-    if missed:
-        lines.append("items never reached: " + ", ".join(map(str, missed)))
-    return lines

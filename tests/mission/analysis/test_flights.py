@@ -15,9 +15,10 @@ from sitl_mavsdk import HOME
 
 from flightdyn.frames import LocalFrame
 from mission.analysis.compare import compare_run
+from mission.analysis.comparison_text import in_words
 from mission.analysis.legs import legs, spikes
 from mission.analysis.load import LoadedRun, load_run
-from mission.analysis.passes import in_words, judged
+from mission.analysis.passes import judged
 from mission.base.area import Area
 from mission.base.errors import InputError
 from mission.cli import call
