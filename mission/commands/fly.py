@@ -71,6 +71,6 @@ def fly(
     from mission.run.plan_flight import fly_plan
 
     page = None if no_report else write_page
-    with output_folder(out, plan.stem) as folder, summary_of(folder, as_json=as_json):
+    with output_folder(out, plan.stem) as folder, summary_of(folder, as_json=as_json) as more:
         code = fly_plan(resolved, plan, folder, console=watching, figures=not no_figures, page=page)
-        return code or judge(folder, bounds, junit)
+        return code or judge(folder, bounds, junit, more)

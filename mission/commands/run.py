@@ -121,7 +121,7 @@ def run(
                 begin_libraries()  # of the page: a core is idle while the rest is loaded
             # Only now, so that wrong input is answered at once: cvxpy and the rest take a second.
             from mission.run.session import fly_session
-        with summary_of(folder, as_json=as_json):
+        with summary_of(folder, as_json=as_json) as more:
             code = fly_session(
                 resolved,
                 folder,
@@ -130,7 +130,7 @@ def run(
                 stopwatch=stopwatch,
                 page=None if no_report else write_page,
             )
-            return code or judge(folder, bounds, junit)
+            return code or judge(folder, bounds, junit, more)
 
 
 def _resume(path: Path, watching: RunConsole, stopwatch: Stopwatch, *, as_json: bool) -> int:
@@ -142,9 +142,9 @@ def _resume(path: Path, watching: RunConsole, stopwatch: Stopwatch, *, as_json: 
     with stopwatch("setup"), watching.waiting("loading"):
         from mission.run.session import resume_session
     limits = parse_toml(read_text(RunFolder(path).config)).get("limits", {})
-    with summary_of(path, as_json=as_json):
+    with summary_of(path, as_json=as_json) as more:
         code = resume_session(path, console=watching, stopwatch=stopwatch, page=write_page)
-        return code or judge(path, limits, None)
+        return code or judge(path, limits, None, more)
 
 
 def bounds_of(config: "RunConfig", options: Sequence[str]) -> dict[str, float]:
@@ -160,15 +160,20 @@ def bounds_of(config: "RunConfig", options: Sequence[str]) -> dict[str, float]:
     return known_limits(config.limits or {}, "limits") | given_limits(options)
 
 
-def judge(folder: Path, bounds: Mapping[str, float], junit: Path | None) -> int:
-    """The verdict on a flight that has ended, where it has limits; the exit code."""
+def judge(
+    folder: Path, bounds: Mapping[str, float], junit: Path | None, more: dict[str, object]
+) -> int:
+    """The verdict on a flight that has ended, where it has limits: into `more`; the exit code."""
     if not bounds:
         return 0
     from mission.analysis.compare import compare_run
+    from mission.analysis.limits import verdicts
     from mission.analysis.load import load_run
     from mission.commands.compare import tell_verdict
 
-    return tell_verdict([compare_run(load_run(folder))], bounds, junit)
+    found = compare_run(load_run(folder))
+    more["limits"] = verdicts(found, bounds)
+    return tell_verdict([found], bounds, junit)
 
 
 def write_page(folder: Path) -> None:
@@ -179,13 +184,16 @@ def write_page(folder: Path) -> None:
 
 
 @contextmanager
-def summary_of(folder: Path, *, as_json: bool) -> Iterator[None]:
-    """Print the summary of the run in a folder after the block, however that ends."""
+def summary_of(folder: Path, *, as_json: bool) -> Iterator[dict[str, object]]:
+    """Print the summary of the run in a folder after the block, however that ends, with what was
+    put into the value.
+    """
     from mission.base.run_folder import RunFolder
 
+    more: dict[str, object] = {}
     try:
-        yield
+        yield more
     finally:
         summary = RunFolder(folder).summary
         if as_json and summary.is_file():
-            print_json({"folder": folder, **read_json(summary)})
+            print_json({"folder": folder, **read_json(summary), **more})

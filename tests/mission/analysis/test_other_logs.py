@@ -142,9 +142,12 @@ def test_a_flight_of_a_plan_ends_with_its_verdict(
     plan.write_text("\n".join(["QGC WPL 110", *lines]) + "\n")
     common = ["fly", str(plan), "--no-report", "--quiet", "--out"]
     assert call([*common, str(out), "--limit", "slots_missed=0"]) == 0
-    again = [*common, str(tmp_path / "two"), "--set", "limits.corner_cut_max_m=0.0"]
+    again = [*common, str(tmp_path / "two"), "--set", "limits.corner_cut_max_m=0.0", "--json"]
     assert call(again) == LIMITS_NOT_MET
-    assert "corner_cut_max_m" in capsys.readouterr().err
+    said = capsys.readouterr()
+    assert "corner_cut_max_m" in said.err
+    (verdict,) = json.loads(said.out)["limits"]
+    assert (verdict["name"], verdict["met"]) == ("corner_cut_max_m", False)
     assert tomllib.loads((tmp_path / "two/config.toml").read_text())["limits"]
     assert "limits" not in tomllib.loads((out / "config.toml").read_text())
 
