@@ -13,7 +13,7 @@ from mission.base.terminal import PLAIN, Terminal
 from mission.commands.options import Json, print_json
 from mission.log import DamagedLogError
 
-Form = Literal["csv", "parquet", "kml", "geojson", "attachments"]
+Form = Literal["csv", "parquet", "kml", "geojson", "ulog", "attachments"]
 
 
 def recover(log: Path, out: Path | None = None, *, as_json: Json = False) -> int:
@@ -139,12 +139,13 @@ def export(
     log
         The log, or its run's folder.
     out
-        The new folder, or file for kml and geojson. Default: beside the log.
+        The new folder, or file for kml, geojson and ulog. Default: beside the log.
     to
         csv or parquet: one table each of track, plans, devices, rounds, uplinks, learning, events,
         battery, wind and innovations; kml: devices, planned and flown paths; geojson: planned and
-        flown paths in latitude and longitude, also of a .ulg, .bin or .tlog; attachments: the files
-        inside the log (configuration, a Foxglove layout).
+        flown paths in latitude and longitude, also of a .ulg, .bin or .tlog; ulog: the flight as
+        PX4 logs one, for Flight Review and PlotJuggler; attachments: the files inside the log
+        (configuration, a Foxglove layout).
     as_json
         Print the new files' paths as a JSON list.
     """
@@ -170,6 +171,10 @@ def _write(log: Path, out: Path | None, to: Form) -> tuple[Path, ...]:
         from mission.log.export import export_geojson
 
         return (export_geojson(load_run(log).data, file),)
+    if to == "ulog":
+        from mission.flight.logs.ulog_export import export_ulog
+
+        return (export_ulog(log, out or log.with_suffix(".ulg")),)
     if to == "attachments":
         from mission.log.export import export_attachments
 

@@ -24,7 +24,7 @@ from mission.log.values import FlightData
 from sitl.autopilot.codec.orders import MissionItem
 
 # vehicle_status.nav_state, as ground stations call the modes.
-_MODES = {
+MODES = {
     0: "MANUAL",
     1: "ALTITUDE",
     2: "POSITION",
@@ -45,7 +45,7 @@ _MODES = {
 _ROTARY = (0, 1)  # vehicle_status.vehicle_type; 0: not known
 _KINDS = {2: "a fixed-wing aircraft", 3: "a rover", 4: "an airship"}
 _ARMED = 2
-_COMMANDS = {  # of position_setpoint.type
+COMMANDS = {  # of position_setpoint.type
     0: mav.MAV_CMD_NAV_WAYPOINT,
     2: mav.MAV_CMD_NAV_LOITER_UNLIM,
     3: mav.MAV_CMD_NAV_TAKEOFF,
@@ -155,7 +155,7 @@ def _status(found: Found, data: Columns | None) -> None:
     names = "nav_state", since, "arming_state", "failsafe"
     for t, state, since_us, arming, lost in _rows(data, *names):
         t_ns = int(t)
-        found.mode(min(t_ns, _ns(since_us)), _MODES.get(int(state), f"MODE {state:g}"))
+        found.mode(min(t_ns, _ns(since_us)), MODES.get(int(state), f"MODE {state:g}"))
         if (arming == _ARMED) != armed:
             armed = arming == _ARMED
             found.events.append((t_ns, "armed", "armed" if armed else "disarmed", None, 6))
@@ -172,7 +172,7 @@ def _heading_for(found: Found, data: Columns | None) -> None:
     names = ("current.valid", "current.type", "current.lat", "current.lon", "current.alt")
     for t, valid, kind, lat, lon, alt in _rows(data, *names):
         in_force = [name for since_ns, name in found.modes if since_ns <= t]
-        if not valid or in_force[-1:] != ["MISSION"] or int(kind) not in _COMMANDS:
+        if not valid or in_force[-1:] != ["MISSION"] or int(kind) not in COMMANDS:
             continue
         place = (lat, lon, float(alt))
         last = items[-1] if items else None
@@ -182,7 +182,7 @@ def _heading_for(found: Found, data: Columns | None) -> None:
             and (abs(last.z - place[2]) < 0.05)
         ):
             continue
-        command = _COMMANDS[int(kind)]
+        command = COMMANDS[int(kind)]
         items.append(MissionItem(len(items), command, mav.MAV_FRAME_GLOBAL, (0.0,) * 4, *place))
         started.append(int(t))
     if items:

@@ -1,0 +1,205 @@
+"""Our logs as ULog: read back by pyulog, and compared as before."""
+
+import io
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from pyulog import ULog
+from pyulog.px4 import PX4ULog
+from synthetic_flight import AREA, fly
+from test_flights import flown, plain
+
+from flightdyn.state import BatteryState, Kinematics
+from mission.analysis.compare import RunComparison, compare_run
+from mission.analysis.load import load_run
+from mission.base.errors import InputError
+from mission.cli import call
+from mission.flight.logs.ulog import MODES
+from mission.flight.logs.ulog_export import export_ulog
+from mission.log.reader import read_log
+from mission.log.values import Devices
+from mission.log.writer import FlightLog
+from sitl.observer import VehicleEvent, VehicleSample
+
+
+def topics_of(path: Path) -> dict[str, dict[str, Any]]:
+    return {item.name: item.data for item in ULog(str(path)).data_list}
+
+
+@pytest.fixture(scope="module")
+def alone(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The log of a mission that was uploaded to `aerofed sitl`."""
+    return flown(tmp_path_factory.mktemp("alone"), plain())
+
+
+@pytest.fixture(scope="module")
+def exported(alone: Path) -> Path:
+    return export_ulog(alone, alone.with_suffix(".ulg"))
+
+
+def test_pyulog_reads_what_was_logged(alone: Path, exported: Path) -> None:
+    data, found = read_log(alone), topics_of(exported)
+    for name, track in (("", data.belief), ("_groundtruth", data.truth)):
+        local, globe = (found[f"vehicle_{kind}_position{name}"] for kind in ("local", "global"))
+        ned = data.area.to_ned(track.pos_m[:, :2], track.pos_m[:, 2])
+        np.testing.assert_array_equal(local["timestamp"], track.t_ns // 1000)
+        for axis, values in zip("xyz", ned.T, strict=True):
+            np.testing.assert_array_equal(local[axis], values.astype(np.float32))
+        at = [data.area.frame.to_geodetic(row) for row in ned]
+        np.testing.assert_array_equal(globe["lat"], [p.lat_deg for p in at])
+        np.testing.assert_array_equal(globe["lon"], [p.lon_deg for p in at])
+        np.testing.assert_allclose(globe["alt"] - data.area.home.alt_msl_m, -ned[:, 2], atol=1e-4)
+    battery = found["battery_status"]
+    np.testing.assert_array_equal(battery["timestamp"], data.battery.t_ns // 1000)
+    for name, values in (
+        ("voltage_v", data.battery.voltage_v),
+        ("current_a", data.battery.current_a),
+        ("discharged_mah", data.battery.consumed_mah),
+        ("remaining", data.battery.remaining),
+    ):
+        np.testing.assert_array_equal(battery[name], values.astype(np.float32))
+    fixes = found["vehicle_gps_position"]
+    np.testing.assert_array_equal(fixes["timestamp"], data.gnss_ns // 1000)
+    assert (fixes["timestamp_sample"] <= fixes["timestamp"]).all()
+    status = found["vehicle_status"]
+    first = np.searchsorted(status["timestamp"], data.modes.t_ns // 1000)
+    assert [MODES[state] for state in status["nav_state"][first]] == list(data.modes.names)
+    said = [(e.t_ns // 1000, e.text) for e in data.events if e.kind == "status"]
+    assert [(m.timestamp, m.message) for m in ULog(str(exported)).logged_messages] == said
+
+
+def test_items_are_reached_and_headed_for(alone: Path, exported: Path) -> None:
+    data, found = read_log(alone), topics_of(exported)
+    result, setpoint = found["mission_result"], found["position_setpoint_triplet"]
+    reached = [(e.t_ns // 1000, e.seq) for e in data.events if e.kind == "reached"]
+    told = list(zip(result["timestamp"].tolist(), result["seq_reached"].tolist(), strict=True))
+    assert [row for row in told if row[1] >= 0] == reached
+    assert set(result["seq_total"]) == {len(plain())}
+    assert result["seq_current"].tolist()[:3] == [0, 1, 2]
+    assert setpoint["current.type"].tolist() == [3, 0, 0, 0, 0]
+    assert setpoint["current.lat"][1] == pytest.approx(plain()[1].x / 1e7, abs=1e-9)
+    np.testing.assert_allclose(setpoint["current.alt"], data.area.home.alt_msl_m + 30.0, atol=1e-4)
+
+
+def test_attitude_and_speed_are_those_of_the_flight(tmp_path: Path) -> None:
+    made = fly(tmp_path, rounds=1)
+    log = ULog(str(export_ulog(made.log, tmp_path / "x.ulg")))
+    PX4ULog(log).add_roll_pitch_yaw()
+    found = {item.name: item.data for item in log.data_list}
+    for name, states in (
+        ("", [sample.belief for sample in made.samples]),
+        ("_groundtruth", [sample.truth for sample in made.samples]),
+    ):
+        attitude, local = found[f"vehicle_attitude{name}"], found[f"vehicle_local_position{name}"]
+        q = np.column_stack([attitude[f"q[{axis}]"] for axis in range(4)])
+        cosine = np.abs((q * np.array([state.q_frd_to_ned for state in states])).sum(axis=1))
+        assert cosine.min() > 1 - 1e-7
+        np.testing.assert_allclose(np.cos(attitude["yaw"] - local["heading"]), 1.0, atol=1e-6)
+        written = np.arange(0, len(states), 5)  # twice a second
+        for axis, field in enumerate(("vx", "vy", "vz")):
+            speeds = np.array([state.vel_ned_mps[axis] for state in states])
+            np.testing.assert_allclose(local[field][written], speeds[written], atol=1e-3)
+
+
+def test_pyulog_writes_the_same_again(exported: Path) -> None:
+    first, copy = ULog(str(exported)), io.BytesIO()
+    first.write_ulog(copy)
+    again = ULog(io.BytesIO(copy.getvalue()))
+    assert again == first
+    assert not first.file_corruption
+
+
+def test_compare_says_the_same_of_both(tmp_path: Path, alone: Path, exported: Path) -> None:
+    plan = tmp_path / "p.waypoints"
+    rows = [
+        (i.seq, 0, 3 if i.x else 2, i.command, 0, 0, 0, 0, i.x / 1e7, i.y / 1e7, i.z, 1)
+        for i in plain()
+    ]
+    plan.write_text("\n".join(["QGC WPL 110", *("\t".join(map(str, row)) for row in rows)]) + "\n")
+    same_comparison(compare_run(load_run(alone, plan)), compare_run(load_run(exported, plan)))
+
+
+def same_comparison(ours: RunComparison, theirs: RunComparison) -> None:
+    for name in (
+        *("cross_track_rms_m", "cross_track_max_m", "corner_cut_max_m", "height_rms_m"),
+        *("height_max_m", "slot_miss_rms_m", "estimate_rms_m", "flown_path_m"),
+    ):
+        first, second = getattr(ours.total, name), getattr(theirs.total, name)
+        assert second == pytest.approx(first, abs=0.01, nan_ok=True), name
+    assert theirs.total.failsafes == ours.total.failsafes
+    passages = [
+        [p.t_s for way in c.run.judged.passes for p in way.passages]
+        for c in (ours, theirs) if c.run.judged
+    ]  # fmt: skip
+    assert passages[1] == pytest.approx(passages[0], abs=0.02)
+
+
+def test_a_run_and_a_log_without_rounds_export_too(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    made = fly(tmp_path, rounds=2)
+    assert call(["log", "export", str(made.log), "--to", "ulog"]) == 0
+    target = made.log.with_suffix(".ulg")
+    assert capsys.readouterr().out.splitlines() == [str(target)]
+    assert len(topics_of(target)["vehicle_attitude"]["timestamp"]) == len(made.samples)
+    assert call(["log", "export", str(made.log), "--to", "ulog"]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert re.search(r"flight\.ulg: exists already", line)
+
+
+def test_each_failsafe_is_a_pulse_and_unknown_modes_have_a_number(tmp_path: Path) -> None:
+    path, still = tmp_path / "x.mcap", np.zeros(3)
+    state = Kinematics(0, still, still, np.array([1.0, 0.0, 0.0, 0.0]), still)
+    battery = BatteryState(22.0, 1.0, 0.0, 1.0)
+    with FlightLog(path, area=AREA, devices=Devices(np.zeros((0, 2)), ())) as log:
+        for t_s in range(6):
+            mode = "MISSION" if t_s < 3 else "GUIDED"
+            log.sampled(
+                VehicleSample(t_s * 10**9, state, state, None, None, battery, mode, armed=True)
+            )
+            if t_s in (2, 4):
+                log.happened(VehicleEvent(t_s * 10**9 + 500, "failsafe", "low", state, state))
+    target = export_ulog(path, tmp_path / "x.ulg")
+    status = topics_of(target)["vehicle_status"]
+    assert status["timestamp"].tolist() == [0, 1000000, 2000000, 2000001, 3000000, 4000000, 4000001]
+    assert status["failsafe"].tolist() == [0, 0, 1, 0, 0, 1, 0]
+    assert status["nav_state"].tolist() == [3, 3, 3, 3, 255, 255, 255]
+    found = load_run(target).data
+    assert [e.kind for e in found.events].count("failsafe") == 2
+    assert found.modes.names == ("MISSION", "MODE 255")
+
+
+def test_a_flight_of_a_plan_is_compared_with_it_as_before(tmp_path: Path) -> None:
+    plan, out = tmp_path / "p.waypoints", tmp_path / "out"
+    rows = [(22, 0.0, 0.0), (16, 0.0, 5e-4), (16, 5e-4, 5e-4)]
+    lines = [
+        f"{seq}\t0\t3\t{command}\t0\t0\t0\t0\t{47 + north}\t{8 + east}\t20\t1"
+        for seq, (command, north, east) in enumerate(rows)
+    ]
+    plan.write_text("\n".join(["QGC WPL 110", *lines]) + "\n")
+    quiet = ["--no-report", "--no-figures", "--quiet", "--out", str(out)]
+    assert call(["fly", str(plan), *quiet]) == 0
+    target = export_ulog(out / "flight.mcap", out / "flight.ulg")
+    ours, given, alone = (
+        compare_run(load_run(*path))
+        for path in ((out / "flight.mcap", plan), (target, plan), (target,))
+    )
+    same_comparison(ours, given)
+    assert alone.total.slots == len(rows)  # what was headed for is in the log
+    assert alone.total.cross_track_max_m == pytest.approx(ours.total.cross_track_max_m, abs=0.01)
+
+
+def test_a_log_without_a_flight_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "empty.mcap"
+    with FlightLog(path, area=AREA, devices=Devices(np.zeros((0, 2)), ())):
+        pass
+    with pytest.raises(InputError, match=r"^[^\n]*the log has no positions[^\n]*$"):
+        export_ulog(path, tmp_path / "x.ulg")
+    text = tmp_path / "text.mcap"
+    text.write_text("no log")
+    with pytest.raises(InputError, match="not an MCAP file"):
+        export_ulog(text, tmp_path / "x.ulg")
+    assert not (tmp_path / "x.ulg").exists()
