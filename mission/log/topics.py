@@ -26,8 +26,9 @@ from mission.log.values import (
 )
 
 FORMAT_VERSION = "2"
-FRAME = "area"  # x east, y north from the area's south-west corner; z height above home
-BODY_FRAME = "aircraft"  # x forward, y left, z up
+# Names by REP 105, https://www.ros.org/reps/rep-0105.html
+FRAME = "map"  # x east, y north from the area's south-west corner; z height above home
+BODY_FRAME = "base_link"  # x forward, y left, z up
 
 
 @dataclass(frozen=True, slots=True, eq=False)  # each is one of a kind
@@ -87,7 +88,7 @@ def fields(schema: bytes) -> dict[str, dict[str, Any]]:
 
 
 TF = _foxglove(
-    "/tf", fox.FrameTransform, "frame `area` to `aircraft` (x forward, y left, z up); 2 Hz"
+    "/tf", fox.FrameTransform, f"frame `{FRAME}` to `{BODY_FRAME}` (x forward, y left, z up); 2 Hz"
 )
 TRUE_POSE = _foxglove(
     "/true/pose", fox.PoseInFrame, "where the aircraft is; 10 Hz, under a firmware 20 Hz"

@@ -138,7 +138,7 @@ def test_attitude_and_gnss_agree_with_scipy_and_pymap3d(tmp_path: Path) -> None:
         assert error.magnitude() < 5e-5
         assert str(tf.rotation) == str(o)
         assert str(tf.translation) == str(message.pose.position)
-        assert (tf.parent_frame_id, tf.child_frame_id) == ("area", "aircraft")
+        assert (tf.parent_frame_id, tf.child_frame_id) == ("map", "base_link")
     home = AREA.home
     for index, (_, fix) in enumerate(messages(log_path, "/true/location")):
         lat, lon, alt = pymap3d.ned2geodetic(
