@@ -2,13 +2,16 @@
 
 import asyncio
 import csv
+import io
 import json
 import math
 import re
+import shutil
 import signal
 import socket
 from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager
+from contextlib import asynccontextmanager, redirect_stdout
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -50,11 +53,27 @@ def summary(folder: Path) -> dict[str, Any]:
     return loaded
 
 
+@dataclass(frozen=True)
+class Square:
+    """The corners, flown once for all who only look."""
+
+    plan: Path
+    out: Path
+    printed: str
+
+
+@pytest.fixture(scope="module")
+def square(tmp_path_factory: pytest.TempPathFactory) -> Square:
+    folder = tmp_path_factory.mktemp("square")
+    plan, printed = written(folder, TAKE_OFF, *CORNERS, RETURN), io.StringIO()
+    with drawn(), redirect_stdout(printed):
+        assert call(["fly", str(plan), "--out", str(folder / "out")]) == 0
+    return Square(plan, folder / "out", printed.getvalue())
+
+
 @pytest.mark.slow
-def test_a_plan_is_flown_and_compared(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    plan, out = written(tmp_path, TAKE_OFF, *CORNERS, RETURN), tmp_path / "out"
-    assert call(["fly", str(plan), "--out", str(out)]) == 0
-    printed = capsys.readouterr().out
+def test_a_plan_is_flown_and_compared(square: Square) -> None:
+    plan, out, printed = square.plan, square.out, square.printed
     assert "cross-track" in printed
     assert re.search(r"t \d+\.\d s: item 4 \(4 of 4\), 60 m high, battery \d+ %", printed)
     found = summary(out)["planned_and_flown"]
@@ -345,14 +364,11 @@ def test_a_used_folder_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[
 
 @pytest.mark.slow
 def test_its_folder_has_the_after_care_of_a_run(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    square: Square, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    plan = written(tmp_path, TAKE_OFF, *CORNERS, RETURN)
-    first, second = tmp_path / "a", tmp_path / "b"
-    with drawn():
-        assert call(["fly", str(plan), "--out", str(first)]) == 0
-    assert call(["fly", str(plan), "--out", str(second)]) == 0
-    printed = capsys.readouterr().out.splitlines()
+    first, second = square.out, tmp_path / "b"
+    shutil.copytree(first, second)
+    printed = square.printed.splitlines()
     printed = printed[next(n for n, line in enumerate(printed) if "Planned and" in line) :]
     assert {path.name for path in (first / "figures").iterdir()} == {"map.png", "profile.png"}
     assert all(path.stat().st_size > 5000 for path in (first / "figures").iterdir())
@@ -380,10 +396,10 @@ def test_its_folder_has_the_after_care_of_a_run(
 
 @pytest.mark.slow
 def test_a_flight_that_was_killed_is_compared_as_far_as_it_came(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    square: Square, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    plan, out = written(tmp_path, TAKE_OFF, *CORNERS, RETURN), tmp_path / "out"
-    assert call(["fly", str(plan), "--out", str(out), *QUIET]) == 0
+    out = tmp_path / "out"
+    shutil.copytree(square.out, out)
     # As a kill in mid-flight leaves it.
     log = out / "flight.mcap"
     log.write_bytes(log.read_bytes()[: log.stat().st_size // 2])
