@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 from drawing import UNDRAWN
 from patience import HANG_S, until
-from test_run import SMALL, begun
+from test_run import SMALL, UNFLOWN, begun
 
 from mission.base.interrupts import ending_flights, run_flight
 from mission.cli import call
@@ -24,7 +24,7 @@ AEROFED = [sys.executable, "-m", "mission"]
 @pytest.mark.slow
 def test_a_full_disk_behind_standard_output_ends_no_run(tmp_path: Path) -> None:
     out = tmp_path / "run"
-    loud = [option for option in SMALL if option != "--quiet"]
+    loud = [option for option in (*SMALL, *UNFLOWN) if option != "--quiet"]
     command = [*UNDRAWN, "run", "--rounds", "1", "--out", str(out), *loud]
     with Path("/dev/full").open("w") as full:
         process = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True)

@@ -14,19 +14,27 @@ from typing import Any
 import pytest
 from drawing import UNDRAWN
 from patience import until
-from test_run import SMALL, digests, fly, refused, rows
+from test_run import SMALL, UNFLOWN, digests, fly, refused, rows
 
 from mission.base.run_folder import RunFolder
 from mission.cli import call
 from mission.run.resume import SEAL, sealed
 
-ROUNDS = 3
+ROUNDS = 2
 
 
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
     out = tmp_path_factory.mktemp("whole") / "run"
     assert fly(out, rounds=ROUNDS) == 0
+    return out
+
+
+@pytest.fixture(scope="module")
+def unflown(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """For what goes wrong before the first flight."""
+    out = tmp_path_factory.mktemp("unflown") / "run"
+    assert fly(out, *UNFLOWN, rounds=ROUNDS) == 0
     return out
 
 
@@ -46,7 +54,7 @@ def killed(out: Path, *, after_rounds: int, delay_s: float) -> None:
 
 # 20 of these were killed at random moments by hand; CI has time for a few.
 @pytest.mark.slow
-@pytest.mark.parametrize("after_rounds", [0, 2])
+@pytest.mark.parametrize("after_rounds", [0, 1])
 def test_resume_after_a_kill_ends_the_same(whole: Path, tmp_path: Path, after_rounds: int) -> None:
     out = tmp_path / "killed"
     killed(out, after_rounds=after_rounds, delay_s=random.Random(after_rounds).uniform(0.0, 0.3))
@@ -74,17 +82,17 @@ main(sys.argv[2:])
 @pytest.mark.slow
 @pytest.mark.parametrize("nth", [1, 3])
 def test_the_same_command_begins_again_what_died_before_its_first_checkpoint(
-    whole: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], nth: int
+    unflown: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], nth: int
 ) -> None:
     out = tmp_path / "killed"
-    command = ["run", "--out", str(out), "--rounds", str(ROUNDS), *SMALL]
+    command = ["run", "--out", str(out), "--rounds", str(ROUNDS), *SMALL, *UNFLOWN]
     process = subprocess.run([sys.executable, "-c", KILLED_WRITING, str(nth), *command])
     assert process.returncode == -signal.SIGKILL
     assert out.exists()
     assert call(["run", "--resume", str(out)]) == 2
     refused(capsys, "ended before its first checkpoint; the command that began it begins it anew")
     assert call(command) == 0
-    assert digests(out) == digests(whole)
+    assert digests(out) == digests(unflown)
 
 
 def test_a_folder_of_somebody_elses_is_not_taken_for_a_run_that_died(

@@ -138,11 +138,11 @@ def test_what_is_still_to_come_is_resumed_to_the_same_bytes(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, own: dict[str, object]
 ) -> None:
     more = {**UNFLOWN, **GAMBLE, **own, "learning.late": "stale"}
-    whole = fly(tmp_path / "whole", more)
+    whole = fly(tmp_path / "whole", more, rounds=2)
     with monkeypatch.context() as patch:
         cut_after(patch, 1)
         with pytest.raises(FlightError, match="cut"):
-            fly(tmp_path / "cut", more)
+            fly(tmp_path / "cut", more, rounds=2)
     resumed = aerofed.resume(tmp_path / "cut")
     late = whole.uplinks[(whole.uplinks["round"] > 1) & whole.uplinks["delivered"]]
     assert (late["round"] - late["staleness"] <= 1).any(), "nothing came across the cut"

@@ -22,6 +22,7 @@ from patience import HANG_S, until
 from mission.cli import call
 
 SMALL = (*small_runs.SMALL, "--set", "planner.gap=0.1")
+UNFLOWN = ("--set", "mission.flight=none")
 
 
 def fly(out: Path, *more: str, rounds: int = 2) -> int:
@@ -127,7 +128,7 @@ def test_compare_prints_the_errors(run: Path, capsys: pytest.CaptureFixture[str]
 @pytest.mark.slow
 def test_the_same_seed_gives_the_same_bytes_on_a_loaded_machine(run: Path, tmp_path: Path) -> None:
     burn = [sys.executable, "-c", "while True: pass"]
-    load = [subprocess.Popen(burn) for _ in range(2 * (os.cpu_count() or 1))]
+    load = [subprocess.Popen(burn) for _ in range(os.cpu_count() or 1)]
     try:
         assert fly(tmp_path / "again", rounds=1) == 0
     finally:
@@ -141,8 +142,8 @@ def test_the_same_seed_gives_the_same_bytes_on_a_loaded_machine(run: Path, tmp_p
 
 
 @pytest.mark.slow
-def test_another_seed_gives_another_flight(run: Path, tmp_path: Path) -> None:
-    assert fly(tmp_path / "other", "--seed", "2", rounds=1) == 0
+def test_another_seed_gives_other_devices(run: Path, tmp_path: Path) -> None:
+    assert fly(tmp_path / "other", "--seed", "2", *UNFLOWN, rounds=1) == 0
     assert digests(tmp_path / "other")["devices.csv"] != digests(run)["devices.csv"]
 
 
@@ -150,9 +151,10 @@ def test_another_seed_gives_another_flight(run: Path, tmp_path: Path) -> None:
 @pytest.mark.parametrize("strategy", ["no_cov", "barycenter", "rectangular"])
 def test_every_flying_strategy_flies(tmp_path: Path, strategy: str) -> None:
     out = tmp_path / strategy
-    assert fly(out, "--set", f"mission.strategy={strategy}") == 0
+    wanted = 2 if strategy == "barycenter" else 1
+    assert fly(out, "--set", f"mission.strategy={strategy}", rounds=wanted) == 0
     rounds, uplinks = rows(out / "rounds.csv"), rows(out / "uplinks.csv")
-    assert len(rounds) == 2
+    assert len(rounds) == wanted
     assert all(float(u["slot_t_s"]) > 0 for u in uplinks)
     if strategy == "barycenter":
         assert [float(row["budget_used_m"]) for row in rounds] == [100.0, 200.0]
@@ -339,7 +341,7 @@ def test_training_that_diverges_is_a_run_that_failed(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = tmp_path / "out"
-    assert fly(out, "--set", "learning.learning_rate=10") == 4
+    assert fly(out, "--set", "learning.learning_rate=10", *UNFLOWN) == 4
     refused(capsys, "learning diverged", "round ", "smaller learning rate", str(out))
     summary = json.loads((out / "summary.json").read_text())
     assert (summary["status"], summary["rounds"]) == ("failed", len(rows(out / "rounds.csv")))
