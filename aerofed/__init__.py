@@ -28,7 +28,13 @@ from mission.api.runs import Run, load, resume, run
 from mission.api.sweeps import Sweep, load_sweep, sweep
 from mission.base.airspace import Airspace
 from mission.base.area import Area
-from mission.base.errors import AerofedError, InputError, PlanError, UsersCodeError
+from mission.base.errors import (
+    AerofedError,
+    InputError,
+    LimitsNotMetError,
+    PlanError,
+    UsersCodeError,
+)
 from mission.config.models import MissionConfig, RunConfig
 from mission.log.records import RoundRecord, UplinkRecord
 from mission.planner.evaluate import finish, fit_budget
@@ -52,6 +58,7 @@ __all__ = [
     "ImportanceStrategy",
     "InputError",
     "LearningConfig",
+    "LimitsNotMetError",
     "LocalResult",
     "LocalSettings",
     "MissionConfig",

@@ -18,7 +18,7 @@ SECTIONS = {
     "A radio of your own": "Radio Channel",
     "Data and partitions of your own": "Samples Partition PartitionTask",
     "Callbacks": "Callback CallbackContext RoundReport RoundRecord UplinkRecord RoundLearning",
-    "Errors": "AerofedError InputError PlanError UsersCodeError",
+    "Errors": "AerofedError InputError LimitsNotMetError PlanError UsersCodeError",
 }
 HEAD = """# Python interface
 

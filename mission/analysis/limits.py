@@ -13,7 +13,7 @@ from mission.analysis.compare import Comparison, Made, RunComparison
 from mission.analysis.legs import leg_numbers
 from mission.analysis.measure import CORNER_M, Measured
 from mission.base.arrays import Floats
-from mission.base.errors import LIMITS_NOT_MET, AerofedError, InputError
+from mission.base.errors import InputError
 from mission.base.run_folder import write_atomically
 from mission.base.tables import told
 from mission.base.user_files import parse_toml, read_text
@@ -26,16 +26,6 @@ _AT_LEAST = frozenset(
 )
 _MADE = {name: how.of for name, how in told(Comparison, Made)}
 _EVENTS = {"mode_changes": "mode", "failsafes": "failsafe", "faults": "fault"}
-
-
-class LimitsNotMetError(AerofedError):
-    """A flight does not keep to its limits; `verdicts` are all of them."""
-
-    exit_code = LIMITS_NOT_MET
-
-    def __init__(self, verdicts: "Sequence[Verdict]") -> None:
-        super().__init__("\n".join(item.words for item in verdicts if not item.met))
-        self.verdicts = tuple(verdicts)
 
 
 @dataclass(frozen=True)

@@ -29,10 +29,11 @@ class Comparison(pd.DataFrame):  # type: ignore[misc]
                 when, and its `verdicts` are all of them.
             InputError: the comparison has no such number.
         """
-        from mission.analysis.limits import LimitsNotMetError, known_limits, verdicts
+        from mission.analysis.limits import known_limits, verdicts
+        from mission.base.errors import LimitsNotMetError
 
         known = known_limits(limits, "check")
         found = tuple(item for flight in self.flights for item in verdicts(flight, known))
-        if not all(item.met for item in found):
-            raise LimitsNotMetError(found)
+        if broken := [item.words for item in found if not item.met]:
+            raise LimitsNotMetError("\n".join(broken), found)
         return found

@@ -1,7 +1,7 @@
 """What can go wrong in a run, and the exit code it ends with."""
 
-from collections.abc import Mapping
-from typing import Self
+from collections.abc import Mapping, Sequence
+from typing import Any, Self
 
 LIMITS_NOT_MET = 6
 DIFFERENT = 7
@@ -62,6 +62,16 @@ class FlightError(AerofedError):
     """The vehicle refused an order or did not finish it."""
 
     exit_code = 4
+
+
+class LimitsNotMetError(AerofedError):
+    """A flight does not keep to its limits; `verdicts` are all that were asked for."""
+
+    exit_code = LIMITS_NOT_MET
+
+    def __init__(self, message: str, verdicts: Sequence[Any] = ()) -> None:
+        super().__init__(message)
+        self.verdicts = tuple(verdicts)
 
 
 class TrainingError(AerofedError):

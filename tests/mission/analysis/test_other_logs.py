@@ -14,9 +14,8 @@ from made_up_logs import CORNERS, HEIGHT_M, HOME, write_dataflash, write_tlog, w
 import aerofed
 from mission.analysis.compare import RunComparison, compare_run
 from mission.analysis.legs import legs
-from mission.analysis.limits import LimitsNotMetError
 from mission.analysis.load import load_run
-from mission.base.errors import EXIT_CODES, LIMITS_NOT_MET
+from mission.base.errors import EXIT_CODES, LIMITS_NOT_MET, LimitsNotMetError
 from mission.cli import call
 
 Write = Callable[..., Path]

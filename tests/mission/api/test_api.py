@@ -79,6 +79,7 @@ def test_the_public_names() -> None:
     assert aerofed.__all__ == [
         "AerofedError", "Airspace", "Algorithm", "Area", "Callback", "CallbackContext", "Channel",
         "DeviceData", "Figure", "Foreseen", "ImportanceStrategy", "InputError", "LearningConfig",
+        "LimitsNotMetError",
         "LocalResult", "LocalSettings", "MissionConfig", "Partition", "PartitionTask",
         "Performance", "PlanError", "Planner", "Radio", "RoundInfo", "RoundLearning",
         "RoundLimits", "RoundPlan", "RoundProblem", "RoundRecord", "RoundReport", "Run",
