@@ -45,7 +45,7 @@ task = "digits"
 devices = 2
 labels_per_device = 5
 """
-# It waits in its third round until it is let on, so that a test can interrupt it there.
+# It waits in its second round until it is let on, so that a test can interrupt it there.
 RULES = """
 import tempfile
 import time
@@ -66,7 +66,7 @@ class Own:
         return weights(info)
 
     def sortie(self, round_index, problem):
-        while round_index > 2 and not Path(tempfile.gettempdir(), "go").exists():
+        while round_index > 1 and not Path(tempfile.gettempdir(), "go").exists():
             time.sleep(0.02)
         return Sortie(self.planner.plan(problem))
 """
@@ -100,7 +100,7 @@ def project(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def command(out: str, *more: str, rounds: int = 4) -> list[str]:
+def command(out: str, *more: str, rounds: int = 2) -> list[str]:
     return [
         sys.executable, "-m", "mission", "sweep", "own.toml", "--data-dir", "data", "--out", out,
         "--strategies", "own_rules.strategy:Own,ideal", "--seeds", "1", "--rounds", str(rounds),
@@ -128,13 +128,14 @@ def run_named(folder: Path, start: str) -> Path:
 @pytest.fixture(scope="module")
 def here(project: Path) -> Path:
     """What joblib finds on this machine."""
-    done = sweep(project, *command("here", "--jobs", "2"))
+    done = sweep(project, *command("here", "--jobs", "1"))
     assert done.returncode == 0, done.stderr
     return project / "here"
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def cluster(project: Path) -> Iterator[Cluster]:
+    """One for all: a test adds the machines that it needs, and others may still be there."""
     made = Cluster(project)
     try:
         yield made
@@ -218,7 +219,7 @@ def test_ctrl_c_ends_it_and_joblib_goes_on(project: Path, here: Path, short: Pat
     assert process.returncode == 130, errors
     assert errors == ""
     assert "the same command goes on from here" in printed
-    done = sweep(project, *command("cut", "--jobs", "2"))
+    done = sweep(project, *command("cut", "--jobs", "1"))
     assert done.returncode == 0, done.stderr
     assert tables(project / "cut") == tables(here)
 
