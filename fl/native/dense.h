@@ -11,19 +11,26 @@ INLINE void dense_rows(
     int count, int64_t width, const float *features, const float *weights, const float *bias,
     int relu, float *out)
 {
-    Lanes sum[ROWS];
+    Lanes sum[ROWS][PARTS];
 #pragma GCC unroll 8
-    for (int n = 0; n < count; n++) sum[n] = splat(bias[n]);
+    for (int n = 0; n < count; n++)
+#pragma GCC unroll 4
+        for (int p = 0; p < PARTS; p++) sum[n][p] = splat(bias[n]);
     for (int64_t i = 0; i < width; i++) {
-        Lanes v = load(features + i * WIDTH);
 #pragma GCC unroll 8
         for (int n = 0; n < count; n++)
-            sum[n] = multiply_add(splat(weights[n * width + i]), v, sum[n]);
+#pragma GCC unroll 4
+            for (int p = 0; p < PARTS; p++)
+                sum[n][p] = multiply_add(
+                    splat(weights[n * width + i]), load(features + i * WIDTH + p * LENGTH), sum[n][p]);
     }
     const Lanes zero = splat(0.0f);
 #pragma GCC unroll 8
     for (int n = 0; n < count; n++)
-        store(out + n * WIDTH, relu ? if_greater(sum[n], zero, sum[n], zero) : sum[n]);
+#pragma GCC unroll 4
+        for (int p = 0; p < PARTS; p++)
+            store(out + n * WIDTH + p * LENGTH,
+                  relu ? if_greater(sum[n][p], zero, sum[n][p], zero) : sum[n][p]);
 }
 
 /* Weights times features plus bias, through a ReLU if asked. */
@@ -41,17 +48,23 @@ static void dense_forward(
 INLINE void dense_columns(
     int columns, int64_t count, int64_t width, const float *gradient, const float *weights, float *out)
 {
-    Lanes sum[ROWS];
+    Lanes sum[ROWS][PARTS];
 #pragma GCC unroll 8
-    for (int n = 0; n < columns; n++) sum[n] = splat(0.0f);
+    for (int n = 0; n < columns; n++)
+#pragma GCC unroll 4
+        for (int p = 0; p < PARTS; p++) sum[n][p] = splat(0.0f);
     for (int64_t j = 0; j < count; j++) {
-        Lanes v = load(gradient + j * WIDTH);
 #pragma GCC unroll 8
         for (int n = 0; n < columns; n++)
-            sum[n] = multiply_add(splat(weights[j * width + n]), v, sum[n]);
+#pragma GCC unroll 4
+            for (int p = 0; p < PARTS; p++)
+                sum[n][p] = multiply_add(
+                    splat(weights[j * width + n]), load(gradient + j * WIDTH + p * LENGTH), sum[n][p]);
     }
 #pragma GCC unroll 8
-    for (int n = 0; n < columns; n++) store(out + n * WIDTH, sum[n]);
+    for (int n = 0; n < columns; n++)
+#pragma GCC unroll 4
+        for (int p = 0; p < PARTS; p++) store(out + n * WIDTH + p * LENGTH, sum[n][p]);
 }
 
 /* The gradients of the loss in the layer's inputs, given those in its outputs. */
@@ -69,7 +82,7 @@ static void dense_input_gradients(
 static void stop_gradients(int64_t count, const float *features, float *gradient)
 {
     const Lanes zero = splat(0.0f);
-    for (int64_t i = 0; i < count * WIDTH; i += WIDTH)
+    for (int64_t i = 0; i < count * WIDTH; i += LENGTH)
         store(gradient + i, if_greater(load(features + i), zero, load(gradient + i), zero));
 }
 
@@ -80,6 +93,21 @@ static void turn_features(int64_t width, const float *features, float *turned)
     for (int64_t i = 0; i < width; i++)
         for (int64_t lane = 0; lane < WIDTH; lane++)
             turned[(i / WIDTH * WIDTH + lane) * WIDTH + i % WIDTH] = features[i * WIDTH + lane];
+}
+
+/* Add what the 16 images say to the gradients of 16 weights. */
+INLINE void add_products(const Lanes *down, const float *table, float *out)
+{
+    Lanes sum[PARTS];
+#pragma GCC unroll 4
+    for (int p = 0; p < PARTS; p++) sum[p] = load(out + p * LENGTH);
+#pragma GCC unroll 16
+    for (int lane = 0; lane < WIDTH; lane++)
+#pragma GCC unroll 4
+        for (int p = 0; p < PARTS; p++)
+            sum[p] = multiply_add(down[lane], load(table + lane * WIDTH + p * LENGTH), sum[p]);
+#pragma GCC unroll 4
+    for (int p = 0; p < PARTS; p++) store(out + p * LENGTH, sum[p]);
 }
 
 /* Add the gradients of weights and bias; `turned` is memory for `turn_features`. */
@@ -94,23 +122,14 @@ static void add_dense_gradients(
         const size_t left = (size_t)(width - whole) * sizeof(float);
         const float *table = turned;
         Lanes down[WIDTH];
-        bias_gradient[j] += total(load(gradient + j * WIDTH));
+        bias_gradient[j] += total(gradient + j * WIDTH);
 #pragma GCC unroll 16
         for (int lane = 0; lane < WIDTH; lane++) down[lane] = splat(gradient[j * WIDTH + lane]);
-        for (int64_t i = 0; i < whole; i += WIDTH, table += WIDTH * WIDTH) {
-            Lanes sum = load(row + i);
-#pragma GCC unroll 16
-            for (int lane = 0; lane < WIDTH; lane++)
-                sum = multiply_add(down[lane], load(table + lane * WIDTH), sum);
-            store(row + i, sum);
-        }
+        for (int64_t i = 0; i < whole; i += WIDTH, table += WIDTH * WIDTH)
+            add_products(down, table, row + i);
         if (!left) continue;
         memcpy(rest, row + whole, left);
-        Lanes sum = load(rest);
-#pragma GCC unroll 16
-        for (int lane = 0; lane < WIDTH; lane++)
-            sum = multiply_add(down[lane], load(table + lane * WIDTH), sum);
-        store(rest, sum);
+        add_products(down, table, rest);
         memcpy(row + whole, rest, left);
     }
 }

@@ -168,8 +168,8 @@ INLINE void fill_pixels(const Passage *net, const Images *images, const int64_t 
                     out[x * WIDTH + lane] =
                         bytes ? (float)images->bytes[at + x * depth] : images->floats[at + x * depth];
             }
-            for (int64_t x = 0; x < width; x++)
-                store(out + x * WIDTH, multiply_add(load(out + x * WIDTH), a, b));
+            for (int64_t i = 0; i < width * WIDTH; i += LENGTH)
+                store(out + i, multiply_add(load(out + i), a, b));
         }
 }
 

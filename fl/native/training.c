@@ -11,13 +11,13 @@ typedef struct {
     const float *anchor, *correction; /* the global model; NULL, or added to every gradient */
 } Vectors;
 
-/* v = m v + g + mu (w - w_global), w -= eta v, and g = 0, for 16 parameters. */
+/* v = m v + g + mu (w - w_global), w -= eta v, and g = 0, for a register of parameters. */
 INLINE void descend_lanes(const Vectors *vectors, const Rates *rates, int64_t i)
 {
     const Lanes weight = load(vectors->weights + i);
     Lanes gradient = load(vectors->gradients + i);
-    if (vectors->correction) gradient = add(gradient, load(vectors->correction + i));
-    gradient = multiply_add(splat(rates->mu), subtract(weight, load(vectors->anchor + i)), gradient);
+    if (vectors->correction) gradient += load(vectors->correction + i);
+    gradient = multiply_add(splat(rates->mu), weight - load(vectors->anchor + i), gradient);
     const Lanes velocity = multiply_add(splat(rates->momentum), load(vectors->velocity + i), gradient);
     store(vectors->velocity + i, velocity);
     store(vectors->weights + i, multiply_add(splat(-rates->learning_rate), velocity, weight));
@@ -33,13 +33,13 @@ static void descend(const Vectors *vectors, const Rates *rates, int64_t paramete
     float anchor[WIDTH] = {0}, correction[WIDTH] = {0};
     const Vectors rest = {
         weights, velocity, gradients, anchor, vectors->correction ? correction : NULL};
-    for (int64_t i = 0; i < whole; i += WIDTH) descend_lanes(vectors, rates, i);
+    for (int64_t i = 0; i < whole; i += LENGTH) descend_lanes(vectors, rates, i);
     memcpy(weights, vectors->weights + whole, left);
     memcpy(velocity, vectors->velocity + whole, left);
     memcpy(gradients, vectors->gradients + whole, left);
     memcpy(anchor, vectors->anchor + whole, left);
     if (vectors->correction) memcpy(correction, vectors->correction + whole, left);
-    descend_lanes(&rest, rates, 0);
+    for (int64_t i = 0; i < WIDTH; i += LENGTH) descend_lanes(&rest, rates, i);
     memcpy(vectors->weights + whole, weights, left);
     memcpy(vectors->velocity + whole, velocity, left);
     memcpy(vectors->gradients + whole, gradients, left);
