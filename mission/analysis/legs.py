@@ -101,7 +101,7 @@ def _legs(measured: Measured, found: "Pass") -> Iterator[Leg]:
             end_s=float(t_s[here[-1]]) if flown else math.nan,
             cross_track_rms_m=float(np.sqrt((cross**2).mean())) if flown else math.nan,
             cross_track_max_m=float(cross.max()) if flown else math.nan,
-            height_max_m=float(known.max()) if len(known) else math.nan,
+            height_max_m=float(known.max()) if flown and len(known) else math.nan,
             speed_mean_mps=float(measured.speed_mps[here].mean()) if flown else math.nan,
         )
 

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
 # A straight is what lies farther than this along the planned path from every corner.
 CORNER_M = 25.0
+_FAULT_ENDS = "Fault ends"  # what the vehicle's word for the end of a fault begins with
 _GAP_S = 1.0
 
 
@@ -150,7 +151,8 @@ def _measured(
         for at, corner in zip(fit.corners_m, fit.corner_points_m, strict=True)
         if np.any(np.abs(fit.along_m - at) <= CORNER_M)
     ]
-    events = Counter(e.kind for e in run.events if start_ns <= e.t_ns <= end_ns)
+    happened = [e for e in run.events if start_ns <= e.t_ns <= end_ns]
+    events = Counter(e.kind for e in happened if not e.text.startswith(_FAULT_ENDS))
     gaps_s = [end_s - begin_s for begin_s, end_s in gnss_gaps(run, start_ns, end_ns)]
     blows = (run.wind.t_ns >= start_ns) & (run.wind.t_ns <= end_ns)
     return Measured(

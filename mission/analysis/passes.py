@@ -196,7 +196,10 @@ def _passes(
 
 def _check_place(path: object, plan: Plan, way: MissionPath, track: Track) -> None:
     """Refuse a plan that no part of the flight comes near."""
-    places = way.points_m[way.seqs >= 0][:, None, :2]
+    # Taking off on the spot and returning home say nothing of where a plan is.
+    moved = polyline.legs(way.points_m[:, :2]) > _AT_END_M
+    led = (way.seqs >= 0) & way.height_known & np.concatenate(([False], moved))
+    places = way.points_m[led][:, None, :2]
     away_m = np.linalg.norm(places - track.pos_m[None, ::10, :2], axis=2)
     if away_m.size and (nearest := float(away_m.min())) > _FAR_M:
         raise InputError(

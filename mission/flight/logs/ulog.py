@@ -54,6 +54,7 @@ COMMANDS = {  # of position_setpoint.type
 _LOG_LEVEL = ord("0")  # of a message: a digit
 _SAME_DEG = 1e-7
 _FIX_3D = 3
+_HEADER = 16  # bytes before the first message, which begins with its length and kind: 3 bytes
 
 Columns = dict[str, NDArray[np.float64]]
 
@@ -92,6 +93,7 @@ def read_ulog(path: Path) -> FlightData:
     fixes = topics.get("vehicle_gps_position")
     found.fixes = [int(row[0]) for row in _rows(fixes, "fix_type") if row[1] >= _FIX_3D]
     _heading_for(found, topics.get("position_setpoint_triplet"))
+    found.skipped["message that the end cut off"] += _cut_off(content)
     found.skipped["dropout"] += len(log.dropouts)
     found.skipped["damaged stretch"] += int(log.file_corruption or bool(said.getvalue()))
     found.skipped["event of PX4's events interface"] += len(
@@ -99,6 +101,14 @@ def read_ulog(path: Path) -> FlightData:
     )
     found.skipped = +found.skipped
     return found.flight()
+
+
+def _cut_off(content: bytes) -> bool:
+    """Whether the file ends within a message, which the library passes over in silence."""
+    at = _HEADER
+    while at + 3 <= len(content):
+        at += 3 + int.from_bytes(content[at : at + 2], "little")
+    return at != len(content)
 
 
 def _ns(timestamp_us: float) -> int:

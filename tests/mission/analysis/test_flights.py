@@ -24,7 +24,7 @@ from mission.base.errors import InputError
 from mission.cli import call
 from mission.flight.serve.flight_logs import FlightLogs
 from mission.log.reader import read_log
-from mission.log.values import EventRecord, FlightData, Track
+from mission.log.values import NS_PER_S, EventRecord, FlightData, Track
 
 NAN = math.nan
 SQUARE = ((0.0, 100.0), (120.0, 100.0), (120.0, -60.0), (0.0, -60.0))
@@ -194,7 +194,9 @@ def test_a_plan_of_another_place_and_a_flight_without_a_mission_are_refused(
 
     log = flown(tmp_path, plain()[:2], take_home)
     plan = tmp_path / "far.waypoints"
-    plan.write_text("QGC WPL 110\n0\t0\t3\t16\t0\t0\t0\t0\t48.0\t8.5\t30\t1\n")
+    # It takes off on the spot and returns to home, as this flight did.
+    rows = "0 0 3 22 0 0 0 0 0 0 30 1", "1 0 3 16 0 0 0 0 48.0 8.5 30 1", "2 0 3 20 0 0 0 0 0 0 0 1"
+    plan.write_text("\n".join(["QGC WPL 110", *("\t".join(row.split()) for row in rows)]) + "\n")
     assert call(["compare", str(log), "--plan", str(plan)]) == 2
     (line,) = capsys.readouterr().err.splitlines()
     assert "far.waypoints is of another place: its nearest item is" in line
@@ -205,6 +207,27 @@ def test_a_plan_of_another_place_and_a_flight_without_a_mission_are_refused(
     nowhere = replace(data, truth=Track(data.truth.t_ns[:0], data.truth.pos_m[:0]))
     with pytest.raises(InputError, match="the log has no positions"):
         judged(log, nowhere, None)
+
+
+def test_a_fault_counts_once_and_a_leg_that_was_not_flown_has_no_numbers(tmp_path: Path) -> None:
+    def stop(desk: Desk) -> None:
+        desk.fly(seconds=25)
+        mode(desk, 3)
+        desk.fly(seconds=5)
+        desk.send(mav.MAVLink_mission_clear_all_message(1, 1))
+        mode(desk, 6)
+
+    log = flown(tmp_path, plain(), stop)
+    data = read_log(log)
+    at = next(event for event in data.events if event.kind == "reached")
+    begun = replace(at, kind="fault", text="Fault begins: gnss_off")
+    ended = replace(at, kind="fault", text="Fault ends: gnss_off", t_ns=at.t_ns + 2 * NS_PER_S)
+    found = compared(log, replace(data, events=(*data.events, begun, ended)))
+    assert found.total.faults == 1
+    every = legs(found.measured, found.run.judged)
+    not_flown = [leg for leg in every if math.isnan(leg.start_s)]
+    assert not_flown
+    assert all(math.isnan(leg.height_max_m) for leg in not_flown)
 
 
 def test_json_has_legs_spikes_and_what_was_not_compared(
