@@ -65,6 +65,19 @@ def test_the_evaluator_agrees_with_our_own_check(kind: str) -> None:
             assert energy_j == pytest.approx(plan.foreseen.energy_j, rel=1e-9)
 
 
+def test_our_plans_keep_to_the_rules() -> None:
+    plans = json.loads((FOLDER / "plans.json").read_text(encoding="utf-8"))
+    stored = json.loads((FOLDER / "problems.json").read_text(encoding="utf-8"))
+    assert list(plans) == [entry["id"] for entry in stored]
+    for entry in stored[::7]:
+        plan = plans[entry["id"]]
+        value, duration_s, energy_j = evaluator.evaluate(entry, plan)
+        assert value == pytest.approx(plan["value"], rel=1e-9)
+        assert value <= plan["upper_bound"] * (1.0 + 1e-9)
+        assert duration_s == pytest.approx(plan.get("duration_s", duration_s), rel=1e-9)
+        assert energy_j == pytest.approx(plan.get("energy_j", energy_j), rel=1e-9)
+
+
 def _farther(_: dict[str, Any], plan: dict[str, Any]) -> None:
     plan["waypoints"][-1] = plan["route"][-1] = [2000.0, 2000.0]
 
