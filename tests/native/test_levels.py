@@ -88,7 +88,7 @@ FUSED = """
 #include "lanes.h"
 void fused_all(long count, const float *a, const float *b, const float *c, float *out)
 {
-    for (long i = 0; i < count; i += WIDTH)
+    for (long i = 0; i < count; i += LENGTH)
         store(out + i, multiply_add(load(a + i), load(b + i), load(c + i)));
 }
 """

@@ -154,7 +154,7 @@ def test_mission_raw_with_fence_and_rally_lists() -> None:
             progress = await raw.mission_progress()
             assert (progress.current, progress.total) == (2, 2)
             with pytest.raises(MissionRawError, match="UNSUPPORTED"):
-                await raw.upload_mission([raw_item(0, 205, 0, 0, 0)])
+                await raw.upload_mission([raw_item(0, 84, 0, 0, 20.0)])
             assert len(await raw.download_mission()) == 2
             await raw.clear_mission()
         assert [event.seq for event in recorder.of_kind("reached")] == [0, 1]

@@ -75,7 +75,7 @@ def test_killed_while_the_old_ones_are_removed(folder: RunFolder) -> None:
 @pytest.mark.slow
 def test_killed_while_it_flies_again_nothing_is_lost(tmp_path: Path) -> None:
     out = tmp_path / "killed"
-    killed(out, after_rounds=2, delay_s=0.0)
+    killed(out, after_rounds=1, delay_s=0.0)
     before = {name: (out / name).read_bytes() for name in NAMES}
     aside = out / "checkpoint" / "interrupted"
     command = [*UNDRAWN, "run", "--resume", str(out), "--quiet"]
@@ -85,7 +85,7 @@ def test_killed_while_it_flies_again_nothing_is_lost(tmp_path: Path) -> None:
     process.wait()
     assert {name: (aside / name).read_bytes() for name in NAMES} == before
     saved = recover(aside / "flight.mcap", tmp_path / "saved.mcap")
-    assert [record.round for record in read_log(saved.target).rounds][:2] == [1, 2]
+    assert [record.round for record in read_log(saved.target).rounds][:1] == [1]
     assert call(["run", "--resume", str(out), "--quiet"]) == 0
-    assert [record.round for record in read_table(out / "rounds.csv", RoundRecord)] == [1, 2, 3]
+    assert [record.round for record in read_table(out / "rounds.csv", RoundRecord)] == [1, 2]
     assert not aside.exists()

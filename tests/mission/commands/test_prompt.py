@@ -122,7 +122,7 @@ def test_log_commands_tell_json(run: Path, tmp_path: Path, capsys) -> None:
     assert same == {"same": True, "differences": []}
     other = tmp_path / "other"
     assert call(["run", *QUICK, "--seed", "2", "--out", str(other), "--quiet", "--no-report"]) == 0
-    assert not printed(capsys, "log", "diff", str(run), str(other), "--json", code=6)["same"]
+    assert not printed(capsys, "log", "diff", str(run), str(other), "--json", code=7)["same"]
     files = printed(capsys, "log", "export", str(run), str(tmp_path / "t"), "--to", "csv", "--json")
     assert all(Path(file).is_file() for file in files)
     saved = printed(capsys, "log", "recover", str(run), str(tmp_path / "r.mcap"), "--json")
