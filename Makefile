@@ -16,7 +16,7 @@ run: $(BASE)
 test: $(READY)
 	$(BIN)/python -m pytest
 
-# Under a minute: without whole runs, and without what needs more than a clone brings.
+# A minute and a half: without whole runs, and without what needs more than a clone brings.
 test-fast: $(READY)
 	$(BIN)/python -m pytest -m "not slow and not real"
 
