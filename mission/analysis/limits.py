@@ -59,10 +59,13 @@ def known_limits(limits: Mapping[str, object], source: str) -> dict[str, float]:
         if name not in _MADE:
             hint = did_you_mean(name, _MADE)
             raise InputError(f"{source}: {name}: the comparison has no such number{hint}")
-        number = isinstance(value, int | float) and not isinstance(value, bool)
-        if not number or not math.isfinite(float(value)):  # type: ignore[arg-type]
+        if (
+            isinstance(value, bool)
+            or not isinstance(value, int | float)
+            or not math.isfinite(value)
+        ):
             raise InputError(f"{source}: {name} = {value!r}: must be a number")
-        found[name] = float(value)  # type: ignore[arg-type]
+        found[name] = float(value)
     return found
 
 

@@ -9,7 +9,7 @@ if TYPE_CHECKING:
     from mission.analysis.limits import Verdict
 
 
-class Comparison(pd.DataFrame):  # type: ignore[misc]
+class Comparison(pd.DataFrame):  # type: ignore[misc]  # pandas has no types here
     """A pandas table like any other; what is computed from it is a plain one.
 
     `flights` are the comparisons that it was made of.

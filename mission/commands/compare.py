@@ -1,6 +1,6 @@
 """`aerofed compare`."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -12,6 +12,7 @@ from mission.commands.options import Flag, Json, Limits, print_json
 
 if TYPE_CHECKING:
     from mission.analysis.compare import RunComparison
+    from mission.analysis.limits import Verdict
 
 
 def compare(
@@ -77,8 +78,8 @@ def compare(
 
         save(comparison_figure(found), figure)
     console = Terminal.for_tables()
+    judged = [verdicts(item, bounds) for item in found]
     if as_json:
-        judged = [verdicts(item, bounds) for item in found]
         print_json(
             [
                 {**item.values, **({"limits": its} if bounds else {})}
@@ -93,18 +94,16 @@ def compare(
     for item in loaded:
         if item.notice:
             aside.print(f"{item.path}: {item.notice}")
-    return tell_verdict(found, bounds, junit)
+    return tell_verdict(found, judged, junit)
 
 
 def tell_verdict(
-    found: Sequence["RunComparison"], bounds: Mapping[str, float], junit: Path | None
+    found: Sequence["RunComparison"], judged: Sequence[Sequence["Verdict"]], junit: Path | None
 ) -> int:
-    """Say which limits are not met, a line each; the exit code."""
+    """Say which limits of each flight are not met, a line each; the exit code."""
     from mission.analysis.comparison_text import names_of
     from mission.analysis.limits import junit as write
-    from mission.analysis.limits import verdicts
 
-    judged = [verdicts(item, bounds) for item in found]
     if junit is not None:
         write(junit, dict(zip(names_of(found), judged, strict=True)))
     broken = [item for each in judged for item in each if not item.met]

@@ -172,8 +172,8 @@ def judge(
     from mission.commands.compare import tell_verdict
 
     found = compare_run(load_run(folder))
-    more["limits"] = verdicts(found, bounds)
-    return tell_verdict([found], bounds, junit)
+    more["limits"] = its = verdicts(found, bounds)
+    return tell_verdict([found], [its], junit)
 
 
 def write_page(folder: Path) -> None:

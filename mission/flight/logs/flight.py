@@ -50,18 +50,18 @@ def told_damage(path: Path) -> Iterator[None]:
 
 @dataclass
 class Found:
-    """What is found in a log, in order of time (ns of its clock)."""
+    """What is found in a log, in order of time (ns of its clock), which comes first in a row."""
 
     path: Path
     kind: str
     clock: str
-    places: list[tuple[int, float, float, float]] = field(default_factory=list)  # lat, lon, alt msl
-    truth: list[tuple[int, float, float, float]] = field(default_factory=list)
-    homes: list[tuple[int, float, float, float]] = field(default_factory=list)
+    places: list[tuple[float, ...]] = field(default_factory=list)  # lat, lon, alt msl
+    truth: list[tuple[float, ...]] = field(default_factory=list)
+    homes: list[tuple[float, ...]] = field(default_factory=list)
     modes: list[tuple[int, str]] = field(default_factory=list)
     events: list[tuple[int, str, str, int | None, int]] = field(default_factory=list)
-    battery: list[tuple[int, float, float, float, float]] = field(default_factory=list)
-    wind: list[tuple[int, float, float]] = field(default_factory=list)  # towards east, north
+    battery: list[tuple[float, ...]] = field(default_factory=list)
+    wind: list[tuple[float, ...]] = field(default_factory=list)  # towards east, north
     fixes: list[int] = field(default_factory=list)
     missions: list[MissionRecord] = field(default_factory=list)
     current: list[tuple[int, int]] = field(default_factory=list)
@@ -142,7 +142,7 @@ class Found:
             source=Source(self.kind, self.clock, only, dict(self.skipped)),
         )
 
-    def _of_one_clock(self, rows: Sequence[tuple[int, float, float, float]]) -> Floats:
+    def _of_one_clock(self, rows: Sequence[tuple[float, ...]]) -> Floats:
         """The rows in order of time, thinned; those of a clock that started anew are refused."""
         table = np.array(rows, dtype=np.float64).reshape(-1, 4)
         finite = np.isfinite(table).all(axis=1)

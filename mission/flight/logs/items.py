@@ -68,7 +68,6 @@ class MissionPath:
     height_known: Bools  # (P,) not where the vehicle chooses
     wait_s: Floats  # (P,) hover there
     speed_mps: Floats  # (P,) ordered for the leg that ends there; NaN where the vehicle chooses
-    returns: bool  # the last item leads home, or to the ground
     left_out: Mapping[str, int]  # items that lead nowhere that is known here, by command
 
 
@@ -135,7 +134,6 @@ def mission_path(
         np.array(known),
         np.array(waits),
         np.array(speeds),
-        returns(items),
         left_out,
     )
 

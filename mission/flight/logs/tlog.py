@@ -22,7 +22,6 @@ _ROTARY = frozenset({0, 2, 3, 4, 13, 14, 15, 18, 29, 35})  # MAV_TYPE
 _OTHERS = frozenset({1, 7, 8, 9, 10, 11, 12, 16, *range(19, 26), 36})  # that fly or drive otherwise
 _NO_AUTOPILOT = mav.MAV_AUTOPILOT_INVALID
 _FIX_3D = 3
-_WARNING = mav.MAV_SEVERITY_CRITICAL
 _ITEMS = ("MISSION_ITEM_INT", "MISSION_ITEM")
 
 

@@ -78,7 +78,7 @@ def read_ulog(path: Path) -> FlightData:
     if not found.places:
         found.places = list(_local(topics.get("vehicle_local_position")))
     found.truth = list(_places(topics, ("vehicle_global_position_groundtruth",)))
-    found.homes = list(_rows(topics.get("home_position"), "lat", "lon", "alt"))  # type: ignore[arg-type]
+    found.homes = list(_rows(topics.get("home_position"), "lat", "lon", "alt"))
     _status(found, topics.get("vehicle_status"))
     for message in log.logged_messages:
         level = message.log_level - _LOG_LEVEL
@@ -87,9 +87,9 @@ def read_ulog(path: Path) -> FlightData:
         )
     found.events.sort(key=lambda event: event[0])
     names = ("voltage_v", "current_a", "discharged_mah", "remaining")
-    found.battery = list(_rows(topics.get("battery_status"), *names))  # type: ignore[arg-type]
+    found.battery = list(_rows(topics.get("battery_status"), *names))
     wind = topics.get("wind", topics.get("wind_estimate"))
-    found.wind = list(_rows(wind, "windspeed_east", "windspeed_north"))  # type: ignore[arg-type]
+    found.wind = list(_rows(wind, "windspeed_east", "windspeed_north"))
     fixes = topics.get("vehicle_gps_position")
     found.fixes = [int(row[0]) for row in _rows(fixes, "fix_type") if row[1] >= _FIX_3D]
     _heading_for(found, topics.get("position_setpoint_triplet"))
@@ -124,15 +124,13 @@ def _rows(data: Columns | None, *names: str) -> Iterator[tuple[float, ...]]:
         yield (_ns(t_us), *values)
 
 
-def _places(
-    topics: dict[str, Columns], names: tuple[str, ...]
-) -> Iterator[tuple[int, float, float, float]]:
+def _places(topics: dict[str, Columns], names: tuple[str, ...]) -> Iterator[tuple[float, ...]]:
     """Latitude, longitude, altitude of the first of some topics that is there."""
     data = next((topics[name] for name in names if name in topics), None)
     if data is None:
         return
     if "latitude_deg" in data:
-        yield from _rows(data, "latitude_deg", "longitude_deg", "altitude_msl_m")  # type: ignore[misc]
+        yield from _rows(data, "latitude_deg", "longitude_deg", "altitude_msl_m")
         return
     for t_ns, lat, lon, alt in _rows(data, "lat", "lon", "alt"):
         # A receiver's are whole numbers in the logs of old versions.
@@ -141,7 +139,7 @@ def _places(
         yield int(t_ns), lat * scale, lon * scale, alt * tall
 
 
-def _local(data: Columns | None) -> Iterator[tuple[int, float, float, float]]:
+def _local(data: Columns | None) -> Iterator[tuple[float, ...]]:
     """Local positions that have a place on the globe."""
     from flightdyn.frames import LocalFrame
 
