@@ -240,7 +240,7 @@ def cold() -> None:
                 [sys.executable, "-c", COLD, str(problem), f"{folder}/{number}.json"],
                 capture_output=True, text=True, check=True,
             )  # fmt: skip
-            times.append([float(line) for line in run.stdout.split()[:2]])
+            times.append([float(line) for line in run.stderr.split()])
         begins, ends = min(times, key=lambda pair: pair[1])
         print(
             f"`aerofed plan --problem`: planning begins after {begins:.2f} s of CPU, planned after "
