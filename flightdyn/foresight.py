@@ -12,13 +12,12 @@ import numpy as np
 from flightdyn.config import LimitsConfig
 from flightdyn.frames import Triple
 from flightdyn.guidance.path import FlightPath
-from flightdyn.guidance.path_plan import plan_path
-from flightdyn.physics.power import power_w
+from flightdyn.guidance.path_plan import drawn
+from flightdyn.physics.power import air_of, power_w
 from flightdyn.state import Vector
 
 # From the reference's end until the aircraft stands there: 0.04 to 0.28 s in 56 calm flights.
 SETTLING_S = 0.3
-_SAMPLE_S = 0.1
 _SPEEDS = 2000
 STILL: Triple = (0.0, 0.0, 0.0)
 
@@ -39,24 +38,9 @@ def foresee(
     wind's velocity is along the path's axes. It costs energy; time only where lean or thrust do
     not suffice against it, which is not foreseen.
     """
-    trajectory, corners = plan_path(path, limits)
-    begun_s, moving_s = trajectory.start_s, trajectory.end_s - trajectory.start_s
-    passed_s = np.zeros(len(path.points_ned_m))
-    passed = 1
-    for corner in corners[1:]:
-        passed_s[passed : corner.count] = corner.t_s - begun_s
-        passed = corner.count
-    passed_s[passed:] = moving_s
-    if len(corners) > 1:
-        passed_s[corners[-2].count :] = moving_s  # the end is where it stops
-    count = math.ceil(moving_s / _SAMPLE_S) + 1
-    at_s, step_s = np.linspace(0.0, moving_s, count, retstep=True)
-    velocity, acceleration = trajectory.motion(begun_s + at_s)
-    airspeed = np.linalg.norm(velocity - wind_mps, axis=1)
-    accel = np.linalg.norm(acceleration, axis=1)
-    watts = power_w(airspeed, accel_mps2=accel, density=density)
-    hover_w = float(power_w(np.linalg.norm([wind_mps], axis=1), density=density)[0])
-    energy_j = float((watts.sum() - (watts[0] + watts[-1]) / 2.0) * step_s)
+    air = air_of(density, wind_mps)
+    passed_s, moving_s, energy_j = drawn(path, limits).foreseen(air)
+    hover_w = float(air.power(np.array([math.hypot(*wind_mps)]), np.zeros(1))[0])
     return Foresight(passed_s, moving_s + SETTLING_S, energy_j + hover_w * SETTLING_S)
 
 

@@ -2,6 +2,7 @@
 #ifndef LEARNING_H
 #define LEARNING_H
 
+#include "channel.h"
 #include <stdint.h>
 
 enum { MOST_BLOCKS = 8, MOST_LAYERS = 8 };
@@ -30,14 +31,6 @@ typedef struct {
 typedef struct {
     float learning_rate, momentum, mu; /* mu / 2 |w - w_global|^2 is added to the loss */
 } Rates;
-
-/* Constants of a channel; of each segment what is lost to the threshold at 1 m, the path-loss exponent
-   and the standard deviation of the shadowing, in natural logarithms. */
-typedef struct {
-    double a1, a2;  /* of the probability of line of sight */
-    double nearest; /* metres: shorter distances count as this */
-    double los_margin, los_alpha, los_sigma, nlos_margin, nlos_alpha, nlos_sigma;
-} Channel;
 
 /* The same functions for every kind of processor; 0, or -1 where memory is short. */
 typedef struct {

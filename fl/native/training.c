@@ -1,7 +1,6 @@
 /* What one device does: local training; and what a model gets right. Compiled once for every kind
    of processor, as LEVEL names it. */
 
-#include "channel.h"
 #include "levelled.h"
 #include "network.h"
 

@@ -8,5 +8,11 @@
 #include "levelled.h"
 #include "strapdown.h"
 
-const Flight NAMED(flight) = {integrate, carry, transition, innovate,
-                               reference, guide, land, cruise};
+static void power(
+    const Air *air, int64_t count, const double *speed, const double *accel, double *watts)
+{
+    for (int64_t i = 0; i < count; i++) watts[i] = power_at(speed[i], accel[i], air);
+}
+
+const Flight NAMED(flight) = {integrate, carry,  transition, innovate,  reference,    guide,
+                              land,      cruise, draw_path,  foresee_path, power};

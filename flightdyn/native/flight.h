@@ -5,6 +5,7 @@
 
 #include "inner.h"
 #include "ticks.h"
+#include "trajectory.h"
 #include <stdint.h>
 
 /* Error state, by `flightdyn.navigation.error_model`: where its parts begin. */
@@ -36,11 +37,6 @@ typedef struct {
     double p[3], v[3], q[4];
 } State;
 
-/* Constant acceleration from `t0` on; `area` is the integral of position up to then. */
-typedef struct {
-    double t0, p[3], v[3], a[3], area[3];
-} Piece;
-
 /* A state that is carried on by increments. */
 typedef struct {
     State state;
@@ -50,13 +46,6 @@ typedef struct {
     double force[3];  /* mean specific force (body) of the last of them */
     double down[];    /* p[2] after each of them */
 } Strapdown;
-
-/* Pieces (count,) averaged over twice `half`. */
-typedef struct {
-    const Piece *pieces;
-    int64_t count;
-    double half, start, end; /* s */
-} Trajectory;
 
 /* Of the outer loop, `flightdyn.guidance.control`; `full` is the thrust over mass at collective 1. */
 typedef struct {
@@ -140,6 +129,14 @@ typedef struct {
        before, with a guidance step, where that notes something else. Sums of the samples up to each
        step are left in `sums`. Returns the ticks, -1 where Python has an error set. */
     int64_t (*cruise)(Loop *, void *run, int64_t ticks, Increment *sums, const Guidance *);
+    /* `draw_path` and `foresee_path` of trajectory.h; both need (count,) vertices, (4 count,) pieces. */
+    double (*draw)(const FlightPath *, const Steering *, const double velocity[3], int braking,
+                   const Drawing *, int64_t *pieces, int64_t *legs);
+    double (*foresee)(const FlightPath *, const Steering *, const Air *, double *passed,
+                      double *joules, const Drawing *);
+    /* Watts (count,) at speeds through the air and sizes of acceleration. */
+    void (*power)(const Air *, int64_t count, const double *speed, const double *accel,
+                  double *watts);
 } Flight;
 
 extern const Flight flight_baseline, flight_avx2, flight_avx512;

@@ -19,31 +19,6 @@ static const double NEAR_M = 0.2;       /* to a corner's plane, beyond what is f
 static const double COURSE_MPS = 1.5;   /* slower than that the course does not say where to look */
 static const double PRESSED_LIFT = 0.9; /* below it an attitude order means to come down */
 
-/* The piece of an instant, or the first one. */
-static const Piece *piece_at(const Trajectory *path, double t)
-{
-    int64_t low = 0, high = path->count; /* the first that begins later lies from low to high */
-    while (low < high) {
-        const int64_t middle = (low + high) / 2;
-        if (path->pieces[middle].t0 <= t) low = middle + 1;
-        else high = middle;
-    }
-    return path->pieces + (low ? low - 1 : 0);
-}
-
-/* Before averaging: the integral of position, position and velocity. */
-static void unsmoothed(const Trajectory *path, double t, double area[3], double p[3], double v[3])
-{
-    const Piece *piece = piece_at(path, t);
-    const double s = t - piece->t0, s2 = s * s / 2, s3 = s2 * s / 3;
-    for (int i = 0; i < 3; i++) {
-        const double a = s < 0 ? 0 : piece->a[i]; /* before the first piece: at its speed */
-        area[i] = piece->area[i] + piece->p[i] * s + piece->v[i] * s2 + a * s3;
-        p[i] = piece->p[i] + piece->v[i] * s + a * s2;
-        v[i] = piece->v[i] + a * s;
-    }
-}
-
 static void reference(const Trajectory *path, double t, double lead, double *pva)
 {
     const double h = path->half;

@@ -40,6 +40,11 @@ class _Functions(ctypes.Structure):
         ("land", ctypes.PYFUNCTYPE(None, _POINTER, _DOUBLE)),
         ("cruise", ctypes.PYFUNCTYPE(
             _INT, _POINTER, ctypes.py_object, _INT, _POINTER, _POINTER)),
+        ("draw", ctypes.PYFUNCTYPE(
+            _DOUBLE, _POINTER, _POINTER, _POINTER, ctypes.c_int, _POINTER, _POINTER, _POINTER)),
+        ("foresee", ctypes.PYFUNCTYPE(
+            _DOUBLE, _POINTER, _POINTER, _POINTER, _POINTER, _POINTER, _POINTER)),
+        ("power", ctypes.PYFUNCTYPE(None, _POINTER, _INT, _POINTER, _POINTER, _POINTER)),
     )  # fmt: skip
 
 
@@ -49,6 +54,7 @@ _INTEGRATE, _CARRY = _FUNCTIONS.integrate, _FUNCTIONS.carry
 _TRANSITION, _INNOVATE = _FUNCTIONS.transition, _FUNCTIONS.innovate
 _REFERENCE, _GUIDE, _LAND = _FUNCTIONS.reference, _FUNCTIONS.guide, _FUNCTIONS.land
 _CRUISE = _FUNCTIONS.cruise
+_DRAW, _FORESEE, _POWER = _FUNCTIONS.draw, _FUNCTIONS.foresee, _FUNCTIONS.power
 
 
 _ROOM = 8  # times as many increments, so that they are seldom moved to the front
@@ -262,6 +268,100 @@ class Pieces:
 _THREE = _DOUBLE * 3
 
 
+class Steering(ctypes.Structure):
+    """What guidance keeps to; see `trajectory.h`."""
+
+    _fields_ = (
+        ("accel", _DOUBLE), ("vertical_accel", _DOUBLE), ("smoothing", _DOUBLE),
+        ("speed", _DOUBLE), ("climb", _DOUBLE), ("descent", _DOUBLE), ("corner_cut", _DOUBLE),
+    )  # fmt: skip
+
+
+class Air(ctypes.Structure):
+    """The air, and what flying in it takes; see `trajectory.h`."""
+
+    _fields_ = (
+        ("density", _DOUBLE), ("wind", _THREE), ("watts", _POINTER), ("rows", _INT),
+    )  # fmt: skip
+
+    @classmethod
+    def made(cls, watts: _Floats, *, density: float, wind_mps: _Triple) -> "Air":
+        """`watts` (n,), two or more, at 0, 1, 2, ... m/s; they have to stay where they are."""
+        rows = len(watts)
+        return cls(density, _THREE(*wind_mps), address(watts, np.float64, (rows,)), rows)
+
+    def power(self, speed_mps: _Floats, accel_mps2: _Floats) -> _Floats:
+        """Watts (n,) at speeds through the air and sizes of acceleration (n,)."""
+        watts = np.empty(speed_mps.shape)
+        where = [address(given, np.float64, watts.shape) for given in (speed_mps, accel_mps2)]
+        _POWER(ctypes.addressof(self), watts.size, *where, watts.ctypes.data)
+        return watts
+
+
+class Vertex(ctypes.Structure):
+    """A point of a path, and the leg that ends there; see `trajectory.h`."""
+
+    _fields_ = (
+        ("p", _THREE), ("radius", _DOUBLE), ("passed", _INT),
+        ("u", _THREE), ("length", _DOUBLE), ("top", _DOUBLE), ("accel", _DOUBLE),
+        ("v", _DOUBLE), ("sine", _DOUBLE), ("bend", _DOUBLE),
+        ("normal", _THREE), ("t", _DOUBLE), ("half", _DOUBLE),
+    )  # fmt: skip
+
+
+class _Path(ctypes.Structure):
+    _fields_ = (
+        ("count", _INT), ("points", _POINTER), ("speeds", _POINTER), ("acceptance", _POINTER),
+    )  # fmt: skip
+
+
+class _Drawing(ctypes.Structure):
+    _fields_ = (("at", _POINTER), ("pieces", _POINTER))
+
+
+class Drawn:
+    """A path in the layout of the C library, and the memory for what is made of it."""
+
+    def __init__(
+        self, points: _Floats, speeds: _Floats, acceptance: _Floats, steering: Steering
+    ) -> None:
+        """Points (n, 3), two or more, speeds (n - 1,) and acceptance radii (n,)."""
+        self._count = count = len(points)
+        self._kept = points, speeds, acceptance, steering
+        self._path = _Path(
+            count,
+            address(points, np.float64, (count, 3)),
+            address(speeds, np.float64, (count - 1,)),
+            address(acceptance, np.float64, (count,)),
+        )
+        self._vertices = (Vertex * count)()
+        self._pieces = np.empty((4 * count, PIECE))
+        self._memory = _Drawing(ctypes.addressof(self._vertices), self._pieces.ctypes.data)
+        self._at = ctypes.addressof(self._path), ctypes.addressof(steering)
+
+    def trajectory(
+        self, velocity: _Triple, *, braking: bool
+    ) -> tuple[_Floats, list[Vertex], float]:
+        """Pieces (m, 13) from a velocity at the start on, the path's vertices, and when it ends;
+        `braking` begins with a stop."""
+        pieces, legs = _INT(), _INT()
+        end_s: float = _DRAW(
+            *self._at, _THREE(*velocity), braking, ctypes.addressof(self._memory),
+            ctypes.addressof(pieces), ctypes.addressof(legs),
+        )  # fmt: skip
+        return self._pieces[: pieces.value].copy(), self._vertices[: legs.value + 1], end_s
+
+    def foreseen(self, air: Air | None) -> tuple[_Floats, float, float]:
+        """When each point is passed (n,), the seconds and, where there is air, the joules of its
+        flight from rest to rest."""
+        passed, joules = np.empty(self._count), _DOUBLE()
+        seconds: float = _FORESEE(
+            *self._at, None if air is None else ctypes.addressof(air), passed.ctypes.data,
+            ctypes.addressof(joules), ctypes.addressof(self._memory),
+        )  # fmt: skip
+        return passed, seconds, joules.value
+
+
 class Memory(ctypes.Structure):
     """The guidance's memory, its orders and what comes of them; see `flight.h`."""
 
@@ -308,7 +408,8 @@ class _Loop(ctypes.Structure):
 
 check_sizes(
     _LIBRARY, Flight=_Functions, Strapdown=_Strapdown, Trajectory=_Trajectory, Guide=Memory,
-    Guidance=_Guidance, Loop=_Loop,
+    Guidance=_Guidance, Loop=_Loop, Steering=Steering, FlightPath=_Path, Vertex=Vertex,
+    Drawing=_Drawing, Air=Air,
 )  # fmt: skip
 
 

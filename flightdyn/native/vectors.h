@@ -17,11 +17,6 @@ static inline double limited(double x, double low, double high)
     return x < low ? low : x > high ? high : x;
 }
 
-static inline double size3(double x, double y, double z)
-{
-    return __builtin_sqrt(x * x + y * y + z * z);
-}
-
 /* An angle in [-pi, pi). */
 static inline double wrapped(double angle)
 {

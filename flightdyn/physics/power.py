@@ -2,11 +2,13 @@
 
 import numpy as np
 
+from flightdyn.native.library import Air
 from flightdyn.physics.airframe.parameters import QUAD_X
 from flightdyn.physics.atmosphere import pressure_pa, temperature_k
 from flightdyn.state import Vector
 
-_GRAVITY_MPS2 = 9.81
+_STILL = (0.0, 0.0, 0.0)
+_LEVEL_W = np.array(QUAD_X.level_power_w)
 
 
 def density_ratio(alt_msl_m: float) -> float:
@@ -28,7 +30,10 @@ def power_w(speed_mps: Vector, *, accel_mps2: Vector | float = 0.0, density: flo
         accel_mps2: (n,), or the same for all.
         density: of the air, over that at sea level.
     """
-    root = density**0.5
-    table = QUAD_X.level_power_w
-    level = np.interp(speed_mps * root, np.arange(len(table), dtype=np.float64), table) / root
-    return np.asarray(level * (1.0 + (accel_mps2 / _GRAVITY_MPS2) ** 2) ** 0.75)
+    speeds, accels = np.broadcast_arrays(speed_mps, accel_mps2)
+    return air_of(density).power(speeds.astype(np.float64), accels.astype(np.float64))
+
+
+def air_of(density: float, wind_mps: tuple[float, float, float] = _STILL) -> Air:
+    """Air of a density, over that at sea level, that blows, and what flying in it takes."""
+    return Air.made(_LEVEL_W, density=density, wind_mps=wind_mps)

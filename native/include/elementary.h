@@ -3,6 +3,7 @@
 #ifndef ELEMENTARY_H
 #define ELEMENTARY_H
 
+#include <math.h>
 #include <stdint.h>
 #include <string.h>
 
@@ -102,5 +103,7 @@ static inline double arc_tangent2(double y, double x)
     if (x < 0) angle = PI - angle;
     return y < 0 ? -angle : angle;
 }
+
+static inline double size3(double x, double y, double z) { return sqrt(x * x + y * y + z * z); }
 
 #endif

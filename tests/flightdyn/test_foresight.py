@@ -5,10 +5,16 @@ import pytest
 from flights import HOME, legs, make, path_along, run, take_off
 
 from flightdyn.config import LimitsConfig, WindConfig
-from flightdyn.foresight import foresee, least_duration, least_energy, longest_within
+from flightdyn.foresight import (
+    SETTLING_S,
+    foresee,
+    least_duration,
+    least_energy,
+    longest_within,
+)
 from flightdyn.guidance.path import FlightPath
 from flightdyn.guidance.path_plan import passing_times, plan_path
-from flightdyn.physics.power import density_ratio
+from flightdyn.physics.power import density_ratio, power_w
 from flightdyn.physics.wind import steady_wind_ned
 
 LIMITS = LimitsConfig()
@@ -38,8 +44,12 @@ def test_when_points_are_passed_is_known_without_making_a_trajectory(seed: int) 
     path = random_path(seed)
     twice = np.repeat(path.points_ned_m, 1 + seed % 2, axis=0)  # some of them coincide
     path = path_along(twice, speed_mps=20.0, acceptance_m=5.0)
-    passed_s = foresee(path, LIMITS).passed_s
-    assert passing_times(path, LIMITS) == pytest.approx(passed_s.tolist(), abs=1e-9)
+    trajectory, corners = plan_path(path, LIMITS)
+    closest_s = [corner.t_s - trajectory.start_s for corner in corners[1:-1]]
+    closest_s.append(trajectory.end_s - trajectory.start_s)
+    passed_s, counts = passing_times(path, LIMITS), [corner.count for corner in corners]
+    assert [passed_s[count - 1] for count in counts[1:]] == pytest.approx(closest_s, abs=1e-9)
+    assert foresee(path, LIMITS).passed_s.tolist() == passed_s
 
 
 @pytest.mark.slow
@@ -140,10 +150,15 @@ def test_no_path_is_flown_in_less_than_it_takes_to_begin_and_end() -> None:
     assert least_duration(0.0, speed_mps=20.0, limits=LIMITS) == 0.0
 
 
-def test_motion_is_the_reference_at_many_times() -> None:
-    trajectory, _ = plan_path(random_path(5), LIMITS)
-    times = np.linspace(trajectory.start_s, trajectory.end_s, 400)
-    velocity, acceleration = trajectory.motion(times)
-    references = [trajectory.at(float(t)) for t in times]
-    np.testing.assert_allclose(velocity, [r.v for r in references], atol=1e-9)
-    np.testing.assert_allclose(acceleration, [r.a for r in references], atol=1e-9)
+@pytest.mark.parametrize("seed", [3, 5])
+def test_joules_are_those_of_the_reference(seed: int) -> None:
+    path, wind = random_path(seed), np.array([3.0, -1.0, 0.0])
+    trajectory, _ = plan_path(path, LIMITS)
+    times = np.linspace(trajectory.start_s, trajectory.end_s, 5000)
+    references = [trajectory.at(t) for t in times.tolist()]
+    speed = np.linalg.norm([r.v - wind for r in references], axis=1)
+    accel = np.linalg.norm([r.a for r in references], axis=1)
+    watts = power_w(speed, accel_mps2=accel, density=0.9)
+    settled_j = SETTLING_S * power_w(np.linalg.norm([wind], axis=1), density=0.9)[0]
+    foreseen = foresee(path, LIMITS, density=0.9, wind_mps=(3.0, -1.0, 0.0))
+    assert foreseen.energy_j == pytest.approx(np.trapezoid(watts, times) + settled_j, rel=1e-4)

@@ -13,9 +13,10 @@ from fl.radio.channel import CHANNEL_PRESETS
 from fl.training.local import LocalSettings, LocalTask, scaling_of
 from fl.training.networks import make_network
 from flightdyn.config import LimitsConfig
+from flightdyn.foresight import foresee
 from flightdyn.frames import quaternion_from_euler
 from flightdyn.guidance.path import FlightPath
-from flightdyn.guidance.path_plan import plan_path
+from flightdyn.guidance.path_plan import brake_and_go, plan_path
 from flightdyn.native.library import (
     ATTITUDE,
     NOTHING,
@@ -114,6 +115,12 @@ def fly():
     corners = np.array([(0, 0, -30), (60, 0, -30), (60, 50, -32), (20, 50, -32)], dtype=float)
     path = FlightPath(corners, np.full(3, 12.0), np.full(4, 5.0))
     trajectory, _ = plan_path(path, LimitsConfig())
+    foreseen = foresee(path, LimitsConfig(), density=0.9, wind_mps=(3.0, -1.0, 0.0))
+    digest.update(np.array([*foreseen.passed_s, foreseen.energy_j]).tobytes())
+    joined = brake_and_go(
+        (0.0, 0.0, -30.0), (9.0, 2.0, 0.0), goal=(5.0, 5.0, -40.0), limits=LimitsConfig()
+    )
+    digest.update(np.array(joined.at(joined.end_s / 2)).tobytes())
     gains = [0.02, 9.81, 41.5, 1.7, 0.05, 1.6, 4.5, 2.5, 6.0, 0.16, 0.1, 12.0, 0.25, 0.06, 0.9, 1.0]
     told: list[float] = []
     axes = [told.append] * 3

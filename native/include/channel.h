@@ -2,10 +2,15 @@
 #ifndef CHANNEL_H
 #define CHANNEL_H
 
-#include <math.h>
-
-#include "learning.h"
 #include "normal.h"
+
+/* Constants of a channel; of each segment what is lost to the threshold at 1 m, the path-loss exponent
+   and the standard deviation of the shadowing, in natural logarithms. */
+typedef struct {
+    double a1, a2;  /* of the probability of line of sight */
+    double nearest; /* metres: shorter distances count as this */
+    double los_margin, los_alpha, los_sigma, nlos_margin, nlos_alpha, nlos_sigma;
+} Channel;
 
 /* 1 / (1 + e^-x) */
 static inline double logistic(double x)

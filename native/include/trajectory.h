@@ -1,0 +1,382 @@
+/* From a path to the trajectory that flies it, and what that takes: runs along the legs, blends at the
+   corners, all of it averaged over a window so that acceleration ramps instead of jumping.
+
+   A corner is cut by a parabola: constant acceleration a along the bisector. A blend at speed v
+   through the course change phi takes the time T = 2 v s / a with s = sin(phi / 2), begins
+   v T / 2 = v^2 s / a before the corner and misses it by v T s / 4 = v^2 s^2 / (2 a), which bounds v
+   by the cut allowed. */
+#ifndef TRAJECTORY_H
+#define TRAJECTORY_H
+
+#include "elementary.h"
+
+static const double SAME_POINT_M = 1e-3; /* closer points are one corner */
+static const double ACROSS_MPS = 4.0;    /* more speed across the first leg is braked off at first */
+static const double ALONG_MPS = 1.0;     /* so is more along it than its first corner allows */
+static const double SPILL = 0.2;         /* of the acceptance radius: how far off the legs a blend may be
+                                            outside of it */
+static const double GRAVITY_MPS2 = 9.81;
+static const double SAMPLE_S = 0.1; /* of power, where energy is summed */
+
+/* Constant acceleration from `t0` on; `area` is the integral of position up to then. */
+typedef struct {
+    double t0, p[3], v[3], a[3], area[3];
+} Piece;
+
+/* Pieces (count,) averaged over twice `half`. */
+typedef struct {
+    const Piece *pieces;
+    int64_t count;
+    double half, start, end; /* s */
+} Trajectory;
+
+/* What guidance keeps to, of `flightdyn.config.LimitsConfig`. */
+typedef struct {
+    double accel, vertical_accel, smoothing, speed, climb, descent, corner_cut;
+} Steering;
+
+/* Straight legs, `flightdyn.guidance.path.FlightPath`. */
+typedef struct {
+    int64_t count;
+    const double (*points)[3]; /* (count,) NED */
+    const double *speeds;      /* (count - 1,) of the leg that ends at the next point */
+    const double *acceptance;  /* (count,) metres */
+} FlightPath;
+
+/* A point of the path, several where they coincide, and the leg that ends there. */
+typedef struct {
+    double p[3], radius;
+    int64_t passed;                  /* points of the path that are passed once it is */
+    double u[3], length, top, accel; /* of the leg: direction, metres, m/s at most, m/s2 */
+    double v, sine, bend;            /* speed here, sin(phi / 2), m/s2 of the blend */
+    double normal[3]; /* of the plane of closest approach; zeros at a reversal and at the ends */
+    double t, half;   /* when the reference is closest, half of the blend's duration */
+} Vertex;
+
+/* What a path is made into. */
+typedef struct {
+    Vertex *at;    /* (count,) */
+    Piece *pieces; /* (4 count,) */
+} Drawing;
+
+/* The air, and what flying in it takes: watts at 0, 1, 2, ... m/s at sea level. */
+typedef struct {
+    double density, wind[3]; /* over that at sea level; m/s */
+    const double *watts;     /* (rows,) */
+    int64_t rows;
+} Air;
+
+/* Whether a blend that misses its corner by `cut` is further than `SPILL` off the leg where it enters
+   the circle of `radius` about the corner.
+
+   With a = 1: v^2 = 2 cut / s^2; along the leg the blend is v^2 s - (v t - s t^2 / 2) before the
+   corner, and off it by cos(phi / 2) t^2 / 2. It comes nearer up to its middle, at t = v s. */
+static inline int strays(double cut, double sine, double radius)
+{
+    const double v = sqrt(2 * cut) / sine, before = v * v * sine;
+    const double square = 1 - sine * sine, cosine = sqrt(square > 0 ? square : 0);
+    const double off = SPILL * radius;
+    if (before <= radius || cosine * (v * sine) * (v * sine) / 2 <= off) return 0;
+    const double t = sqrt(2 * off / cosine);
+    return size3(before - v * t + sine * t * t / 2, off, 0) > radius;
+}
+
+/* The largest cut, at most `share` of the acceptance radius, that strays from the legs by at most
+   `SPILL` of it outside. */
+static inline double allowed_cut(double sine, double radius, double share)
+{
+    double cut = share * radius;
+    while (cut > 1e-6 && strays(cut, sine, radius)) cut *= 0.95;
+    return cut;
+}
+
+/* The path's vertices when it is begun from `start` instead of its first point; returns the legs. */
+static inline int64_t vertices_of(
+    const FlightPath *path, const double start[3], const Steering *steering, Vertex *at)
+{
+    int64_t n = 0;
+    at[0] = (Vertex){.p = {start[0], start[1], start[2]}, .radius = path->acceptance[0], .passed = 1};
+    for (int64_t i = 1; i < path->count; i++) {
+        const double *q = path->points[i], *p = at[n].p;
+        const double d[3] = {q[0] - p[0], q[1] - p[1], q[2] - p[2]}, length = size3(d[0], d[1], d[2]);
+        const double radius = path->acceptance[i];
+        if (length < SAME_POINT_M) {
+            at[n].passed = i + 1;
+            if (radius < at[n].radius) at[n].radius = radius;
+            continue;
+        }
+        Vertex *end = at + ++n;
+        *end = (Vertex){.p = {q[0], q[1], q[2]}, .radius = radius, .passed = i + 1, .length = length};
+        for (int j = 0; j < 3; j++) end->u[j] = d[j] / length;
+        end->top = fmin(path->speeds[i - 1], steering->speed);
+        end->accel = steering->accel;
+        const double steep = fabs(end->u[2]);
+        if (steep > 1e-6) {
+            end->top = fmin(end->top, (end->u[2] < 0 ? steering->climb : steering->descent) / steep);
+            end->accel = fmin(end->accel, steering->vertical_accel / steep);
+        }
+    }
+    return n;
+}
+
+/* Lower the speed at one end of a leg to what can be had from the other; whether it was higher. */
+static inline int lower(const Vertex *leg, const Vertex *here, Vertex *there)
+{
+    const double v2 = here->v * here->v, room = leg->length - v2 * here->sine / here->bend;
+    const double best =
+        (v2 + 2 * leg->accel * room) / (1 + 2 * there->sine * leg->accel / there->bend);
+    const double v = best > 0 ? sqrt(best) : 0;
+    if (v >= there->v) return 0;
+    there->v = v;
+    return 1;
+}
+
+/* Set the speed at every vertex of one or more legs, 0 at the last; 0 where the velocity at the start
+   does not fit the path. */
+static inline int set_speeds(Vertex *at, int64_t legs, const Steering *steering, const double velocity[3])
+{
+    const double *u = at[1].u;
+    const double along = velocity[0] * u[0] + velocity[1] * u[1] + velocity[2] * u[2];
+    const double across =
+        size3(velocity[0] - along * u[0], velocity[1] - along * u[1], velocity[2] - along * u[2]);
+    at[0].v = fmin(along > 0 ? along : 0, at[1].top);
+    at[0].bend = at[legs].bend = at[1].accel;
+    for (int64_t i = 1; i < legs; i++) {
+        const Vertex *a = at + i, *b = at + i + 1;
+        const double s = size3(a->u[0] - b->u[0], a->u[1] - b->u[1], a->u[2] - b->u[2]) / 2;
+        const double accel = fmin(a->accel, b->accel);
+        double v = fmin(a->top, b->top);
+        if (s > 1e-9) {
+            const double cut = allowed_cut(s, a->radius, steering->corner_cut);
+            v = fmin(v, sqrt(2 * accel * cut) / s);
+            v = fmin(v, sqrt(accel * fmin(a->length, b->length) / (2 * s)));
+        }
+        at[i].v = v;
+        at[i].sine = s;
+        at[i].bend = accel;
+    }
+    /* What acceleration allows between corners: v1^2 <= v0^2 + 2 a (length - both half blends).
+       Lowering a speed may shorten its blend, so that one sweep there and back need not do. */
+    for (int64_t sweep = 0, lowered = 1; lowered && sweep < 2 * legs; sweep++) {
+        lowered = 0;
+        for (int64_t i = 0; i < legs; i++) lowered |= lower(at + i + 1, at + i, at + i + 1);
+        for (int64_t i = legs; i > 0; i--) lowered |= lower(at + i, at + i, at + i - 1);
+    }
+    for (int64_t i = 0; i <= legs; i++) at[i].half = at[i].v * at[i].sine / at[i].bend;
+    return across <= ACROSS_MPS && fabs(along - at[0].v) <= ALONG_MPS;
+}
+
+typedef struct {
+    double v, a, s; /* speed at first, acceleration, duration */
+} Part;
+
+/* Speeding up, cruising and slowing down on the straight between the blends at a leg's ends. */
+static inline void parts_of(const Vertex *end, Part parts[3])
+{
+    const Vertex *begin = end - 1;
+    const double v0 = begin->v, v1 = end->v, a = end->accel;
+    const double length = fmax(end->length - v0 * begin->half - v1 * end->half, 0);
+    double top = fmin(end->top, sqrt(fmax((v0 * v0 + v1 * v1) / 2 + a * length, 0)));
+    top = fmax(fmax(top, v0), v1);
+    const double up = (top * top - v0 * v0) / (2 * a), down = (top * top - v1 * v1) / (2 * a);
+    const double cruise = fmax(length - up - down, 0);
+    parts[0] = (Part){v0, a, (top - v0) / a};
+    parts[1] = (Part){top, 0, top > 0 ? cruise / top : 0};
+    parts[2] = (Part){top, -a, (top - v1) / a};
+}
+
+/* Seconds (count,) after which each point of a path is passed from rest to rest; the last, which is
+   returned, stands for its end. */
+static inline double passing_times(const Vertex *at, int64_t legs, double smoothing, double *passed)
+{
+    double now = smoothing / 2;
+    int64_t i = 1;
+    passed[0] = 0;
+    for (int64_t n = 1; n <= legs; n++) {
+        Part parts[3];
+        parts_of(at + n, parts);
+        now += at[n - 1].half + parts[0].s + parts[1].s + parts[2].s + at[n].half;
+        for (; i < at[n].passed; i++)
+            passed[i] = n < legs || i < at[n - 1].passed ? now : now + smoothing / 2;
+    }
+    for (; i < at[legs].passed; i++) passed[i] = smoothing;
+    return now + smoothing / 2;
+}
+
+/* A trajectory as far as it has been drawn. */
+typedef struct {
+    Piece *pieces;
+    int64_t count;
+    double t, p[3], area[3];
+} Pen;
+
+/* Append a piece of so many seconds; `end` is where it leads exactly, so that rounding does not add
+   up, or NULL. */
+static inline void draw(Pen *pen, const double v[3], const double a[3], double s, const double *end)
+{
+    if (!(s > 0)) return;
+    Piece *piece = pen->pieces + pen->count++;
+    const double s2 = s * s / 2, s3 = s2 * s / 3;
+    piece->t0 = pen->t;
+    pen->t += s;
+    for (int i = 0; i < 3; i++) {
+        const double p = pen->p[i];
+        piece->p[i] = p;
+        piece->v[i] = v[i];
+        piece->a[i] = a[i];
+        piece->area[i] = pen->area[i];
+        pen->area[i] += p * s + v[i] * s2 + a[i] * s3;
+        pen->p[i] = end ? end[i] : p + v[i] * s + a[i] * s2;
+    }
+}
+
+/* The leg that ends at a vertex up to its blend, and half of the plane and all of the blend there. */
+static inline void draw_leg(Pen *pen, Vertex *end, int is_last)
+{
+    Part parts[3];
+    parts_of(end, parts);
+    const double *u = end->u, v = end->v, before = v * v * end->sine / end->bend;
+    const double stop[3] = {
+        end->p[0] - u[0] * before, end->p[1] - u[1] * before, end->p[2] - u[2] * before};
+    int final = 0;
+    for (int i = 0; i < 3; i++)
+        if (parts[i].s > 0) final = i;
+    for (int i = 0; i < 3; i++) {
+        const Part *part = parts + i;
+        const double speed[3] = {u[0] * part->v, u[1] * part->v, u[2] * part->v};
+        const double accel[3] = {u[0] * part->a, u[1] * part->a, u[2] * part->a};
+        draw(pen, speed, accel, part->s, i == final ? stop : NULL);
+    }
+    end->t = pen->t;
+    if (is_last) return;
+    const double *out = end[1].u;
+    double speed[3], accel[3], beyond[3];
+    const double size = size3(out[0] + u[0], out[1] + u[1], out[2] + u[2]);
+    for (int i = 0; i < 3; i++) {
+        speed[i] = u[i] * v;
+        accel[i] = end->half > 0 ? (out[i] - u[i]) * (v / (2 * end->half)) : 0;
+        beyond[i] = end->p[i] + out[i] * before;
+        end->normal[i] = size > 0.2 ? (out[i] + u[i]) / size : 0;
+    }
+    draw(pen, speed, accel, 2 * end->half, beyond);
+    end->t = pen->t - end->half;
+}
+
+/* Draw the trajectory along a path from its first point. A velocity at the start that leads along the
+   first leg is kept, unless it is `braking`; any other is braked off first, on the present course.
+   Writes the pieces, how many they are and the legs; returns when it ends, before averaging. */
+static inline double draw_path(
+    const FlightPath *path, const Steering *steering, const double velocity[3], int braking,
+    const Drawing *to, int64_t *pieces, int64_t *legs)
+{
+    static const double STILL[3] = {0, 0, 0};
+    const double *start = path->points[0];
+    Pen pen = {.pieces = to->pieces, .p = {start[0], start[1], start[2]}};
+    int64_t n = vertices_of(path, start, steering, to->at);
+    if (braking || !n || !set_speeds(to->at, n, steering, velocity)) {
+        const double speed = size3(velocity[0], velocity[1], velocity[2]), share = -steering->accel / speed;
+        const double accel[3] = {velocity[0] * share, velocity[1] * share, velocity[2] * share};
+        if (speed > 0.05) draw(&pen, velocity, accel, speed / steering->accel, NULL);
+        n = vertices_of(path, pen.p, steering, to->at);
+        if (n) set_speeds(to->at, n, steering, STILL);
+    }
+    to->at[0].t = pen.t;
+    for (int64_t i = 1; i <= n; i++) draw_leg(&pen, to->at + i, i == n);
+    const double end = pen.t; /* it stands still from then on */
+    for (int i = 0; i < 3; i++) pen.p[i] = to->at[n].p[i];
+    draw(&pen, STILL, STILL, 1, NULL);
+    *pieces = pen.count;
+    *legs = n;
+    return end;
+}
+
+/* The piece of an instant, or the first one. */
+static inline const Piece *piece_at(const Trajectory *path, double t)
+{
+    int64_t low = 0, high = path->count; /* the first that begins later lies from low to high */
+    while (low < high) {
+        const int64_t middle = (low + high) / 2;
+        if (path->pieces[middle].t0 <= t) low = middle + 1;
+        else high = middle;
+    }
+    return path->pieces + (low ? low - 1 : 0);
+}
+
+/* Before averaging: the integral of position, position and velocity. */
+static inline void unsmoothed(const Trajectory *path, double t, double area[3], double p[3], double v[3])
+{
+    const Piece *piece = piece_at(path, t);
+    const double s = t - piece->t0, s2 = s * s / 2, s3 = s2 * s / 3;
+    for (int i = 0; i < 3; i++) {
+        const double a = s < 0 ? 0 : piece->a[i]; /* before the first piece: at its speed */
+        area[i] = piece->area[i] + piece->p[i] * s + piece->v[i] * s2 + a * s3;
+        p[i] = piece->p[i] + piece->v[i] * s + a * s2;
+        v[i] = piece->v[i] + a * s;
+    }
+}
+
+/* Watts of the whole aircraft at a speed through the air and a size of acceleration.
+
+   Level flight at constant speed is a table; other air scales it by equivalent airspeed. Rotors that
+   also accelerate the mass push with m sqrt(g^2 + a^2), and their power goes with thrust to 3/2
+   (momentum theory). */
+static inline double power_at(double speed, double accel, const Air *air)
+{
+    const double root = sqrt(air->density), x = speed * root, last = (double)(air->rows - 1);
+    const int64_t i = x < last ? (int64_t)x : air->rows - 2;
+    const double share = x < last ? x - (double)i : 1;
+    const double level = air->watts[i] + (air->watts[i + 1] - air->watts[i]) * share;
+    const double push = sqrt(1 + accel * accel / (GRAVITY_MPS2 * GRAVITY_MPS2));
+    return level / root * (push * sqrt(push));
+}
+
+/* Joules of a trajectory from its start to its end, in samples of power. */
+static inline double joules_of(const Trajectory *path, const Air *air)
+{
+    const double moving = path->end - path->start, h = path->half;
+    const int64_t count = (int64_t)ceil(moving / SAMPLE_S);
+    const double step = moving / (double)count;
+    double total = 0;
+    for (int64_t n = 0; n <= count; n++) {
+        const double t = n < count ? path->start + step * (double)n : path->end;
+        double area[3], p[2][3], v[2][3], flown[3], accel[3];
+        unsmoothed(path, t - h, area, p[0], v[0]);
+        unsmoothed(path, t + h, area, p[1], v[1]);
+        for (int i = 0; i < 3; i++) {
+            flown[i] = (p[1][i] - p[0][i]) / (2 * h) - air->wind[i];
+            accel[i] = (v[1][i] - v[0][i]) / (2 * h);
+        }
+        const double watts = power_at(
+            size3(flown[0], flown[1], flown[2]), size3(accel[0], accel[1], accel[2]), air);
+        total += n == 0 || n == count ? watts / 2 : watts;
+    }
+    return total * step;
+}
+
+/* Half of the window that a trajectory is averaged over. */
+static inline double half_window(const Steering *steering)
+{
+    return fmax(steering->smoothing / 2, 1e-3);
+}
+
+/* What the flight along a path takes from rest to rest: when each point is passed (count,), and, where
+   there is air, its joules; returns its seconds. */
+static inline double foresee_path(
+    const FlightPath *path, const Steering *steering, const Air *air, double *passed, double *joules,
+    const Drawing *memory)
+{
+    static const double STILL[3] = {0, 0, 0};
+    int64_t legs = vertices_of(path, path->points[0], steering, memory->at);
+    if (legs) set_speeds(memory->at, legs, steering, STILL);
+    const double moving = passing_times(memory->at, legs, steering->smoothing, passed);
+    if (air) {
+        Trajectory drawn = {.pieces = memory->pieces, .half = half_window(steering)};
+        const double end = draw_path(path, steering, STILL, 0, memory, &drawn.count, &legs);
+        drawn.start = -drawn.half;
+        drawn.end = end + drawn.half;
+        *joules = joules_of(&drawn, air);
+    }
+    return moving;
+}
+
+#endif
