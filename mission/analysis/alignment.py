@@ -8,8 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mission.base import polyline
-from mission.base.arrays import Floats, Ints
+from mission.base.arrays import Bools, Floats, Ints
 
+LEAST_LEG_M = 0.5  # a leg that is shorter is none
 _SPACING_M = 0.5
 _MOST_NODES = 4000  # so that memory stays small: 500 bytes a sample
 
@@ -83,6 +84,19 @@ def leg_of(fit: Alignment) -> Ints:
     """(n,) which leg of the plan each sample was matched with, from 0."""
     found = np.searchsorted(fit.waypoints_at_m, fit.along_m, side="right") - 1
     return np.clip(found, 0, len(fit.waypoints_at_m) - 2)
+
+
+def leg_numbers(at_m: Floats, ends: Bools) -> Ints:
+    """(L,) the number, from 1, of the leg that each piece of a path belongs to.
+
+    A leg leads to an item: `ends` (L,) says which pieces do. Items at one place share a leg.
+    """
+    numbers, number, begin_m = [], 1, float(at_m[0])
+    for end_m, is_end in zip(at_m[1:].tolist(), ends.tolist(), strict=True):
+        numbers.append(number)
+        if is_end and end_m - begin_m >= LEAST_LEG_M:
+            number, begin_m = number + 1, end_m
+    return np.array(numbers, dtype=np.int64)
 
 
 def closest_approach(track_m: Floats, point_m: Floats) -> float:

@@ -12,10 +12,11 @@ from typing import Annotated, Any
 
 import numpy as np
 
-from mission.analysis.legs import legs, spikes
+from mission.analysis.legs import Leg, legs
 from mission.analysis.load import LoadedRun
 from mission.analysis.measure import Measured, measure, measure_pass
-from mission.base.arrays import Floats
+from mission.analysis.spikes import spikes
+from mission.base.arrays import Floats, greatest, mean, rms
 from mission.base.errors import InputError
 from mission.base.tables import told
 from mission.log.records import LATE
@@ -38,25 +39,8 @@ class Made:
     of: str  # what it is made of
 
 
-def _rms(values: Floats) -> float:
-    return float(np.sqrt((values**2).mean())) if len(values) else math.nan
-
-
-def _mean(values: Floats) -> float:
-    return float(values.mean()) if len(values) else math.nan
-
-
-def _max(values: Floats) -> float:
-    return float(values.max()) if len(values) else math.nan
-
-
 def _max_abs(values: Floats) -> float:
-    return _max(np.abs(values))
-
-
-def _known(reduce: Callable[[Floats], float]) -> Callable[[Floats], float]:
-    """A statistic of the values that are known."""
-    return lambda values: reduce(values[~np.isnan(values)])
+    return greatest(np.abs(values))
 
 
 def _of(reduce: Callable[[Floats], float], name: str) -> Made:
@@ -94,41 +78,43 @@ class Comparison:
     plan_energy_j: Annotated[float, _sum("plan_energy_j"), Label("energy planned (J)", 0)]
     energy_j: Annotated[float, _sum("energy_j"), Label("energy (J)", 0)]
     # Horizontal distance of the true track to the planned polyline.
-    cross_track_rms_m: Annotated[float, _of(_rms, "cross_m"), Label("cross-track rms (m)", 3)]
-    cross_track_max_m: Annotated[float, _of(_max, "cross_m"), Label("cross-track max (m)", 3)]
+    cross_track_rms_m: Annotated[float, _of(rms, "cross_m"), Label("cross-track rms (m)", 3)]
+    cross_track_max_m: Annotated[float, _of(greatest, "cross_m"), Label("cross-track max (m)", 3)]
     # The same, only farther than CORNER_M from every corner.
-    straight_rms_m: Annotated[float, _of(_rms, "straight"), Label("on straights rms (m)", 3)]
-    straight_max_m: Annotated[float, _of(_max, "straight"), Label("on straights max (m)", 3)]
+    straight_rms_m: Annotated[float, _of(rms, "straight"), Label("on straights rms (m)", 3)]
+    straight_max_m: Annotated[float, _of(greatest, "straight"), Label("on straights max (m)", 3)]
     # Closest approach to a corner of the plan.
-    corner_cut_mean_m: Annotated[float, _of(_mean, "corner_cut_m"), Label("corner cut mean (m)", 3)]
-    corner_cut_max_m: Annotated[float, _of(_max, "corner_cut_m"), Label("corner cut max (m)", 3)]
-    # True height against the planned one.
-    height_rms_m: Annotated[float, _of(_known(_rms), "height_m"), Label("height error rms (m)", 3)]
-    height_max_m: Annotated[
-        float, _of(_known(_max_abs), "height_m"), Label("height error max (m)", 3)
+    corner_cut_mean_m: Annotated[float, _of(mean, "corner_cut_m"), Label("corner cut mean (m)", 3)]
+    corner_cut_max_m: Annotated[
+        float, _of(greatest, "corner_cut_m"), Label("corner cut max (m)", 3)
     ]
+    # True height against the planned one.
+    height_rms_m: Annotated[float, _of(rms, "height_m"), Label("height error rms (m)", 3)]
+    height_max_m: Annotated[float, _of(_max_abs, "height_m"), Label("height error max (m)", 3)]
     # True position at a slot against its waypoint: along the path, and horizontal distance.
     slot_along_rms_m: Annotated[
-        float, _of(_rms, "slot_along_m"), Label("slot along-track rms (m)", 3)
+        float, _of(rms, "slot_along_m"), Label("slot along-track rms (m)", 3)
     ]
     slot_along_max_m: Annotated[float, _of(_max_abs, "slot_along_m")]
-    slot_miss_rms_m: Annotated[float, _of(_rms, "slot_miss_m"), Label("slot miss rms (m)", 3)]
-    slot_miss_max_m: Annotated[float, _of(_max, "slot_miss_m"), Label("slot miss max (m)", 3)]
+    slot_miss_rms_m: Annotated[float, _of(rms, "slot_miss_m"), Label("slot miss rms (m)", 3)]
+    slot_miss_max_m: Annotated[float, _of(greatest, "slot_miss_m"), Label("slot miss max (m)", 3)]
     # Instant of a slot against its planned one.
-    slot_late_mean_s: Annotated[float, _of(_mean, "slot_late_s"), Label("slot late mean (s)", 3)]
-    slot_late_max_s: Annotated[float, _of(_max, "slot_late_s"), Label("slot late max (s)", 3)]
+    slot_late_mean_s: Annotated[float, _of(mean, "slot_late_s"), Label("slot late mean (s)", 3)]
+    slot_late_max_s: Annotated[float, _of(greatest, "slot_late_s"), Label("slot late max (s)", 3)]
     # Steps with a scheduled device, or the places of a plan file, and those never reached.
     slots: Annotated[int, _sum("slots")]
     slots_missed: Annotated[int, _sum("slots_missed"), Label("slots never reached", 0)]
     # Horizontal distance of belief to truth, over the track.
-    estimate_rms_m: Annotated[float, _of(_rms, "estimate_m"), Label("estimate error rms (m)", 3)]
-    estimate_max_m: Annotated[float, _of(_max, "estimate_m"), Label("estimate error max (m)", 3)]
-    estimate_height_rms_m: Annotated[float, _of(_rms, "estimate_height_m")]
+    estimate_rms_m: Annotated[float, _of(rms, "estimate_m"), Label("estimate error rms (m)", 3)]
+    estimate_max_m: Annotated[
+        float, _of(greatest, "estimate_m"), Label("estimate error max (m)", 3)
+    ]
+    estimate_height_rms_m: Annotated[float, _of(rms, "estimate_height_m")]
     # Over the scheduled devices that had something to send; believed: over those whose slot was
     # reached; true: 1 where not.
-    plan_per_mean: Annotated[float, _of(_mean, "plan_per"), Label("mean PER planned", 5)]
-    est_per_mean: Annotated[float, _of(_mean, "est_per"), Label("mean PER believed", 5)]
-    true_per_mean: Annotated[float, _of(_mean, "true_per"), Label("mean PER true", 5)]
+    plan_per_mean: Annotated[float, _of(mean, "plan_per"), Label("mean PER planned", 5)]
+    est_per_mean: Annotated[float, _of(mean, "est_per"), Label("mean PER believed", 5)]
+    true_per_mean: Annotated[float, _of(mean, "true_per"), Label("mean PER true", 5)]
     per_shift_max: Annotated[float, _of(_max_abs, "per_shift"), Label("PER shift max", 5)]
     # Sums of importance (1 - PER).
     plan_objective: Annotated[float, _sum("plan_objective"), Label("objective planned", 4)]
@@ -152,9 +138,9 @@ class Comparison:
         Label("battery left (0..1)", 3),
     ]
     # Over ground; and the wind at the aircraft, horizontally, where the log has it.
-    speed_max_mps: Annotated[float, _of(_max, "speed_mps"), Label("speed max (m/s)", 2)]
-    wind_mean_mps: Annotated[float, _of(_mean, "wind_mps")]
-    wind_max_mps: Annotated[float, _of(_max, "wind_mps"), Label("wind max (m/s)", 2)]
+    speed_max_mps: Annotated[float, _of(greatest, "speed_mps"), Label("speed max (m/s)", 2)]
+    wind_mean_mps: Annotated[float, _of(mean, "wind_mps")]
+    wind_max_mps: Annotated[float, _of(greatest, "wind_mps"), Label("wind max (m/s)", 2)]
     # What happened meanwhile.
     mode_changes: Annotated[float, _sum("mode_changes")]
     failsafes: Annotated[float, _sum("failsafes"), Label("failsafes", 0)]
@@ -193,6 +179,11 @@ class RunComparison:
     devices: tuple[DeviceComparison, ...]
 
     @property
+    def legs(self) -> tuple[Leg, ...]:
+        """Of every pass through a mission, in order."""
+        return tuple(leg for measured in self.measured for leg in legs(measured))
+
+    @property
     def values(self) -> dict[str, object]:
         """What `aerofed compare --json` prints."""
         return {
@@ -210,11 +201,11 @@ class RunComparison:
             return {}
         return {
             "log": self.run.data.source,
-            "plan": self.run.data.plan_file.source if self.run.data.plan_file else "",
+            "plan": self.run.data.planned.source if self.run.data.planned else "",
             "not_compared_s": judged.apart,
             "items_left_out": judged.left_out,
-            "legs": legs(self.measured, judged),
-            "spikes": spikes(self.run.data, self.measured, judged),
+            "legs": self.legs,
+            "spikes": spikes(self.run.data, self.measured),
         }
 
 
@@ -263,9 +254,9 @@ def _device(run: FlightData, device: int, community: str) -> DeviceComparison:
         scheduled=len(uplinks),
         delivered=sum(item.delivered for item in uplinks),
         late=len(uplinks) - len(sent),
-        plan_per=_mean(np.array([item.plan_per for item in sent])),
-        est_per=_mean(np.array([i.est_per for i in sent if math.isfinite(i.slot_t_s)])),
-        true_per=_mean(np.array([item.true_per for item in sent])),
+        plan_per=mean(np.array([item.plan_per for item in sent])),
+        est_per=mean(np.array([i.est_per for i in sent if math.isfinite(i.slot_t_s)])),
+        true_per=mean(np.array([item.true_per for item in sent])),
     )
 
 

@@ -1,15 +1,16 @@
 """Comparisons on the terminal."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import TYPE_CHECKING
 
 from rich import box
 from rich.table import Table
 
 from mission.analysis.compare import Comparison, Label, RunComparison
-from mission.analysis.legs import Leg, legs, spikes
+from mission.analysis.legs import Leg
 from mission.analysis.measure import CORNER_M
+from mission.analysis.spikes import spikes
 from mission.base.tables import count, number, told
 from mission.base.terminal import TABLE_WIDTH
 
@@ -70,10 +71,8 @@ def tables(comparison: RunComparison) -> tuple[Table, ...]:
 
     A flight of a plan file has none of them but numbers, one below the other.
     """
-    if comparison.run.data.plan_file is not None:
-        numbers = side_by_side([comparison], width=TABLE_WIDTH)
-        judged = comparison.run.judged
-        return numbers if judged is None else (*numbers, _legs(legs(comparison.measured, judged)))
+    if comparison.run.judged is not None:
+        return (*side_by_side([comparison], width=TABLE_WIDTH), _legs(comparison.legs))
     some_late = _LATE if comparison.total.unready else ()
     energy = _ENERGY if math.isfinite(comparison.total.energy_j) else ()
     caption = f"straights: farther than {CORNER_M:.0f} m from every corner of the plan"
@@ -86,12 +85,20 @@ def tables(comparison: RunComparison) -> tuple[Table, ...]:
     )
 
 
+def in_full(found: Sequence[RunComparison], *, width: int) -> Iterator[Table | str]:
+    """What `aerofed compare` prints of a run, a flight, or several side by side."""
+    yield from side_by_side(found, width=width) if len(found) > 1 else tables(found[0])
+    for name, item in zip(names_of(found), found, strict=True):
+        for line in lines(item):
+            yield f"{name}: {line}" if len(found) > 1 else line
+
+
 def lines(comparison: RunComparison) -> list[str]:
     """Spikes with what happened then, and what was not compared; for people, of a flight."""
     judged = comparison.run.judged
     if judged is None:
         return []
-    found = spikes(comparison.run.data, comparison.measured, judged)
+    found = spikes(comparison.run.data, comparison.measured)
     return [*(spike.words for spike in found), *in_words(judged)]
 
 

@@ -10,8 +10,7 @@ import numpy as np
 
 from fl.errors import did_you_mean
 from mission.analysis.compare import Comparison, Made, RunComparison
-from mission.analysis.legs import leg_numbers
-from mission.analysis.measure import CORNER_M, Measured
+from mission.analysis.measure import Measured
 from mission.base.arrays import Floats
 from mission.base.errors import InputError
 from mission.base.run_folder import write_atomically
@@ -65,6 +64,8 @@ def known_limits(limits: Mapping[str, object], source: str) -> dict[str, float]:
             or not math.isfinite(value)
         ):
             raise InputError(f"{source}: {name} = {value!r}: must be a number")
+        if value < 0 and not name.startswith("slot_late"):  # a slot may be early
+            raise InputError(f"{source}: {name} = {value:g}: must be at least 0, as the number is")
         found[name] = float(value)
     return found
 
@@ -85,7 +86,9 @@ def given_limits(options: Sequence[str], file: Path | None = None) -> dict[str, 
             raise InputError(f"{file}: has no table [limits]")
         limits |= known_limits(table, str(file))
     for option in options:
-        name, _, text = option.partition("=")
+        name, equals, text = option.partition("=")
+        if not equals:
+            raise InputError(f"--limit {option}: must be NAME=VALUE, as cross_track_max_m=3")
         try:
             value: object = float(text)
         except ValueError:
@@ -127,26 +130,21 @@ def _values(measured: Measured, array: str) -> Floats:
     fit, count = measured.fit, len(measured.truth.t_ns)
     if array == "corner_cut_m":  # at the samples that pass the corners
         values = np.full(count, math.nan)
-        for at_m, cut_m in zip(fit.corners_m, measured.corner_cut_m, strict=False):
-            values[min(int(np.searchsorted(fit.along_m, at_m)), count - 1)] = cut_m
+        passed = np.minimum(np.searchsorted(fit.along_m, fit.corners_m), count - 1)
+        values[passed] = measured.corner_cut_m
         return values
-    if array == "straight":
-        away_m = np.abs(fit.along_m[:, None] - fit.corners_m).min(axis=1, initial=math.inf)
-        return np.where(away_m > CORNER_M, fit.cross_m, math.nan)
     values = getattr(measured, array, np.zeros(0))
     return values if len(values) == count else np.zeros(0)
 
 
 def _place(comparison: RunComparison, index: int, sample: int) -> str:
     measured, run = comparison.measured[index], comparison.run
-    way = run.judged.passes[index] if run.judged is not None else None
-    leg = int(leg_numbers(measured, way)[sample])
     position = measured.truth.pos_m[sample]
     area = run.data.area
     place = area.frame.to_geodetic(area.to_ned(position[:2], position[2]))
     several = f"round {measured.record.round}, " if len(comparison.measured) > 1 else ""
     return (
-        f"{several}leg {leg}, {measured.truth.t_ns[sample] / NS_PER_S:.1f} s, "
+        f"{several}leg {measured.leg[sample]}, {measured.truth.t_ns[sample] / NS_PER_S:.1f} s, "
         f"{place.lat_deg:.7f}, {place.lon_deg:.7f}, {position[2]:.1f} m high"
     )
 

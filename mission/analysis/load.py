@@ -1,6 +1,5 @@
 """A run read back: from its folder, or from its log alone; a killed one as far as it came."""
 
-import math
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -8,7 +7,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from fl.plugin_code import label_of
-from mission.base import polyline
 from mission.base.arrays import Floats
 from mission.base.errors import InputError
 from mission.base.interrupted_files import InterruptedFiles
@@ -17,8 +15,8 @@ from mission.base.user_files import read_json
 from mission.log import DamagedLogError
 from mission.log.contents import load_damaged
 from mission.log.reader import decode, read_log
-from mission.log.records import UNKNOWN_ROUND, RoundRecord
-from mission.log.values import NS_PER_S, BatteryTrack, EventRecord, FlightData, Track
+from mission.log.records import RoundRecord
+from mission.log.values import NS_PER_S, FlightData, Track
 
 if TYPE_CHECKING:
     from mission.analysis.passes import Judged
@@ -46,11 +44,11 @@ class LoadedRun:
     @property
     def about(self) -> str:
         """Which run it is, with strategy or plan file, and seed: a line for pictures."""
-        config, plan_file = self.data.config, self.data.plan_file
+        config, planned = self.data.config, self.data.planned
         known = {**config.get("mission", {}), **config, **self.summary}
-        keys = ("strategy", "seed") if plan_file is None else ("seed",)
+        keys = ("strategy", "seed") if planned is None else ("seed",)
         facts = [f"{key} {label_of(str(known[key]))}" for key in keys if key in known]
-        source = [] if plan_file is None else [f"plan {plan_file.source}"]
+        source = [] if planned is None else [f"plan {planned.source}"]
         if self.judged is not None and self.data.source.only is not None:
             source.append(f"{self.data.source.only} positions only")
         return " · ".join([self.name, *facts, *source])
@@ -88,9 +86,10 @@ def load_run(path: Path, plan: Path | None = None, *, believed: bool = False) ->
     """
     loaded = _load(path)
     data = loaded.data
-    if believed and data.source.only is None:
+    external = data.config.get("link", {}).get("kind") == "external"
+    if (believed or external) and data.source.only is None:
         data = replace(data, truth=data.belief, source=replace(data.source, only="believed"))
-    if plan is None and (data.rounds or data.plan_file is not None or path.is_dir()):
+    if plan is None and (data.rounds or data.devices.community):
         return replace(loaded, data=data)
     # Only for such flights: pymavlink takes half a second to import.
     from mission.analysis.passes import Plan, judged
@@ -112,7 +111,7 @@ def _load(path: Path) -> LoadedRun:
             from mission.flight.logs.reading import read_flight
 
             return LoadedRun(path, read_flight(path), {}, cut=False)
-        return LoadedRun(path, _with_its_flight(read_log(path)), {}, cut=False)
+        return LoadedRun(path, read_log(path), {}, cut=False)
     if not path.is_dir():
         raise InputError(f"{path}: no such run folder or log file")
     folder = RunFolder(path)
@@ -123,30 +122,11 @@ def _load(path: Path) -> LoadedRun:
         raise InputError(f"{path}: not a run folder: it has no {log.name}")
     summary = _summary(folder.summary)
     try:
-        return LoadedRun(path, _with_its_flight(read_log(log)), summary, cut=False)
+        return LoadedRun(path, read_log(log), summary, cut=False)
     except DamagedLogError:
         if summary.get("status", _FINISHED) == _FINISHED:
             raise
-    data = _with_its_flight(_whole_rounds(decode(load_damaged(log))))
-    return LoadedRun(path, data, summary, cut=True)
-
-
-def reached(run: FlightData) -> dict[int, EventRecord]:
-    """The first passage of each place of a plan file that was reached, by number of the item."""
-    places = run.plan_file.places_m if run.plan_file else {}
-    passed: dict[int, EventRecord] = {}
-    for event in run.events:
-        if event.kind == "reached" and event.seq is not None and event.seq in places:
-            passed.setdefault(event.seq, event)
-    return passed
-
-
-def arrival(run: FlightData) -> EventRecord | None:
-    """When the last place of a plan file was reached, for the last time that it leads there."""
-    order = run.plan_file.order if run.plan_file else ()
-    passed = [e for e in run.events if e.kind == "reached" and order and e.seq == order[-1]]
-    visits = order.count(order[-1]) if order else 1
-    return passed[visits - 1] if len(passed) >= visits else None
+    return LoadedRun(path, _whole_rounds(decode(load_damaged(log))), summary, cut=True)
 
 
 def flown(run: FlightData, record: RoundRecord, *, track: Track | None = None) -> Track:
@@ -168,47 +148,6 @@ def _whole_rounds(data: FlightData) -> FlightData:
     """The data without the records of a last round that did not end."""
     ended = {record.round for record in data.rounds}
     return replace(data, uplinks=tuple(item for item in data.uplinks if item.round in ended))
-
-
-def _with_its_flight(data: FlightData) -> FlightData:
-    """A plan file's flight as a round that serves nobody: to its last place, or as far as it came.
-
-    No round where the vehicle never got as far as its mission.
-    """
-    if data.config.get("link", {}).get("kind") == "external":
-        data = replace(data, source=replace(data.source, only="believed"))
-    if data.plan_file is None or not data.plans or not len(data.truth.t_ns):
-        return data
-    plan = data.plans[0]
-    last = arrival(data)
-    end_ns = int(data.truth.t_ns[-1]) if last is None else last.t_ns
-    track = data.truth.between(plan.t_ns, end_ns)
-    if not len(track.t_ns):
-        return data
-    flown_m = polyline.length(track.pos_m[:, :2])
-    battery, energy_j = data.battery.remaining, _energy_j(data.battery, plan.t_ns, end_ns)
-    record = replace(
-        UNKNOWN_ROUND,
-        round=plan.round,
-        start_t_s=plan.t_ns / NS_PER_S,
-        duration_s=(end_ns - plan.t_ns) / NS_PER_S,
-        plan_path_m=plan.path_m,
-        flown_path_m=flown_m,
-        budget_used_m=flown_m,
-        time_used_s=(end_ns - plan.t_ns) / NS_PER_S,
-        energy_j=energy_j,
-        energy_used_j=energy_j,
-        battery_remaining=float(battery[-1]) if len(battery) else math.nan,
-    )
-    return replace(data, plans=(plan,), rounds=(record,))
-
-
-def _energy_j(battery: BatteryTrack, start_ns: int, end_ns: int) -> float:
-    """What the battery gave in a time; NaN where nobody knows."""
-    during = (battery.t_ns >= start_ns) & (battery.t_ns <= end_ns)
-    charge_mah, voltage_v = battery.consumed_mah[during], battery.voltage_v[during]
-    energy_j = float((np.diff(charge_mah) * 3.6 * voltage_v[1:]).sum())
-    return energy_j if energy_j > 0.0 else math.nan
 
 
 def _summary(path: Path) -> RunSummary:

@@ -3,14 +3,14 @@
 import math
 from collections import Counter
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from mission.analysis.alignment import Alignment, align, closest_approach
-from mission.analysis.load import flown, ground_speed, reached
-from mission.base.arrays import Floats
+from mission.analysis.alignment import Alignment, align, closest_approach, leg_numbers, leg_of
+from mission.analysis.load import flown, ground_speed
+from mission.base.arrays import Floats, Ints
 from mission.base.errors import InputError
 from mission.log.records import LATE, RoundRecord, UplinkRecord, flat
 from mission.log.values import NS_PER_S, FlightData, PlanRecord, Track
@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 CORNER_M = 25.0
 _FAULT_ENDS = "Fault ends"  # what the vehicle's word for the end of a fault begins with
 _GAP_S = 1.0
+_OF_ROUNDS = ("slot_along_m", "slot_late_s", "plan_per", "est_per", "true_per", "per_shift")
 
 
 @dataclass(frozen=True)
@@ -30,22 +31,25 @@ class Measured:
 
     record: RoundRecord
     # Its row of `rounds.csv`; `plan_duration_s` of the plan; `slots`, the steps with a scheduled
-    # device or the places of a plan file, and `slots_missed`; `unready`, the devices that sent
+    # device or the places of a mission, and `slots_missed`; `unready`, the devices that sent
     # nothing, as they still trained.
     numbers: Mapping[str, float]
     truth: Track
     belief: Track
     fit: Alignment  # of the true track to the plan
-    straight: Floats  # cross-track of the samples on straights
-    corner_cut_m: Floats
-    height_m: Floats  # error over the track; at the places of a plan file, whose heights vary
-    speed_mps: Floats  # over ground
+    pieces: Ints  # (L,) to which leg of the plan, from 1, each piece of its path belongs
+    seqs: Ints  # (L + 1,) to which item each point of that leads, -1: none; empty of a round
+    leg: Ints  # (n,) on which leg each sample was
+    straight: Floats  # (n,) cross-track; NaN near corners
+    corner_cut_m: Floats  # by corner; NaN where it was not passed
+    height_m: Floats  # (n,) error; NaN where the plan says no height
+    speed_mps: Floats  # (n,) over ground
     wind_mps: Floats  # horizontal, at the aircraft
-    slot_along_m: Floats
-    slot_miss_m: Floats
-    slot_late_s: Floats
     estimate_m: Floats
     estimate_height_m: Floats
+    slot_miss_m: Floats
+    slot_along_m: Floats
+    slot_late_s: Floats
     plan_per: Floats
     est_per: Floats
     true_per: Floats
@@ -59,26 +63,25 @@ class Measured:
 
 def measure_pass(run: FlightData, found: "Pass") -> Measured:
     """Measure one pass of a flight through its mission."""
-    record, track, fit = found.record, found.track, found.fit
-    reached = [item for item in found.passages if not math.isnan(item.t_s)]
-    miss = np.array([item.miss_m for item in reached]).reshape(-1, 3)
-    numbers = {
-        **flat(record),
-        "plan_duration_s": found.plan.duration_s,
-        "slots": len(found.passages),
-        "slots_missed": len(found.passages) - len(reached),
-        "unready": 0,
-    }
-    nobody = np.zeros(0)
+    passed = [item for item in found.passages if not math.isnan(item.t_s)]
+    miss = np.array([item.miss_m for item in passed]).reshape(-1, 3)
+    pieces = leg_numbers(found.fit.waypoints_at_m, found.path.seqs[1:] >= 0)
     return _measured(
         run,
-        record,
-        track,
-        fit,
-        numbers,
-        height_m=np.where(found.known_height, fit.above_m, math.nan),
-        slots=(nobody, np.linalg.norm(miss[:, :2], axis=1), nobody),
-        per=(nobody, nobody, nobody),
+        found.record,
+        found.track,
+        found.fit,
+        pieces,
+        {
+            "plan_duration_s": found.plan.duration_s,
+            "slots": len(found.passages),
+            "slots_missed": len(found.passages) - len(passed),
+            "unready": 0,
+        },
+        height_m=np.where(found.known_height, found.fit.above_m, math.nan),
+        slot_miss_m=np.linalg.norm(miss[:, :2], axis=1),
+        seqs=found.path.seqs,
+        **dict.fromkeys(_OF_ROUNDS, np.zeros(0)),
     )
 
 
@@ -101,29 +104,28 @@ def measure(run: FlightData, record: RoundRecord, plan: PlanRecord) -> Measured:
     ).reshape(-1, 2)
     plan_per = np.array([item.plan_per for item in sent])
     true_per = np.array([item.true_per for item in sent])
-    numbers = {
-        **flat(record),
-        "plan_duration_s": plan.duration_s,
-        "slots": len(slots),
-        "slots_missed": len(slots) - len(reached),
-        "unready": len(uplinks) - len(sent),
-    }
-    late = np.array([_late(item, record, plan) for item in reached])
-    measured = _measured(
+    return _measured(
         run,
         record,
         truth,
         align(truth.pos_m[:, :2], plan.route_m),
-        numbers,
+        np.arange(1, len(plan.route_m)),
+        {
+            "plan_duration_s": plan.duration_s,
+            "slots": len(slots),
+            "slots_missed": len(slots) - len(reached),
+            "unready": len(uplinks) - len(sent),
+        },
         height_m=truth.pos_m[:, 2] - plan.altitude_m,
-        slots=((miss * heading).sum(axis=1), np.linalg.norm(miss, axis=1), late),
-        per=(
-            plan_per,
-            np.array([i.est_per for i in sent if math.isfinite(i.slot_t_s)]),
-            true_per,
-        ),
+        seqs=np.zeros(0, dtype=np.int64),
+        slot_along_m=(miss * heading).sum(axis=1),
+        slot_miss_m=np.linalg.norm(miss, axis=1),
+        slot_late_s=np.array([_late(item, record, plan) for item in reached]),
+        plan_per=plan_per,
+        est_per=np.array([i.est_per for i in sent if math.isfinite(i.slot_t_s)]),
+        true_per=true_per,
+        per_shift=true_per - plan_per,
     )
-    return measured if run.plan_file is None else _at_places(measured, run)
 
 
 def _measured(
@@ -131,26 +133,19 @@ def _measured(
     record: RoundRecord,
     truth: Track,
     fit: Alignment,
+    pieces: Ints,
     numbers: Mapping[str, float],
-    *,
-    height_m: Floats,
-    slots: tuple[Floats, Floats, Floats],
-    per: tuple[Floats, Floats, Floats],
+    **arrays: Any,
 ) -> Measured:
-    """What a track and what happened meanwhile give, beside `slots` (along-track, missed by, late)
-    and `per` (planned, believed, true)."""
+    """What a track and what happened meanwhile give, beside `numbers` and `arrays`."""
     xy = truth.pos_m[:, :2]
     start_ns, end_ns = int(truth.t_ns[0]), int(truth.t_ns[-1])
     belief = run.belief.between(start_ns, end_ns)
     error = belief.pos_m - truth.pos_m
     if run.source.only is not None:  # of one kind of position nobody knows the error
         error = error[:0]
-    from_corner = np.abs(fit.along_m[:, None] - fit.corners_m).min(axis=1, initial=math.inf)
-    cuts = [
-        closest_approach(xy[np.abs(fit.along_m - at) <= CORNER_M], corner)
-        for at, corner in zip(fit.corners_m, fit.corner_points_m, strict=True)
-        if np.any(np.abs(fit.along_m - at) <= CORNER_M)
-    ]
+    from_corner = np.abs(fit.along_m[:, None] - fit.corners_m)
+    near = from_corner <= CORNER_M
     happened = [e for e in run.events if start_ns <= e.t_ns <= end_ns]
     events = Counter(e.kind for e in happened if not e.text.startswith(_FAULT_ENDS))
     gaps_s = [end_s - begin_s for begin_s, end_s in gnss_gaps(run, start_ns, end_ns)]
@@ -158,6 +153,7 @@ def _measured(
     return Measured(
         record=record,
         numbers={
+            **flat(record),
             **numbers,
             "mode_changes": events["mode"],
             "failsafes": events["failsafe"],
@@ -168,20 +164,20 @@ def _measured(
         truth=truth,
         belief=belief,
         fit=fit,
-        straight=fit.cross_m[from_corner > CORNER_M],
-        corner_cut_m=np.array(cuts),
-        height_m=height_m,
+        pieces=pieces,
+        leg=pieces[leg_of(fit)],
+        straight=np.where(near.any(axis=1), math.nan, fit.cross_m),
+        corner_cut_m=np.array(
+            [
+                closest_approach(xy[here], corner) if here.any() else math.nan
+                for here, corner in zip(near.T, fit.corner_points_m, strict=True)
+            ]
+        ),
         speed_mps=ground_speed(truth),
         wind_mps=np.linalg.norm(run.wind.vel_mps[blows, :2], axis=1),
-        slot_along_m=slots[0],
-        slot_miss_m=slots[1],
-        slot_late_s=slots[2],
         estimate_m=np.linalg.norm(error[:, :2], axis=1),
         estimate_height_m=error[:, 2],
-        plan_per=per[0],
-        est_per=per[1],
-        true_per=per[2],
-        per_shift=per[2] - per[0],
+        **arrays,
     )
 
 
@@ -200,23 +196,6 @@ def gnss_gaps(run: FlightData, start_ns: int, end_ns: int) -> list[tuple[float, 
         for begin, end in found
         if end > start_ns and begin < end_ns
     ]
-
-
-def _at_places(measured: Measured, run: FlightData) -> Measured:
-    """The measurement, with the places of the plan file in place of slots."""
-    places_m = run.plan_file.places_m if run.plan_file else {}
-    away_m = [np.array(event.true_m) - places_m[seq] for seq, event in reached(run).items()]
-    miss = np.array(away_m).reshape(-1, 3)
-    return replace(
-        measured,
-        height_m=miss[:, 2],
-        slot_miss_m=np.linalg.norm(miss[:, :2], axis=1),
-        numbers={
-            **measured.numbers,
-            "slots": len(places_m),
-            "slots_missed": len(places_m) - len(miss),
-        },
-    )
 
 
 def _late(item: UplinkRecord, record: RoundRecord, plan: PlanRecord) -> float:

@@ -14,12 +14,13 @@ from mission.analysis.alignment import Alignment, align, leg_of, to_segments
 from mission.base import polyline
 from mission.base.arrays import Bools, Floats, Ints
 from mission.base.errors import InputError
-from mission.flight.logs.items import MissionPath, items_of, mission_path, returns
+from mission.flight.logs.items import MissionPath, items_of, mission_path, place_m, returns
 from mission.log.records import UNKNOWN_ROUND, RoundRecord
-from mission.log.values import NS_PER_S, FlightData, PlanFileRecord, PlanRecord, Track
+from mission.log.values import NS_PER_S, FlightData, PlannedPlaces, PlanRecord, Track
 from sitl.autopilot.codec.orders import MissionItem
 from sitl.autopilot.flying.route import repeats
 
+PLAN_FILE = "plan file"  # metadata of a log: the file that its mission was read from
 _MISSION = ("MISSION", "AUTO")  # what autopilots call the mode that flies a mission
 _RETURNS = ("RETURN", "RETURN_TO_LAUNCH", "RTL", "LAND", "SMART_RTL")  # and those that may end one
 _PAUSES = ("HOLD", "LOITER")
@@ -111,11 +112,17 @@ def judged(path: object, data: FlightData, given: Plan | None) -> Judged:
         for seq, point in zip(found.path.seqs, found.path.points_m, strict=True)
         if seq >= 0
     }
+    passed = {p.seq for found in passes for p in found.passages if not math.isnan(p.t_s)}
     data = replace(
         data,
         plans=tuple(found.plan for found in passes),
         rounds=tuple(found.record for found in passes),
-        plan_file=PlanFileRecord(", ".join(dict.fromkeys(plan.source for plan in plans)), places),
+        planned=PlannedPlaces(
+            ", ".join(dict.fromkeys(plan.source for plan in plans)),
+            places,
+            _rally_m(data),
+            frozenset(passed),
+        ),
     )
     return Judged(data, tuple(passes), _apart(data, passes, start_ns, end_ns), left_out)
 
@@ -130,11 +137,17 @@ def _airborne(path: object, data: FlightData) -> tuple[int, int]:
 
 
 def _logged(data: FlightData) -> list[Plan]:
+    source = data.metadata.get(PLAN_FILE, {}).get("name", "mission in the log")
     return [
-        Plan("mission in the log", items_of(record), record.t_ns)
+        Plan(source, items_of(record), record.t_ns)
         for record in data.missions
         if record.kind == "mission"
     ]
+
+
+def _rally_m(data: FlightData) -> tuple[Floats, ...]:
+    lists = [items_of(record) for record in data.missions if record.kind == "rally"]
+    return tuple(place_m(item, data.area) for items in lists[-1:] for item in items)
 
 
 def _stretches(
@@ -187,10 +200,14 @@ def _passes(
         track = data.truth.between(start_ns, end_ns)
         if end_ns - start_ns < _LEAST_S * NS_PER_S or len(track.t_ns) < 2:
             continue
-        way = mission_path(plan.items, data.area, track.pos_m[0], first=item)
+        way = mission_path(
+            plan.items, data.area, track.pos_m[0], first=item, rally_m=_rally_m(data)
+        )
         if len(way.points_m) > 1:
             _check_place(path, plan, way, track)
-            yield _pass(first, data, way, track, (times, seqs))
+            # Whoever ordered the flight knew what the vehicle makes of the mission.
+            foreseen = [p.duration_s for p in data.plans if plan.logged and item == 0]
+            yield _pass(first, data, way, track, (times, seqs), next(iter(foreseen), None))
             first += 1
 
 
@@ -227,7 +244,12 @@ def _current(data: FlightData, plan: Plan) -> tuple[Ints, Ints]:
 
 
 def _pass(
-    number: int, data: FlightData, way: MissionPath, track: Track, current: tuple[Ints, Ints]
+    number: int,
+    data: FlightData,
+    way: MissionPath,
+    track: Track,
+    current: tuple[Ints, Ints],
+    foreseen_s: float | None,
 ) -> Pass:
     at_m = polyline.along(way.points_m)
     between = _windows(way, at_m, track, *current)
@@ -244,35 +266,28 @@ def _pass(
     legs_m = polyline.legs(way.points_m)
     leg_s = legs_m / way.speed_mps[1:] + way.wait_s[1:]
     leg_s[legs_m < 1e-6] = way.wait_s[1:][legs_m < 1e-6]
-    flat, flown_m = way.points_m[:, :2], polyline.length(track.pos_m[:, :2])
-    duration_s = float(leg_s.sum())
-    plan = PlanRecord(
-        round=number,
-        t_ns=start_ns,
-        waypoints_m=flat,
-        schedule=np.zeros((len(flat), 0), dtype=bool),
-        importance=np.zeros(0),
-        value=0.0,
-        upper_bound=math.nan,
-        path_budget_m=polyline.length(flat),
-        speed_mps=float(np.nanmax(way.speed_mps, initial=0.0)),
-        altitude_m=float(way.points_m[:, 2].max()),
-        height_m=way.points_m[:, 2],
+    plan = PlanRecord.of_flight(
+        number,
+        start_ns,
+        way.points_m,
         slot_s=np.concatenate(([0.0], np.cumsum(leg_s))),
-        duration_s=duration_s,
-        route_m=flat,
-        stops_at=np.arange(len(flat)),
+        speed_mps=float(np.nanmax(way.speed_mps, initial=0.0)),
+        duration_s=float(leg_s.sum()) if foreseen_s is None else foreseen_s,
     )
+    duration_s = (end_ns - start_ns) / NS_PER_S
+    flown_m, energy_j = polyline.length(track.pos_m[:, :2]), data.battery.energy_j(start_ns, end_ns)
     battery = data.battery.remaining[data.battery.t_ns <= end_ns]
     record = replace(
         UNKNOWN_ROUND,
         round=number,
         start_t_s=start_ns / NS_PER_S,
-        duration_s=(end_ns - start_ns) / NS_PER_S,
+        duration_s=duration_s,
         plan_path_m=plan.path_m,
         flown_path_m=flown_m,
         budget_used_m=flown_m,
-        time_used_s=(end_ns - start_ns) / NS_PER_S,
+        time_used_s=duration_s,
+        energy_j=energy_j,
+        energy_used_j=energy_j,
         battery_remaining=float(battery[-1]) if len(battery) else math.nan,
     )
     leg = leg_of(fit)
@@ -319,7 +334,9 @@ def _passages(way: MissionPath, fit: Alignment, track: Track) -> Iterator[Passag
         if not passed:
             yield Passage(int(way.seqs[index]), math.nan, np.full(3, math.nan))
             continue
-        best = int(reach_m.argmin())
+        # At which height a landing begins nobody knows; it ends on the ground.
+        lands = not way.height_known[index] and index == len(way.seqs) - 1
+        best = len(near) - 1 if lands else int(reach_m.argmin())
         before_ns, after_ns = track.t_ns[near[best]], track.t_ns[near[best] + 1]
         t_ns = before_ns + share[best] * (after_ns - before_ns)
         yield Passage(int(way.seqs[index]), float(t_ns) / NS_PER_S, -away_m[best])

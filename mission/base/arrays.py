@@ -1,5 +1,7 @@
-"""Arrays by what they hold; their shapes stand where they are used."""
+"""Arrays by what they hold; their shapes stand where they are used. Statistics of what is known."""
 
+import math
+from collections.abc import Callable
 from typing import TypeAlias
 
 import numpy as np
@@ -8,3 +10,18 @@ from numpy.typing import NDArray
 Floats: TypeAlias = NDArray[np.float64]
 Ints: TypeAlias = NDArray[np.int64]
 Bools: TypeAlias = NDArray[np.bool_]
+
+
+def _known(reduce: Callable[[Floats], float]) -> Callable[[Floats], float]:
+    """A statistic of the values that are no NaN; NaN of nothing."""
+
+    def of(values: Floats) -> float:
+        known = values[~np.isnan(values)]
+        return float(reduce(known)) if len(known) else math.nan
+
+    return of
+
+
+rms = _known(lambda values: math.sqrt((values**2).mean()))
+mean = _known(np.mean)
+greatest = _known(np.max)

@@ -63,7 +63,7 @@ def compare(
     if rounds is not None and rounds < 1:
         raise InputError(f"--rounds {rounds}: must be at least 1")
     from mission.analysis.compare import compare_run
-    from mission.analysis.comparison_text import lines, side_by_side, tables
+    from mission.analysis.comparison_text import in_full
     from mission.analysis.limits import given_limits, verdicts
     from mission.analysis.load import load_run
 
@@ -87,10 +87,8 @@ def compare(
             ]
         )
     else:
-        for table in side_by_side(found, width=console.width) if others else tables(found[0]):
-            console.print(table)
-        for line in (line for item in found for line in lines(item)):
-            console.print(line)
+        for part in in_full(found, width=console.width):
+            console.print(part)
     for item in loaded:
         if item.notice:
             aside.print(f"{item.path}: {item.notice}")

@@ -6,7 +6,7 @@ import altair as alt
 import numpy as np
 
 from mission.analysis.compare import RunComparison
-from mission.analysis.legs import events, spikes
+from mission.analysis.spikes import events, spikes
 from mission.base.arrays import Floats
 from mission.base.palette import community_colour
 from mission.figures.charts import Series, finished, line_chart
@@ -55,7 +55,7 @@ def profile_charts(flights: Sequence[RunComparison]) -> list[Chart]:
                 if not alone:
                     break  # the horizontal one is enough to compare
     return [
-        *(timeline_chart(flight) for flight in flights if flight.run.judged is not None),
+        *(timeline_chart(flight) for flight in flights),
         line_chart("Height above home", height, x=_ALONG, y="height (m)"),
         *([line_chart("Distance from the path", cross, x=_ALONG, y="distance (m)")] * bool(cross)),
         line_chart("Ground speed", speed, x=_ALONG, y="speed (m/s)"),
@@ -81,7 +81,7 @@ def timeline_chart(flight: RunComparison) -> Chart:
         y=np.concatenate([part for _, _, parts in errors for part in parts]),
     )
     happened = events(flight.run.data, float(times[0][0]), float(times[-1][-1]))
-    peaks = spikes(flight.run.data, flight.measured, flight.run.judged)
+    peaks = spikes(flight.run.data, flight.measured)
     x, y = (
         alt.X("x:Q", title="time of the log (s)", scale=alt.Scale(zero=False)),
         alt.Y("y:Q", title="error (m)"),

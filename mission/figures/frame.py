@@ -45,7 +45,7 @@ _LINES: Mapping[str, tuple[str, float, list[int]]] = {
 def run_lines(run: FlightData, plans: Sequence[PlanRecord]) -> Lines:
     """The edges, and the planned and the flown path of every plan."""
     fences = [zone.outline_m for zone in run.fence if zone.keep_in]
-    lines = edges(fences, zones_of(run)[0], None if run.plan_file else run.area.size_m)
+    lines = edges(fences, zones_of(run)[0], None if run.planned else run.area.size_m)
     lines += [("planned", plan.round, plan.route_m) for plan in plans]
     records = {record.round: record for record in run.rounds}
     lines += [
@@ -53,8 +53,8 @@ def run_lines(run: FlightData, plans: Sequence[PlanRecord]) -> Lines:
         for plan in plans
         if plan.round in records
     ]
-    if run.plan_file is not None and run.rounds:
-        end_ns = int(flown(run, run.rounds[0]).t_ns[-1])
+    if run.planned is not None:
+        end_ns = int(flown(run, run.rounds[-1]).t_ns[-1])
         rest = run.truth.between(end_ns, int(run.truth.t_ns[-1])).pos_m[:, :2]
         lines += [("after the last place", 0, thin(rest, TOLERANCE_M))] if len(rest) > 1 else []
     return lines
@@ -217,7 +217,8 @@ class MapFrame:
 
 def run_frame(run: FlightData, width: float, *, chosen: int | None = None) -> MapFrame:
     """A map of a run's area, and of all that was planned and flown."""
-    points = [np.array([(0.0, 0.0), run.area.size_m]), run.truth.pos_m[:, :2]]
+    corners = run.area.home_m if run.planned else ((0.0, 0.0), run.area.size_m)
+    points = [np.array(corners).reshape(-1, 2), run.truth.pos_m[:, :2]]
     points += [plan.route_m for plan in run.plans]
     fences = [zone.outline_m for zone in run.fence]
     return MapFrame.around(points, fences, width, chosen=chosen)

@@ -84,12 +84,12 @@ def round_map(
     rounds = [RoundMarks(p.round, p.importance, _sent(run, p.round)) for p in plans]
     late = (LATE,) if any(uplink.outcome == LATE for uplink in run.uplinks) else ()
     names = [(NAME, [_home(run)])]
-    if run.plan_file is None:
+    if run.planned is None:
         marks = frame.waypoints([(plan.round, plan.waypoints_m) for plan in plans])
         names += [(NAME, [Word("start", tuple(p.waypoints_m[0]), p.round) for p in plans])]
     else:
-        marks = places(frame, run)
-        names.insert(0, (Look(), item_numbers(run.plan_file)))
+        marks = places(frame, run.planned)
+        names.insert(0, (Look(), item_numbers(run.planned)))
     rings, zones = zones_of(run)
     scene = Scene(
         run.devices,
@@ -114,7 +114,7 @@ def record_of(run: FlightData, plan: PlanRecord) -> RoundRecord | None:
 
 
 def _round_title(run: FlightData, plan: PlanRecord) -> str:
-    if run.plan_file is not None:
+    if run.planned is not None:
         return "Planned and flown; numbers: items of the plan"
     record = record_of(run, plan)
     if record is None:

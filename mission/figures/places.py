@@ -3,11 +3,10 @@
 import altair as alt
 import numpy as np
 
-from mission.analysis.load import reached
 from mission.figures.frame import MapFrame
 from mission.figures.style import FENCE, FLOWN, PAPER, SOFT, keys, named, table
 from mission.figures.words import Word, gathered
-from mission.log.values import FlightData, PlanFileRecord
+from mission.log.values import PlannedPlaces
 
 _NEAR_M = 1.0  # places closer than this share one label
 _KINDS = {  # colour and shape of what is on the map
@@ -17,12 +16,9 @@ _KINDS = {  # colour and shape of what is on the map
 }
 
 
-def places(frame: MapFrame, run: FlightData) -> list[alt.Chart]:
+def places(frame: MapFrame, plan: PlannedPlaces) -> list[alt.Chart]:
     """Which were reached, which not, and where a return might have led."""
-    plan, passed = run.plan_file, reached(run)
-    if plan is None:
-        return []
-    kinds = ["reached" if seq in passed else "not reached" for seq in plan.places_m]
+    kinds = ["reached" if seq in plan.reached else "not reached" for seq in plan.places_m]
     at_m = np.array([*plan.places_m.values(), *plan.rally_m]).reshape(-1, 3)
     kinds += ["rally point"] * len(plan.rally_m)
     names = [str(seq) for seq in plan.places_m] + [""] * len(plan.rally_m)
@@ -46,7 +42,7 @@ def places(frame: MapFrame, run: FlightData) -> list[alt.Chart]:
     return [marks]
 
 
-def item_numbers(plan: PlanFileRecord) -> list[Word]:
+def item_numbers(plan: PlannedPlaces) -> list[Word]:
     """The mission items' sequence numbers, one word for items that share a place."""
     each = gathered([(place[:2], seq) for seq, place in plan.places_m.items()], _NEAR_M)
     return [Word(", ".join(map(str, items)), tuple(at)) for at, items in each]

@@ -41,10 +41,9 @@ def run_pictures(loaded: LoadedRun) -> dict[str, Chart]:
     """The pictures of a run, by the name of their file."""
     run, about = loaded.data, loaded.about
     pictures: dict[str, Chart] = {}
-    if run.plan_file is not None:
-        if run.rounds:
-            pictures["map.png"] = round_map(run, run.plans, about=about)
-            pictures["profile.png"] = profiles([compare_run(loaded)])
+    if run.planned is not None:
+        pictures["map.png"] = round_map(run, run.plans, about=about)
+        pictures["profile.png"] = profiles([compare_run(loaded)])
         return pictures
     if run.plans and len(run.truth.t_ns):
         pictures["map.png"] = overview(run, about)
@@ -60,7 +59,7 @@ def comparison_figure(runs: Sequence[RunComparison]) -> Chart:
 
     Flights of plan files, which have no rounds, stand against each other along their plans.
     """
-    if all(run.run.data.plan_file is not None for run in runs):
+    if all(run.run.judged is not None for run in runs):
         return profiles(runs)
     charts = [
         line_chart(

@@ -15,6 +15,7 @@ from pymavlink.dialects.v20 import common as mav
 from flightdyn.config import LimitsConfig
 from flightdyn.foresight import SETTLING_S
 from flightdyn.frames import LocalFrame
+from flightdyn.guidance.path import FlightPath
 from flightdyn.guidance.path_plan import passing_times
 from flightdyn.state import GeodeticPoint
 from mission.base import polyline
@@ -59,7 +60,6 @@ class Visit:
 
     seq: int  # of its item
     way_ned_m: Floats  # (P, 3) from the place before; the last is the place
-    by_s: float  # after the start, in calm air
 
 
 @dataclass(frozen=True)
@@ -69,16 +69,12 @@ class PlannedPath:
     visits: tuple[Visit, ...]
     rally_ned_m: tuple[Floats, ...]  # (3,) each: where a return may lead beside home
     returns: bool  # comes home and lands by itself, or lands elsewhere
+    duration_s: float  # with that, in calm air
 
     @property
     def points_ned_m(self) -> Floats:
         """(P, 3); the first is home."""
         return np.vstack((np.zeros(3), *(visit.way_ned_m for visit in self.visits)))
-
-    @property
-    def places(self) -> dict[int, Floats]:
-        """(3,) NED by sequence number of the item."""
-        return {visit.seq: visit.way_ned_m[-1] for visit in self.visits}
 
     @property
     def top_m(self) -> float:
@@ -144,7 +140,9 @@ def planned_path(
     reason = route.check_mission(plan.items, frame=frame, home=home, farthest_m=p["MIS_DIST_1WP"])
     if reason:
         raise InputError(f"{plan.path}: {reason}")
-    visits = _visits(plan.items, home, p, limits)
+    rally_ned_m = tuple(place_of(item) for item in plan.rally)
+    ends_ned_m = (np.zeros(3), *rally_ned_m)
+    visits, duration_s = _visits(plan.items, home, p, limits, ends_ned_m)
     if not visits:
         raise InputError(f"{plan.path}: no item leads anywhere")
     here = np.zeros((1, 3))
@@ -163,8 +161,7 @@ def planned_path(
         refuse(item, bad_height(item, least_m=0.0))
         if breach := breach_of(fence, place, home_ned_m=np.zeros(3), parameters=p):
             refuse(item, f"it is {breach}")
-    rally_ned_m = tuple(place_of(item) for item in plan.rally)
-    return PlannedPath(visits, rally_ned_m, plan.items[-1].command in _LAST)
+    return PlannedPath(visits, rally_ned_m, plan.items[-1].command in _LAST, duration_s)
 
 
 def _wrong(item: MissionItem, *, first: bool, last: bool) -> str:
@@ -195,48 +192,61 @@ def _refused(item: MissionItem) -> str:
 
 
 def _visits(
-    items: Sequence[MissionItem], home: GeodeticPoint, p: Parameters, limits: LimitsConfig
-) -> tuple[Visit, ...]:
+    items: Sequence[MissionItem],
+    home: GeodeticPoint,
+    p: Parameters,
+    limits: LimitsConfig,
+    ends_ned_m: Sequence[Floats],
+) -> tuple[tuple[Visit, ...], float]:
+    """Where the items lead, and how long it takes to be there, or on the ground; a return leads to
+    the closest of `ends_ned_m`."""
     stages = route.compile_route(
         items, p, frame=LocalFrame(home), home=home, start=np.zeros(3), on_ground=True
     )
     visits: list[Visit] = []
     way: list[Floats] = []
-    by_s = 0.0
+    here, duration_s = np.zeros(3), 0.0
 
     def arrive(seq: int) -> None:
         if items[seq].command in PLACES:
-            visits.append(Visit(seq, np.array(way), by_s))
+            visits.append(Visit(seq, np.array(way)))
             way.clear()
+
+    def land(height_m: float) -> float:
+        slow_m = min(height_m, p["MPC_LAND_ALT2"])
+        return (height_m - slow_m) / p["MPC_Z_VEL_MAX_DN"] + slow_m / p["MPC_LAND_SPEED"]
 
     for stage in stages:
         match stage:
             case route.Fly(path, reached):
-                began_s, passed_s = by_s, passing_times(path, limits)
-                for point, at_s, seqs in zip(
-                    path.points_ned_m[1:], passed_s[1:], reached[1:], strict=True
-                ):
-                    way.append(point)
-                    by_s = began_s + at_s
+                duration_s += float(passing_times(path, limits)[-1]) + SETTLING_S
+                for point, seqs in zip(path.points_ned_m[1:], reached[1:], strict=True):
+                    way.append(here := point)
                     for seq in seqs:
                         arrive(seq)
-                by_s += SETTLING_S
-            case route.Wait(duration_s, seq, reports):
-                by_s += duration_s
+            case route.Wait(wait_s, seq, reports):
+                duration_s += wait_s
                 if reports:
                     arrive(seq)
             case route.Circle(orbit, _, _, seq):
-                by_s += polyline.length(stage.points_ned_m) / abs(orbit.speed_mps)
+                duration_s += polyline.length(stage.points_ned_m) / abs(orbit.speed_mps)
                 way += list(stage.points_ned_m)
+                here = way[-1]
                 arrive(seq)
             case route.End(mav.MAV_CMD_NAV_LAND, seq):
-                ground = route.place_of(items[seq], LocalFrame(home), home)
-                height_m = -float(way[-1][2])
-                slow_m = min(height_m, p["MPC_LAND_ALT2"])
-                by_s += (height_m - slow_m) / p["MPC_Z_VEL_MAX_DN"] + slow_m / p["MPC_LAND_SPEED"]
-                way.append(ground)
+                duration_s += land(-float(here[2]))
+                way.append(route.place_of(items[seq], LocalFrame(home), home))
                 arrive(seq)
-    return tuple(visits)
+            case route.End(mav.MAV_CMD_NAV_RETURN_TO_LAUNCH, _):
+                end = min(ends_ned_m, key=lambda end: float(np.linalg.norm(end[:2] - here[:2])))
+                far = float(np.linalg.norm(end[:2] - here[:2])) > p["RTL_MIN_DIST"]
+                top = np.array([*here[:2], min(here[2], -p["RTL_RETURN_ALT"] if far else 0.0)])
+                points = np.vstack((here, top, (*end[:2], top[2])))
+                speeds = np.full(2, p["MPC_XY_CRUISE"])
+                path = FlightPath(points, speeds, np.full(3, p["NAV_ACC_RAD"]))
+                duration_s += float(passing_times(path, limits)[-1]) + SETTLING_S
+                duration_s += land(-float(top[2]))
+    return tuple(visits), duration_s
 
 
 def _metre_by_metre(points: Floats) -> Floats:

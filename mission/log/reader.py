@@ -30,7 +30,6 @@ from mission.log.values import (
     MissionRecord,
     ModeRecord,
     Modes,
-    PlanFileRecord,
     PlanRecord,
     SetpointRecord,
     Track,
@@ -55,7 +54,6 @@ def decode(contents: Contents) -> FlightData:
         LogError: it is not a log of ours.
     """
     area = contents.area
-    plan_file = contents.metadata.get(PlanFileRecord.KEY)
     try:
         devices = _devices(contents)
         truth, belief = _common(
@@ -82,7 +80,6 @@ def decode(contents: Contents) -> FlightData:
             innovations=_innovations(contents),
             metadata=contents.metadata,
             attachments=contents.attachments,
-            plan_file=None if plan_file is None else PlanFileRecord.from_text(plan_file),
             missions=tuple(
                 from_json(MissionRecord, row, t_ns=t) for t, row in contents.decoded(topics.MISSION)
             ),

@@ -4,6 +4,7 @@ A field with words stands in the log's records, one without (its time) beside th
 """
 
 import json
+import math
 import tomllib
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
@@ -123,6 +124,37 @@ class PlanRecord:
     ]
     stops_at: Annotated[Ints, INTEGERS, "(N,) which points of the route are the waypoints"]
 
+    @classmethod
+    def of_flight(
+        cls,
+        number: int,
+        t_ns: int,
+        points_m: Floats,
+        *,
+        slot_s: Floats,
+        speed_mps: float,
+        duration_s: float,
+    ) -> Self:
+        """The plan of a flight along (N, 3) points that serves nobody."""
+        flat = points_m[:, :2]
+        return cls(
+            round=number,
+            t_ns=t_ns,
+            waypoints_m=flat,
+            schedule=np.zeros((len(flat), 0), dtype=bool),
+            importance=np.zeros(0),
+            value=0.0,
+            upper_bound=math.nan,
+            path_budget_m=polyline.length(flat),
+            speed_mps=speed_mps,
+            altitude_m=float(points_m[:, 2].max()),
+            height_m=points_m[:, 2],
+            slot_s=slot_s,
+            duration_s=duration_s,
+            route_m=flat,
+            stops_at=np.arange(len(flat)),
+        )
+
     @property
     def route_height_m(self) -> Floats:
         """(P,) planned height above home of each point of the route."""
@@ -137,42 +169,13 @@ class PlanRecord:
 
 
 @dataclass(frozen=True)
-class PlanFileRecord:
-    """The plan file that a log's only flight carries out: `aerofed fly` left it."""
+class PlannedPlaces:
+    """Where the missions lead that a flight was matched with, and how far it came."""
 
-    source: str  # its name
+    source: str  # what the missions were read from
     places_m: Mapping[int, Floats]  # (3,) where an item leads, by its number
-    rally_m: tuple[Floats, ...] = ()  # (3,) each: where a return may lead beside home
-    order: tuple[int, ...] = ()  # items in the order in which they are flown, jumps included
-
-    KEY = "plan flight"  # of the metadata, by which such a log is known
-
-    def to_text(self) -> dict[str, str]:
-        """The fields as MCAP metadata: strings by name."""
-        places = {str(seq): place.tolist() for seq, place in self.places_m.items()}
-        rally = [place.tolist() for place in self.rally_m]
-        return {
-            "plan": self.source,
-            "places_m": json.dumps(places),
-            "rally_m": json.dumps(rally),
-            "order": json.dumps(self.order),
-        }
-
-    @classmethod
-    def from_text(cls, values: Mapping[str, str]) -> Self:
-        """The inverse of `to_text`.
-
-        Raises:
-            KeyError, ValueError: a key is missing or not what it should be.
-        """
-        places = json.loads(values["places_m"]).items()
-        order = json.loads(values.get("order", "[]")) or [int(seq) for seq, _ in places]
-        return cls(
-            source=values["plan"],
-            places_m={int(seq): np.array(place, dtype=np.float64) for seq, place in places},
-            rally_m=tuple(np.array(at, dtype=np.float64) for at in json.loads(values["rally_m"])),
-            order=tuple(order),
-        )
+    rally_m: tuple[Floats, ...]  # (3,) each: where a return may lead beside home
+    reached: frozenset[int]  # items
 
 
 @dataclass(frozen=True)
@@ -232,6 +235,15 @@ class BatteryTrack:
     current_a: Annotated[Floats, _A_ROW, "current drawn"]
     consumed_mah: Annotated[Floats, _A_ROW, "charge used since the start"]
     remaining: Annotated[Floats, _A_ROW, "0..1 of the capacity"]
+
+    def energy_j(self, start_ns: int, end_ns: int) -> float:
+        """What it gave between two instants; NaN where nobody knows."""
+        during = (self.t_ns >= start_ns) & (self.t_ns <= end_ns)
+        charge_as = np.diff(self.consumed_mah[during]) * 3.6
+        current_as = np.diff(self.t_ns[during]) / NS_PER_S * self.current_a[during][1:]
+        given_as = np.where(np.isnan(charge_as), current_as, charge_as)
+        energy_j = float((given_as * self.voltage_v[during][1:]).sum())
+        return energy_j if energy_j > 0.0 else math.nan
 
 
 @dataclass(frozen=True)
@@ -345,7 +357,7 @@ class FlightData:
     innovations: Mapping[str, InnovationTrack]  # by sensor; empty where the vehicle tells none
     metadata: Mapping[str, Mapping[str, str]]
     attachments: Mapping[str, bytes]
-    plan_file: PlanFileRecord | None = None  # None: the rounds of a run
+    planned: PlannedPlaces | None = None  # of a flight that is no run, once it has been matched
     missions: tuple[MissionRecord, ...] = ()  # each list that was in force, and from when
     setpoints: tuple[SetpointRecord, ...] = ()
     modes: Modes = NO_MODES

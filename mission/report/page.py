@@ -4,12 +4,9 @@ import math
 from collections.abc import Callable
 from pathlib import Path
 
-import numpy as np
-
 from mission.analysis.compare import Comparison, RunComparison, compare_run
 from mission.analysis.comparison_text import labelled, leg_rows, lines
-from mission.analysis.legs import legs
-from mission.analysis.load import LoadedRun, load_run, reached
+from mission.analysis.load import LoadedRun, load_run
 from mission.base.errors import InputError
 from mission.base.run_folder import RunFolder, write_atomically
 from mission.base.tables import number
@@ -18,11 +15,9 @@ from mission.figures.flight import profile_charts
 from mission.figures.learning import learning_charts, radio_charts
 from mission.figures.maps import round_map
 from mission.figures.render import card
-from mission.log.values import NS_PER_S, FlightData, PlanFileRecord
+from mission.log.values import FlightData
 from mission.report.about import about
 from mission.report.html import page
-
-_PLACE_HEADS = ("item", "x m", "y m", "height m", "reached at s", "missed by m", "height error m")
 
 
 def write_report(path: Path, target: Path | None = None, plan: Path | None = None) -> Path:
@@ -40,8 +35,7 @@ def write_report(path: Path, target: Path | None = None, plan: Path | None = Non
         raise InputError(run.unjudged)
     if not run.data.rounds:
         why = f": {run.notice}" if run.notice else ""
-        done = "finished" if run.data.plan_file is None else "flown"
-        raise InputError(f"{path}: no round was {done}, so there is nothing to report{why}")
+        raise InputError(f"{path}: no round was finished, so there is nothing to report{why}")
     text = report_html(run)
     target = target or (RunFolder(path).report if path.is_dir() else path.with_suffix(".html"))
     write_atomically(target, text)
@@ -59,7 +53,7 @@ def report_html(loaded: LoadedRun) -> str:
         numbers = [item.round for item in comparison.rounds]
         chart = round_map(run, [plan for plan in run.plans if plan.round in numbers])
         flown |= {"map": card(chart, is_map=True), "rounds": numbers}
-        if run.plan_file is None:
+        if run.planned is None:
             flown |= {
                 "details": [(f"Round {i.round}", i.round, _facts(i)) for i in comparison.rounds],
                 "flight": [card(chart) for chart in flight_charts(comparison)],
@@ -75,19 +69,16 @@ def report_html(loaded: LoadedRun) -> str:
             }
         else:
             facts = [(text, number(of[0], digits)) for text, digits, of in labelled([comparison])]
+            notes = [(str(at), line) for at, line in enumerate(lines(comparison), start=1)]
+            heads, rows = leg_rows(comparison.legs)
             flown |= {
-                "details": [("The mission, to its last place", numbers[0], facts)],
-                "flight": [card(chart) for chart in profile_charts([comparison])],
-                "table": ("Places", _PLACE_HEADS, _places(run, run.plan_file)),
-            }
-            if loaded.judged is not None:
-                notes = [(str(at), line) for at, line in enumerate(lines(comparison), start=1)]
-                heads, rows = leg_rows(legs(comparison.measured, loaded.judged))
-                flown["details"] = [
+                "details": [
                     ("The flight", numbers[0], facts),
                     *([("Spikes, and what was not compared", numbers[0], notes)] if notes else []),
-                ]
-                flown["table"] = ("Legs", [head.replace("\n", " ") for head in heads], rows)
+                ],
+                "flight": [card(chart) for chart in profile_charts([comparison])],
+                "table": ("Legs", [head.replace("\n", " ") for head in heads], rows),
+            }
     return page(
         "run.html",
         title=str(summary.get("name", loaded.path.stem)),
@@ -95,7 +86,7 @@ def report_html(loaded: LoadedRun) -> str:
         good=status == "finished",
         facts=[*loaded.about.split(" · ")[1:], *_devices(run)],
         notice=loaded.notice,
-        plan_file=run.plan_file is not None,
+        a_flight=run.planned is not None,
         tiles=_tiles(run, comparison),
         learning=[card(chart) for chart in learning_charts(run)] if run.learning else [],
         estimator=[card(chart) for chart in estimator_charts(run)],
@@ -108,7 +99,7 @@ def report_html(loaded: LoadedRun) -> str:
 
 def _tiles(run: FlightData, comparison: RunComparison | None) -> list[tuple[str, str]]:
     last = run.rounds[-1]
-    if run.plan_file is None:
+    if comparison is None or run.planned is None:
         delivered = sum(record.delivered for record in run.rounds)
         scheduled = sum(record.scheduled for record in run.rounds)
         accuracy = last.accuracy.items()
@@ -117,19 +108,15 @@ def _tiles(run: FlightData, comparison: RunComparison | None) -> list[tuple[str,
         tiles.append((f"{delivered} / {scheduled}", "updates delivered"))
         where = "flown in rounds"
     else:
-        places = len(run.plan_file.places_m)
-        done = len(reached(run))
-        if comparison is not None and comparison.run.judged is not None:
-            places, done = comparison.total.slots, comparison.total.slots
-            done -= comparison.total.slots_missed
-        tiles = [(f"{done} / {places}", "places reached")]
+        total = comparison.total
+        tiles = [(f"{total.slots - total.slots_missed} / {total.slots}", "places reached")]
         where = "flown along the plan"
     if comparison is not None:
         total = comparison.total
         tiles += [
             (f"{total.flown_path_m / 1000:.2f} km", where),
             (f"{number(total.straight_rms_m)} m", "cross-track rms on straights"),
-            (f"{100 * last.battery_remaining:.0f} %", "battery left"),
+            (f"{number(100 * last.battery_remaining, 0)} %", "battery left"),
         ]
         if math.isfinite(total.corner_cut_max_m):
             tiles.append((f"{total.corner_cut_max_m:.2f} m", "deepest corner cut"))
@@ -139,22 +126,6 @@ def _tiles(run: FlightData, comparison: RunComparison | None) -> list[tuple[str,
 def _devices(run: FlightData) -> list[str]:
     count, groups = len(run.devices.community), len(run.devices.communities)
     return [f"{count} devices of {groups} communities"] if count else []
-
-
-def _places(run: FlightData, plan_file: PlanFileRecord) -> list[list[str]]:
-    """Where the aircraft was on the instant at which it reported an item as reached."""
-    passed, rows = reached(run), []
-    for seq, place in plan_file.places_m.items():
-        cells = [str(seq), *(f"{value:.1f}" for value in place)]
-        event = passed.get(seq)
-        if event is None:
-            cells += ["not reached", "-", "-"]
-        else:
-            miss = np.array(event.true_m) - place
-            at_s = (event.t_ns - run.plans[0].t_ns) / NS_PER_S
-            cells += [f"{at_s:.1f}", f"{np.hypot(*miss[:2]):.2f}", f"{miss[2]:+.2f}"]
-        rows.append(cells)
-    return rows
 
 
 def _facts(item: Comparison) -> list[tuple[str, str]]:

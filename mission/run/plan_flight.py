@@ -12,8 +12,9 @@ from pymavlink.dialects.v20 import common as mav
 from flightdyn.random import RandomStreams
 from flightdyn.state import GeodeticPoint
 from mission.analysis.compare import RunComparison, compare_run
-from mission.analysis.comparison_text import tables
-from mission.analysis.load import arrival, load_run
+from mission.analysis.comparison_text import in_full
+from mission.analysis.load import load_run
+from mission.analysis.passes import PLAN_FILE
 from mission.base import polyline
 from mission.base.area import Area
 from mission.base.arrays import Floats
@@ -30,11 +31,12 @@ from mission.flight.flight_plan import Demand
 from mission.flight.flyers.flyer import Flyer
 from mission.flight.flyers.flyers import Attached, Flyers, Task
 from mission.flight.flyers.open import flyers_for
+from mission.flight.logs.items import record_of
 from mission.flight.pilot.limits import VehicleLimits
 from mission.flight.plan_file import PlanFile, read_plan_file
 from mission.flight.plan_path import PlannedPath, placed, planned_path
 from mission.log.live import LiveView, live_views
-from mission.log.values import Devices, FlightData, PlanFileRecord, PlanRecord
+from mission.log.values import Devices, FlightData, PlanRecord
 from mission.log.writer import FlightLog
 from mission.run.budget import RunTotals
 from mission.run.outcome import Summary
@@ -161,29 +163,23 @@ class _PlanFlight:
             raise failure.in_words(f"t {t_s:.1f} s: {failure}") from failure.__cause__
 
     def _begins(self, flyer: Flyer) -> None:
-        """Log the planned path, as rounds have theirs."""
-        area, path = self.order.area, self.order.path
-        points = area_xyz(area, path.points_ned_m)
-        speed_mps = polyline.length(points) / path.visits[-1].by_s
+        """Log the planned path, as rounds have theirs, and the items."""
+        order, t_ns = self.order, flyer.t_ns
+        points, duration_s = area_xyz(order.area, order.path.points_ned_m), order.path.duration_s
+        speed_mps = polyline.length(points) / duration_s
         self.log.plan_record(
-            PlanRecord(
-                round=1,
-                t_ns=flyer.t_ns,
-                waypoints_m=points[:, :2],
-                schedule=np.zeros((len(points), 0), dtype=bool),
-                importance=np.zeros(0),
-                value=0.0,
-                upper_bound=math.nan,
-                path_budget_m=path.path_m,
-                speed_mps=speed_mps,
-                altitude_m=path.top_m,
-                height_m=points[:, 2],
+            PlanRecord.of_flight(
+                1,
+                t_ns,
+                points,
                 slot_s=polyline.along(points) / speed_mps,
-                duration_s=path.visits[-1].by_s,
-                route_m=points[:, :2],
-                stops_at=np.arange(len(points)),
+                speed_mps=speed_mps,
+                duration_s=duration_s,
             )
         )
+        for items in (order.plan.items, order.plan.fence, order.plan.rally):
+            if items:
+                self.log.mission(record_of(t_ns, items[0].mission_type, items))
 
     def conclude(self, summary: Summary) -> None:
         """Compare what was flown with its plan; nothing where nothing was.
@@ -192,21 +188,24 @@ class _PlanFlight:
             FlightError: the plan was flown to its end, and the last place never reached.
         """
         run = load_run(summary.folder.path)
-        if not run.data.rounds:
+        if run.judged is None:
             return
-        self.totals.add(run.data.rounds[0])
+        for record in run.data.rounds:
+            self.totals.add(record)
         write_atomically(summary.folder.path / "track.csv", _track_csv(run.data))
         self.comparison = compare_run(run)
         total = vars(self.comparison.total).items()
         known = {key: value for key, value in total if key != "round" and math.isfinite(value)}
         summary.add(planned_and_flown=known)
-        if self.ended and arrival(run.data) is None:
-            raise FlightError(f"item {self.order.path.visits[-1].seq} was never reached")
+        last = run.judged.passes[-1].passages[-1]
+        if self.ended and math.isnan(last.t_s):
+            raise FlightError(f"item {last.seq} was never reached")
 
     def show(self, console: RunConsole) -> None:
         """Print the comparison of planned and flown."""
-        for table in tables(self.comparison) if self.comparison else ():
-            console.out.print(table)
+        if self.comparison is not None:
+            for part in in_full([self.comparison], width=console.out.width):
+                console.out.print(part)
 
 
 @contextmanager
@@ -232,19 +231,13 @@ def _recording(
         )  # fmt: skip
         log.attach("config.toml", "application/toml", order.config.to_toml().encode())
         log.attach(plan.path.name, "text/plain", plan.content)
-        visits = tuple(visit.seq for visit in order.path.visits)
-        places = PlanFileRecord(
-            source=plan.path.name,
-            places_m={seq: area_xyz(area, ned) for seq, ned in order.path.places.items()},
-            rally_m=tuple(area_xyz(area, ned) for ned in order.path.rally_ned_m),
-            order=visits,
-        )
-        log.metadata(PlanFileRecord.KEY, places.to_text())
+        log.metadata(PLAN_FILE, {"name": plan.path.name})
 
         def say(text: str) -> None:
             log.note(text, severity=4)
             progress.notice(text)
 
+        visits = tuple(visit.seq for visit in order.path.visits)
         watch = PlanProgress(progress, plan.path.name, visits)
         attached = Attached((log, watch), folder.path, say)
         yield _PlanFlight(order, flyers, log, attached, progress, stopwatch)

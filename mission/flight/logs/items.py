@@ -34,6 +34,7 @@ _LEADS = (  # straight to their place
 _WITHOUT_PLACE = (mav.MAV_CMD_NAV_DELAY, mav.MAV_CMD_NAV_GUIDED_ENABLE, mav.MAV_CMD_NAV_LAST)
 _CORNERS = 24  # of a circle
 _MOST_LAPS = 50.0
+_NOWHERE: Floats = np.full(3, math.nan)
 _MOST_POINTS = 2000  # of a path; jumps may be without end
 _LOW_M = 1.0  # below this a flight begins on the ground
 
@@ -71,11 +72,27 @@ class MissionPath:
     left_out: Mapping[str, int]  # items that lead nowhere that is known here, by command
 
 
+def place_m(item: MissionItem, area: Area, here_m: Floats = _NOWHERE) -> Floats:
+    """(3,) where an item leads, in area coordinates; from `here_m` for what it leaves open."""
+    x, y = here_m[:2]
+    if not (math.isnan(item.x) or math.isnan(item.y) or item.x == item.y == 0.0):
+        x, y = area.from_ned(area.frame.to_ned(item.x, item.y, area.home.alt_msl_m)).tolist()
+    z = item.z if item.frame in _TERRAIN else item_altitude(item, area.home) - area.home.alt_msl_m
+    return np.array([x, y, here_m[2] if math.isnan(z) else z])
+
+
 def mission_path(
-    items: Sequence[MissionItem], area: Area, start_m: Floats, *, first: int = 0
+    items: Sequence[MissionItem],
+    area: Area,
+    start_m: Floats,
+    *,
+    first: int = 0,
+    rally_m: Sequence[Floats] = (),
 ) -> MissionPath:
-    """The path of a mission that begins at `start_m`, (3,) area coordinates, with item `first`."""
-    frame, home = area.frame, area.home
+    """The path of a mission that begins at `start_m`, (3,) area coordinates, with item `first`.
+
+    A return leads home, or to what of `rally_m`, (3,) each, is closer.
+    """
     points, seqs, known = [np.array(start_m, dtype=np.float64)], [-1], [True]
     waits, speeds, speed = [0.0], [math.nan], math.nan
     left_out: Counter[str] = Counter()
@@ -87,15 +104,9 @@ def mission_path(
         waits.append(wait_s)
         speeds.append(speed)
 
-    def place_of(item: MissionItem) -> Floats:
-        here = points[-1]
-        if math.isnan(item.x) or math.isnan(item.y) or item.x == item.y == 0.0:
-            x, y = float(here[0]), float(here[1])
-        else:
-            ned = frame.to_ned(item.x, item.y, home.alt_msl_m)
-            x, y = area.from_ned(ned).tolist()
-        z = item.z if item.frame in _TERRAIN else item_altitude(item, home) - home.alt_msl_m
-        return np.array([x, y, float(here[2]) if math.isnan(z) else z])
+    def land(place_m: Floats, seq: int) -> None:
+        go(np.array([*place_m[:2], points[-1][2]]), -1, height=False)
+        go(np.array([*place_m[:2], 0.0]), seq, height=False)
 
     jumps = {seq: n if n >= 0 else _MOST_POINTS for seq, n in repeats(items).items()}
     for item in flown_order(items, first, jumps):
@@ -108,24 +119,25 @@ def mission_path(
         if command == mav.MAV_CMD_DO_CHANGE_SPEED:
             speed = item.params[1] if item.params[1] > 0 else speed
         elif command == mav.MAV_CMD_NAV_RETURN_TO_LAUNCH:
-            go(np.array([*area.home_m, points[-1][2]]), item.seq, height=False)
+            ends = [np.array(area.home_m), *(place[:2] for place in rally_m)]
+            here = points[-1][:2]
+            land(min(ends, key=lambda end: float(np.linalg.norm(end - here))), item.seq)
             break
         elif not placed and (command in _LEADS + _TAKEOFFS + _LANDINGS + _CIRCLES):
             left_out[bare_name(command)] += 1
         elif command in _LANDINGS:
-            place_m, here = place_of(item), points[-1]
-            go(np.array([*place_m[:2], here[2]]), -1, height=False)
-            go(np.array([*place_m[:2], 0.0]), item.seq, height=False)
+            land(place_m(item, area, points[-1]), item.seq)
         elif command in _TAKEOFFS + _LEADS + _CIRCLES:
-            place_m, here = place_of(item), points[-1]
+            here = points[-1]
+            at_m = place_m(item, area, here)
             if command in _TAKEOFFS or (len(points) == 1 and here[2] < _LOW_M):
-                go(np.array([*here[:2], place_m[2]]), -1)
+                go(np.array([*here[:2], at_m[2]]), -1)
             if command in _CIRCLES:
-                for point in _circle(place_m, item.params[2], here, laps=wait_s):
+                for point in _circle(at_m, item.params[2], here, laps=wait_s):
                     go(point, -1, height=level)
                 seqs[-1] = item.seq
             else:
-                go(place_m, item.seq, height=level, wait_s=wait_s * (command in _LEADS))
+                go(at_m, item.seq, height=level, wait_s=wait_s * (command in _LEADS))
         elif command <= mav.MAV_CMD_NAV_LAST and command not in _WITHOUT_PLACE:
             left_out[bare_name(command)] += 1
     return MissionPath(

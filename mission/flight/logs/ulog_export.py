@@ -213,7 +213,7 @@ def _mission(data: FlightData) -> dict[str, Rows]:
 
 def _items(data: FlightData, t_ns: int) -> tuple[int, Places]:
     """How many items were in force at an instant, and where they lead."""
-    area, home = data.area, data.area.home
+    home = data.area.home
     for record in reversed(data.missions):
         if record.kind == "mission" and record.t_ns <= t_ns:
             return len(record.items), {
@@ -222,14 +222,4 @@ def _items(data: FlightData, t_ns: int) -> tuple[int, Places]:
                 if item.frame in GLOBAL_FRAMES and (item.x, item.y) != (0.0, 0.0)
                 if math.isfinite(item.x + item.y + item.z)
             }
-    if data.plan_file is None:
-        return 0, {}
-    places_m = data.plan_file.places_m
-    at = {
-        seq: area.frame.to_geodetic(area.to_ned(place[:2], float(place[2])))
-        for seq, place in places_m.items()
-    }
-    return max(places_m, default=-1) + 1, {
-        seq: (place.lat_deg, place.lon_deg, home.alt_msl_m + float(places_m[seq][2]), 0)
-        for seq, place in at.items()
-    }
+    return 0, {}

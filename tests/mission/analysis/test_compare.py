@@ -250,5 +250,5 @@ def test_what_is_no_run_is_refused(tmp_path: Path) -> None:
         compare_run(load_run(tmp_path))
     with FlightLog(tmp_path / "e.mcap", area=AREA, devices=WORLD):
         pass
-    with pytest.raises(InputError, match="the log has no positions"):
+    with pytest.raises(InputError, match="no round was flown"):
         compare_run(load_run(tmp_path / "e.mcap"))

@@ -16,9 +16,9 @@ from sitl_mavsdk import HOME
 from flightdyn.frames import LocalFrame
 from mission.analysis.compare import compare_run
 from mission.analysis.comparison_text import in_words
-from mission.analysis.legs import legs, spikes
 from mission.analysis.load import LoadedRun, load_run
 from mission.analysis.passes import judged
+from mission.analysis.spikes import spikes
 from mission.base.area import Area
 from mission.base.errors import InputError
 from mission.cli import call
@@ -121,9 +121,9 @@ def test_a_log_of_the_vehicle_alone_holds_its_missions_and_setpoints(tmp_path: P
 def test_the_legs_of_a_mission_in_the_log_are_matched(tmp_path: Path) -> None:
     log = flown(tmp_path, plain())
     found = compared(log)
-    rows = legs(found.measured, found.run.judged)
+    rows = found.legs
     assert [row.item for row in rows] == [0, 1, 2, 3, 4, 5]
-    assert [round(row.length_m) for row in rows] == [30, 100, 120, 160, 120, 60]
+    assert [round(row.length_m) for row in rows] == [30, 100, 120, 160, 120, 90]
     assert all(row.cross_track_max_m < 6.0 for row in rows)
     assert found.total.slots_missed == 0
     assert found.total.height_max_m < 0.5
@@ -135,7 +135,7 @@ def test_an_offset_is_found_at_its_leg(tmp_path: Path, offset_m: float) -> None:
     log = flown(tmp_path, plain())
     data = read_log(log)
     before = compared(log)
-    third = legs(before.measured, before.run.judged)[2]
+    third = before.legs[2]
     t_s = data.truth.t_ns / 1e9
     inside = (t_s > third.start_s + 4.0) & (t_s < third.end_s - 4.0)
     pos_m = data.truth.pos_m.copy()
@@ -143,14 +143,14 @@ def test_an_offset_is_found_at_its_leg(tmp_path: Path, offset_m: float) -> None:
     gone = (EventRecord(int(1e9 * (third.start_s + 4.5)), "fault", "wind", None, 4, (0,) * 3, (0,) * 3),)  # noqa: E501  # fmt: skip
     moved = replace(data, truth=Track(data.truth.t_ns, pos_m), events=(*data.events, *gone))
     found = compared(log, moved)
-    rows = legs(found.measured, found.run.judged)
+    rows = found.legs
     assert rows[2].cross_track_max_m == pytest.approx(
         offset_m, abs=0.2 + before.total.straight_max_m
     )
     others = [row.cross_track_max_m for row in rows[:2] + rows[3:]]
     assert max(others) < 6.0
     if offset_m >= 3.0:
-        (spike,) = [s for s in spikes(moved, found.measured, found.run.judged)
+        (spike,) = [s for s in spikes(moved, found.measured)
                     if s.what == "cross-track" and s.peak_m > 0.9 * offset_m]  # fmt: skip
         assert "fault: wind" in spike.during
         assert spike.words.startswith(f"at {spike.start_s:.1f}-{spike.end_s:.1f} s cross-track")
@@ -159,7 +159,7 @@ def test_an_offset_is_found_at_its_leg(tmp_path: Path, offset_m: float) -> None:
 def test_laps_by_a_jump_are_told_apart(tmp_path: Path) -> None:
     items = [take_off(), *square(), item(5, mav.MAV_CMD_DO_JUMP, 1, 2)]
     found = compared(flown(tmp_path, items))
-    rows = legs(found.measured, found.run.judged)
+    rows = found.legs
     assert [row.item for row in rows] == [0, *(1, 2, 3, 4) * 3]
     assert all(row.cross_track_max_m < 6.0 for row in rows)
     starts = [row.start_s for row in rows]
@@ -224,7 +224,7 @@ def test_a_fault_counts_once_and_a_leg_that_was_not_flown_has_no_numbers(tmp_pat
     ended = replace(at, kind="fault", text="Fault ends: gnss_off", t_ns=at.t_ns + 2 * NS_PER_S)
     found = compared(log, replace(data, events=(*data.events, begun, ended)))
     assert found.total.faults == 1
-    every = legs(found.measured, found.run.judged)
+    every = found.legs
     not_flown = [leg for leg in every if math.isnan(leg.start_s)]
     assert not_flown
     assert all(math.isnan(leg.height_max_m) for leg in not_flown)

@@ -13,7 +13,6 @@ from made_up_logs import CORNERS, HEIGHT_M, HOME, write_dataflash, write_tlog, w
 
 import aerofed
 from mission.analysis.compare import RunComparison, compare_run
-from mission.analysis.legs import legs
 from mission.analysis.load import load_run
 from mission.base.errors import EXIT_CODES, LIMITS_NOT_MET, LimitsNotMetError
 from mission.cli import call
@@ -51,7 +50,7 @@ def test_one_flight_in_three_logs_is_one_comparison(tmp_path: Path) -> None:
 def test_an_offset_is_at_the_right_leg(tmp_path: Path, end: str, off_m: float) -> None:
     found = compared(KINDS[end](tmp_path / f"x{end}", off_m=off_m))
     assert found.run.judged is not None
-    rows = legs(found.measured, found.run.judged)
+    rows = found.legs
     assert [round(row.length_m) for row in rows] == [round(HEIGHT_M), 100, 120, 160]
     assert rows[2].cross_track_max_m == pytest.approx(off_m, abs=0.02)
     assert max(row.cross_track_max_m for row in (*rows[:2], rows[3])) < 0.05

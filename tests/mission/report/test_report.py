@@ -113,7 +113,7 @@ def test_what_cannot_be_reported_is_refused(tmp_path: Path) -> None:
     world = devices(np.random.default_rng(1))
     with FlightLog(tmp_path / "e.mcap", area=AREA, devices=world):
         pass
-    with pytest.raises(InputError, match="the log has no positions"):
+    with pytest.raises(InputError, match="no round was finished"):
         write_report(tmp_path / "e.mcap")
     made = fly(tmp_path, rounds=1)
     with pytest.raises(InputError, match="cannot write"):

@@ -11,7 +11,7 @@ import signal
 import socket
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager, redirect_stdout
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +24,7 @@ from patience import HANG_S
 from small_runs import QUIET
 from test_planfile import HOME_ROW, ROW, plan_document, simple
 
+from mission.analysis.load import LoadedRun, load_run
 from mission.cli import call
 from mission.log import DamagedLogError
 from mission.log.reader import read_log
@@ -77,15 +78,15 @@ def test_a_plan_is_flown_and_compared(square: Square) -> None:
     assert "cross-track" in printed
     assert re.search(r"t \d+\.\d s: item 4 \(4 of 4\), 60 m high, battery \d+ %", printed)
     found = summary(out)["planned_and_flown"]
-    assert found["plan_path_m"] == pytest.approx(600, abs=1.0)
-    assert found["flown_path_m"] == pytest.approx(600, rel=0.03)
-    # Up at 3 m/s, 200 m at the default 10 m/s, 400 m at 15 m/s, 4 s of waiting; and braking.
-    assert found["plan_duration_s"] > 50 / 3 + 20 + 400 / 15 + 4
+    assert found["plan_path_m"] == pytest.approx(800, abs=1.0)
+    assert found["flown_path_m"] == pytest.approx(800, rel=0.03)
+    # Up at 3 m/s, 200 m at the default 10 m/s, 400 m at 15 m/s, 4 s of waiting, home; and braking.
+    assert found["plan_duration_s"] > 50 / 3 + 20 + 400 / 15 + 4 + 20
     assert found["duration_s"] == pytest.approx(found["plan_duration_s"], rel=0.02)
     assert summary(out)["energy_used_j"] == found["energy_j"] > 0
     assert 0 < found["cross_track_rms_m"] < 1.5
     assert found["cross_track_max_m"] < 5
-    assert (found["slots"], found["slots_missed"]) == (4, 0)
+    assert (found["slots"], found["slots_missed"]) == (5, 0)
     assert found["height_max_m"] < 1
     # No radio, so nothing is said of one.
     assert not [key for key in found if "per" in key or "objective" in key]
@@ -381,6 +382,11 @@ def test_its_folder_has_the_after_care_of_a_run(
     found = json.loads(capsys.readouterr().out)
     assert [item.pop("source") for item in found] == [str(first), str(second / "flight.mcap")]
     assert found[0] == found[1]
+    assert [leg["item"] for leg in found[0]["legs"]] == [0, 1, 3, 4, 5]
+    assert call(["compare", str(first), "--plan", str(square.plan), "--json"]) == 0
+    (again,) = json.loads(capsys.readouterr().out)
+    assert again["total"]["flown_path_m"] == found[0]["total"]["flown_path_m"]
+    assert not [spike for spike in again["spikes"] if spike["what"] == "cross-track"]  # corners
     total = {key: value for key, value in found[0]["total"].items() if value is not None}
     assert total == summary(first)["planned_and_flown"]
     profile = tmp_path / "both.svg"
@@ -388,7 +394,7 @@ def test_its_folder_has_the_after_care_of_a_run(
     assert "Runs side by side" in capsys.readouterr().out
     assert profile.stat().st_size > 10_000
     page = (first / "report.html").read_text(encoding="utf-8")
-    for words in ("4 / 4</b>", "Height above home", "Ground speed", "Wall time", "Places</h2>"):
+    for words in ("5 / 5</b>", "Height above home", "Ground speed", "Wall time", "Legs</h2>"):
         assert words in page
     assert call(["compare", str(first), str(tmp_path)]) == 2
     assert "no flight.mcap" in capsys.readouterr().err
@@ -408,12 +414,12 @@ def test_a_flight_that_was_killed_is_compared_as_far_as_it_came(
     assert call(["compare", str(out), "--json"]) == 0
     printed = capsys.readouterr()
     found = json.loads(printed.out)[0]["total"]
-    assert 0 < found["slots_missed"] < found["slots"] == 4
+    assert 0 < found["slots_missed"] < found["slots"] == 5
     assert 0 < found["cross_track_rms_m"] < 1.5
     assert "killed, or is still under way; this is what was flown" in printed.err
     assert call(["report", str(out)]) == 0
     page = (out / "report.html").read_text(encoding="utf-8")
-    assert page.count("not reached</td>") == found["slots_missed"]
+    assert "items never reached: 4, 5" in page
 
 
 @pytest.mark.slow
@@ -438,10 +444,18 @@ def test_a_flight_whose_pictures_fail_is_not_finished(
 def test_a_flight_that_misses_its_end_has_failed(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("mission.run.plan_flight.arrival", lambda _: None)
+    def without_its_end(path: Path) -> LoadedRun:
+        run = load_run(path)
+        assert run.judged is not None
+        (found,) = run.judged.passes
+        end = replace(found.passages[-1], t_s=math.nan)
+        cut = replace(found, passages=(*found.passages[:-1], end))
+        return replace(run, judged=replace(run.judged, passes=(cut,)))
+
+    monkeypatch.setattr("mission.run.plan_flight.load_run", without_its_end)
     plan, out = written(tmp_path, TAKE_OFF, place(NORTH, 8.5), RETURN), tmp_path / "out"
     assert call(["fly", str(plan), "--out", str(out), *QUIET]) == 4
-    said = "item 1 was never reached"
+    said = "item 2 was never reached"
     assert capsys.readouterr().err == f"aerofed: {said}; what was flown is in {out}\n"
     assert (summary(out)["status"], summary(out)["error"]) == ("failed", said)
     assert (out / "track.csv").is_file()
@@ -494,7 +508,7 @@ def test_a_survey_is_flown_as_it_was_drawn(
     ]
     assert passed(out) == [0, *legs, 25]
     found = summary(out)["planned_and_flown"]
-    assert (found["slots"], found["slots_missed"]) == (17, 0)
+    assert (found["slots"], found["slots_missed"]) == (18, 0)
     assert found["straight_max_m"] < 1.0
     assert found["duration_s"] == pytest.approx(found["plan_duration_s"], rel=0.02)
     printed = capsys.readouterr().out
@@ -527,8 +541,7 @@ def test_jumps_turns_waits_and_speeds_are_flown(tmp_path: Path) -> None:
     at_s = {event.seq: event.t_ns / 1e9 for event in log.events if event.kind == "reached"}
     assert at_s[6] - at_s[5] == pytest.approx(5.0, abs=0.1)
     # Two turns of a radius of 20 m at 5 m/s, from the west; the middle is 75 m east of home.
-    assert log.plan_file is not None
-    middle = log.plan_file.places_m[0][:2] + np.array([75.48, 0.0])
+    middle = np.array(log.area.home_m) + np.array([75.48, 0.0])
     time_s = log.truth.t_ns / 1e9
     turning = (time_s > at_s[5] - 2 * np.pi * 40 / 5) & (time_s < at_s[5])
     way = log.truth.pos_m[turning, :2] - middle
@@ -548,7 +561,7 @@ def test_a_mission_that_is_aborted_is_compared_as_far_as_it_came(
     assert re.search(r"t 4\d\.\d s: Fault begins: gnss_off", printed.out)
     assert "left the mission for LAND" in printed.err
     assert summary(out)["status"] == "failed"
-    assert 0 < summary(out)["planned_and_flown"]["slots_missed"] < 17
+    assert 0 < summary(out)["planned_and_flown"]["slots_missed"] < 18
     assert passed(out)[:6] == [0, 1, 2, 4, 6, 7]
 
 
@@ -570,12 +583,13 @@ def test_a_structure_scan_goes_round_the_building(
     out = tmp_path / "out"
     plan = written(tmp_path, TAKE_OFF, scan, RETURN)
     assert call(["fly", str(plan), "--out", str(out), *QUIET, "--no-figures"]) == 0
-    file = read_log(out / "flight.mcap").plan_file
-    assert file is not None
-    flown = [file.places_m[seq] for seq in file.order][1:]
+    run = load_run(out)
+    assert run.judged is not None
+    way = run.judged.passes[0].path
+    flown = way.points_m[way.seqs >= 0][1:-1]  # without take-off and return
     assert [round(at[2]) for at in flown] == [40, *[heights[0]] * 5, *[heights[1]] * 5, 40]
     # 15 m outside of every wall, from the first corner round to it.
-    south_west = file.places_m[0][:2] + np.array([-15.0, 0.0005 * 111_180 - 15.0])
+    south_west = np.array(run.data.area.home_m) + np.array([-15.0, 0.0005 * 111_180 - 15.0])
     for begin in (1, 6):
         ring = np.array(flown[begin : begin + 5])[:, :2]
         np.testing.assert_allclose(ring[[0, 4]], [south_west] * 2, atol=0.1)
