@@ -1,9 +1,10 @@
 """What `cov` gains where communities live apart: per metre, per round and per joule.
 
-    python docs/apart_gains.py RUNS --out docs/data/apart-runs
+    python docs/apart_gains.py 2a RUNS --out docs/data/apart-runs
+    python docs/apart_gains.py 2b FACTORS --out docs/data/apart-factors
 
 RUNS is what `apart_runs.py` left, finished or not. `--out` gets all rounds as one table,
-rounds.csv.gz, and README.md with the tables of stage 2a: docs/data/PLAN.md.
+rounds.csv.gz, and README.md with the tables of that stage: docs/data/PLAN.md.
 """
 
 import argparse
@@ -92,7 +93,7 @@ def _gain(of: Floats, level: Floats) -> str:
     return f"{found.mean:+.1f} ± {found.half:.1f} ({share:+.0f} %, {(of > 0.0).sum()} of {len(of)})"
 
 
-def _mean(values: Sequence[float]) -> str:
+def _mean(values: Sequence[float] | Floats) -> str:
     found = interval(values)
     return f"{found.mean:.1f} ± {found.half:.1f}"
 
@@ -169,11 +170,84 @@ def tables(rounds: pd.DataFrame) -> str:
     return _HEAD + "".join(f"\n## {title}\n\n{text}\n" for title, text in parts.items())
 
 
+def factor_gains(rounds: pd.DataFrame, task: str, way: str) -> Floats:
+    """(seeds, treatments) points that `cov` is ahead of `no_cov`, in seeds that are whole."""
+    treatments = apart_runs.treatments()
+    by_run: dict[tuple[object, ...], pd.DataFrame] = {
+        tuple(run.iloc[0][["strategy", "seed", *apart_runs.FACTORS]]): run
+        for _, run in rounds.groupby(["strategy", "seed", *apart_runs.FACTORS], sort=False)
+    }
+    found = []
+    for seed in apart_runs.FACTOR_SEEDS:
+        runs: dict[str, list[pd.DataFrame]] = {
+            strategy: [
+                by_run[key]
+                for levels in treatments
+                if (key := (strategy, seed, *apart_runs.factors(levels).values())) in by_run
+            ]
+            for strategy in ("cov", "no_cov")
+        }
+        if all(len(of) == len(treatments) for of in runs.values()):
+            found.append(gains(runs, "no_cov", task, way)[0])
+    return np.array(found).reshape(-1, len(treatments))
+
+
+def effects(ahead: Floats) -> Floats:
+    """(seeds, factors) what a factor's second level adds to the gain, over all treatments."""
+    signs = 2.0 * np.array(apart_runs.treatments()) - 1.0
+    return ahead @ signs / (len(signs) / 2)
+
+
+def factor_tables(rounds: pd.DataFrame) -> str:
+    """README.md of stage 2b.
+
+    Raises:
+        SystemExit: no two seeds have all their runs.
+    """
+    added = {
+        (task, way): effects(factor_gains(rounds, task, way)) for task in TASKS for way in WAYS
+    }
+    seeds = len(added["cifar10", "metre"])
+    if seeds < 2:
+        raise SystemExit(
+            f"{seeds} of {len(apart_runs.FACTOR_SEEDS)} seeds are whole: two are needed"
+        )
+    rows = []
+    for number, (name, factor) in enumerate(apart_runs.FACTORS.items()):
+        of = {key: each[:, number] for key, each in added.items()}
+        judged = of["cifar10", "metre"]
+        first, second = (f"`{level}`".lower() for level in factor.levels)
+        rows.append(
+            [
+                f"H{9 + number}: {name}, {first} to {second}",
+                f"{_mean(judged)}, {(judged > 0.0).sum()} of {seeds}",
+                f"{min(1.0, TESTS * two_sided(judged)):.1g}",
+                *(_mean(of["cifar10", way]) for way in WAYS[1:]),
+                *(_mean(of["mnist", way]) for way in WAYS),
+            ]
+        )
+    ways = [f"{NAMES[task]} per {way}" for task in TASKS for way in WAYS]
+    table = markdown(["factor", ways[0], "p times 13", *ways[1:]], rows)
+    return _FACTORS_HEAD.format(seeds=seeds, of=len(apart_runs.FACTOR_SEEDS)) + table + "\n"
+
+
+_FACTORS_HEAD = """\
+# What moves the gain where communities live in opposite corners
+
+Made from rounds.csv.gz by `python docs/apart_gains.py 2b`; the runs by `python docs/apart_runs.py
+2b`, not flown, on a tenth of the data, N = 2, K_bar = 3. Planned before: [PLAN](../PLAN.md), stage
+2b: a 2^(7-3) fractional factorial of resolution IV. {seeds} of {of} seeds are whole.
+
+Points that the second level of a factor adds to the gain of `cov` over `no_cov`, mean ± 95 %
+interval over seeds. Per metre, CIFAR-10, is what is tested; all else is exploratory.
+
+"""
+
 _HEAD = """\
 # Who learns what where communities live apart
 
-Made from rounds.csv.gz by `python docs/apart_gains.py`; the runs by `python docs/apart_runs.py`,
-not flown, on a tenth of the data. Planned before: [PLAN](../PLAN.md), stage 2a.
+Made from rounds.csv.gz by `python docs/apart_gains.py 2a`; the runs by `python docs/apart_runs.py
+2a`, not flown, on a tenth of the data. Planned before: [PLAN](../PLAN.md), stage 2a.
 
 Accuracy: on held-out images, mean of the last ten rounds that count. Per metre: when 40 km are
 spent. Per round: after as many rounds as the shorter run has. Per joule: up to what the cheaper run
@@ -186,6 +260,7 @@ times thirteen, the tests of the stage, is at least what Holm makes of it.
 def main() -> None:
     """Collect and write."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("stage", choices=("2a", "2b"))
     parser.add_argument("runs", type=Path, metavar="RUNS")
     parser.add_argument("--out", type=Path, required=True, metavar="DIR")
     options = parser.parse_args()
@@ -194,7 +269,9 @@ def main() -> None:
     # Without a time and a name in its head, so that the same rounds are the same bytes.
     packed = gzip.compress(rounds.to_csv(index=False, lineterminator="\n").encode(), mtime=0)
     (options.out / "rounds.csv.gz").write_bytes(packed)
-    (options.out / "README.md").write_text(tables(rounds), encoding="utf-8")
+    (options.out / "README.md").write_text(
+        tables(rounds) if options.stage == "2a" else factor_tables(rounds), encoding="utf-8"
+    )
 
 
 if __name__ == "__main__":

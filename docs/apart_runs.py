@@ -1,16 +1,18 @@
 """Runs where communities live apart: who learns what, not flown, small data.
 
-    python docs/apart_runs.py --data-dir DATA --out docs/data/apart-runs --jobs 2 [--cells 3]
+    python docs/apart_runs.py 2a --data-dir DATA --out RUNS --jobs 2 [--cells 3]
+    python docs/apart_runs.py 2b --data-dir DATA --out FACTORS --jobs 2
 
-DATA holds MNIST and CIFAR-10; a tenth of each is used. `--out` gets a table a run, with a row a
-round. Runs that are there already are kept, so the command goes on where it was cut off. What is
-run, in which order and why, was written before: docs/data/PLAN.md, stage 2a.
+DATA holds MNIST and CIFAR-10; a tenth of each is used. CIFAR-10 is best unpacked: half of a run is
+reading it from an archive. `--out` gets a table a run, with a row a round. Runs that are there
+already are kept, so the command goes on where it was cut off. What is run, in which order and why,
+was written before: docs/data/PLAN.md, stage 2.
 """
 
 import argparse
 import os
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from itertools import product
@@ -29,10 +31,12 @@ from mission.sweep.grid import Point
 from mission.sweep.results import read_run
 
 SEEDS = range(201, 217)
+FACTOR_SEEDS = range(201, 209)
 ONLY = "cifar10_only"  # the ceiling of weights: all importance is CIFAR-10's
 STRATEGIES = ("cov", "no_cov", ONLY, "ideal")
 SPENT = ("budget_used_m", "energy_used_j")
 LEARNT = ("accuracy_cifar10", "accuracy_mnist")
+Level = float | bool | str
 HEARD = ("participation_cifar10", "participation_mnist")  # of the whole run
 
 
@@ -56,6 +60,43 @@ CELLS = (
 
 
 @dataclass(frozen=True)
+class Factor:
+    """What the paper leaves open or gives no reason for: its usual level, and another."""
+
+    keys: tuple[str, ...]
+    levels: tuple[Level, Level]
+
+
+FACTORS = {
+    "lambda": Factor(("learning.importance_boost",), (1.5, 3.0)),
+    "l": Factor(("learning.cov_period_rounds",), (4, 1)),
+    "epochs": Factor(("learning.local_epochs",), (1, 5)),
+    "coverage": Factor(("communities.0.coverage", "communities.1.coverage"), (False, True)),
+    "cov_floor": Factor(("learning.cov_floor",), (0.1, 0.01)),
+    "missed": Factor(("learning.missed",), ("lost-too", "unscheduled")),
+    "cov_unheard": Factor(("learning.cov_unheard",), ("left-out", "zero")),
+}
+
+
+def factors(levels: Sequence[int] | None) -> dict[str, Level]:
+    """The value of each factor; stage 2a has none."""
+    if levels is None:
+        return {}
+    found = zip(FACTORS.items(), levels, strict=True)
+    return {name: factor.levels[level] for (name, factor), level in found}
+
+
+def treatments() -> list[tuple[int, ...]]:
+    """The level of each factor in each of the sixteen treatments of a 2^(7-3) fractional factorial.
+
+    Its generators are E = ABC, F = BCD, G = ACD: main effects are free of pairs (resolution IV).
+    """
+    return [
+        (a, b, c, d, a ^ b ^ c, b ^ c ^ d, a ^ c ^ d) for a, b, c, d in product((0, 1), repeat=4)
+    ]
+
+
+@dataclass(frozen=True)
 class _Only:
     planner: aerofed.Planner
     fairness: bool = True
@@ -75,11 +116,12 @@ def cifar10_only(context: aerofed.StrategyContext) -> aerofed.Strategy:
 
 @dataclass(frozen=True)
 class Task:
-    """One run."""
+    """One run; in stage 2b with the factors at these levels."""
 
     cell: Cell
     strategy: str
     seed: int
+    levels: tuple[int, ...] | None = None
 
     @property
     def point(self) -> Point:
@@ -88,6 +130,7 @@ class Task:
             ("layout", self.cell.layout),
             ("N", self.cell.steps),
             ("K_bar", self.cell.per_step),
+            *factors(self.levels).items(),
         )
         return Point(self.strategy, self.seed, settings)
 
@@ -107,6 +150,11 @@ class Task:
                 "communities.1.subset": 0.1,
                 "communities.0.positions_m": places[: apart.EACH],
                 "communities.1.positions_m": places[apart.EACH :],
+                **{
+                    key: value
+                    for name, value in factors(self.levels).items()
+                    for key in FACTORS[name].keys
+                },
             },
         )
 
@@ -116,6 +164,12 @@ def tasks(cells: int) -> Iterator[Task]:
     for cell, seed, strategy in product(CELLS[:cells], SEEDS, STRATEGIES):
         if strategy != "ideal" or cell == CELLS[0]:
             yield Task(cell, strategy, seed)
+
+
+def factor_tasks() -> Iterator[Task]:
+    """The runs of stage 2b: all treatments of a seed before the next."""
+    for seed, levels, strategy in product(FACTOR_SEEDS, treatments(), ("cov", "no_cov")):
+        yield Task(CELLS[0], strategy, seed, levels)
 
 
 def run(task: Task, data_dir: Path) -> pd.DataFrame:
@@ -149,15 +203,16 @@ def _made(task: Task, data_dir: Path, path: Path) -> str:
 def main() -> None:
     """Run what was not yet."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("stage", choices=("2a", "2b"))
     parser.add_argument("--data-dir", type=Path, required=True, metavar="DATA")
     parser.add_argument("--out", type=Path, required=True, metavar="DIR")
-    parser.add_argument("--cells", type=int, default=len(CELLS), help="the first so many")
+    parser.add_argument("--cells", type=int, default=len(CELLS), help="2a: the first so many")
     parser.add_argument("--jobs", type=int, default=1, help="processes")
     options = parser.parse_args()
     options.out.mkdir(parents=True, exist_ok=True)
     os.environ.update(ENVIRONMENT)
     with ProcessPoolExecutor(options.jobs) as pool:
-        for task in tasks(options.cells):
+        for task in tasks(options.cells) if options.stage == "2a" else factor_tasks():
             path = options.out / f"{task.point.name}.csv"
             if not path.exists():
                 pool.submit(_made, task, options.data_dir, path).add_done_callback(

@@ -140,3 +140,42 @@ def test_a_gain_is_of_equal_metres_rounds_or_joules() -> None:
     mnist, level = apart_gains.gains(runs, "no_cov", "mnist", "metre")
     assert mnist == pytest.approx((35.5 - 31.0) / 2.0)
     assert level == pytest.approx(15.5)
+
+
+def test_no_factor_hides_behind_another() -> None:
+    """Every two columns hold all four pairs equally often, and no factor is a product of two."""
+    signs = 2 * np.array(apart_runs.treatments()) - 1
+    np.testing.assert_array_equal(signs.T @ signs, 16 * np.eye(7))
+    pairs = [signs[:, i] * signs[:, j] for i in range(7) for j in range(i)]
+    assert not (np.array(pairs) @ signs).any()
+
+
+def test_a_treatment_sets_what_it_says() -> None:
+    tasks = list(apart_runs.factor_tasks())
+    assert len({task.point.name for task in tasks}) == 256
+    last = tasks[-1].config()
+    assert (last.learning.importance_boost, last.learning.cov_period_rounds) == (3.0, 1)
+    assert [community.coverage for community in last.communities] == [True, True]
+    assert (last.learning.local_epochs, last.learning.cov_floor) == (5, 0.01)
+    assert (last.learning.missed, last.learning.cov_unheard) == ("unscheduled", "zero")
+
+
+def test_what_a_factor_adds_is_found() -> None:
+    """A gain of 3 points, to which epochs add 2; seed 203 misses a run and does not count."""
+    rows = []
+    for task in apart_runs.factor_tasks():
+        if task.seed > 203 or (task.seed == 203 and task == lacking()):
+            continue
+        gain = 0.03 + 0.02 * (task.levels or ())[2] if task.strategy == "cov" else 0.0
+        rows.append(
+            {"strategy": task.strategy, "seed": task.seed}
+            | apart_runs.factors(task.levels)
+            | {"energy_used_j": 1.0, "accuracy_cifar10": 0.2 + gain, "accuracy_mnist": 0.5}
+        )
+    ahead = apart_gains.factor_gains(pd.DataFrame(rows), "cifar10", "metre")
+    assert ahead.shape == (2, 16)
+    np.testing.assert_allclose(apart_gains.effects(ahead), [[0, 0, 2, 0, 0, 0, 0]] * 2, atol=1e-9)
+
+
+def lacking() -> apart_runs.Task:
+    return apart_runs.Task(apart_runs.CELLS[0], "no_cov", 203, apart_runs.treatments()[5])
