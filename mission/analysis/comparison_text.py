@@ -1,7 +1,8 @@
 """Comparisons on the terminal."""
 
+import itertools
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import TYPE_CHECKING
 
 from rich import box
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
 
 _Cell = Callable[[Comparison], str]
 
+_OF_DEVICES = ("scheduled", "expected", "delivered", "unready")
 _NAME_WIDTH = 10  # characters of a run's name in a line, at least
 
 
@@ -32,6 +34,11 @@ def _off(c: Comparison) -> str:
 
 
 _Columns = tuple[tuple[str, _Cell], ...]
+
+
+def _lost(c: Comparison) -> float:
+    return 100 * (1 - c.true_objective / c.plan_objective) if c.plan_objective > 0 else math.nan
+
 
 # Each fits a terminal of 80 columns.
 _PATH: _Columns = (
@@ -66,21 +73,41 @@ _RADIO: _Columns = (
 _LATE: _Columns = (("devices\nlate", lambda c: str(c.unready)),)
 
 
+# All of it, for a page.
+COLUMNS: _Columns = (
+    *(*_PATH, *_TIME, *_ENERGY, *_SLOTS, *_RADIO, *_LATE),
+    ("lost %", lambda c: number(_lost(c))),
+    ("proven bound", _cell("upper_bound", digits=3)),
+    ("slots\nnever reached", lambda c: f"{c.slots_missed} of {c.slots}"),
+)
+
+
 def tables(comparison: RunComparison) -> tuple[Table, ...]:
     """One run: path, time, slots and radio (a row a round, and the total), the devices.
 
-    A flight of a plan file has none of them but numbers, one below the other.
+    A flight that is no run has numbers, one below the other, and legs.
     """
     if comparison.run.judged is not None:
-        return (*side_by_side([comparison], width=TABLE_WIDTH), _legs(comparison.legs))
+        legs = _table("Legs", *leg_rows(comparison.legs))
+        return (*side_by_side([comparison], width=TABLE_WIDTH), legs)
     some_late = _LATE if comparison.total.unready else ()
     energy = _ENERGY if math.isfinite(comparison.total.energy_j) else ()
     caption = f"straights: farther than {CORNER_M:.0f} m from every corner of the plan"
+    rounds = [(str(item.round), item) for item in comparison.rounds]
+
+    def by_round(title: str, columns: _Columns, caption: str | None = None) -> Table:
+        heads, cells = zip(*columns, strict=True)
+        *rows, total = (
+            [name, *(cell(item) for cell in cells)]
+            for name, item in (*rounds, ("all", comparison.total))
+        )
+        return _table(title, ("round", *heads), rows, total, caption=caption)
+
     return (
-        _table("Path", comparison, _PATH, caption),
-        _table("Time and energy" if energy else "Time", comparison, _TIME + energy, None),
-        _table("Slots, height and estimate", comparison, _SLOTS + some_late, None),
-        _table("Radio", comparison, _RADIO, None),
+        by_round("Path", _PATH, caption),
+        by_round("Time and energy" if energy else "Time", _TIME + energy),
+        by_round("Slots, height and estimate", _SLOTS + some_late),
+        by_round("Radio", _RADIO),
         _devices(comparison),
     )
 
@@ -138,33 +165,21 @@ def leg_rows(found: Sequence[Leg]) -> tuple[list[str], list[list[str]]]:
     return [*heads, "height\nmax", "speed\n(m/s)"], rows
 
 
-def _legs(found: Sequence[Leg]) -> Table:
-    table = Table(box=box.SIMPLE_HEAD, title="Legs", title_justify="left", pad_edge=False)
-    heads, rows = leg_rows(found)
-    for head in heads:
-        table.add_column(head, justify="right", no_wrap=True)
-    for row in rows:
-        table.add_row(*row)
-    return table
-
-
 def _devices(comparison: RunComparison) -> Table:
-    table = Table(box=box.SIMPLE_HEAD, title="Devices", title_justify="left", pad_edge=False)
-    table.add_column("device", justify="right")
-    table.add_column("community")
     some_late = any(item.late for item in comparison.devices)
-    late = ("late",) if some_late else ()
-    for heading in ("arrived", *late, "PER plan", "believed", "true"):
-        table.add_column(heading, justify="right")
-    for item in comparison.devices:
-        table.add_row(
+    heads = ("device", "community", "arrived", "late", "PER plan", "believed", "true")
+    rows = [
+        [
             str(item.device),
             item.community,
             f"{item.delivered}/{item.scheduled}",
-            *((str(item.late),) if some_late else ()),
+            str(item.late),
             *(number(value, 4) for value in (item.plan_per, item.est_per, item.true_per)),
-        )
-    return table
+        ]
+        for item in comparison.devices
+    ]
+    kept = [at for at, head in enumerate(heads) if head != "late" or some_late]
+    return _table("Devices", [heads[at] for at in kept], [[row[at] for at in kept] for row in rows])
 
 
 def side_by_side(comparisons: Sequence[RunComparison], *, width: int) -> tuple[Table, ...]:
@@ -174,7 +189,9 @@ def side_by_side(comparisons: Sequence[RunComparison], *, width: int) -> tuple[T
     """
     names = names_of(comparisons)
     title = "Planned and flown" if len(comparisons) == 1 else "Runs side by side"
-    return _columns(title, "whole run", names, labelled(comparisons), width)
+    return _columns(
+        title, "whole run", names, labelled([item.total for item in comparisons]), width
+    )
 
 
 def names_of(comparisons: Sequence[RunComparison]) -> list[str]:
@@ -189,18 +206,17 @@ def _telling(path: tuple[str, ...], others: Sequence[tuple[str, ...]]) -> int:
     return min(counts, key=lambda n: (alike[n], n), default=1)
 
 
-def labelled(comparisons: Sequence[RunComparison]) -> list[tuple[str, int, list[float]]]:
-    """Label, digits and values of every number that has a label, and a value in any run."""
-    served = any(item.devices for item in comparisons)
-    left_out: tuple[str, ...] = () if served else ("scheduled", "expected", "delivered")
-    if not any(item.total.unready for item in comparisons):
-        left_out += ("unready",)
+def labelled(numbers: Sequence[Comparison]) -> list[tuple[str, int, list[float]]]:
+    """Label, digits and values of every number that has a label, and a value in any of them."""
     rows = [
-        (label.text, label.digits, [float(getattr(item.total, name)) for item in comparisons])
+        (name, label.text, label.digits, [float(getattr(item, name)) for item in numbers])
         for name, label in told(Comparison, Label)
-        if name not in left_out
     ]
-    return [row for row in rows if not all(map(math.isnan, row[2]))]
+    return [
+        (text, digits, values)
+        for name, text, digits, values in rows
+        if not all(math.isnan(value) or (value == 0 and name in _OF_DEVICES) for value in values)
+    ]
 
 
 def _columns(
@@ -233,24 +249,31 @@ def _columns(
 
 
 def _change(value: float, digits: int) -> str:
-    return "-" if math.isnan(value) else f"{value:+.{digits}f}"
+    return "-" if math.isnan(value) else f"{round(value, digits) + 0.0:+.{digits}f}"  # no -0.0
 
 
 def _table(
-    title: str, comparison: RunComparison, columns: Sequence[tuple[str, _Cell]], caption: str | None
+    title: str,
+    heads: Sequence[str],
+    rows: Iterable[Sequence[str]],
+    total: Sequence[str] = (),
+    *,
+    caption: str | None = None,
 ) -> Table:
+    """Numbers, right-justified; `total` stands apart below."""
     table = Table(
         box=box.SIMPLE_HEAD,
         title=title,
         title_justify="left",
         caption=caption,
         caption_justify="left",
-        show_footer=True,
+        show_footer=bool(total),
         pad_edge=False,
     )
-    table.add_column("round", footer="all", justify="right")
-    for heading, cell in columns:
-        table.add_column(heading, footer=cell(comparison.total), justify="right", no_wrap=True)
-    for item in comparison.rounds:
-        table.add_row(str(item.round), *(cell(item) for _, cell in columns))
+    for head, last in itertools.zip_longest(heads, total, fillvalue=""):
+        table.add_column(
+            head, footer=last, justify="left" if head == "community" else "right", no_wrap=True
+        )
+    for row in rows:
+        table.add_row(*row)
     return table

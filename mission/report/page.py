@@ -1,11 +1,10 @@
 """Puts a run's report together."""
 
 import math
-from collections.abc import Callable
 from pathlib import Path
 
-from mission.analysis.compare import Comparison, RunComparison, compare_run
-from mission.analysis.comparison_text import labelled, leg_rows, lines
+from mission.analysis.compare import RunComparison, compare_run
+from mission.analysis.comparison_text import COLUMNS, labelled, leg_rows, lines
 from mission.analysis.load import LoadedRun, load_run
 from mission.base.errors import InputError
 from mission.base.run_folder import RunFolder, write_atomically
@@ -54,21 +53,31 @@ def report_html(loaded: LoadedRun) -> str:
         chart = round_map(run, [plan for plan in run.plans if plan.round in numbers])
         flown |= {"map": card(chart, is_map=True), "rounds": numbers}
         if run.planned is None:
+            columns = [(head.replace("\n", " "), cell) for head, cell in COLUMNS]
             flown |= {
-                "details": [(f"Round {i.round}", i.round, _facts(i)) for i in comparison.rounds],
+                "details": [
+                    (
+                        f"Round {item.round}",
+                        item.round,
+                        [(head, cell(item)) for head, cell in columns],
+                    )
+                    for item in comparison.rounds
+                ],
                 "flight": [card(chart) for chart in flight_charts(comparison)],
                 "radio": [card(chart) for chart in radio_charts(run, comparison)],
                 "table": (
                     "Every round",
-                    [head for head, _ in _COLUMNS],
+                    ["round", *(head for head, _ in columns)],
                     [
-                        [cell(item) for _, cell in _COLUMNS]
+                        [item.round or "all", *(cell(item) for _, cell in columns)]
                         for item in (*comparison.rounds, comparison.total)
                     ],
                 ),
             }
         else:
-            facts = [(text, number(of[0], digits)) for text, digits, of in labelled([comparison])]
+            facts = [
+                (text, number(of[0], digits)) for text, digits, of in labelled([comparison.total])
+            ]
             notes = [(str(at), line) for at, line in enumerate(lines(comparison), start=1)]
             heads, rows = leg_rows(comparison.legs)
             flown |= {
@@ -126,49 +135,3 @@ def _tiles(run: FlightData, comparison: RunComparison | None) -> list[tuple[str,
 def _devices(run: FlightData) -> list[str]:
     count, groups = len(run.devices.community), len(run.devices.communities)
     return [f"{count} devices of {groups} communities"] if count else []
-
-
-def _facts(item: Comparison) -> list[tuple[str, str]]:
-    return [
-        ("path planned / flown", f"{item.plan_path_m:.1f} / {item.flown_path_m:.1f} m"),
-        ("duration", f"{item.duration_s:.1f} s"),
-        ("delivered", f"{item.delivered} of {item.scheduled} (expected {item.expected:.1f})"),
-        *([("late devices", f"{item.unready} of {item.scheduled}")] if item.unready else []),
-        ("objective planned", number(item.plan_objective, 3)),
-        ("objective believed", number(item.est_objective, 3)),
-        ("objective true", number(item.true_objective, 3)),
-        ("proven bound", number(item.upper_bound, 3)),
-        ("cross-track rms / max", _pair(item.cross_track_rms_m, item.cross_track_max_m, "m")),
-        ("on straights rms / max", _pair(item.straight_rms_m, item.straight_max_m, "m")),
-        ("corner cut mean / max", _pair(item.corner_cut_mean_m, item.corner_cut_max_m, "m")),
-        ("height error rms / max", _pair(item.height_rms_m, item.height_max_m, "m")),
-        ("estimate error rms / max", _pair(item.estimate_rms_m, item.estimate_max_m, "m")),
-        ("slot late mean / max", _pair(item.slot_late_mean_s, item.slot_late_max_s, "s")),
-        ("slots never reached", f"{item.slots_missed} of {item.slots}"),
-    ]
-
-
-def _share_lost(item: Comparison) -> str:
-    if not item.plan_objective > 0:
-        return "-"
-    return number(100 * (1 - item.true_objective / item.plan_objective), 2)
-
-
-_COLUMNS: tuple[tuple[str, Callable[[Comparison], str]], ...] = (
-    ("round", lambda item: "all" if item.round is None else str(item.round)),
-    ("flown m", lambda item: f"{item.flown_path_m:.0f}"),
-    ("cross-track rms m", lambda item: number(item.cross_track_rms_m)),
-    ("max m", lambda item: number(item.cross_track_max_m)),
-    ("corner cut m", lambda item: number(item.corner_cut_max_m)),
-    ("slot late s", lambda item: number(item.slot_late_mean_s)),
-    ("PER planned", lambda item: number(item.plan_per_mean, 4)),
-    ("PER true", lambda item: number(item.true_per_mean, 4)),
-    ("objective planned", lambda item: number(item.plan_objective, 3)),
-    ("true", lambda item: number(item.true_objective, 3)),
-    ("lost %", _share_lost),
-    ("arrived", lambda item: f"{item.delivered}/{item.scheduled}"),
-)
-
-
-def _pair(first: float, second: float, unit: str) -> str:
-    return f"{number(first)} / {number(second)} {unit}"
