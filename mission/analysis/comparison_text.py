@@ -187,11 +187,29 @@ def side_by_side(comparisons: Sequence[RunComparison], *, width: int) -> tuple[T
 
     As many tables as it takes for none to be wider than `width` characters.
     """
-    names = names_of(comparisons)
-    title = "Planned and flown" if len(comparisons) == 1 else "Runs side by side"
-    return _columns(
-        title, "whole run", names, labelled([item.total for item in comparisons]), width
-    )
+    names, two = names_of(comparisons), len(comparisons) == 2
+    rows = labelled([item.total for item in comparisons])
+    cells = [[number(value, digits) for value in values] for _, digits, values in rows]
+    widest = max(len(cell) for row in cells for cell in row)
+    labels = max(len(label) for label, _, _ in rows)
+    # 2 characters at either edge of a table, and 3 between columns.
+    room = (width - labels - 4) // (max(widest, _NAME_WIDTH) + 3)
+    fit = max(2, room)  # two stay together; on a narrow terminal the labels make way
+    size = math.ceil(len(names) / math.ceil(len(names) / fit))  # none much shorter than the others
+    title = "Planned and flown" if len(names) == 1 else "Runs side by side"
+    found = []
+    for begin in range(0, len(names), size):
+        table = Table(box=box.SIMPLE_HEAD, title=title, title_justify="left")
+        table.add_column("whole run", no_wrap=room > 2, overflow="fold")
+        for name in names[begin : begin + size]:
+            table.add_column(name, justify="right", overflow="fold", min_width=widest)
+        if two:
+            table.add_column("difference", justify="right", no_wrap=True)
+        for (label, digits, values), row in zip(rows, cells, strict=True):
+            changes = [_change(values[1] - values[0], digits)] if two else []
+            table.add_row(label, *row[begin : begin + size], *changes)
+        found.append(table)
+    return tuple(found)
 
 
 def names_of(comparisons: Sequence[RunComparison]) -> list[str]:
@@ -217,35 +235,6 @@ def labelled(numbers: Sequence[Comparison]) -> list[tuple[str, int, list[float]]
         for name, text, digits, values in rows
         if not all(math.isnan(value) or (value == 0 and name in _OF_DEVICES) for value in values)
     ]
-
-
-def _columns(
-    title: str,
-    corner: str,
-    names: Sequence[str],
-    rows: Sequence[tuple[str, int, list[float]]],
-    width: int,
-) -> tuple[Table, ...]:
-    cells = [[number(value, digits) for value in values] for _, digits, values in rows]
-    widest = max(len(cell) for row in cells for cell in row)
-    labels = max(len(label) for label, _, _ in rows)
-    # 2 characters at either edge of a table, and 3 between columns.
-    room = (width - labels - 4) // (max(widest, _NAME_WIDTH) + 3)
-    fit = max(2, room)  # two stay together; on a narrow terminal the labels make way
-    size = math.ceil(len(names) / math.ceil(len(names) / fit))  # none much shorter than the others
-    found = []
-    for begin in range(0, len(names), size):
-        table = Table(box=box.SIMPLE_HEAD, title=title, title_justify="left")
-        table.add_column(corner, no_wrap=room > 2, overflow="fold")
-        for name in names[begin : begin + size]:
-            table.add_column(name, justify="right", overflow="fold", min_width=widest)
-        if len(names) == 2:
-            table.add_column("difference", justify="right", no_wrap=True)
-        for (label, digits, values), row in zip(rows, cells, strict=True):
-            changes = [_change(values[1] - values[0], digits)] if len(names) == 2 else []
-            table.add_row(label, *row[begin : begin + size], *changes)
-        found.append(table)
-    return tuple(found)
 
 
 def _change(value: float, digits: int) -> str:

@@ -95,7 +95,7 @@ def export_tables(path: Path, folder: Path, form: Literal["csv", "parquet"]) -> 
     Raises:
         LogError: the log cannot be read. InputError: the folder is used or cannot be written.
     """
-    encoded = _csv if form == "csv" else parquet
+    encoded = csv_table if form == "csv" else parquet
     found = tables(read_log(path)).items()
     return _write_all(folder, {f"{name}.{form}": encoded(table) for name, table in found if table})
 
@@ -136,7 +136,8 @@ def _write_all(folder: Path, files: Mapping[str, bytes]) -> tuple[Path, ...]:
     return tuple(folder / name for name in files)
 
 
-def _csv(table: Mapping[str, Column]) -> bytes:
+def csv_table(table: Mapping[str, Column]) -> bytes:
+    """A table as CSV."""
     rows = zip(*map(_harmless, table.values()), strict=True)
     return csv_lines([table, *rows]).encode()
 

@@ -336,6 +336,7 @@ class Source:
 OURS = Source("MCAP", "simulated time")
 _NONE: Ints = np.zeros(0, dtype=np.int64)
 NO_MODES = Modes(_NONE, ())
+NOBODY = Devices(np.zeros((0, 2)), ())
 
 
 @dataclass(frozen=True)
@@ -343,20 +344,21 @@ class FlightData:
     """A flight: everything that a log holds, whoever wrote it."""
 
     area: Area
-    devices: Devices
-    fence: tuple[Zone, ...]
     truth: Track
     belief: Track
-    plans: tuple[PlanRecord, ...]
-    rounds: tuple[RoundRecord, ...]
-    uplinks: tuple[UplinkRecord, ...]
-    learning: tuple[LearningRecord, ...]
-    events: tuple[EventRecord, ...]
     battery: BatteryTrack
     wind: WindTrack
-    innovations: Mapping[str, InnovationTrack]  # by sensor; empty where the vehicle tells none
-    metadata: Mapping[str, Mapping[str, str]]
-    attachments: Mapping[str, bytes]
+    events: tuple[EventRecord, ...]
+    devices: Devices = NOBODY
+    fence: tuple[Zone, ...] = ()
+    plans: tuple[PlanRecord, ...] = ()
+    rounds: tuple[RoundRecord, ...] = ()
+    uplinks: tuple[UplinkRecord, ...] = ()
+    learning: tuple[LearningRecord, ...] = ()
+    # By sensor; empty where the vehicle tells none.
+    innovations: Mapping[str, InnovationTrack] = field(default_factory=dict)
+    metadata: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
+    attachments: Mapping[str, bytes] = field(default_factory=dict)
     planned: PlannedPlaces | None = None  # of a flight that is no run, once it has been matched
     missions: tuple[MissionRecord, ...] = ()  # each list that was in force, and from when
     setpoints: tuple[SetpointRecord, ...] = ()

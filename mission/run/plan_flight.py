@@ -23,7 +23,6 @@ from mission.base.errors import AerofedError, FlightError, InputError
 from mission.base.record_file import RecordFile
 from mission.base.run_folder import RunFolder, write_atomically
 from mission.base.stopwatch import Stopwatch
-from mission.base.tables import csv_lines
 from mission.config.models import AreaConfig, RunConfig
 from mission.flight.failures import of_settings
 from mission.flight.fence_zones import fence_of
@@ -35,8 +34,9 @@ from mission.flight.logs.items import record_of
 from mission.flight.pilot.limits import VehicleLimits
 from mission.flight.plan_file import PlanFile, read_plan_file
 from mission.flight.plan_path import PlannedPath, placed, planned_path
+from mission.log.export import csv_table, tables
 from mission.log.live import LiveView, live_views
-from mission.log.values import Devices, FlightData, PlanRecord
+from mission.log.values import NOBODY, PlanRecord
 from mission.log.writer import FlightLog
 from mission.run.budget import RunTotals
 from mission.run.outcome import Summary
@@ -48,7 +48,6 @@ from sitl.autopilot.codec.orders import ABSOLUTE_FRAMES, command_name
 from sitl.autopilot.parameters import Parameters, parameters_of
 from sitl.autopilot.protocol.item_rules import PLACES
 
-_COLUMNS = ("t_s", "true_x_m", "true_y_m", "true_alt_m", "est_x_m", "est_y_m", "est_alt_m")
 _MARGIN_M = 50.0  # around the plan, for the map
 _SPEEDS_MPS = (1.0, 30.0)  # that a plan's path may have
 
@@ -192,7 +191,7 @@ class _PlanFlight:
             return
         for record in run.data.rounds:
             self.totals.add(record)
-        write_atomically(summary.folder.path / "track.csv", _track_csv(run.data))
+        write_atomically(summary.folder.path / "track.csv", csv_table(tables(run.data)["track"]))
         self.comparison = compare_run(run)
         total = vars(self.comparison.total).items()
         known = {key: value for key, value in total if key != "round" and math.isfinite(value)}
@@ -225,7 +224,7 @@ def _recording(
         stack.callback(progress.close)
         log = stack.enter_context(
             FlightLog(
-                folder.log, area=area, devices=Devices(np.zeros((0, 2)), ()), fence=fence,
+                folder.log, area=area, devices=NOBODY, fence=fence,
                 mirrors=live,
             )
         )  # fmt: skip
@@ -313,9 +312,3 @@ def _area_around(path: PlannedPath, home: GeodeticPoint) -> AreaConfig:
 def area_xyz(area: Area, pos_ned_m: Floats) -> Floats:
     """(..., 3) NED -> x east, y north in area coordinates, height above home."""
     return np.concatenate((area.from_ned(pos_ned_m), -pos_ned_m[..., 2:]), axis=-1)
-
-
-def _track_csv(data: FlightData) -> str:
-    t_s, places_m = data.truth.t_ns / 1e9, np.hstack((data.truth.pos_m, data.belief.pos_m))
-    cells = np.char.mod("%.3f", places_m).tolist()
-    return csv_lines([_COLUMNS, *([t, *row] for t, row in zip(t_s.tolist(), cells, strict=True))])

@@ -12,7 +12,6 @@ from pymavlink.mavutil import mode_mapping_acm
 from mission.base.errors import InputError
 from mission.base.user_files import check_regular
 from mission.flight.logs.flight import MOST_BYTES, Found
-from mission.flight.logs.items import record_of
 from mission.log.values import FlightData
 from sitl.autopilot.codec.orders import MissionItem
 
@@ -59,7 +58,6 @@ def read_dataflash(path: Path) -> FlightData:
         finally:
             log.close()
     reader.found.skipped["damaged byte"] += said.getvalue().count("bad header")
-    reader.found.skipped = +reader.found.skipped
     return reader.found.flight()
 
 
@@ -97,11 +95,9 @@ class _Reader:
                 # The wind that the filter estimates is where the air moves to.
                 found.wind.append((t_ns, row.VWE, row.VWN))
             case "ERR" if row.Subsys in _FAILSAFES and row.ECode:
-                text = f"failsafe: {_FAILSAFES[row.Subsys]}"
-                found.events.append((t_ns, "failsafe", text, None, 4))
+                found.event(t_ns, "failsafe", f"failsafe: {_FAILSAFES[row.Subsys]}", severity=4)
             case "EV" if row.Id in (_ARMED, _DISARMED):
-                text = "armed" if row.Id == _ARMED else "disarmed"
-                found.events.append((t_ns, "armed", text, None, 6))
+                found.event(t_ns, "armed", "armed" if row.Id == _ARMED else "disarmed")
             case _ if kind in _COUNTED:
                 found.skipped[_COUNTED[kind]] += 1
 
@@ -113,7 +109,7 @@ class _Reader:
             )
         if text == "New mission":
             self._items, self._whole = {}, False
-        self.found.events.append((t_ns, "status", text, None, 6))
+        self.found.event(t_ns, "status", text)
 
     def _command(self, t_ns: int, row: Any) -> None:
         """A row of the mission as it was uploaded; versions before MISE write items carried out as
@@ -130,6 +126,5 @@ class _Reader:
         command = int(row.CId) if seq else 0
         self._items[seq] = MissionItem(seq, command, frame, params, row.Lat, row.Lng, row.Alt)
         if len(self._items) == total and total > 1:
-            items = [self._items[at] for at in sorted(self._items)]
-            self.found.missions.append(record_of(t_ns, mav.MAV_MISSION_TYPE_MISSION, items))
+            self.found.took(t_ns, self._items)
             self._whole = True

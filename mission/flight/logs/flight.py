@@ -1,22 +1,20 @@
 """What the readers of other programs' logs have in common: from what they find to a flight."""
 
-import struct
-import zlib
 from collections import Counter
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
+from pymavlink.dialects.v20 import common as mav
 
 from flightdyn.state import GeodeticPoint
 from mission.base.area import Area
 from mission.base.arrays import Floats, Ints
 from mission.base.errors import InputError
+from mission.flight.logs.items import record_of
 from mission.log.values import (
     BatteryTrack,
-    Devices,
     EventRecord,
     FlightData,
     MissionRecord,
@@ -25,27 +23,12 @@ from mission.log.values import (
     Track,
     WindTrack,
 )
+from sitl.autopilot.codec.orders import MissionItem
 
 MOST_BYTES = 1 << 30
 _CLOSEST_NS = 20_000_000  # samples of positions that are kept
 _BACK_NS = 1_000_000_000  # a clock that goes back by more started anew
 _MARGIN_M = 50.0  # around the flight, for the map
-
-
-@contextmanager
-def told_damage(path: Path) -> Iterator[None]:
-    """Say in one line what a damaged log makes its library raise."""
-    try:
-        yield
-    except (
-        *(ValueError, TypeError, KeyError, IndexError, AttributeError, AssertionError),
-        *(ArithmeticError, EOFError, struct.error, zlib.error, UnicodeError, MemoryError),
-    ) as error:
-        what = " ".join(str(error).split())[:100]
-        raise InputError(
-            f"{path}: cannot be read as a {path.suffix.lower()} flight log: damaged, cut off, "
-            f"or of another kind ({type(error).__name__}: {what})"
-        ) from None
 
 
 @dataclass
@@ -67,16 +50,29 @@ class Found:
     current: list[tuple[int, int]] = field(default_factory=list)
     skipped: Counter[str] = field(default_factory=Counter)
 
+    def event(
+        self, t_ns: int, kind: str, text: str, *, seq: int | None = None, severity: int = 6
+    ) -> None:
+        """Note what happened at an instant; see `EventRecord`."""
+        self.events.append((t_ns, kind, text, seq, severity))
+
     def mode(self, t_ns: int, name: str) -> None:
         """Note the mode of an instant; only a change counts."""
         if not self.modes or self.modes[-1][1] != name:
             self.modes.append((t_ns, name))
-            self.events.append((t_ns, "mode", name, None, 6))
+            self.event(t_ns, "mode", name)
 
     def heads_for(self, t_ns: int, seq: int) -> None:
         """Note the item that is flown to at an instant."""
         if not self.current or self.current[-1][1] != seq:
             self.current.append((t_ns, seq))
+
+    def took(self, t_ns: int, items: Mapping[int, MissionItem]) -> None:
+        """Note a mission that was uploaded, by number; one that says the same again is none."""
+        ordered = [items[seq] for seq in sorted(items)]
+        record = record_of(t_ns, mav.MAV_MISSION_TYPE_MISSION, ordered)
+        if not self.missions or self.missions[-1].items != record.items:
+            self.missions.append(record)
 
     def flight(self) -> FlightData:
         """All of it as a flight.
@@ -93,58 +89,45 @@ class Found:
         home = GeodeticPoint(*(homes[-1] if homes else places[0].tolist())[1:])
         t_ns, ned = _ned(places, home)
         area = _area(home, ned)
-        belief = Track(t_ns, _area_m(area, ned))
-        truth: Track = belief
-        only: str | None = "believed"
-        if len(self.truth) > 1:
+        truth = belief = Track(t_ns, _area_m(area, ned))
+        believed_only = len(self.truth) < 2
+        if not believed_only:
             at_ns, true_ned = _ned(self._of_one_clock(self.truth), home)
             true_m = _area_m(area, true_ned)
             along = [np.interp(t_ns, at_ns, true_m[:, axis]) for axis in range(3)]
-            truth, only = Track(t_ns, np.column_stack(along)), None
-        battery = np.array(self.battery, dtype=np.float64).reshape(-1, 5)
-        wind = np.array(self.wind, dtype=np.float64).reshape(-1, 3)
+            truth = Track(t_ns, np.column_stack(along))
+        battery, wind = _rows(self.battery, 5), _rows(self.wind, 3)
         if not wind[:, 1:].any():  # a filter that estimates none writes zeros
             wind = wind[:0]
-        where = [
-            tuple(p) for p in belief.pos_m[_nearest(t_ns, [e[0] for e in self.events])].tolist()
-        ]
+        events = sorted(self.events, key=lambda event: event[0])
+        at = np.clip(np.searchsorted(t_ns, [event[0] for event in events]), 0, len(t_ns) - 1)
+        where = belief.pos_m[at].tolist()
+        times, seqs = np.array(self.current, dtype=np.int64).reshape(-1, 2).T
         return FlightData(
             area=area,
-            devices=Devices(np.zeros((0, 2)), ()),
-            fence=(),
             truth=truth,
             belief=belief,
-            plans=(),
-            rounds=(),
-            uplinks=(),
-            learning=(),
-            events=tuple(
-                EventRecord(t, kind, text, seq, severity, at, at)
-                for (t, kind, text, seq, severity), at in zip(self.events, where, strict=True)
-            ),
             battery=BatteryTrack(battery[:, 0].astype(np.int64), *battery[:, 1:].T),
-            wind=WindTrack(
-                wind[:, 0].astype(np.int64), np.column_stack((wind[:, 1:], np.zeros(len(wind))))
+            wind=WindTrack(wind[:, 0].astype(np.int64), np.pad(wind[:, 1:], ((0, 0), (0, 1)))),
+            events=tuple(
+                EventRecord(*event, tuple(place), tuple(place))
+                for event, place in zip(events, where, strict=True)
             ),
-            innovations={},
-            metadata={},
-            attachments={},
             missions=tuple(self.missions),
             modes=Modes(
                 np.array([t for t, _ in self.modes], dtype=np.int64),
                 tuple(n for _, n in self.modes),
             ),
-            current=(
-                np.array([t for t, _ in self.current], dtype=np.int64),
-                np.array([seq for _, seq in self.current], dtype=np.int64),
-            ),
+            current=(times, seqs),
             gnss_ns=np.array(self.fixes, dtype=np.int64),
-            source=Source(self.kind, self.clock, only, dict(self.skipped)),
+            source=Source(
+                self.kind, self.clock, "believed" if believed_only else None, dict(+self.skipped)
+            ),
         )
 
     def _of_one_clock(self, rows: Sequence[tuple[float, ...]]) -> Floats:
         """The rows in order of time, thinned; those of a clock that started anew are refused."""
-        table = np.array(rows, dtype=np.float64).reshape(-1, 4)
+        table = _rows(rows, 4)
         finite = np.isfinite(table).all(axis=1)
         finite &= (np.abs(table[:, 1]) > 1e-9) | (np.abs(table[:, 2]) > 1e-9)
         if not finite.all():
@@ -184,5 +167,5 @@ def _area_m(area: Area, ned: Floats) -> Floats:
     return np.column_stack((area.from_ned(ned), -ned[:, 2]))
 
 
-def _nearest(t_ns: Ints, times: Sequence[int]) -> Ints:
-    return np.clip(np.searchsorted(t_ns, np.array(times, dtype=np.int64)), 0, len(t_ns) - 1)
+def _rows(rows: Sequence[tuple[float, ...]], width: int) -> Floats:
+    return np.array(rows, dtype=np.float64).reshape(-1, width)

@@ -1,8 +1,10 @@
 """Reads the flight log of another program, of whichever kind it is."""
 
+import struct
+import zlib
 from pathlib import Path
 
-from mission.flight.logs.flight import told_damage
+from mission.base.errors import InputError
 from mission.log.values import FlightData
 
 
@@ -12,15 +14,23 @@ def read_flight(path: Path) -> FlightData:
     Raises:
         InputError: it cannot be read, is none, or holds no flight of a multicopter.
     """
-    with told_damage(path):
-        if path.suffix.lower() == ".ulg":
-            from mission.flight.logs.ulog import read_ulog
-
-            return read_ulog(path)
-        if path.suffix.lower() == ".bin":
-            from mission.flight.logs.dataflash import read_dataflash
-
-            return read_dataflash(path)
-        from mission.flight.logs.tlog import read_tlog
-
-        return read_tlog(path)
+    kind = path.suffix.lower()
+    if not path.stat().st_size:
+        raise InputError(f"{path}: the file is empty")
+    try:
+        if kind == ".ulg":
+            from mission.flight.logs.ulog import read_ulog as read
+        elif kind == ".bin":
+            from mission.flight.logs.dataflash import read_dataflash as read
+        else:
+            from mission.flight.logs.tlog import read_tlog as read
+        return read(path)
+    except (  # what a damaged log makes its library raise
+        *(ValueError, TypeError, KeyError, IndexError, AttributeError, AssertionError),
+        *(ArithmeticError, EOFError, struct.error, zlib.error, UnicodeError, MemoryError),
+    ) as error:
+        what = " ".join(str(error).split())[:100]
+        raise InputError(
+            f"{path}: cannot be read as a {kind} flight log: damaged, cut off, "
+            f"or of another kind ({type(error).__name__}: {what})"
+        ) from None

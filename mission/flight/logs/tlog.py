@@ -11,7 +11,6 @@ from pymavlink.mavutil import interpret_px4_mode, mode_mapping_acm
 from mission.base.errors import InputError
 from mission.base.user_files import read_bytes
 from mission.flight.logs.flight import MOST_BYTES, Found
-from mission.flight.logs.items import record_of
 from mission.log.values import FlightData
 from sitl.autopilot.codec.orders import MissionItem, read_item
 from sitl.firmware.relay import packets
@@ -49,7 +48,6 @@ def read_tlog(path: Path) -> FlightData:
     for later in reader.later:  # what has no time of the vehicle's own has that of its neighbours
         t_ms = np.interp(later[0], wall_us[order], np.maximum.accumulate(boot_ms[order]))
         reader.place(int(t_ms * 1e6), later[1])
-    found.events.sort(key=lambda event: event[0])
     return found.flight()
 
 
@@ -130,12 +128,11 @@ class _Reader:
                 found.mode(t_ns, name)
             case "STATUSTEXT":
                 kind = "failsafe" if "failsafe" in message.text.lower() else "status"
-                found.events.append((t_ns, kind, message.text, None, message.severity))
+                found.event(t_ns, kind, message.text, severity=message.severity)
             case "MISSION_CURRENT":
                 found.heads_for(t_ns, message.seq)
             case "MISSION_ITEM_REACHED":
-                text = f"item {message.seq}"
-                found.events.append((t_ns, "reached", text, message.seq, 6))
+                found.event(t_ns, "reached", f"item {message.seq}", seq=message.seq)
             case "HOME_POSITION":
                 home = message.latitude / 1e7, message.longitude / 1e7, message.altitude / 1e3
                 found.homes.append((t_ns, *home))
@@ -158,9 +155,5 @@ class _Reader:
             item = MissionItem(0, 0, item.frame, item.params, item.x, item.y, item.z)
         self._items[item.seq] = item
         if len(self._items) == self._count:
-            items = [self._items[seq] for seq in sorted(self._items)]
-            record = record_of(t_ns, mav.MAV_MISSION_TYPE_MISSION, items)
-            missions = self._found.missions
-            if not missions or missions[-1].items != record.items:  # a download says it again
-                missions.append(record)
+            self._found.took(t_ns, self._items)  # a download says it again
             self._items, self._count = {}, 0

@@ -19,7 +19,6 @@ from flightdyn.state import GeodeticPoint
 from mission.base.errors import InputError
 from mission.base.user_files import read_bytes
 from mission.flight.logs.flight import MOST_BYTES, Found
-from mission.flight.logs.items import record_of
 from mission.log.values import FlightData
 from sitl.autopilot.codec.orders import MissionItem
 
@@ -52,7 +51,7 @@ COMMANDS = {  # of position_setpoint.type
     4: mav.MAV_CMD_NAV_LAND,
 }
 _LOG_LEVEL = ord("0")  # of a message: a digit
-_SAME_DEG = 1e-7
+_SAME = (1e-7, 1e-7, 0.05)  # degrees, metres
 _FIX_3D = 3
 _HEADER = 16  # bytes before the first message, which begins with its length and kind: 3 bytes
 
@@ -82,10 +81,8 @@ def read_ulog(path: Path) -> FlightData:
     _status(found, topics.get("vehicle_status"))
     for message in log.logged_messages:
         level = message.log_level - _LOG_LEVEL
-        found.events.append(
-            (_ns(message.timestamp), "status", message.message.strip(), None, level)
-        )
-    found.events.sort(key=lambda event: event[0])
+        text = message.message.strip()
+        found.event(_ns(message.timestamp), "status", text, severity=level)
     names = ("voltage_v", "current_a", "discharged_mah", "remaining")
     found.battery = list(_rows(topics.get("battery_status"), *names))
     wind = topics.get("wind", topics.get("wind_estimate"))
@@ -99,7 +96,6 @@ def read_ulog(path: Path) -> FlightData:
     found.skipped["event of PX4's events interface"] += len(
         topics.get("event", {"timestamp": ()})["timestamp"]
     )
-    found.skipped = +found.skipped
     return found.flight()
 
 
@@ -166,33 +162,31 @@ def _status(found: Found, data: Columns | None) -> None:
         found.mode(min(t_ns, _ns(since_us)), MODES.get(int(state), f"MODE {state:g}"))
         if (arming == _ARMED) != armed:
             armed = arming == _ARMED
-            found.events.append((t_ns, "armed", "armed" if armed else "disarmed", None, 6))
+            found.event(t_ns, "armed", "armed" if armed else "disarmed")
         if bool(lost) != failsafe:
             failsafe = bool(lost)
             if failsafe:
-                found.events.append((t_ns, "failsafe", "failsafe", None, 4))
+                found.event(t_ns, "failsafe", "failsafe", severity=4)
 
 
 def _heading_for(found: Found, data: Columns | None) -> None:
     """The mission, as far as it was flown: what was headed for in the mission mode."""
-    items: list[MissionItem] = []
+    items: dict[int, MissionItem] = {}
     started: list[int] = []
     names = ("current.valid", "current.type", "current.lat", "current.lon", "current.alt")
     for t, valid, kind, lat, lon, alt in _rows(data, *names):
         in_force = [name for since_ns, name in found.modes if since_ns <= t]
         if not valid or in_force[-1:] != ["MISSION"] or int(kind) not in COMMANDS:
             continue
-        place = (lat, lon, float(alt))
-        last = items[-1] if items else None
-        if (
-            last is not None
-            and np.allclose((last.x, last.y), place[:2], rtol=0, atol=_SAME_DEG)
-            and (abs(last.z - place[2]) < 0.05)
-        ):
-            continue
-        command = COMMANDS[int(kind)]
-        items.append(MissionItem(len(items), command, mav.MAV_FRAME_GLOBAL, (0.0,) * 4, *place))
+        seq, place = len(items), (lat, lon, float(alt))
+        if items:
+            away = np.abs(
+                np.subtract((items[seq - 1].x, items[seq - 1].y, items[seq - 1].z), place)
+            )
+            if (away < _SAME).all():
+                continue
+        items[seq] = MissionItem(seq, COMMANDS[int(kind)], mav.MAV_FRAME_GLOBAL, (0.0,) * 4, *place)
         started.append(int(t))
     if items:
-        found.missions.append(record_of(started[0], mav.MAV_MISSION_TYPE_MISSION, items))
+        found.took(started[0], items)
         found.current = list(zip(started, range(len(items)), strict=True))

@@ -6,12 +6,10 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from tempfile import TemporaryFile
 
-import numpy as np
-
 from mission.base.area import Area
 from mission.base.errors import InputError
 from mission.flight.logs.items import record_of
-from mission.log.values import Devices, SetpointRecord
+from mission.log.values import NOBODY, SetpointRecord
 from mission.log.writer import FlightLog
 from sitl.autopilot.codec.orders import MissionItem
 from sitl.autopilot.pilots.offboard import Setpoint, setpoint_of
@@ -19,7 +17,6 @@ from sitl.logfolder import next_log
 from sitl.observer import VehicleEvent, VehicleSample
 
 _LOGGER = logging.getLogger(__name__)
-_NOBODY = Devices(np.zeros((0, 2)), ())
 
 
 class FlightLogs:
@@ -72,7 +69,7 @@ class FlightLogs:
         if armed and self._log is None:
             self.being_written = next_log(self._folder)
             self._log = FlightLog(
-                self.being_written, area=self._area, devices=_NOBODY, start_ns=event.t_ns
+                self.being_written, area=self._area, devices=NOBODY, start_ns=event.t_ns
             )
             for kind, items in self._lists.items():
                 if items:

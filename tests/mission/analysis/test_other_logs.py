@@ -92,6 +92,16 @@ def test_cut_and_altered_logs_end_in_a_line_at_most(
         assert (code, len(errors)) in ((0, 0), (2, 1)), errors
 
 
+@pytest.mark.parametrize("end", KINDS)
+def test_an_empty_log_is_said_to_be(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], end: str
+) -> None:
+    log = tmp_path / f"x{end}"
+    log.touch()
+    assert call(["compare", str(log)]) == 2
+    assert capsys.readouterr().err == f"aerofed: {log}: the file is empty\n"
+
+
 def test_devices_are_not_read(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     for end in KINDS:
         link = tmp_path / f"zero{end}"
