@@ -14,7 +14,7 @@ from mission.analysis.alignment import Alignment, align, leg_of, to_segments
 from mission.base import polyline
 from mission.base.arrays import Bools, Floats, Ints
 from mission.base.errors import InputError
-from mission.flight.logs.items import MissionPath, items_of, mission_path, place_m, returns
+from mission.flight.logs.items import RETURNS, MissionPath, items_of, mission_path, place_m, returns
 from mission.log.records import UNKNOWN_ROUND, RoundRecord
 from mission.log.values import NS_PER_S, FlightData, PlannedPlaces, PlanRecord, Track
 from sitl.autopilot.codec.orders import MissionItem
@@ -22,7 +22,8 @@ from sitl.autopilot.flying.route import repeats
 
 PLAN_FILE = "plan file"  # metadata of a log: the file that its mission was read from
 _MISSION = ("MISSION", "AUTO")  # what autopilots call the mode that flies a mission
-_RETURNS = ("RETURN", "RETURN_TO_LAUNCH", "RTL", "LAND", "SMART_RTL")  # and those that may end one
+_RETURNS = ("RETURN", "RETURN_TO_LAUNCH", "RTL", "SMART_RTL")  # and those that may end one,
+_ENDS = (*_RETURNS, "LAND")
 _PAUSES = ("HOLD", "LOITER")
 _PAUSE_S = 5.0  # at most, before a return that belongs to the mission
 _LEAST_S = 2.0  # a pass that is shorter is none
@@ -45,7 +46,7 @@ class Plan:
 
 @dataclass(frozen=True)
 class Passage:
-    """How a place of the plan was passed; NaN where it never was."""
+    """How a place of the plan was passed; NaN where it never was, or where a return leads to."""
 
     seq: int
     t_s: float
@@ -156,7 +157,7 @@ def _stretches(
     """The times in the mission mode, cut where another mission was uploaded."""
     names = data.modes.names
     begins = [max(int(t_ns), start_ns) for t_ns in data.modes.t_ns]
-    ends = [*begins[1:], end_ns]
+    ends = [*(t_ns - 1 for t_ns in begins[1:]), end_ns]  # the sample that tells has left it
     for index, (name, begin_ns, until_ns) in enumerate(zip(names, begins, ends, strict=True)):
         if name not in _MISSION:
             continue
@@ -164,7 +165,7 @@ def _stretches(
         home_ns = until_ns
         paused_ns = until_ns
         for other, other_ns in following:
-            if other in _RETURNS:
+            if other in _ENDS:
                 home_ns = other_ns
             elif other not in _PAUSES or other_ns - paused_ns > _PAUSE_S * NS_PER_S:
                 break
@@ -252,16 +253,18 @@ def _pass(
     foreseen_s: float | None,
 ) -> Pass:
     at_m = polyline.along(way.points_m)
-    between = _windows(way, at_m, track, *current)
-    fit = align(track.pos_m, way.points_m, between=between)
+    low, high = _windows(way, at_m, track, *current)
+    returns_ns = _returns_ns(data, int(track.t_ns[0])) if way.given < len(at_m) else math.inf
+    low[track.t_ns >= returns_ns] = at_m[way.given - 1]
+    fit = align(track.pos_m, way.points_m, between=(low, np.maximum(low, high)))
     # To stand before the start and to hover at the end are no part of the way.
     standing = np.flatnonzero(fit.along_m < _AT_END_M)
-    done = np.flatnonzero(fit.along_m >= fit.length_m - _AT_END_M)
-    kept = slice(standing[-1] if len(standing) else 0, done[0] + 1 if len(done) else None)
+    kept = slice(standing[-1] if len(standing) else 0, _end(track, fit, way, len(way.points_m) - 1))
     track = Track(track.t_ns[kept], track.pos_m[kept])
     fit = replace(
         fit, along_m=fit.along_m[kept], cross_m=fit.cross_m[kept], above_m=fit.above_m[kept]
     )
+    fit = _of_what_is_given(track, fit, way, returns_ns)
     start_ns, end_ns = int(track.t_ns[0]), int(track.t_ns[-1])
     legs_m = polyline.legs(way.points_m)
     leg_s = legs_m / way.speed_mps[1:] + way.wait_s[1:]
@@ -295,15 +298,54 @@ def _pass(
     return Pass(plan, record, track, way, fit, tuple(_passages(way, fit, track)), known)
 
 
+def _end(track: Track, fit: Alignment, way: MissionPath, index: int) -> int:
+    """How many samples lead to a point of the path: to where they come no closer once they are
+    there; all of them where they never are."""
+    there = np.flatnonzero(fit.along_m >= fit.waypoints_at_m[index] - _AT_END_M)
+    away_m = np.linalg.norm(track.pos_m[there, :2] - way.points_m[index, :2], axis=1)
+    farther = np.flatnonzero(np.diff(away_m, append=math.inf) >= 0.0)
+    return int(there[farther[0]]) + 1 if len(there) else len(fit.along_m)
+
+
+def _returns_ns(data: FlightData, start_ns: int) -> float:
+    """When a return first began after an instant; not every autopilot changes its mode for one that
+    is an item of its mission."""
+    modes = zip(data.modes.t_ns.tolist(), data.modes.names, strict=True)
+    found = [t_ns for t_ns, name in modes if name in _RETURNS]
+    for plan in _logged(data):
+        times, seqs = _current(data, plan)
+        found += times[np.isin(seqs, [i.seq for i in plan.items if i.command in RETURNS])].tolist()
+    return min((t_ns for t_ns in found if t_ns > start_ns), default=math.inf)
+
+
+def _of_what_is_given(
+    track: Track, fit: Alignment, way: MissionPath, returns_ns: float
+) -> Alignment:
+    """The match without errors on a return, whose way is the vehicle's choice."""
+    last = way.given - 1
+    if way.given == len(way.points_m):
+        return fit
+    returning = track.t_ns >= returns_ns
+    returning[_end(track, fit, way, last) :] = True
+    corners = fit.corners_m < fit.waypoints_at_m[last] - _AT_END_M
+    return replace(
+        fit,
+        cross_m=np.where(returning, math.nan, fit.cross_m),
+        above_m=np.where(returning, math.nan, fit.above_m),
+        corners_m=fit.corners_m[corners],
+        corner_points_m=fit.corner_points_m[corners],
+    )
+
+
 def _windows(
     way: MissionPath, at_m: Floats, track: Track, times: Ints, seqs: Ints
-) -> tuple[Floats, Floats] | None:
+) -> tuple[Floats, Floats]:
     """Least and greatest progress of each sample: from the leg before the one that leads to the
-    item flown to, to the one after it. None where the log does not say which item that is."""
+    item flown to, to the one after it; any where the log does not say which item that is."""
     stops = np.flatnonzero(way.seqs >= 0)
     inside = (times > track.t_ns[0]) & (times <= track.t_ns[-1])
     if not inside.any():
-        return None
+        return np.zeros(len(track.t_ns)), np.full(len(track.t_ns), at_m[-1])
     towards = np.zeros(len(track.t_ns), dtype=np.int64)
     stop = 0
     for t_ns, seq in zip(times[inside].tolist(), seqs[inside].tolist(), strict=True):
@@ -339,7 +381,8 @@ def _passages(way: MissionPath, fit: Alignment, track: Track) -> Iterator[Passag
         best = len(near) - 1 if lands else int(reach_m.argmin())
         before_ns, after_ns = track.t_ns[near[best]], track.t_ns[near[best] + 1]
         t_ns = before_ns + share[best] * (after_ns - before_ns)
-        yield Passage(int(way.seqs[index]), float(t_ns) / NS_PER_S, -away_m[best])
+        miss_m = -away_m[best] if index < way.given else np.full(3, math.nan)
+        yield Passage(int(way.seqs[index]), float(t_ns) / NS_PER_S, miss_m)
 
 
 def _apart(

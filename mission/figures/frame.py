@@ -261,7 +261,9 @@ def line_table(lines: Lines) -> Rows:
 
 
 def thin(points: Floats, tolerance: float) -> Floats:
-    """Ramer-Douglas-Peucker: points of a path, enough for the others to lie within `tolerance`."""
+    """Ramer-Douglas-Peucker: points of a path, enough for the others to lie within `tolerance`;
+    without those that have a NaN."""
+    points = points[~np.isnan(points).any(axis=1)]
     keep = np.zeros(len(points), dtype=bool)
     keep[[0, -1]] = True
     stack = [(0, len(points) - 1)]

@@ -22,6 +22,7 @@ KINDS = {
 _TERRAIN = (mav.MAV_FRAME_GLOBAL_TERRAIN_ALT, mav.MAV_FRAME_GLOBAL_TERRAIN_ALT_INT)
 _CIRCLES = (mav.MAV_CMD_NAV_LOITER_TURNS,)
 _TAKEOFFS = (mav.MAV_CMD_NAV_TAKEOFF, mav.MAV_CMD_NAV_VTOL_TAKEOFF)
+RETURNS = (mav.MAV_CMD_NAV_RETURN_TO_LAUNCH,)
 _LANDINGS = (mav.MAV_CMD_NAV_LAND, mav.MAV_CMD_NAV_VTOL_LAND)
 _LEADS = (  # straight to their place
     mav.MAV_CMD_NAV_WAYPOINT,
@@ -57,7 +58,7 @@ def items_of(record: MissionRecord) -> tuple[MissionItem, ...]:
 
 def returns(items: Sequence[MissionItem]) -> bool:
     """Whether a mission ends by a return or a landing."""
-    return bool(items) and items[-1].command in (mav.MAV_CMD_NAV_RETURN_TO_LAUNCH, *_LANDINGS)
+    return bool(items) and items[-1].command in RETURNS + _LANDINGS
 
 
 @dataclass(frozen=True)
@@ -67,6 +68,7 @@ class MissionPath:
     points_m: Floats  # (P, 3) area coordinates; the first is where it begins
     seqs: Ints  # (P,) the item whose place a point is; -1 where it is none's
     height_known: Bools  # (P,) not where the vehicle chooses
+    given: int  # how many of the points come before a return, whose way the vehicle chooses
     wait_s: Floats  # (P,) hover there
     speed_mps: Floats  # (P,) ordered for the leg that ends there; NaN where the vehicle chooses
     left_out: Mapping[str, int]  # items that lead nowhere that is known here, by command
@@ -94,7 +96,7 @@ def mission_path(
     A return leads home, or to what of `rally_m`, (3,) each, is closer.
     """
     points, seqs, known = [np.array(start_m, dtype=np.float64)], [-1], [True]
-    waits, speeds, speed = [0.0], [math.nan], math.nan
+    waits, speeds, speed, given = [0.0], [math.nan], math.nan, None
     left_out: Counter[str] = Counter()
 
     def go(place_m: Floats, seq: int, *, height: bool = True, wait_s: float = 0.0) -> None:
@@ -118,9 +120,9 @@ def mission_path(
         level = item.frame not in _TERRAIN
         if command == mav.MAV_CMD_DO_CHANGE_SPEED:
             speed = item.params[1] if item.params[1] > 0 else speed
-        elif command == mav.MAV_CMD_NAV_RETURN_TO_LAUNCH:
+        elif command in RETURNS:
             ends = [np.array(area.home_m), *(place[:2] for place in rally_m)]
-            here = points[-1][:2]
+            here, given = points[-1][:2], len(points)
             land(min(ends, key=lambda end: float(np.linalg.norm(end - here))), item.seq)
             break
         elif not placed and (command in _LEADS + _TAKEOFFS + _LANDINGS + _CIRCLES):
@@ -144,6 +146,7 @@ def mission_path(
         np.array(points),
         np.array(seqs, dtype=np.int64),
         np.array(known),
+        given or len(points),
         np.array(waits),
         np.array(speeds),
         left_out,

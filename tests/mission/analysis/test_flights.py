@@ -124,7 +124,8 @@ def test_the_legs_of_a_mission_in_the_log_are_matched(tmp_path: Path) -> None:
     rows = found.legs
     assert [row.item for row in rows] == [0, 1, 2, 3, 4, 5]
     assert [round(row.length_m) for row in rows] == [30, 100, 120, 160, 120, 90]
-    assert all(row.cross_track_max_m < 6.0 for row in rows)
+    assert all(row.cross_track_max_m < 6.0 for row in rows[:5])
+    assert math.isnan(rows[5].cross_track_max_m)  # of a return only the time is compared
     assert found.total.slots_missed == 0
     assert found.total.height_max_m < 0.5
     assert call(["compare", str(log)]) == 0

@@ -46,6 +46,17 @@ def test_one_flight_in_three_logs_is_one_comparison(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("end", KINDS)
+def test_a_return_has_no_errors(tmp_path: Path, end: str) -> None:
+    """It cuts the last corner, climbs, and passes earlier legs; one autopilot stays in its mode."""
+    found = compared(KINDS[end](tmp_path / f"x{end}", returns=True))
+    assert [round(row.length_m) for row in found.legs][1:4] == [100, 120, 160]
+    assert max(row.cross_track_max_m for row in found.legs[:4]) < 0.05
+    assert found.total.cross_track_max_m < 0.05
+    assert found.total.height_max_m < 0.05
+    assert found.total.corner_cut_max_m < 0.05
+
+
+@pytest.mark.parametrize("end", KINDS)
 @pytest.mark.parametrize("off_m", [1.0, 3.0, 10.0])
 def test_an_offset_is_at_the_right_leg(tmp_path: Path, end: str, off_m: float) -> None:
     found = compared(KINDS[end](tmp_path / f"x{end}", off_m=off_m))

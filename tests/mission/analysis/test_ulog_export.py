@@ -122,6 +122,21 @@ def test_compare_says_the_same_of_both(tmp_path: Path, alone: Path, exported: Pa
     same_comparison(compare_run(load_run(alone, plan)), compare_run(load_run(exported, plan)))
 
 
+def test_a_return_has_no_errors_in_either(tmp_path: Path) -> None:
+    """It climbs first, which is no error of the last leg; the ULog does not hold the item."""
+    items = plain()
+    for item in items[:5]:
+        item.z = 12.0
+    log = flown(tmp_path, items)
+    ours, theirs = (
+        compare_run(load_run(path)) for path in (log, export_ulog(log, log.with_suffix(".ulg")))
+    )
+    for name in ("cross_track_max_m", "straight_max_m", "corner_cut_mean_m", "height_max_m"):
+        assert getattr(theirs.total, name) == pytest.approx(getattr(ours.total, name), abs=1e-3)
+    assert theirs.total.slot_miss_rms_m == pytest.approx(ours.total.slot_miss_rms_m, abs=0.02)
+    assert ours.total.height_max_m < 0.01
+
+
 def same_comparison(ours: RunComparison, theirs: RunComparison) -> None:
     for name in (
         *("cross_track_rms_m", "cross_track_max_m", "corner_cut_max_m", "height_rms_m"),

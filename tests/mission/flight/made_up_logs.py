@@ -31,8 +31,9 @@ class Sample:
     mission: bool
 
 
-def samples(*, off_m: float = 0.0) -> Iterator[Sample]:
-    """On the ground, up, around, hover; `off_m` to the side in the middle of the second leg."""
+def samples(*, off_m: float = 0.0, returns: bool = False) -> Iterator[Sample]:
+    """On the ground, up, around, and hover or return, 15 m higher and past the first corner, from
+    8 m before the last one on; `off_m` to the side in the middle of the second leg."""
     frame = LocalFrame(HOME)
     path = [(*CORNERS[0], 0.0), *((*corner, HEIGHT_M) for corner in CORNERS)]
     t_s = 0.0
@@ -49,11 +50,18 @@ def samples(*, off_m: float = 0.0) -> Iterator[Sample]:
         steps = round(length / (CLIMB_MPS if toward == 0 else SPEED_MPS) / STEP_S)
         for step in range(steps):
             share = step / steps
+            if returns and toward == 3 and share >= 0.95:
+                break
             place = np.array(a) + share * (np.array(b) - np.array(a))
             place[1] += off_m * (toward == 2 and 0.4 < share < 0.6)
             yield sample(place, toward, mission=True)
             t_s += STEP_S
-    for _ in range(round(HOVER_S / STEP_S)):
+    back = [(120.0, -52.0, HEIGHT_M), (100.0, -30.0, HEIGHT_M + 15.0), (0.0, 90.0, HEIGHT_M + 15.0)]
+    for a, b in pairwise(back) if returns else ():
+        for share in np.linspace(0.0, 1.0, round(math.dist(a, b) / SPEED_MPS / STEP_S)):
+            yield sample(np.array(a) + share * (np.array(b) - np.array(a)), 4, mission=False)
+            t_s += STEP_S
+    for _ in range(0 if returns else round(HOVER_S / STEP_S)):
         yield sample(path[-1], len(path) - 2, mission=False)
         t_s += STEP_S
 
@@ -69,7 +77,7 @@ def places() -> list[tuple[int, float, float]]:
     return found
 
 
-def write_ulog(path: Path, *, kind: int = 1, off_m: float = 0.0) -> Path:
+def write_ulog(path: Path, *, kind: int = 1, off_m: float = 0.0, returns: bool = False) -> Path:
     """As PX4 writes it: what it headed for, not the mission."""
     setpoint = "bool current.valid;uint8_t current.type;double current.lat;double current.lon;float current.alt"  # noqa: E501
     topics = {
@@ -98,9 +106,9 @@ def write_ulog(path: Path, *, kind: int = 1, off_m: float = 0.0) -> Path:
 
     data("home_position", 0.0, HOME.lat_deg, HOME.lon_deg, HOME.alt_msl_m)
     toward = -1
-    for s in samples(off_m=off_m):
+    for s in samples(off_m=off_m, returns=returns):
         data("vehicle_global_position", s.t_s, s.lat_deg, s.lon_deg, s.alt_msl_m)
-        data("vehicle_status", s.t_s, 3 if s.mission else 4, 2, False, kind)
+        data("vehicle_status", s.t_s, 3 if s.mission else 5 if returns else 4, 2, False, kind)
         if s.mission and s.toward != toward:
             toward = s.toward
             _, lat, lon = places()[toward]
@@ -124,8 +132,10 @@ _FORMATS = {
 _PACKED = {"Q": "Q", "L": "i", "f": "f", "B": "B", "H": "H", "Z": "64s", "n": "4s", "N": "16s"}
 
 
-def write_dataflash(path: Path, *, vehicle: str = "ArduCopter", off_m: float = 0.0) -> Path:
-    """As ArduCopter writes it: item 0 is home."""
+def write_dataflash(
+    path: Path, *, vehicle: str = "ArduCopter", off_m: float = 0.0, returns: bool = False
+) -> Path:
+    """As ArduCopter writes it: item 0 is home, and a return leaves the mode as it is."""
     out = bytearray()
 
     def row(name: str, *values: Any) -> None:
@@ -140,25 +150,31 @@ def write_dataflash(path: Path, *, vehicle: str = "ArduCopter", off_m: float = 0
     row("MSG", 1000, f"{vehicle} V4.7.0".encode())
     row("ORGN", 1000, 1, lat, lon, HOME.alt_msl_m)
     row("MSG", 1000, b"New mission")
-    row("CMD", 1000, 5, 0, 16, 0, 0, 0, 0, lat, lon, HOME.alt_msl_m, 0)
+    total = 6 if returns else 5
+    row("CMD", 1000, total, 0, 16, 0, 0, 0, 0, lat, lon, HOME.alt_msl_m, 0)
     for index, (command, lat_deg, lon_deg) in enumerate(places()):
         where = round(lat_deg * 1e7), round(lon_deg * 1e7), HEIGHT_M, 3
-        row("CMD", 1000, 5, index + 1, command, 0, 0, 0, 0, *where)
+        row("CMD", 1000, total, index + 1, command, 0, 0, 0, 0, *where)
+    if returns:
+        row("CMD", 1000, total, 5, 20, 0, 0, 0, 0, 0, 0, 0, 0)
     mission, toward = None, -1
-    for s in samples(off_m=off_m):
+    for s in samples(off_m=off_m, returns=returns):
         t_us = round(s.t_s * 1e6)
-        if s.mission != mission:
-            mission = s.mission
+        auto = s.mission or (returns and s.toward > 0)
+        if auto != mission:
+            mission = auto
             row("MODE", t_us, *((3, 3) if mission else (5, 5)), 2)
-        if s.mission and s.toward != toward:
+        if auto and s.toward != toward:
             toward = s.toward
-            row("MISE", t_us, 5, toward + 1)
+            row("MISE", t_us, total, toward + 1)
         row("POS", t_us, round(s.lat_deg * 1e7), round(s.lon_deg * 1e7), s.alt_msl_m)
     path.write_bytes(out)
     return path
 
 
-def write_tlog(path: Path, *, kind: int = 2, reboot: bool = False, off_m: float = 0.0) -> Path:
+def write_tlog(
+    path: Path, *, kind: int = 2, reboot: bool = False, off_m: float = 0.0, returns: bool = False
+) -> Path:
     """As a ground station of PX4 writes it, with the upload of the mission."""
     out = bytearray()
     vehicle, station = mav.MAVLink(None, 1, 1), mav.MAVLink(None, 255, 190)
@@ -179,7 +195,7 @@ def write_tlog(path: Path, *, kind: int = 2, reboot: bool = False, off_m: float 
         told(0.1, mav.MAVLink_mission_item_int_message(
             1, 1, seq, 3, command, 0, 1, 0, 0, 0, 0, *at, 0), station)  # fmt: skip
     mission, toward = False, -1
-    for s in samples(off_m=off_m):
+    for s in samples(off_m=off_m, returns=returns):
         if s.mission != mission:
             mission = s.mission
             heartbeat(s.t_s, mission)
