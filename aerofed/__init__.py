@@ -26,6 +26,7 @@ from mission.api.figures import Figure
 from mission.api.planning import first_problem, plan
 from mission.api.runs import Run, load, resume, run
 from mission.api.sweeps import Sweep, load_sweep, sweep
+from mission.api.vehicles import fly, vehicle, vehicles
 from mission.base.airspace import Airspace
 from mission.base.area import Area
 from mission.base.errors import (
@@ -94,10 +95,13 @@ __all__ = [
     "finish",
     "first_problem",
     "fit_budget",
+    "fly",
     "load",
     "load_sweep",
     "plan",
     "resume",
     "run",
     "sweep",
+    "vehicle",
+    "vehicles",
 ]

@@ -91,7 +91,7 @@ async def _attack_over_udp(frames: int, *, seed: int) -> tuple[int, bool]:
 
     desk.vehicle.receive = counted  # type: ignore[method-assign]
     link, loop = UdpLink("udpin://127.0.0.1:0"), asyncio.get_running_loop()
-    async with Simulation(desk.vehicle, link, speed=20.0, free_running=True):
+    async with Simulation(desk.vehicle, link, speed=20.0, runs="always"):
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as station:
             station.setblocking(False)
             station.connect(("127.0.0.1", link.port))

@@ -5,7 +5,7 @@ import math
 import time
 from collections.abc import Sequence
 from contextlib import AsyncExitStack
-from typing import Self
+from typing import Literal, Self, TypeAlias
 
 from sitl.block import following
 from sitl.links import Link, RawLink
@@ -17,16 +17,20 @@ _BREATH_S = 0.001  # then: MAVSDK's threads need this one's lock to hand on what
 _OUTSIDE_NS = 10**9  # simulated time then, where somebody outside gives orders in flight, too
 
 
+# When simulated time runs: while a manoeuvre is under way, always, or as far as `run_to` says.
+Runs: TypeAlias = Literal["moving", "always", "ordered"]
+
+
 class Simulation:
     """Runs a vehicle in the event loop: an asynchronous context manager.
 
-    Simulated time runs while the vehicle is moving, at `speed` times real time (infinite: flat
-    out), and stands still otherwise; with `free_running` it always runs. Messages are exchanged
-    in wall time throughout, so that the vehicle never falls silent.
+    Simulated time stands still or runs, as `runs` has it, which may change; at `speed` times real
+    time (infinite: flat out). Messages are exchanged in wall time throughout, so that the vehicle
+    never falls silent.
     """
 
     def __init__(
-        self, vehicle: Vehicle, *links: Link, speed: float = math.inf, free_running: bool = False
+        self, vehicle: Vehicle, *links: Link, speed: float = math.inf, runs: Runs = "moving"
     ) -> None:
         if not speed > 0:
             raise ValueError(f"speed = {speed}: must be positive")
@@ -35,8 +39,10 @@ class Simulation:
         outside = not all(isinstance(link, RawLink) for link in links)
         self._most_ns = _OUTSIDE_NS if outside else math.inf
         self._speed = speed
-        self._free_running = free_running
+        self.runs: Runs = runs
+        self._ordered_ns = vehicle.t_ns
         self._wake = asyncio.Event()
+        self._there = asyncio.Event()
         self._open = AsyncExitStack()
         self._on_time = -math.inf  # wall time at which the present simulated time is due
 
@@ -58,12 +64,30 @@ class Simulation:
         """Stop and close the links; an error of the simulation ends the block that it failed in."""
         await self._open.aclose()
 
+    async def run_to(self, t_ns: int) -> None:
+        """Let ordered time run up to `t_ns` and stand still there.
+
+        What was sent to the vehicle before is taken before.
+        """
+        self._ordered_ns = t_ns
+        self._there.clear()
+        self._wake.set()
+        await self._there.wait()
+
+    @property
+    def _goes_on(self) -> bool:
+        """Whether simulated time runs."""
+        if self.runs == "ordered":
+            return self.vehicle.t_ns < self._ordered_ns
+        return self.runs == "always" or self.vehicle.moving
+
     async def _run(self) -> None:
         while True:
             self._exchange()
-            if self._free_running or self.vehicle.moving:
+            if self._goes_on:
                 await self._advance()
             else:
+                self._there.set()
                 await self._idle()
 
     def _exchange(self) -> None:
@@ -98,7 +122,7 @@ class Simulation:
         began = time.monotonic()
         if math.isinf(self._speed):
             self._run_until(began + _FLAT_OUT_S)
-            await asyncio.sleep(_BREATH_S)
+            await asyncio.sleep(_BREATH_S if self._goes_on else 0.0)
         else:
             # No more than until telemetry is due. A machine that falls behind does not rush later.
             sim_s = self._run_for(min(_STRETCH_S, self.vehicle.due() - began) * self._speed)
@@ -106,10 +130,11 @@ class Simulation:
             await asyncio.sleep(max(0.0, self._on_time - time.monotonic()))
 
     def _run_until(self, wall_s: float) -> None:
-        """Run as fast as possible up to a wall time, while a manoeuvre is under way."""
-        vehicle, now, free = self.vehicle, time.monotonic, self._free_running
-        until_ns = vehicle.t_ns + self._most_ns
-        while (vehicle.stride() or free) and now() < wall_s and vehicle.t_ns < until_ns:
+        """Run as fast as possible up to a wall time, or as far as time goes on."""
+        vehicle, now, free = self.vehicle, time.monotonic, self.runs != "moving"
+        ordered_ns = self._ordered_ns if self.runs == "ordered" else math.inf
+        until_ns = min(vehicle.t_ns + self._most_ns, ordered_ns)
+        while (vehicle.stride(ordered_ns) or free) and now() < wall_s and vehicle.t_ns < until_ns:
             pass
 
     def _run_for(self, sim_s: float) -> float:
@@ -117,6 +142,6 @@ class Simulation:
         vehicle = self.vehicle
         before_ns = vehicle.t_ns
         until_ns = before_ns + sim_s * 1e9
-        while (vehicle.step() or self._free_running) and vehicle.t_ns < until_ns:
+        while (vehicle.step() or self.runs != "moving") and vehicle.t_ns < until_ns:
             pass
         return (vehicle.t_ns - before_ns) * 1e-9

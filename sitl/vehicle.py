@@ -1,5 +1,6 @@
 """The vehicle: aircraft and autopilot, step by step. It owns simulated time."""
 
+import math
 from collections.abc import Sequence
 
 from flightdyn.aircraft import Aircraft
@@ -34,11 +35,14 @@ class Vehicle:
         logs: LogFolder | None = None,
         orders: OrderObserver | None = None,
         standalone: bool = False,
+        in_step: bool = False,
     ) -> None:
         """Build the configured aircraft, or take `aircraft` as it is.
 
         A vehicle that stands alone, part of no run, may be rebooted, and says unasked what PX4
-        says. `logs` are served to ground stations; `orders` hears of missions and setpoints.
+        says. One `in_step` with whoever steers it takes for silence what lasts in simulated time,
+        not in wall time. `logs` are served to ground stations; `orders` hears of missions and
+        setpoints.
 
         Raises:
             SitlInputError: a parameter or a rate is not acceptable, or a firmware is asked for;
@@ -52,7 +56,7 @@ class Vehicle:
         self._config = config
         self._home = home
         self._streams = streams
-        self._standalone = standalone
+        self._standalone, self._in_step = standalone, in_step
         self._logs = logs
         self._orders = orders
         self._observers = list(observers)
@@ -73,6 +77,7 @@ class Vehicle:
             logs=self._logs,
             orders=self._orders,
             standalone=self._standalone,
+            in_step=self._in_step,
         )
         self._tick = 0
         self._watch_every = self._ticks_per(_WATCH_HZ, "watch rate")
@@ -101,11 +106,16 @@ class Vehicle:
         """
         return self._advance(self.aircraft.to_guidance_step)
 
-    def stride(self) -> bool:
-        """As `step`, over all guidance steps up to the next check, sample or event."""
+    def stride(self, until_ns: float = math.inf) -> bool:
+        """As `step`, over all guidance steps up to the next check, sample or event; no tick
+        begins at `until_ns` or later.
+        """
+        most = self._next_look - self._tick
         if not self.autopilot.flight.patient:
-            return self.step()
-        return self._advance(self._next_look - self._tick)
+            most = min(most, self.aircraft.to_guidance_step)
+        if until_ns < math.inf:
+            most = min(most, math.ceil((until_ns - self.t_ns) / self.aircraft.dt_ns))
+        return self._advance(most)
 
     def _advance(self, most: int) -> bool:
         tick = self._tick

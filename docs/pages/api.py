@@ -9,6 +9,7 @@ import aerofed
 
 SECTIONS = {
     "Running and reading": "run resume load Run compare sweep load_sweep Sweep Figure",
+    "Vehicles for tests": "vehicle vehicles fly",
     "Configurations, plans, channels": "config first_problem plan channel",
     "A strategy of your own": "Strategy StrategyContext Sortie ImportanceStrategy RoundInfo Area",
     "A planner of your own": "Planner RoundProblem RoundPlan finish fit_budget "
@@ -43,6 +44,9 @@ problem = aerofed.first_problem("quickstart")
 aerofed.plan(problem)  # a path, a schedule, and a proven bound
 aerofed.channel("suburban").per([0.0, 100.0, 200.0], 60.0)
 aerofed.sweep("quickstart", strategies=["cov", "no_cov"], seeds=3).runs
+
+with aerofed.vehicle(wind_mps=6) as vehicle:  # see "Flights in tests"
+    vehicle.fly("survey.plan")
 ```
 
 A run from Python has the same bytes as one from the command line. It also works where an event

@@ -190,7 +190,7 @@ def run(
 
             return fly_session(resolved, path, data_dir=data, console=console)
 
-        return _flown(fly, path, quiet=quiet)
+        return flown(fly, path, quiet=quiet)
 
 
 def resume(path: Path | str, *, quiet: bool = True) -> Run:
@@ -208,7 +208,7 @@ def resume(path: Path | str, *, quiet: bool = True) -> Run:
 
         return resume_session(found, console=console)
 
-    return _flown(fly, found, quiet=quiet)
+    return flown(fly, found, quiet=quiet)
 
 
 def load(path: Path | str) -> Run:
@@ -222,7 +222,10 @@ def load(path: Path | str) -> Run:
     return found
 
 
-def _flown(fly: "Callable[[RunConsole], int]", path: Path, *, quiet: bool) -> Run:
+def flown(
+    fly: "Callable[[RunConsole], int]", path: Path, *, quiet: bool, goes_on: bool = True
+) -> Run:
+    """What `fly` left at `path`; it returns an exit code. Whether one interrupted `goes_on`."""
     from rich.console import Console
 
     from mission.base.console import RunConsole
@@ -231,7 +234,8 @@ def _flown(fly: "Callable[[RunConsole], int]", path: Path, *, quiet: bool) -> Ru
     console = RunConsole(Console(quiet=quiet))
     code = in_a_thread(lambda: fly(console)) if _loop_is_running() else fly(console)
     if code == INTERRUPTED:
-        raise KeyboardInterrupt(f"{path} was interrupted; resume({str(path)!r}) goes on")
+        more = f"; resume({str(path)!r}) goes on" if goes_on else ""
+        raise KeyboardInterrupt(f"{path} was interrupted{more}")
     return Run(path)
 
 

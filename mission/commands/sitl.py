@@ -10,13 +10,7 @@ from cyclopts import Parameter
 from mission.base.errors import InputError
 from mission.base.terminal import PLAIN, Terminal
 from mission.commands.options import Overrides, load
-
-# Where PX4's simulators stand by default, and with them the places in most tutorials: Zurich.
-PX4_HOME = {
-    "area.home_lat_deg": 47.397742,
-    "area.home_lon_deg": 8.545594,
-    "area.home_alt_msl_m": 488.0,
-}
+from mission.flight.serve import PX4_HOME
 
 
 def sitl(

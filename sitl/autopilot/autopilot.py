@@ -60,7 +60,8 @@ class Autopilot:
     """Serves MAVLink and flies the aircraft.
 
     `tick` belongs to simulated time, once a physics tick; `watch` a few times a simulated second.
-    `receive`, `poll` and `due` belong to wall time, whose `now` the caller brings.
+    `receive`, `poll` and `due` belong to wall time, whose `now` the caller brings. Silence of those
+    who steer it or watch it is measured in wall time, too, but `in_step` in simulated time.
     """
 
     def __init__(
@@ -74,7 +75,9 @@ class Autopilot:
         logs: LogFolder | None = None,
         orders: OrderObserver | None = None,
         standalone: bool = False,
+        in_step: bool = False,
     ) -> None:
+        self._in_step = in_step
         self._aircraft, self._orders = aircraft, orders
         self.parameters = parameters
         self._outbox: Outbox = []
@@ -143,7 +146,8 @@ class Autopilot:
             mav.MAVLink_heartbeat_message: self._heartbeat,
         }
         servers = (self._transfer, parameter_server.burst, log_server.burst, ftp_server.burst)
-        self._timers = (self._streams, *servers, self._offboard, self._sticks)
+        timers = (self._streams, *servers, self._offboard, self._sticks)
+        self._timers = timers[:-2] if in_step else timers
 
         # Made once, as they are entered many times a second.
         self._health_contained = report.contain("the state of health")
@@ -162,6 +166,17 @@ class Autopilot:
             self.monitor.watch()
         with self._failsafes_contained:
             self.failsafes.watch()
+        if self._in_step:
+            self._listen(self._aircraft.t_ns * 1e-9)
+
+    def _listen(self, now: float) -> None:
+        """Look for who has fallen silent, on the clock by which silence is measured (s)."""
+        self._cockpit.now = now
+        with self._silence_contained:
+            self._offboard.watch(self.failsafes)
+            self._sticks.watch(self.failsafes)
+        with self._failsafes_contained:
+            self.failsafes.poll(now)
 
     @property
     def lists(self) -> Lists:
@@ -179,7 +194,7 @@ class Autopilot:
 
     def receive(self, datagram: bytes, now: float) -> None:
         """Handle the messages of a datagram that arrived at the wall time `now` (s)."""
-        self._cockpit.now = now
+        self._cockpit.now = self._aircraft.t_ns * 1e-9 if self._in_step else now
         received: list[mav.MAVLink_message] = []
         with self._report.contain("bytes that arrived"):
             received = self._wire.read(datagram)
@@ -207,15 +222,11 @@ class Autopilot:
     def poll(self, now: float) -> list[bytes]:
         """Frames to send now: answers, news, and telemetry that is due."""
         report = self._report
-        self._cockpit.now = now
         for server, contained in self._polled:
             with contained:
                 server.poll(now)
-        with self._silence_contained:
-            self._offboard.watch(self.failsafes)
-            self._sticks.watch(self.failsafes)
-        with self._failsafes_contained:
-            self.failsafes.poll(now)
+        if not self._in_step:
+            self._listen(now)
         kinds = self._streams.take_due(now, report.nudged)
         report.nudged.clear()
         frames: list[bytes] = []
@@ -258,9 +269,9 @@ class Autopilot:
         if msg.tc1 == 0:  # else an answer, and nothing here asks
             self._outbox.append(mav.MAVLink_timesync_message(int(now * 1e9), msg.ts1))
 
-    def _heartbeat(self, _peer: Peer, msg: mav.MAVLink_heartbeat_message, now: float) -> None:
+    def _heartbeat(self, _peer: Peer, msg: mav.MAVLink_heartbeat_message, _now: float) -> None:
         if msg.type == mav.MAV_TYPE_GCS:
-            self.failsafes.ground_station_at = now
+            self.failsafes.ground_station_at = self._cockpit.now
 
     def _order_reboot(self, order: CommandOrder) -> None:
         if order.params[0] != 1.0:

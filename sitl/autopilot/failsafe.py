@@ -107,7 +107,7 @@ class Failsafes:
         """`by_sticks` gives the flight to the sticks, in one of their modes; the reason if not."""
         self._aircraft = aircraft
         self._guard = guard
-        self.ground_station_at = math.nan  # wall time of the last heartbeat from one
+        self.ground_station_at = math.nan  # when the last heartbeat from one came
         self._flight = flight
         self._parameters = parameters
         self._by_sticks = by_sticks
@@ -130,7 +130,7 @@ class Failsafes:
         self.update(Cause.FENCE_BREACHED, bool(breach), lambda: breach)
 
     def poll(self, now: float) -> None:
-        """Look for a ground station that has fallen silent, in wall time (s)."""
+        """Look for a ground station that has fallen silent by `now` (s)."""
         silence_s = now - self.ground_station_at
         if not math.isnan(silence_s):
             lost = silence_s > self._parameters["COM_DL_LOSS_T"]

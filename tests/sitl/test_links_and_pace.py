@@ -19,7 +19,7 @@ from flightdyn.frames import LocalFrame
 from sitl.autopilot.codec.orders import MissionItem
 from sitl.errors import LinkError
 from sitl.links import RawLink, UdpLink, _packed
-from sitl.pace import Simulation
+from sitl.pace import Runs, Simulation
 from sitl.vehicle import Vehicle
 
 
@@ -204,7 +204,7 @@ def test_a_network_that_goes_away_ends_nothing(monkeypatch: pytest.MonkeyPatch) 
 
     async def run() -> None:
         async with (
-            Simulation(desk.vehicle, UdpLink("udpout://127.0.0.1:14550"), free_running=True),
+            Simulation(desk.vehicle, UdpLink("udpout://127.0.0.1:14550"), runs="always"),
             asyncio.timeout(HANG_S),
         ):
             while len(set(tries)) < 3:  # noqa: ASYNC110  time goes on, and so does the talk
@@ -232,15 +232,15 @@ def test_simulated_time_is_never_faster_than_ordered() -> None:
 
 
 def test_time_stands_still_unless_something_moves_or_it_runs_freely() -> None:
-    async def run(*, free_running: bool) -> int:
+    async def run(runs: Runs) -> int:
         desk = Desk()
         before = desk.vehicle.t_ns
-        async with Simulation(desk.vehicle, RawLink(), speed=5.0, free_running=free_running):
+        async with Simulation(desk.vehicle, RawLink(), speed=5.0, runs=runs):
             await asyncio.sleep(0.2)
         return desk.vehicle.t_ns - before
 
-    assert asyncio.run(run(free_running=False)) == 0
-    assert asyncio.run(run(free_running=True)) > 0
+    assert asyncio.run(run("moving")) == 0
+    assert asyncio.run(run("always")) > 0
 
 
 def test_an_error_in_the_simulation_ends_whoever_waits_for_it() -> None:
@@ -311,7 +311,7 @@ def test_hovering_while_time_runs_freely() -> None:
 
     async def run() -> None:
         end_ns = vehicle.t_ns + 30_000_000_000
-        async with Simulation(vehicle, RawLink(), free_running=True):
+        async with Simulation(vehicle, RawLink(), runs="always"):
             await until(lambda: vehicle.t_ns > end_ns)
 
     asyncio.run(run())

@@ -98,16 +98,7 @@ class SimulatedFlyer(Flyer):
         self, plan: PlanFile, path: PlannedPath, *, begins: Callable[[], None]
     ) -> None:
         """Fly a plan file; simulated time stands still while the vehicle is given it."""
-        await self.pilot.ready()
-        await self.pilot.upload_surroundings(plan)
-        begins()
-        await self.pilot.upload_items(plan.items)
-        await self.pilot.arm()
-        await self.pilot.carry_out()
-        if path.returns:
-            await self.pilot.landed()
-        else:
-            await self.pilot.land()
+        await self.pilot.fly_plan(plan, returns=path.returns, begins=begins)
 
     async def land(self) -> None:
         await self.go_home()

@@ -198,6 +198,24 @@ class Pilot:
                 "take the rally points", self._mission.upload_rally_points(raw_items(plan.rally))
             )
 
+    async def fly_plan(
+        self, plan: PlanFile, *, returns: bool, begins: Callable[[], None] = lambda: None
+    ) -> None:
+        """Fly a plan file from the ground to the ground; one that does not return is brought home.
+
+        `begins` is called when the vehicle is ready for it.
+        """
+        await self.ready()
+        await self.upload_surroundings(plan)
+        begins()
+        await self.upload_items(plan.items)
+        await self.arm()
+        await self.carry_out()
+        if returns:
+            await self.landed()
+        else:
+            await self.land()
+
     async def landed(self) -> None:
         """Wait until the vehicle stands on the ground with its motors off."""
         await self._until(lambda: self._landed, "land and disarm")

@@ -43,6 +43,7 @@ class FlightLogs:
         self._log: FlightLog | None = None
         self._lists: dict[int, tuple[MissionItem, ...]] = {}
         self.being_written: Path | None = None
+        self.written: list[Path] = []
 
     def sampled(self, sample: VehicleSample) -> None:
         with self._kept():
@@ -92,6 +93,7 @@ class FlightLogs:
 
     def close(self) -> None:
         """Complete the file that is being written."""
-        if self._log is not None:
+        if self._log is not None and self.being_written is not None:
             self._log.close()
+            self.written.append(self.being_written)
         self._log = self.being_written = None

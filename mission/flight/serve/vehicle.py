@@ -10,12 +10,15 @@ from pathlib import Path
 
 import numpy as np
 
+from flightdyn.config import LimitsConfig
 from flightdyn.random import RandomStreams
+from mission.base.area import Area
 from mission.base.errors import InputError
 from mission.config.models import LinkConfig, RunConfig
 from mission.flight.failures import of_a_vehicle, of_settings
 from mission.flight.ground_stations import station_links
 from mission.flight.serve.flight_logs import FlightLogs
+from mission.scenario.limits import guidance_of
 from sitl.errors import LinkError
 from sitl.links import UdpLink
 from sitl.logfolder import LogFolder
@@ -49,20 +52,22 @@ class Served:
     """One vehicle, where it speaks, and what writes its flights."""
 
     vehicle: Vehicle
+    area: Area  # with home where this one stands
+    guidance: LimitsConfig
     urls: tuple[str, ...]
     logs: FlightLogs | None
     link: LinkConfig
 
 
 def make_vehicles(
-    config: RunConfig, *, count: int, udp: Sequence[str], logs: Path | None
+    config: RunConfig, *, count: int, udp: Sequence[str], logs: Path | None, in_step: bool = False
 ) -> list[Served]:
     """`count` vehicles side by side, the first at the configured home, each farther to the east.
 
     System ids count up from the configured one, and ports from the first of `udp`, as those of
     PX4's simulators do; the others of `udp` are spoken to by all. Each vehicle has random numbers
     of its own, those of the first are a single one's. `logs`: where flights are written to; of
-    several vehicles each has a folder within.
+    several vehicles each has a folder within. `in_step`: as of `Vehicle`.
 
     Raises:
         InputError: a setting of the vehicle is refused, or they are more than there are numbers.
@@ -77,14 +82,16 @@ def make_vehicles(
             f"--count {count}: vehicle.parameter_file cannot be shared, each would save its own "
             "values over the others'; set vehicle.parameters instead"
         )
-    return [_served(config, i, udp, _own(logs, i, count)) for i in range(count)]
+    return [_served(config, i, udp, _own(logs, i, count), in_step) for i in range(count)]
 
 
 def _own(logs: Path | None, i: int, count: int) -> Path | None:
     return logs if logs is None or count == 1 else logs / f"vehicle-{i + 1}"
 
 
-def _served(config: RunConfig, i: int, udp: Sequence[str], logs: Path | None) -> Served:
+def _served(
+    config: RunConfig, i: int, udp: Sequence[str], logs: Path | None, in_step: bool
+) -> Served:
     """The vehicle number `i`, from 0."""
     streams = RandomStreams(config.seed)
     if i > 0:
@@ -103,9 +110,10 @@ def _served(config: RunConfig, i: int, udp: Sequence[str], logs: Path | None) ->
             else LogFolder(logs, being_written=lambda: recorder.being_written),
             orders=recorder,
             standalone=True,
+            in_step=in_step,
         )
     urls = [link_url(_counted_up(text, i) if at == 0 else text) for at, text in enumerate(udp)]
-    return Served(vehicle, tuple(urls), recorder, config.link)
+    return Served(vehicle, area, guidance_of(config.vehicle), tuple(urls), recorder, config.link)
 
 
 def _counted_up(text: str, i: int) -> str:
@@ -145,7 +153,7 @@ async def _serve(served: Sequence[Served], *, speed: float, say: Callable[[str],
             for one in served:
                 links = station_links(one.link, one.urls)
                 await running.enter_async_context(
-                    Simulation(one.vehicle, *links, speed=speed, free_running=True)
+                    Simulation(one.vehicle, *links, speed=speed, runs="always")
                 )
             for i, one in enumerate(served):
                 home = one.vehicle.aircraft.frame.origin

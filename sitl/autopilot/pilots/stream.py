@@ -20,7 +20,7 @@ class Cockpit:
     flight: Flight
     parameters: Parameters
     reporter: Reporter
-    now: float = 0.0  # wall time (s) that the autopilot was told last
+    now: float = 0.0  # seconds, on the clock by which silence is measured
 
 
 class StreamPilot:
@@ -42,7 +42,7 @@ class StreamPilot:
 
     @property
     def _alive(self) -> bool:
-        """Whether a message of the stream came within the last `patience_s` (wall time)."""
+        """Whether a message of the stream came within the last `patience_s`."""
         return self._cockpit.now - self._heard_at < self._patience_s()
 
     @property

@@ -204,7 +204,7 @@ def test_a_log_that_cannot_be_written_ends_a_flight_that_is_watched() -> None:
         config, link = LinkConfig(kind="external", url="udpin://127.0.0.1:1"), RawLink()
         async with (
             asyncio.timeout(HANG_S),
-            Simulation(vehicle, link, speed=5.0, free_running=True),
+            Simulation(vehicle, link, speed=5.0, runs="always"),
             located(config, area=AREA, observers=[FullDisk()], say=print, raw_link=link),
         ):
             await asyncio.Event().wait()

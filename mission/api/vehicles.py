@@ -1,0 +1,159 @@
+"""Simulated vehicles for tests, and flights of plan files."""
+
+import math
+from collections.abc import Iterator, Mapping
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal, TypeAlias
+
+from mission.api.configuring import Source, as_path, config
+from mission.api.runs import Run, flown
+from mission.base.errors import InputError
+
+if TYPE_CHECKING:
+    from mission.api.simulated_vehicle import SimulatedVehicle
+    from mission.base.console import RunConsole
+    from sitl.pace import Runs
+
+Pace: TypeAlias = Literal["steps", "moving"] | float
+Home: TypeAlias = tuple[float, float, float] | Path | str
+
+
+@contextmanager
+def vehicle(
+    overrides: Mapping[str, object] | None = None,
+    *,
+    source: "Source | None" = None,
+    wind_mps: float | None = None,
+    seed: int | None = None,
+    home: "Home | None" = None,
+    pace: Pace = "steps",
+    logs: Path | str | None = None,
+) -> "Iterator[SimulatedVehicle]":
+    """A vehicle on the ground, ready to be armed: with aerofed.vehicle(wind_mps=6) as vehicle: ...
+
+    Args:
+        overrides: values by dotted key of vehicle.*, area.home_*, link.signing_key and the seed:
+            {"vehicle.aircraft.faults": [{"kind": "gnss_off", "after": "take-off", "at_s": 5}]}.
+        source: a configuration or its file, as of `aerofed sitl`.
+        wind_mps: sets vehicle.aircraft.wind.speed_mps.
+        seed: sets the seed, of gusts and of what the sensors add.
+        home: degrees north, degrees east, metres above mean sea level; or a plan file, for its
+            planned home. Default: where PX4's simulators stand.
+        pace: "steps": simulated time passes in `step`, `until` and `fly` only. "moving": it
+            passes by itself, as fast as it can, while a manoeuvre is under way. A number: always,
+            at that many times real time, for scripts that wait in wall time.
+        logs: folder for a log of each flight, from arming to disarming.
+
+    Raises:
+        InputError: a key or a value is refused.
+        LinkLostError: no port can be had.
+    """
+    with vehicles(
+        1, overrides, source=source, wind_mps=wind_mps, seed=seed, home=home, pace=pace, logs=logs
+    ) as (one,):
+        yield one
+
+
+@contextmanager
+def vehicles(
+    count: int,
+    overrides: Mapping[str, object] | None = None,
+    *,
+    source: "Source | None" = None,
+    wind_mps: float | None = None,
+    seed: int | None = None,
+    home: "Home | None" = None,
+    pace: Pace = "steps",
+    logs: Path | str | None = None,
+) -> "Iterator[list[SimulatedVehicle]]":
+    """Several of them side by side, 5 m apart towards the east, with system ids 1, 2, ...
+
+    Each has a time of its own; arguments and errors are those of `vehicle`.
+    """
+    from mission.flight.serve import PX4_HOME
+
+    given = {
+        **(PX4_HOME if source is None else {}),
+        **(overrides or {}),
+        **({} if wind_mps is None else {"vehicle.aircraft.wind.speed_mps": wind_mps}),
+        **({} if seed is None else {"seed": seed}),
+        **({} if home is None else dict(zip(PX4_HOME, _place(home), strict=True))),
+    }
+    speed = pace if isinstance(pace, int | float) else math.inf
+    if pace not in ("steps", "moving") and not 0.0 < speed <= 1000.0:
+        raise InputError(
+            f"pace = {pace!r}: 'steps', 'moving', or times real time: more than 0, at most 1000"
+        )
+    resolved = config("quickstart" if source is None else source, given)
+    # Only now, so that wrong input is answered at once.
+    from mission.api.simulated_vehicle import SimulatedVehicle
+    from mission.flight.serve.vehicle import make_vehicles
+
+    folder = None if logs is None else as_path(logs, "logs")
+    made = make_vehicles(resolved, count=count, udp=(), logs=folder, in_step=pace == "steps")
+    runs: Runs = "ordered" if pace == "steps" else "moving" if pace == "moving" else "always"
+    with ExitStack() as opened:
+        yield [
+            opened.enter_context(SimulatedVehicle(served, speed=speed, runs=runs))
+            for served in made
+        ]
+
+
+def _place(home: Home) -> tuple[float, float, float]:
+    """Latitude and longitude (deg) and altitude (m) of a home.
+
+    Raises:
+        InputError: it is none.
+    """
+    if isinstance(home, str | Path):
+        from mission.flight.plan_file import read_plan_file
+
+        found = read_plan_file(Path(home)).home
+        if found is None or math.isnan(found.alt_msl_m):
+            raise InputError(f"home = {str(home)!r}: the plan has no planned home with an altitude")
+        return found.lat_deg, found.lon_deg, found.alt_msl_m
+    try:
+        lat_deg, lon_deg, alt_msl_m = home
+    except (TypeError, ValueError):
+        raise InputError(
+            f"home = {home!r}: (degrees north, degrees east, metres above sea), or a plan file"
+        ) from None
+    return lat_deg, lon_deg, alt_msl_m
+
+
+def fly(
+    plan: Path | str,
+    overrides: Mapping[str, object] | None = None,
+    *,
+    source: "Source" = "quickstart",
+    out: Path | str | None = None,
+    quiet: bool = True,
+) -> Run:
+    """Fly a plan file, as `aerofed fly` does: the same plan and seed give the same bytes.
+
+    aerofed.compare(aerofed.fly("survey.plan", {"vehicle.aircraft.wind.speed_mps": 8}))
+
+    Args:
+        plan: a QGroundControl .plan or a .waypoints file.
+        overrides: values by dotted key of vehicle.* and link.*, and the seed.
+        source: a configuration or its file, of which vehicle.* and link.* count.
+        out: new or empty folder for log and track; default: a new one under runs/.
+        quiet: show nothing; False shows what `aerofed fly` shows.
+
+    Raises:
+        AerofedError: what `aerofed fly` would end with. What was flown before stays in `out`.
+        KeyboardInterrupt: it was interrupted.
+    """
+    from mission.base.run_folder import output_folder
+
+    file, resolved = as_path(plan, "plan"), config(source, overrides)
+    given = None if out is None else as_path(out, "out")
+    with output_folder(given, file.stem) as path:
+
+        def flight(console: "RunConsole") -> int:
+            from mission.run.plan_flight import fly_plan
+
+            return fly_plan(resolved, file, path, console=console, figures=False)
+
+        return flown(flight, path, quiet=quiet, goes_on=False)

@@ -1,0 +1,300 @@
+"""A simulated vehicle in a thread of its own, whose simulated time passes as its user says."""
+
+import asyncio
+import threading
+from collections.abc import AsyncIterator, Callable, Coroutine
+from contextlib import ExitStack, asynccontextmanager
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, Self, TypeVar
+
+import numpy as np
+from pymavlink.dialects.v20 import common as mav
+
+from mission.base.arrays import Floats
+from mission.base.errors import AerofedError, InputError, LinkLostError
+from mission.flight.failures import of_a_vehicle
+from mission.flight.ground_stations import station_links
+from mission.flight.pilot.connection import connect
+from mission.flight.plan_file import PlanFile, read_plan_file
+from mission.flight.plan_path import placed, planned_path
+from mission.flight.serve.vehicle import Served
+from sitl.links import RawLink, UdpLink
+from sitl.observer import VehicleEvent, VehicleSample
+from sitl.pace import Runs, Simulation
+
+T = TypeVar("T")
+
+_GREETING_S = 10.0  # wall time in which the vehicle must have answered a new client
+_LOOK_S = 0.1  # simulated time between looks at a condition
+
+
+class NotInTimeError(AerofedError, TimeoutError):
+    """What was waited for did not happen within the simulated time that it was given."""
+
+
+class HostedVehicle:
+    """A context manager that runs a vehicle; inside it is used from one thread.
+
+    It is heard and answered at `url` at any time. With `runs="ordered"` simulated time passes in
+    `step`, `until` and `fly` only, so that what comes out does not depend on how fast the machine
+    is: what was sent before a step is taken before it. Positions are metres: x east and y north of
+    home, height above home.
+    """
+
+    def __init__(self, served: Served, *, speed: float, runs: Runs) -> None:
+        self._vehicle, self._logs = served.vehicle, served.logs
+        self._area, self._guidance = served.area, served.guidance
+        self._raw, self._port = RawLink(), UdpLink("udpin://127.0.0.1:0")
+        self._simulation = Simulation(
+            served.vehicle,
+            self._raw,
+            self._port,
+            *station_links(served.link, served.urls),
+            speed=speed,
+            runs=runs,
+        )
+        self._track = _Track()
+        served.vehicle.add_observer(self._track)
+        self._clients = ExitStack()
+        self._loop = asyncio.new_event_loop()
+        self._thread = threading.Thread(target=self._loop.run_forever, name="vehicle", daemon=True)
+
+    def __enter__(self) -> Self:
+        """Open the links.
+
+        Raises:
+            LinkLostError: one cannot be opened.
+        """
+        self._thread.start()
+        self._ended = asyncio.Event()
+        opened: asyncio.Future[None] = self._loop.create_future()
+        self._life = asyncio.run_coroutine_threadsafe(self._live(opened), self._loop)
+        try:
+            asyncio.run_coroutine_threadsafe(_result(opened), self._loop).result()
+        except BaseException:
+            self._stop()
+            raise
+        while self._simulation.runs == "ordered" and self._look(lambda: self._vehicle.moving):
+            self.step(_LOOK_S)  # it starts up
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Close links and clients, and complete the log.
+
+        Raises:
+            FlightError: the aircraft had left the range of its physics.
+        """
+        self._clients.close()
+        self._loop.call_soon_threadsafe(self._ended.set)
+        try:
+            self._life.result()
+        finally:
+            self._stop()
+            if self._logs is not None:
+                self._logs.close()
+
+    def _stop(self) -> None:
+        self._loop.call_soon_threadsafe(self._loop.stop)
+        self._thread.join()
+        self._loop.close()
+
+    async def _live(self, opened: "asyncio.Future[None]") -> None:
+        """Run until the end; an error before `opened` is its outcome."""
+        try:
+            with of_a_vehicle():
+                async with self._simulation:
+                    opened.set_result(None)
+                    await self._ended.wait()
+        except AerofedError as error:
+            if opened.done():
+                raise
+            opened.set_exception(error)
+
+    def _do(self, work: Coroutine[Any, Any, T]) -> T:
+        """Do `work` in the vehicle's thread, while it lives."""
+
+        async def beside_life() -> T:
+            task, life = asyncio.ensure_future(work), asyncio.wrap_future(self._life)
+            await asyncio.wait((task, life), return_when=asyncio.FIRST_COMPLETED)
+            if not task.done():
+                task.cancel()
+                life.result()
+            return task.result()
+
+        return asyncio.run_coroutine_threadsafe(beside_life(), self._loop).result()
+
+    def _look(self, at: Callable[[], T]) -> T:
+        """Read something of the vehicle between two steps of its physics."""
+
+        async def look() -> T:
+            return at()
+
+        return self._do(look())
+
+    @property
+    def url(self) -> str:
+        """Where MAVSDK connects to; pymavlink has `udpout:` for `udpout://`."""
+        return f"udpout://127.0.0.1:{self._port.port}"
+
+    @property
+    def t_s(self) -> float:
+        """Simulated seconds since the vehicle was switched on."""
+        return self._look(lambda: self._vehicle.t_ns) * 1e-9
+
+    @property
+    def position_m(self) -> Floats:
+        """(3,) where it truly is: x, y, height."""
+        return self._look(lambda: _enu(self._vehicle.aircraft.truth.pos_ned_m))
+
+    @property
+    def velocity_mps(self) -> Floats:
+        """(3,) how fast it truly is: east, north, up."""
+        return self._look(lambda: _enu(self._vehicle.aircraft.truth.vel_ned_mps))
+
+    @property
+    def height_m(self) -> float:
+        """True height above home."""
+        return float(self.position_m[2])
+
+    @property
+    def armed(self) -> bool:
+        """Whether the motors may run."""
+        return self._look(lambda: self._vehicle.aircraft.armed)
+
+    @property
+    def mode(self) -> str:
+        """The flight mode, by PX4's names: "HOLD", "MISSION", "OFFBOARD" ..."""
+        return self._look(lambda: self._vehicle.autopilot.mode).name
+
+    @property
+    def battery(self) -> float:
+        """Charge that is left, 0 to 1."""
+        return self._look(lambda: self._vehicle.aircraft.battery.remaining)
+
+    def step(self, seconds: float) -> None:
+        """Let simulated time pass, as fast as the machine can.
+
+        Raises:
+            InputError: it is no time, or time passes by itself here.
+            FlightError: the aircraft left the range of its physics.
+        """
+        if not 0.0 < seconds < 1e6:
+            raise InputError(f"step({seconds!r}): simulated seconds, more than 0")
+        if self._simulation.runs != "ordered":
+            raise InputError("step: time passes by itself here; it waits with pace='steps' only")
+        self._do(self._step(seconds))
+
+    async def _step(self, seconds: float) -> None:
+        await self._simulation.run_to(self._vehicle.t_ns + round(seconds * 1e9))
+
+    def until(self, met: Callable[["HostedVehicle"], object], *, timeout_s: float = 60.0) -> None:
+        """Let simulated time pass until `met(vehicle)` is true; it is asked each 0.1 s.
+
+        Raises:
+            NotInTimeError: `timeout_s` of simulated time were not enough.
+            FlightError: the aircraft left the range of its physics.
+        """
+        began_s = self.t_s
+        while not met(self):
+            if self.t_s - began_s >= timeout_s:
+                x, y, height = self.position_m
+                raise NotInTimeError(
+                    f"not within {timeout_s:g} s of simulated time; the vehicle is in mode "
+                    f"{self.mode}, {'armed' if self.armed else 'disarmed'}, at x = {x:.1f} m, "
+                    f"y = {y:.1f} m, height {height:.1f} m"
+                )
+            self.step(_LOOK_S)
+
+    def fly(self, plan: Path) -> None:
+        """Fly a plan file from the ground to the ground, by MAVSDK, as `aerofed fly` does.
+
+        Raises:
+            InputError: the plan holds what may not be flown here, or the vehicle is armed.
+            FlightError: the vehicle refuses it, leaves it, or is lost.
+        """
+        file = read_plan_file(plan)
+        if self.armed:
+            raise InputError(f"fly({file.path}): the vehicle is armed; a plan begins on the ground")
+        home = self._area.home
+        file = replace(file, items=placed(file.items, home))
+        parameters = self._vehicle.autopilot.parameters
+        path = planned_path(file, home, parameters=parameters, limits=self._guidance)
+        self._do(self._fly(file, returns=path.returns))
+
+    async def _fly(self, plan: PlanFile, *, returns: bool) -> None:
+        runs, self._simulation.runs = self._simulation.runs, "moving"
+        try:
+            async with connect("raw://", raw_link=self._raw) as pilot:
+                await pilot.fly_plan(plan, returns=returns)
+        finally:
+            self._simulation.runs = runs
+
+    def mavlink(self) -> Any:
+        """A pymavlink connection that has heard the vehicle; closed with it.
+
+        Raises:
+            LinkLostError: it does not answer.
+        """
+        from pymavlink import mavutil
+
+        client: Any = mavutil.mavlink_connection(  # type: ignore[no-untyped-call]
+            self.url.replace("://", ":")
+        )
+        self._clients.callback(client.close)
+        client.mav.heartbeat_send(mav.MAV_TYPE_GCS, mav.MAV_AUTOPILOT_INVALID, 0, 0, 0)
+        if client.wait_heartbeat(timeout=_GREETING_S) is None:
+            raise LinkLostError(f"no vehicle answered on {self.url} in {_GREETING_S:g} s")
+        return client
+
+    @asynccontextmanager
+    async def mavsdk(self) -> AsyncIterator[Any]:
+        """`async with vehicle.mavsdk() as system:` connects MAVSDK, for its plug-ins.
+
+        Raises:
+            LinkLostError: the vehicle does not answer.
+        """
+        async with connect(self.url) as pilot:
+            yield pilot.system
+
+    @property
+    def track(self) -> list[tuple[float, float, float, float]]:
+        """Seconds, x, y and height of the truth, ten times a simulated second."""
+        return self._look(lambda: list(self._track.rows))
+
+    @property
+    def log(self) -> Path:
+        """The log of the last flight that has landed.
+
+        Raises:
+            InputError: there is none, or no folder for logs.
+        """
+        logs = [] if self._logs is None else self._logs.written
+        if not logs:
+            raise InputError(
+                "no flight is logged: a log goes from arming to disarming, and needs logs=FOLDER"
+            )
+        return logs[-1]
+
+
+async def _result(future: "asyncio.Future[T]") -> T:
+    return await future
+
+
+class _Track:
+    """Keeps where the vehicle was: 10 samples a simulated second."""
+
+    def __init__(self) -> None:
+        self.rows: list[tuple[float, float, float, float]] = []
+
+    def sampled(self, sample: VehicleSample) -> None:
+        x, y, height = _enu(sample.truth.pos_ned_m).tolist()
+        self.rows.append((sample.t_ns * 1e-9, x, y, height))
+
+    def happened(self, event: VehicleEvent) -> None:
+        pass
+
+
+def _enu(ned: Floats) -> Floats:
+    north, east, down = ned
+    return np.array([east, north, -down])

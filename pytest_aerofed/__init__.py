@@ -1,0 +1,65 @@
+"""Fixtures of simulated vehicles for pytest; Aerofed is imported where one is used.
+
+    def test_a_survey(vehicle):
+        vehicle.fly("survey.plan")
+        vehicle.compare().check(cross_track_max_m=2)
+
+A package of its own, so that pytest loads this file and nothing else where no test flies.
+"""
+
+from collections.abc import Callable, Generator, Iterator
+from contextlib import ExitStack
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+if TYPE_CHECKING:
+    from mission.api.simulated_vehicle import SimulatedVehicle
+
+_MARKER = "aerofed(overrides, **options): the options of aerofed.vehicle for `vehicle` and `vehicles`"
+_LOGS = pytest.StashKey[Path]()
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Make the marker known."""
+    config.addinivalue_line("markers", _MARKER)
+
+
+@pytest.fixture
+def vehicle(vehicles: "Callable[..., list[SimulatedVehicle]]") -> "SimulatedVehicle":
+    """A vehicle of this test's own, on the ground, as @pytest.mark.aerofed(wind_mps=6) has it."""
+    (one,) = vehicles(1)
+    return one
+
+
+@pytest.fixture
+def vehicles(
+    request: pytest.FixtureRequest, tmp_path: Path
+) -> "Iterator[Callable[..., list[SimulatedVehicle]]]":
+    """`vehicles(3, wind_mps=6)`: several, side by side, with the marker's options and these."""
+    import aerofed
+
+    marker = request.node.get_closest_marker("aerofed")
+    request.node.stash[_LOGS] = logs = tmp_path / "flights"
+    with ExitStack() as opened:
+
+        def made(count: int, **options: Any) -> "list[SimulatedVehicle]":
+            overrides, marked = ((), {}) if marker is None else (marker.args, marker.kwargs)
+            given = {"logs": logs, **marked, **options}
+            return opened.enter_context(aerofed.vehicles(count, *overrides, **given))
+
+        yield made
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_makereport(
+    item: pytest.Item,
+) -> Generator[None, pytest.TestReport, pytest.TestReport]:
+    """Name the logs of a test that failed."""
+    report = yield
+    if report.failed and _LOGS in item.stash:
+        found = sorted(item.stash[_LOGS].rglob("*.mcap"))
+        if found:
+            report.sections.append(("flight logs", "\n".join(map(str, found))))
+    return report

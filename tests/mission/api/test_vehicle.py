@@ -1,0 +1,217 @@
+"""`aerofed.vehicle`: a vehicle in the process of a test, whose time passes as the test says."""
+
+import asyncio
+import math
+import socket
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from patience import HANG_S
+from pymavlink.dialects.v20 import common as mav
+
+import aerofed
+
+pytestmark = pytest.mark.slow
+
+SURVEY = Path(__file__).parents[3] / "examples" / "survey.plan"
+OFFBOARD = (mav.MAV_CMD_DO_SET_MODE, 129.0, 6.0)  # PX4's main mode
+ONLY_VELOCITY = 0b0000_1101_1100_0111
+
+
+def order(client: Any, command: int, *params: float) -> None:
+    """Give an order, and see it accepted."""
+    values = (*params, *(0.0 for _ in range(7 - len(params))))
+    client.mav.command_long_send(1, 1, command, 0, *values)
+    answer = client.recv_match(type="COMMAND_ACK", blocking=True, timeout=HANG_S)
+    assert (answer.command, answer.result) == (command, mav.MAV_RESULT_ACCEPTED)
+
+
+def taken_off(vehicle: Any, height_m: float = 20.0) -> Any:
+    """A client of the vehicle, which hovers."""
+    client = vehicle.mavlink()
+    order(client, mav.MAV_CMD_COMPONENT_ARM_DISARM, 1.0)
+    nan = math.nan
+    order(client, mav.MAV_CMD_NAV_TAKEOFF, 0.0, 0.0, 0.0, nan, nan, nan, 488.0 + height_m)
+    vehicle.until(lambda v: v.height_m > height_m - 0.5)
+    return client
+
+
+def velocity(client: Any, north_mps: float) -> None:
+    client.mav.set_position_target_local_ned_send(
+        0, 1, 1, mav.MAV_FRAME_LOCAL_NED, ONLY_VELOCITY, 0, 0, 0, north_mps, 0, 0, 0, 0, 0, 0, 0
+    )
+
+
+def test_time_stands_still_but_for_steps() -> None:
+    with aerofed.vehicle() as vehicle:
+        client, began_s = taken_off(vehicle), vehicle.t_s
+        time.sleep(0.3)
+        assert vehicle.t_s == began_s
+        vehicle.step(0.37)
+        assert vehicle.t_s == pytest.approx(began_s + 0.37, abs=0.005)  # whole physics ticks
+        # It is heard and answered all the same.
+        order(client, mav.MAV_CMD_DO_SET_MODE, 1.0, 4.0, 3.0)
+        assert (vehicle.mode, vehicle.armed) == ("HOLD", True)
+        assert 0.9 < vehicle.battery < 1.0
+        assert vehicle.velocity_mps == pytest.approx([0, 0, 0], abs=0.7)
+
+
+def offboard(pieces: list[float], *, pauses_s: float) -> tuple[bytes, float]:
+    """Flown north by setpoints at 10 Hz: the truth, in each tenth stepped in `pieces` of it."""
+    with aerofed.vehicle(wind_mps=6.0) as vehicle:
+        client = taken_off(vehicle)
+        for number in range(40):
+            velocity(client, 3.0)
+            if number == 5:
+                order(client, *OFFBOARD)
+            if number == 12:
+                time.sleep(pauses_s)
+            for piece in pieces:
+                vehicle.step(0.1 * piece)
+        assert vehicle.mode == "OFFBOARD"
+        return vehicle.truth().to_csv().encode(), float(vehicle.position_m[1])
+
+
+def test_a_flight_by_setpoints_repeats_however_slow_its_pilot_and_however_it_is_stepped() -> None:
+    once, north_m = offboard([1.0], pauses_s=0.0)
+    assert north_m > 5.0
+    # A pause of wall time is no silence: nobody was to speak while time stood still.
+    assert offboard([0.28, 0.52, 0.2], pauses_s=1.5) == (once, north_m)
+
+
+def test_silence_in_simulated_time_is_a_loss() -> None:
+    with aerofed.vehicle() as vehicle:
+        client = taken_off(vehicle)
+        velocity(client, 3.0)
+        order(client, *OFFBOARD)
+        vehicle.step(0.3)
+        assert vehicle.mode == "OFFBOARD"
+        vehicle.until(lambda v: v.mode != "OFFBOARD", timeout_s=3.0)
+
+
+def test_what_does_not_happen_in_time_is_said_with_where_it_stands() -> None:
+    with aerofed.vehicle() as vehicle:
+        began_s = vehicle.t_s
+        with pytest.raises(TimeoutError) as refused:
+            vehicle.until(lambda v: v.armed, timeout_s=2.0)
+        assert vehicle.t_s - began_s == pytest.approx(2.0, abs=0.01)
+    words = "not within 2 s of simulated time; the vehicle is in mode HOLD, disarmed, at x = "
+    assert str(refused.value).startswith(words)
+
+
+def test_a_plan_is_flown_and_judged_and_repeats(tmp_path: Path) -> None:
+    truths = []
+    for number in range(2):
+        with aerofed.vehicle(home=SURVEY, seed=3, logs=tmp_path / str(number)) as vehicle:
+            vehicle.fly(SURVEY)
+            assert not vehicle.armed
+            assert vehicle.log.name == "flight-0001.mcap"
+            vehicle.compare(SURVEY).check(cross_track_rms_m=1.0)
+            with pytest.raises(aerofed.LimitsNotMetError, match="cross_track_max_m"):
+                vehicle.compare().check(cross_track_max_m=0.01)
+            truths.append(vehicle.truth())
+    assert truths[0].equals(truths[1])
+    assert truths[0].height_m.max() > 40.0
+    assert np.ptp(truths[0].x_m) > 30.0
+
+
+def test_mavsdk_flies_it() -> None:
+    async def fly() -> None:
+        from mavsdk.asyncio.plugins.action import ActionAsync
+
+        async with vehicle.mavsdk() as system:
+            action = ActionAsync(system)
+            await action.set_takeoff_altitude(8.0)
+            await action.arm()
+            await action.takeoff()
+            vehicle.until(lambda v: v.height_m > 7.5)
+            await action.land()
+            vehicle.until(lambda v: not v.armed)
+
+    with aerofed.vehicle() as vehicle:
+        asyncio.run(fly())
+
+
+def test_several_have_their_own_time_place_and_number() -> None:
+    with aerofed.vehicles(3) as made:
+        made[1].step(2.0)
+        times_s = [each.t_s for each in made]
+        assert times_s == pytest.approx([times_s[0], times_s[0] + 2.0, times_s[0]])
+        assert len({each.url for each in made}) == 3
+        numbers = [each.mavlink().recv_match(blocking=True).get_srcSystem() for each in made]
+        assert numbers == [1, 2, 3]
+
+
+def test_time_passes_by_itself_at_other_paces() -> None:
+    with aerofed.vehicle(pace="moving") as vehicle:
+        taken = vehicle.mavlink()
+        limit = time.monotonic() + HANG_S
+        while vehicle.height_m < 19.0 and time.monotonic() < limit:
+            if not vehicle.armed:
+                order(taken, mav.MAV_CMD_COMPONENT_ARM_DISARM, 1.0)
+                order(taken, mav.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, math.nan, math.nan, math.nan, 508.0)
+        with pytest.raises(aerofed.InputError, match=r"pace='steps'"):
+            vehicle.step(1.0)
+    with aerofed.vehicle(pace=50.0) as vehicle:
+        began_s = vehicle.t_s
+        while vehicle.t_s == began_s:
+            assert time.monotonic() < limit
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"pace": "fast"}, r"pace = 'fast': 'steps', 'moving', or times real time"),
+        ({"pace": 0}, r"pace = 0: "),
+        ({"home": (47.0, 8.0)}, r"home = \(47.0, 8.0\): \(degrees north"),
+        ({"home": "nowhere.plan"}, "nowhere.plan"),
+        ({"wind_mps": -1.0}, "vehicle.aircraft.wind.speed_mps = -1.0"),
+        ({"overrides": {"vehicle.spedd": 1}}, "vehicle.spedd"),
+    ],
+)
+def test_options_that_are_refused(options: dict[str, Any], words: str) -> None:
+    with pytest.raises(aerofed.InputError, match=words), aerofed.vehicle(**options):
+        pass
+
+
+def test_orders_that_are_refused(tmp_path: Path) -> None:
+    waypoints = tmp_path / "away.waypoints"
+    waypoints.write_text("QGC WPL 110\n0\t1\t3\t16\t0\t5\t0\t0\t47.4\t8.55\t30\t1\n")
+    with aerofed.vehicle() as vehicle:
+        for seconds in (0.0, -1.0, math.nan):
+            with pytest.raises(aerofed.InputError, match="simulated seconds, more than 0"):
+                vehicle.step(seconds)
+        with pytest.raises(aerofed.InputError, match="no flight is logged"):
+            vehicle.compare()
+        with pytest.raises(aerofed.InputError, match="97 km from home"):
+            vehicle.fly(SURVEY)
+        taken_off(vehicle)
+        with pytest.raises(aerofed.InputError, match="the vehicle is armed"):
+            vehicle.fly(waypoints)
+    with (
+        pytest.raises(aerofed.InputError, match="no planned home"),
+        aerofed.vehicle(home=waypoints),
+    ):
+        pass
+
+
+def test_an_error_of_the_test_is_its_own_and_frees_the_port() -> None:
+    def broken() -> None:
+        with aerofed.vehicle() as vehicle:
+            ports.append(int(vehicle.url.rpartition(":")[2]))
+            raise KeyError("mine")
+
+    ports: list[int] = []
+    with pytest.raises(KeyError, match="mine"):
+        broken()
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", ports[0]))
+
+
+def test_flown_as_by_the_command(tmp_path: Path) -> None:
+    run = aerofed.fly(SURVEY, {"vehicle.aircraft.wind.speed_mps": 4.0}, out=tmp_path / "flown")
+    assert run.status == "finished"
+    aerofed.compare(run).check(cross_track_rms_m=1.0)

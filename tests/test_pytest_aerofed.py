@@ -1,0 +1,65 @@
+"""The fixtures that others' tests use, in a pytest of their own."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from patience import HANG_S
+
+SURVEY = Path(__file__).parents[1] / "examples" / "survey.plan"
+
+
+def ran(folder: Path, tests: str, *options: str) -> tuple[int, str]:
+    """Exit code and words of pytest on these tests."""
+    (folder / "test_flights.py").write_text(tests)
+    command = [sys.executable, *options, "-m", "pytest", "-q", "--basetemp", str(folder / "kept")]
+    ended = subprocess.run(
+        command, cwd=folder, capture_output=True, text=True, timeout=HANG_S, check=False
+    )
+    return ended.returncode, ended.stdout + ended.stderr
+
+
+@pytest.mark.slow
+def test_each_test_has_a_vehicle_and_a_failed_one_keeps_its_log(tmp_path: Path) -> None:
+    code, words = ran(
+        tmp_path,
+        f"""
+import pytest
+
+@pytest.mark.aerofed(wind_mps=6, home={str(SURVEY)!r})
+def test_a_survey(vehicle):
+    vehicle.fly({str(SURVEY)!r})
+    vehicle.compare().check(cross_track_max_m=0.1)
+
+def test_another(vehicle):
+    assert vehicle.t_s < 1.0
+
+@pytest.mark.aerofed(seed=2)
+def test_several(vehicles):
+    a, b = vehicles(2)
+    b.step(3)
+    assert b.t_s - a.t_s == 3
+""",
+    )
+    assert code == 1, words
+    assert "1 failed, 2 passed" in words
+    assert "cross_track_max_m = " in words
+    _, _, after = words.partition("flight logs")
+    log = Path(after.splitlines()[1])
+    assert log.is_file(), words
+    assert log.name == "flight-0001.mcap"
+
+
+def test_nothing_is_imported_where_nothing_flies(tmp_path: Path) -> None:
+    code, words = ran(
+        tmp_path,
+        """
+import sys
+
+def test_imports():
+    assert "pytest_aerofed" in sys.modules
+    assert not {"aerofed", "mission", "numpy"} & set(sys.modules)
+""",
+    )
+    assert code == 0, words
