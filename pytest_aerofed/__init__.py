@@ -17,7 +17,7 @@ import pytest
 if TYPE_CHECKING:
     from mission.api.simulated_vehicle import SimulatedVehicle
 
-_MARKER = "aerofed(overrides, **options): the options of aerofed.vehicle for `vehicle` and `vehicles`"
+_MARKER = "aerofed(overrides, **options): what aerofed.vehicle takes, for `vehicle` and `vehicles`"
 _LOGS = pytest.StashKey[Path]()
 
 
