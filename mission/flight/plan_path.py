@@ -19,12 +19,15 @@ from flightdyn.guidance.path import FlightPath
 from flightdyn.guidance.path_plan import passing_times
 from flightdyn.state import GeodeticPoint
 from mission.base import polyline
+from mission.base.area import Area
 from mission.base.arrays import Floats
 from mission.base.errors import InputError
+from mission.flight.logs.items import mission_path, place_m
 from mission.flight.plan_file import PlanFile
 from sitl.autopilot.codec.orders import GLOBAL_FRAMES, MissionItem, bare_name, command_name
 from sitl.autopilot.fence import breach_of, compile_fence
 from sitl.autopilot.flying import route
+from sitl.autopilot.flying.circle import DEFAULT_RADIUS_M
 from sitl.autopilot.parameters import Parameters
 from sitl.autopilot.protocol.item_rules import (
     ABSENT,
@@ -55,36 +58,19 @@ _KINDS = {
 
 
 @dataclass(frozen=True)
-class Visit:
-    """A place where the items lead, in the order in which they are flown."""
-
-    seq: int  # of its item
-    way_ned_m: Floats  # (P, 3) from the place before; the last is the place
-
-
-@dataclass(frozen=True)
 class PlannedPath:
-    """What the items mean: from the ground at home to the last place."""
+    """What the items mean: from the ground at home to the last place, and home or down."""
 
-    visits: tuple[Visit, ...]
+    points_ned_m: Floats  # (P, 3); the first is home
+    places: tuple[tuple[int, Floats], ...]  # items in the order in which they are flown, (3,) each
     rally_ned_m: tuple[Floats, ...]  # (3,) each: where a return may lead beside home
     returns: bool  # comes home and lands by itself, or lands elsewhere
     duration_s: float  # with that, in calm air
 
     @property
-    def points_ned_m(self) -> Floats:
-        """(P, 3); the first is home."""
-        return np.vstack((np.zeros(3), *(visit.way_ned_m for visit in self.visits)))
-
-    @property
     def top_m(self) -> float:
         """The greatest height above home."""
         return -float(self.points_ned_m[:, 2].min())
-
-    @property
-    def path_m(self) -> float:
-        """Horizontal length."""
-        return polyline.length(self.points_ned_m[:, :2])
 
 
 def placed(items: Sequence[MissionItem], home: GeodeticPoint) -> tuple[MissionItem, ...]:
@@ -140,19 +126,24 @@ def planned_path(
     reason = route.check_mission(plan.items, frame=frame, home=home, farthest_m=p["MIS_DIST_1WP"])
     if reason:
         raise InputError(f"{plan.path}: {reason}")
-    rally_ned_m = tuple(place_of(item) for item in plan.rally)
-    ends_ned_m = (np.zeros(3), *rally_ned_m)
-    visits, duration_s = _visits(plan.items, home, p, limits, ends_ned_m)
-    if not visits:
+    area = Area((1.0, 1.0), (0.0, 0.0), home)
+    rally = [place_m(item, area) for item in plan.rally]
+    way = mission_path([_circled(item) for item in plan.items], area, np.zeros(3), rally_m=rally)
+    points = area.to_ned(way.points_m[:, :2], way.points_m[:, 2])
+    places, begin = [], 0
+    for at in np.flatnonzero(way.seqs >= 0).tolist():
+        item = plan.items[way.seqs[at]]
+        if item.command not in PLACES:
+            continue
+        if item.command != mav.MAV_CMD_NAV_LAND:
+            refuse(item, bad_height(item, least_m=1.0))
+        leg = _metre_by_metre(points[begin : at + 1])
+        if breach := breach_of(fence, leg, home_ned_m=np.zeros(3), parameters=p):
+            refuse(item, f"the way there is partly {breach}")
+        places.append((item.seq, points[at]))
+        begin = at
+    if not places:
         raise InputError(f"{plan.path}: no item leads anywhere")
-    here = np.zeros((1, 3))
-    for visit in visits:
-        if plan.items[visit.seq].command != mav.MAV_CMD_NAV_LAND:
-            refuse(plan.items[visit.seq], bad_height(plan.items[visit.seq], least_m=1.0))
-        way = _metre_by_metre(np.vstack((here[-1:], visit.way_ned_m)))
-        if breach := breach_of(fence, way, home_ned_m=np.zeros(3), parameters=p):
-            refuse(plan.items[visit.seq], f"the way there is partly {breach}")
-        here = way
     for item in plan.rally:
         refuse(item, "it has no position" if item.x == item.y == 0.0 else _refused(item))
         place = place_of(item)
@@ -161,7 +152,17 @@ def planned_path(
         refuse(item, bad_height(item, least_m=0.0))
         if breach := breach_of(fence, place, home_ned_m=np.zeros(3), parameters=p):
             refuse(item, f"it is {breach}")
-    return PlannedPath(visits, rally_ned_m, plan.items[-1].command in _LAST, duration_s)
+    rally_ned_m = tuple(place_of(item) for item in plan.rally)
+    ends = plan.items[-1].command in _LAST
+    duration_s = _duration_s(plan.items, home, p, limits, points[-1])
+    return PlannedPath(points, tuple(places), rally_ned_m, ends, duration_s)
+
+
+def _circled(item: MissionItem) -> MissionItem:
+    """With the radius that circles have which leave it open."""
+    if item.command != mav.MAV_CMD_NAV_LOITER_TURNS or abs(item.params[2]) > 0.0:
+        return item
+    return replace(item, params=(*item.params[:2], DEFAULT_RADIUS_M, item.params[3]))
 
 
 def _wrong(item: MissionItem, *, first: bool, last: bool) -> str:
@@ -191,62 +192,41 @@ def _refused(item: MissionItem) -> str:
     return "" if verdict == mav.MAV_MISSION_ACCEPTED else why_refused(item, verdict)
 
 
-def _visits(
+def _duration_s(
     items: Sequence[MissionItem],
     home: GeodeticPoint,
     p: Parameters,
     limits: LimitsConfig,
-    ends_ned_m: Sequence[Floats],
-) -> tuple[tuple[Visit, ...], float]:
-    """Where the items lead, and how long it takes to be there, or on the ground; a return leads to
-    the closest of `ends_ned_m`."""
+    end_ned_m: Floats,
+) -> float:
+    """How long the items take, with the landing at `end_ned_m`, (3,), where they end in one."""
     stages = route.compile_route(
         items, p, frame=LocalFrame(home), home=home, start=np.zeros(3), on_ground=True
     )
-    visits: list[Visit] = []
-    way: list[Floats] = []
-    here, duration_s = np.zeros(3), 0.0
-
-    def arrive(seq: int) -> None:
-        if items[seq].command in PLACES:
-            visits.append(Visit(seq, np.array(way)))
-            way.clear()
-
-    def land(height_m: float) -> float:
-        slow_m = min(height_m, p["MPC_LAND_ALT2"])
-        return (height_m - slow_m) / p["MPC_Z_VEL_MAX_DN"] + slow_m / p["MPC_LAND_SPEED"]
-
+    duration_s, here = 0.0, np.zeros(3)
     for stage in stages:
         match stage:
-            case route.Fly(path, reached):
+            case route.Fly(path):
                 duration_s += float(passing_times(path, limits)[-1]) + SETTLING_S
-                for point, seqs in zip(path.points_ned_m[1:], reached[1:], strict=True):
-                    way.append(here := point)
-                    for seq in seqs:
-                        arrive(seq)
-            case route.Wait(wait_s, seq, reports):
+                here = path.points_ned_m[-1]
+            case route.Wait(wait_s):
                 duration_s += wait_s
-                if reports:
-                    arrive(seq)
-            case route.Circle(orbit, _, _, seq):
+            case route.Circle(orbit):
                 duration_s += polyline.length(stage.points_ned_m) / abs(orbit.speed_mps)
-                way += list(stage.points_ned_m)
-                here = way[-1]
-                arrive(seq)
-            case route.End(mav.MAV_CMD_NAV_LAND, seq):
-                duration_s += land(-float(here[2]))
-                way.append(route.place_of(items[seq], LocalFrame(home), home))
-                arrive(seq)
-            case route.End(mav.MAV_CMD_NAV_RETURN_TO_LAUNCH, _):
-                end = min(ends_ned_m, key=lambda end: float(np.linalg.norm(end[:2] - here[:2])))
-                far = float(np.linalg.norm(end[:2] - here[:2])) > p["RTL_MIN_DIST"]
-                top = np.array([*here[:2], min(here[2], -p["RTL_RETURN_ALT"] if far else 0.0)])
-                points = np.vstack((here, top, (*end[:2], top[2])))
-                speeds = np.full(2, p["MPC_XY_CRUISE"])
-                path = FlightPath(points, speeds, np.full(3, p["NAV_ACC_RAD"]))
-                duration_s += float(passing_times(path, limits)[-1]) + SETTLING_S
-                duration_s += land(-float(top[2]))
-    return tuple(visits), duration_s
+                here = stage.points_ned_m[-1]
+            case route.End(command):
+                down_m = float(here[2])
+                if command == mav.MAV_CMD_NAV_RETURN_TO_LAUNCH:
+                    far = float(np.linalg.norm((end_ned_m - here)[:2])) > p["RTL_MIN_DIST"]
+                    down_m = min(down_m, -p["RTL_RETURN_ALT"] if far else 0.0)
+                    points = np.array([here, (*here[:2], down_m), (*end_ned_m[:2], down_m)])
+                    speeds, radii = np.full(2, p["MPC_XY_CRUISE"]), np.full(3, p["NAV_ACC_RAD"])
+                    path = FlightPath(points, speeds, radii)
+                    duration_s += float(passing_times(path, limits)[-1]) + SETTLING_S
+                slow_m = min(-down_m, p["MPC_LAND_ALT2"])
+                fast_s = (-down_m - slow_m) / p["MPC_Z_VEL_MAX_DN"]
+                duration_s += fast_s + slow_m / p["MPC_LAND_SPEED"]
+    return duration_s
 
 
 def _metre_by_metre(points: Floats) -> Floats:

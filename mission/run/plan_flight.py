@@ -236,8 +236,7 @@ def _recording(
             log.note(text, severity=4)
             progress.notice(text)
 
-        visits = tuple(visit.seq for visit in order.path.visits)
-        watch = PlanProgress(progress, plan.path.name, visits)
+        watch = PlanProgress(progress, plan.path.name, tuple(seq for seq, _ in order.path.places))
         attached = Attached((log, watch), folder.path, say)
         yield _PlanFlight(order, flyers, log, attached, progress, stopwatch)
 

@@ -145,11 +145,11 @@ class ExternalFlyer(Flyer):
         if any(item.command == mav.MAV_CMD_NAV_TAKEOFF for item in items):  # so it comes first
             await self.pilot.arm()
         else:  # not every autopilot leaves the ground for a waypoint
-            await self.pilot.take_off(-float(path.visits[0].way_ned_m[-1][2]))
+            await self.pilot.take_off(-float(path.places[0][1][2]))
         begins()
         flight = await self.record(lambda: self.pilot.carry_out(lands=lands))
-        sequence = [visit.seq for visit in path.visits]
-        places = np.array([visit.way_ned_m[-1] for visit in path.visits])
+        sequence = [seq for seq, _ in path.places]
+        places = np.array([place for _, place in path.places])
         hold_s = [wait_of(plan.items[seq]) for seq in sequence]
         passed = self.find_passages(flight, places, items=sequence, hold_s=hold_s)
         check_end(float(np.linalg.norm((passed[-1].est_ned_m - places[-1])[:2])))

@@ -12,7 +12,7 @@ from mission.base.area import Area
 from mission.base.arrays import Bools, Floats, Ints
 from mission.log.values import MissionRecord
 from sitl.autopilot.codec.orders import GLOBAL_FRAMES, MissionItem, bare_name
-from sitl.autopilot.flying.route import flown_order, item_altitude, repeats
+from sitl.autopilot.flying.route import MAX_STEPS, flown_order, item_altitude, repeats
 
 KINDS = {
     mav.MAV_MISSION_TYPE_MISSION: "mission",
@@ -36,7 +36,7 @@ _WITHOUT_PLACE = (mav.MAV_CMD_NAV_DELAY, mav.MAV_CMD_NAV_GUIDED_ENABLE, mav.MAV_
 _CORNERS = 24  # of a circle
 _MOST_LAPS = 50.0
 _NOWHERE: Floats = np.full(3, math.nan)
-_MOST_POINTS = 2000  # of a path; jumps may be without end
+_ENDLESS = 500  # times that a jump without end is taken
 _LOW_M = 1.0  # below this a flight begins on the ground
 
 
@@ -110,9 +110,9 @@ def mission_path(
         go(np.array([*place_m[:2], points[-1][2]]), -1, height=False)
         go(np.array([*place_m[:2], 0.0]), seq, height=False)
 
-    jumps = {seq: n if n >= 0 else _MOST_POINTS for seq, n in repeats(items).items()}
+    jumps = {seq: n if n >= 0 else _ENDLESS for seq, n in repeats(items).items()}
     for item in flown_order(items, first, jumps):
-        if len(points) > _MOST_POINTS:
+        if len(points) > MAX_STEPS:
             break
         command, wait_s = item.command, max(item.params[0], 0.0)
         wait_s = 0.0 if math.isnan(wait_s) else wait_s

@@ -142,7 +142,7 @@ def test_a_plan_file_is_flown(tmp_path: Path, *, takes_off: bool) -> None:
     assert (double.mode, double.armed, double.refusals) == (RTL, False, [])
     summary = json.loads((out / "summary.json").read_text())
     found = summary["planned_and_flown"]
-    assert (found["slots"], found["slots_missed"]) == (2 + takes_off, 0)
+    assert (found["slots"], found["slots_missed"]) == (3 + takes_off, 0)
     assert found["flown_path_m"] == pytest.approx(400, abs=8)
     assert found["cross_track_max_m"] < 2
     assert found["slot_miss_max_m"] < 2
