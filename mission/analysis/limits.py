@@ -70,21 +70,23 @@ def known_limits(limits: Mapping[str, object], source: str) -> dict[str, float]:
     return found
 
 
-def given_limits(options: Sequence[str], file: Path | None = None) -> dict[str, float]:
-    """The limits of a TOML file's table `limits`, under those of options NAME=VALUE.
+def given_limits(
+    options: Sequence[str], table: Mapping[str, object] | Path | None = None
+) -> dict[str, float]:
+    """The limits of a table, or of a TOML file's table `limits`, under options NAME=VALUE.
 
     Raises:
         InputError: one of them is none.
     """
-    limits: dict[str, float] = {}
-    if file is not None:
+    source = str(table) if isinstance(table, Path) else "limits"
+    if isinstance(table, Path):
         try:
-            table = parse_toml(read_text(file)).get("limits")
+            table = parse_toml(read_text(table)).get("limits")
         except ValueError as error:
-            raise InputError(f"{file}: not valid TOML: {error}") from None
+            raise InputError(f"{source}: not valid TOML: {error}") from None
         if not isinstance(table, dict):
-            raise InputError(f"{file}: has no table [limits]")
-        limits |= known_limits(table, str(file))
+            raise InputError(f"{source}: has no table [limits]")
+    limits = known_limits(table or {}, source)
     for option in options:
         name, equals, text = option.partition("=")
         if not equals:

@@ -22,7 +22,8 @@ def compare(
     """Planned against flown, a row a run: the numbers of `aerofed compare`.
 
     The columns are explained in docs/comparing.md; the index is the name of the run's folder, with
-    `by_round` that and the round. Two runs of one name keep their paths. The table is pandas' own,
+    `by_round` that and the round. Two runs of one name have as much of their paths as tells them
+    apart. The table is pandas' own,
     with `check` beside it: compare(log).check(cross_track_max_m=3).
 
     Args:
@@ -36,6 +37,7 @@ def compare(
         InputError: none was given, or no round of one was flown.
     """
     from mission.analysis.compare import compare_run
+    from mission.analysis.comparison_text import names_of
     from mission.analysis.load import load_run
     from mission.api.comparison import Comparison
     from mission.api.frames import frame
@@ -51,20 +53,12 @@ def compare(
         paths = [run.path if isinstance(run, Run) else as_path(run, "path") for run in runs]
         loaded = [load_run(path, file, believed=believed) for path in paths]
     found = [compare_run(run, rounds=rounds) for run in loaded]
-    names = [item.run.name for item in found]
     rows = [
-        {
-            "run": item.run.name if names.count(item.run.name) == 1 else str(item.run.path),
-            **asdict(numbers),
-        }
-        for item in found
+        {"run": name, **asdict(numbers)}
+        for name, item in zip(names_of(found), found, strict=True)
         for numbers in (item.rounds if by_round else (item.total,))
     ]
-    table = frame(None, rows)
-    if by_round:
-        table = table.set_index(["run", "round"])
-    else:
-        table = table.set_index("run").drop(columns="round")
-    made = Comparison(table)
+    table = frame(None, rows).set_index(["run", "round"])
+    made = Comparison(table if by_round else table.droplevel("round"))
     made.flights = tuple(found)
     return made

@@ -155,9 +155,9 @@ def bounds_of(config: "RunConfig", options: Sequence[str]) -> dict[str, float]:
     """
     if not (config.limits or options):
         return {}
-    from mission.analysis.limits import given_limits, known_limits
+    from mission.analysis.limits import given_limits
 
-    return known_limits(config.limits or {}, "limits") | given_limits(options)
+    return given_limits(options, config.limits)
 
 
 def judge(
