@@ -12,6 +12,7 @@ READY := $(VENV)/.ready
 
 run: $(BASE)
 	$(BIN)/aerofed run
+	@echo 'Now ". $(BIN)/activate", and aerofed is a command: aerofed --help'
 
 test: $(READY)
 	$(BIN)/python -m pytest

@@ -151,19 +151,24 @@ def _place(comparison: RunComparison, index: int, sample: int) -> str:
     )
 
 
-def junit(path: Path, flights: Mapping[str, Sequence[Verdict]]) -> None:
-    """Write verdicts as JUnit's XML: a suite a flight, a case a limit.
+def junit(
+    path: Path,
+    names: Sequence[str],
+    flights: Sequence[Sequence[Verdict]],
+    seconds: Sequence[float],
+) -> None:
+    """Write verdicts as JUnit's XML: a suite a flight with how long it took, a case a limit.
 
     Raises:
         InputError: the file cannot be written.
     """
     root = ET.Element("testsuites", name="aerofed")
-    for flight, items in flights.items():
+    for name, items, duration_s in zip(names, flights, seconds, strict=True):
         failures = sum(not item.met for item in items)
-        counts = {"name": flight, "tests": str(len(items)), "failures": str(failures)}
-        suite = ET.SubElement(root, "testsuite", counts)
+        counts = {"name": name, "tests": str(len(items)), "failures": str(failures)}
+        suite = ET.SubElement(root, "testsuite", counts, time=f"{duration_s:.3f}")
         for item in items:
-            case = ET.SubElement(suite, "testcase", classname=flight, name=item.name)
+            case = ET.SubElement(suite, "testcase", classname=name, name=item.name, time="0.000")
             if not item.met:
                 ET.SubElement(case, "failure", message=item.words)
     ET.indent(root)

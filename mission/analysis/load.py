@@ -105,6 +105,14 @@ def load_run(path: Path, plan: Path | None = None, *, believed: bool = False) ->
     return replace(loaded, data=found.data, judged=found)
 
 
+def flights_in(path: Path) -> list[Path]:
+    """What to load of a path: of a folder that is no run's, the flight logs in it, by name."""
+    if not path.is_dir() or RunFolder(path).log.is_file():
+        return [path]
+    logs = (file for file in path.iterdir() if file.suffix.lower() in (".mcap", *FOREIGN))
+    return sorted(logs) or [path]
+
+
 def _load(path: Path) -> LoadedRun:
     if path.is_file():
         if path.suffix.lower() in FOREIGN:
@@ -113,13 +121,16 @@ def _load(path: Path) -> LoadedRun:
             return LoadedRun(path, read_flight(path), {}, cut=False)
         return LoadedRun(path, read_log(path), {}, cut=False)
     if not path.is_dir():
-        raise InputError(f"{path}: no such run folder or log file")
+        wrong = "neither a folder nor a file" if path.exists() else "no such run folder or log file"
+        raise InputError(f"{path}: {wrong}")
     folder = RunFolder(path)
     # A resumed run keeps its longer log until it has caught up with it.
     kept = InterruptedFiles(folder).path / folder.log.name
     log = kept if kept.is_file() else folder.log
     if not log.is_file():
-        raise InputError(f"{path}: not a run folder: it has no {log.name}")
+        first = flights_in(path)[0]
+        others = "" if first == path else f"; give one of its logs, as {first}"
+        raise InputError(f"{path}: not a run folder: it has no {log.name}{others}")
     summary = _summary(folder.summary)
     try:
         return LoadedRun(path, read_log(log), summary, cut=False)

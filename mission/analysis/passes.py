@@ -26,7 +26,7 @@ _RETURNS = ("RETURN", "RETURN_TO_LAUNCH", "RTL", "SMART_RTL")  # and those that 
 _ENDS = (*_RETURNS, "LAND")
 _PAUSES = ("HOLD", "LOITER")
 _PAUSE_S = 5.0  # at most, before a return that belongs to the mission
-_LEAST_S = 2.0  # a pass that is shorter is none
+_LEAST_S = 2.0  # a pass, or a time outside, that is shorter is none
 _OFF_GROUND_M = 0.7
 _STANDING_M = 3.0  # that a position may wander on the ground
 _AT_END_M = 1.0  # of the path's end: what is flown there belongs to it no more
@@ -402,4 +402,4 @@ def _apart(
     for index in np.unique(at):
         name = data.modes.names[index] if index >= 0 else "mode unknown"
         found[name] = found.get(name, 0.0) + float(step_s[outside & (at == index)].sum())
-    return {name: seconds for name, seconds in found.items() if seconds >= 0.05}
+    return {name: seconds for name, seconds in found.items() if seconds >= _LEAST_S}

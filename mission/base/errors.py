@@ -17,7 +17,7 @@ EXIT_CODES: Mapping[int, str] = {
     5: "link lost, download failed, or port in use",
     LIMITS_NOT_MET: "limits not met",
     DIFFERENT: "logs differ, or a log has gaps",
-    INTERRUPTED: "interrupted by Ctrl-C, SIGTERM or SIGHUP; aerofed run --resume goes on",
+    INTERRUPTED: "interrupted by Ctrl-C, SIGTERM or SIGHUP; a run goes on by aerofed run --resume",
 }
 
 

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 from rich.console import Console
 
 from mission.base.errors import LIMITS_NOT_MET, InputError
+from mission.base.tables import count
 from mission.base.terminal import PLAIN, Terminal
 from mission.commands.options import Flag, Json, Limits, print_json
 
@@ -37,7 +38,8 @@ def compare(
     ----------
     run
         The folder of a run or of an `aerofed fly`, or a flight log: .mcap (also of `aerofed sitl
-        --logs`), PX4's .ulg, ArduPilot's .bin, a ground station's .tlog.
+        --logs`), PX4's .ulg, ArduPilot's .bin, a ground station's .tlog; or a folder of
+        such logs.
     others
         More folders or logs, shown beside the first.
     plan
@@ -65,10 +67,11 @@ def compare(
     from mission.analysis.compare import compare_run
     from mission.analysis.comparison_text import in_full
     from mission.analysis.limits import given_limits, verdicts
-    from mission.analysis.load import load_run
+    from mission.analysis.load import flights_in, load_run
 
     bounds = given_limits(limit, limits)
-    loaded = [load_run(path, plan, believed=believed) for path in (run, *others)]
+    paths = [path for given in (run, *others) for path in flights_in(given)]
+    loaded = [load_run(path, plan, believed=believed) for path in paths]
     aside = Console(stderr=True, **PLAIN)
     found = [compare_run(item, rounds=rounds) for item in loaded]
     _warn_of_lengths(found, aside)
@@ -81,10 +84,7 @@ def compare(
     judged = [verdicts(item, bounds) for item in found]
     if as_json:
         print_json(
-            [
-                {**item.values, **({"limits": its} if bounds else {})}
-                for item, its in zip(found, judged, strict=True)
-            ]
+            [{**item.values, **in_json(its)} for item, its in zip(found, judged, strict=True)]
         )
     else:
         for part in in_full(found, width=console.width):
@@ -92,22 +92,35 @@ def compare(
     for item in loaded:
         if item.notice:
             aside.print(f"{item.path}: {item.notice}")
-    return tell_verdict(found, judged, junit)
+    return tell_verdict(found, judged, junit, quiet=as_json)
+
+
+def in_json(verdicts: Sequence["Verdict"]) -> dict[str, object]:
+    """The verdict in a flight's JSON; nothing where it had no limits."""
+    met = all(item.met for item in verdicts)
+    return {"limits": verdicts, "limits_met": met} if verdicts else {}
 
 
 def tell_verdict(
-    found: Sequence["RunComparison"], judged: Sequence[Sequence["Verdict"]], junit: Path | None
+    found: Sequence["RunComparison"],
+    judged: Sequence[Sequence["Verdict"]],
+    junit: Path | None,
+    *,
+    quiet: bool,
 ) -> int:
-    """Say which limits of each flight are not met, a line each; the exit code."""
+    """Say which limits of each flight are not met, a line each, or that all are; the exit code."""
     from mission.analysis.comparison_text import names_of
     from mission.analysis.limits import junit as write
 
     if junit is not None:
-        write(junit, dict(zip(names_of(found), judged, strict=True)))
+        write(junit, names_of(found), judged, [item.total.duration_s for item in found])
     broken = [item for each in judged for item in each if not item.met]
     aside = Console(stderr=True, **PLAIN)
     for item in broken:
         aside.print(f"aerofed: {item.words}")
+    if any(judged) and not (broken or quiet):
+        limits, flights = count(len(judged[0]), "limit"), "" if len(found) == 1 else " by all"
+        Terminal(**PLAIN).print(f"all {limits} met{flights}")
     return LIMITS_NOT_MET if broken else 0
 
 

@@ -5,6 +5,8 @@ from pathlib import Path
 from mission.commands.options import LIVE_PORT, Flag, Json, Limits, Overrides, console, load
 from mission.commands.run import bounds_of, judge, summary_of, write_page
 
+_COUNTS = ("vehicle", "link", "limits", "seed", "area.home_alt_msl_m")
+
 
 def fly(
     plan: Path,
@@ -33,12 +35,14 @@ def fly(
         .waypoints file. Items for cameras, gimbals and servos are passed over; what cannot be flown
         is refused by name. Home is the planned home of the plan, or else its first item.
     config
-        TOML file; its vehicle.* and link.* count here.
+        TOML file; of its keys vehicle.*, link.*, limits.* and seed count here, and it needs no
+        others.
     out
         Folder for log (flight.mcap), track (track.csv) and summary; it must be new or empty.
         Default: a new one under runs/.
     set_
-        Override a key of vehicle.* or link.*, or the seed; the plan says where and how fast:
+        Override a key of vehicle.*, link.* or limits.*, the seed, or area.home_alt_msl_m where the
+        plan has no height of home; the plan says where and how fast:
         --set vehicle.aircraft.wind.speed_mps=8 --set link.speed=1
     vehicle
         Fly an external autopilot (PX4, ArduPilot, aerofed sitl) instead of the simulated vehicle:
@@ -64,7 +68,7 @@ def fly(
     """
     watching = console(quiet=quiet or as_json, live=live, live_port=live_port)
     external = {"link.kind": None if vehicle is None else "external", "link.url": vehicle}
-    resolved = load(config, set_, external)
+    resolved = load(config, set_, external, counts=_COUNTS)
     bounds = bounds_of(resolved, limit)
     # Only now, so that wrong input is answered at once.
     from mission.base.run_folder import output_folder
@@ -73,4 +77,4 @@ def fly(
     page = None if no_report else write_page
     with output_folder(out, plan.stem) as folder, summary_of(folder, as_json=as_json) as more:
         code = fly_plan(resolved, plan, folder, console=watching, figures=not no_figures, page=page)
-        return code or judge(folder, bounds, junit, more)
+        return code or judge(folder, bounds, junit, more, quiet=watching.out.quiet)

@@ -20,6 +20,7 @@ Limits = Annotated[tuple[str, ...], Parameter(name="--limit", negative=())]
 Flag = Annotated[bool, Parameter(negative=())]
 Json = Annotated[bool, Parameter(name="--json", negative=())]
 
+_NOBODY = {"name": "nobody", "task": "digits", "devices": 1}  # where no file says whom to serve
 # Options of their own that set a key: what is wrong with one is said of the option.
 _OPTIONS = {
     "seed": "--seed",
@@ -42,14 +43,17 @@ def load(
     options: Mapping[str, object] | None = None,
     *,
     usual: Mapping[str, object] | None = None,
+    counts: Sequence[str] = (),
 ) -> "RunConfig":
     """The configuration in a file, or the quick start's, under `--set` and options of their own.
 
     `options` maps keys to values; None where the option was not given. `usual` are values that
-    count where `--set` gives no other.
+    count where `--set` gives no other. Where only some keys and tables `counts`, a file needs no
+    others.
 
     Raises:
-        InputError: a key is set twice, or by an option of its own too; or see `load_config`.
+        InputError: a key is set twice, by an option of its own too, or counts for nothing; or see
+            `load_config`.
     """
     # Only now: the configuration's models take half a second to import.
     from mission.config.loading import builtin_config, load_config
@@ -57,6 +61,8 @@ def load(
 
     overrides: dict[str, object] = {}
     for key, value in map(parse_override, set_):
+        if counts and not any(f"{key}.".startswith(f"{name}.") for name in counts):
+            raise InputError(f"--set {key}: counts for nothing here; {', '.join(counts)} do")
         if key in overrides:
             raise InputError(f"--set {key}: given twice; leave one of them out")
         overrides[key] = value
@@ -67,7 +73,10 @@ def load(
             option = named[key].partition(":")[0]
             raise InputError(f"--set {key}: {option} sets it too; leave one of them out")
     source = config or builtin_config("quickstart.toml")
-    return load_config(source, {**(usual or {}), **overrides, **mine}, options=named)
+    beneath = {"communities": [_NOBODY]} if counts else {}
+    return load_config(
+        source, {**(usual or {}), **overrides, **mine}, options=named, beneath=beneath
+    )
 
 
 def print_json(value: object) -> None:

@@ -130,7 +130,7 @@ def run(
                 stopwatch=stopwatch,
                 page=None if no_report else write_page,
             )
-            return code or judge(folder, bounds, junit, more)
+            return code or judge(folder, bounds, junit, more, quiet=watching.out.quiet)
 
 
 def _resume(path: Path, watching: RunConsole, stopwatch: Stopwatch, *, as_json: bool) -> int:
@@ -144,7 +144,7 @@ def _resume(path: Path, watching: RunConsole, stopwatch: Stopwatch, *, as_json: 
     limits = parse_toml(read_text(RunFolder(path).config)).get("limits", {})
     with summary_of(path, as_json=as_json) as more:
         code = resume_session(path, console=watching, stopwatch=stopwatch, page=write_page)
-        return code or judge(path, limits, None, more)
+        return code or judge(path, limits, None, more, quiet=watching.out.quiet)
 
 
 def bounds_of(config: "RunConfig", options: Sequence[str]) -> dict[str, float]:
@@ -161,7 +161,12 @@ def bounds_of(config: "RunConfig", options: Sequence[str]) -> dict[str, float]:
 
 
 def judge(
-    folder: Path, bounds: Mapping[str, float], junit: Path | None, more: dict[str, object]
+    folder: Path,
+    bounds: Mapping[str, float],
+    junit: Path | None,
+    more: dict[str, object],
+    *,
+    quiet: bool,
 ) -> int:
     """The verdict on a flight that has ended, where it has limits: into `more`; the exit code."""
     if not bounds:
@@ -169,11 +174,12 @@ def judge(
     from mission.analysis.compare import compare_run
     from mission.analysis.limits import verdicts
     from mission.analysis.load import load_run
-    from mission.commands.compare import tell_verdict
+    from mission.commands.compare import in_json, tell_verdict
 
     found = compare_run(load_run(folder))
-    more["limits"] = its = verdicts(found, bounds)
-    return tell_verdict([found], [its], junit)
+    its = verdicts(found, bounds)
+    more.update(in_json(its))
+    return tell_verdict([found], [its], junit, quiet=quiet)
 
 
 def write_page(folder: Path) -> None:

@@ -12,6 +12,8 @@ from mission.base.terminal import PLAIN, Terminal
 from mission.commands.options import Overrides, load
 from mission.flight.serve import PX4_HOME
 
+_COUNTS = ("area", "vehicle", "link", "seed")
+
 
 def sitl(
     config: Path | None = None,
@@ -34,8 +36,8 @@ def sitl(
     Parameters
     ----------
     config
-        TOML file, of which area.home_* and vehicle.* are used. Without one, the vehicle stands
-        where PX4's simulators do, so that scripts written for those work.
+        TOML file, of which area.home_*, vehicle.* and link.* are used; it needs no others. Without
+        one, the vehicle stands where PX4's simulators do, so that scripts written for those work.
     udp
         Where MAVLink goes; give it once for each ground station: a port of this machine,
         udpout://HOST:PORT to send there, or udpin://HOST:PORT to listen there.
@@ -50,15 +52,21 @@ def sitl(
         Folder for a log of each flight, from arming to disarming; ground stations may list and
         download the logs.
     set_
-        Override any key: --set vehicle.aircraft.wind.speed_mps=5
+        Override a key of vehicle.*, area.* or link.*, or the seed:
+        --set vehicle.aircraft.wind.speed_mps=5
     """
     if speed != "max" and not 0 < speed <= 1000:
         raise InputError(f'--speed {speed:g}: more than 0 and at most 1000, or "max"')
-    resolved = load(config, set_, _home(home), usual=None if config else PX4_HOME)
+    resolved = load(config, set_, _home(home), usual=None if config else PX4_HOME, counts=_COUNTS)
     # Only now, so that wrong input is answered at once.
     from mission.flight.serve.vehicle import make_vehicles, serve
 
     console = Terminal(**PLAIN)
+    console.print(
+        "no flight is logged; --logs FOLDER logs each"
+        if logs is None
+        else f"each flight is logged in {logs}, for aerofed compare {logs}"
+    )
     serve(
         make_vehicles(resolved, count=count, udp=udp, logs=logs),
         speed=math.inf if speed == "max" else speed,

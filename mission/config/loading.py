@@ -64,12 +64,13 @@ def load_config(
     *,
     options: Mapping[str, str] | None = None,
     giver: str = "command line",
+    beneath: Mapping[str, object] | None = None,
 ) -> RunConfig:
     """Read a TOML file, or a shipped configuration by its name, or take a configuration; apply
     overrides by dotted path, and validate.
 
     `giver` is what an error calls the place that the overrides come from; `options` says which of
-    them an option of the command line made.
+    them an option of the command line made; `beneath` are keys that a file may leave out.
 
     Raises:
         InputError: the file cannot be read or parsed, a key is unknown or out of range, or it
@@ -80,7 +81,7 @@ def load_config(
         data = source.model_dump(mode="json", exclude_none=True)
     else:
         path = config_file(source)
-        data = _read(path)
+        data = {**(beneath or {}), **_read(path)}
         _make_absolute(data, path.parent)
     name = str(path)
     for dotted, value in (overrides or {}).items():

@@ -29,8 +29,7 @@ def profile_charts(flights: Sequence[RunComparison]) -> list[Chart]:
     """Height, distance from the path, ground speed and error of the estimate, a line a flight."""
     plan = flights[0].run.data.plans[0]
     along_m = flights[0].measured[0].fit.waypoints_at_m
-    height = [Series("planned", PLANNED, along_m, plan.route_height_m, dashed=True)]
-    cross, speed, error = [], [], []
+    height, cross, speed, error = [], [], [], []
     for index, flight in enumerate(flights):
         alone = len(flights) == 1
         for measured in flight.measured:
@@ -54,9 +53,10 @@ def profile_charts(flights: Sequence[RunComparison]) -> list[Chart]:
                 error.append(_thinned(label, shade if alone else colour, t_s, values))
                 if not alone:
                     break  # the horizontal one is enough to compare
+    planned = Series("planned", PLANNED, along_m, plan.route_height_m, dashed=True)  # above all
     return [
-        *(timeline_chart(flight) for flight in flights),
-        line_chart("Height above home", height, x=_ALONG, y="height (m)"),
+        *(timeline_chart(flight, alone=len(flights) == 1) for flight in flights),
+        line_chart("Height above home", [*height, planned], x=_ALONG, y="height (m)"),
         *([line_chart("Distance from the path", cross, x=_ALONG, y="distance (m)")] * bool(cross)),
         line_chart("Ground speed", speed, x=_ALONG, y="speed (m/s)"),
         *(
@@ -68,7 +68,7 @@ def profile_charts(flights: Sequence[RunComparison]) -> list[Chart]:
     ]
 
 
-def timeline_chart(flight: RunComparison) -> Chart:
+def timeline_chart(flight: RunComparison, *, alone: bool) -> Chart:
     """Errors over the log's time with what happened: events as lines, spikes with reasons."""
     times = [measured.truth.t_ns / NS_PER_S for measured in flight.measured]
     errors: tuple[tuple[str, str, list[Floats]], ...] = (
@@ -107,7 +107,8 @@ def timeline_chart(flight: RunComparison) -> Chart:
         alt.Chart(tops).mark_point(color=BAD, filled=True, size=50).encode(x=x, y=y, tooltip=told),
     ]
     note = "dashed: something happened; points: spikes, which say what happened then"
-    return finished(layers, title="Time line", note=note)
+    title = "Time line" if alone else f"Time line of {flight.run.about}"
+    return finished(layers, title=title, note=note)
 
 
 def _thinned(label: str, colour: str, x: Floats, y: Floats) -> Series:

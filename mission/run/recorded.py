@@ -84,6 +84,8 @@ def fly_recorded(
         (folder.path / TRACEBACK).unlink(missing_ok=True)  # of an attempt before
     try:
         if flight is not None:
+            if outcome.status == "interrupted" and figures and totals.rounds_done:
+                console.say("interrupted: drawing figures; Ctrl-C again leaves them out")
             with outcome.post_processing(), stopwatch("figures"), console.waiting(_DRAWING):
                 # Interrupted before its first round was over it has nothing to show.
                 if figures and (outcome.status != "interrupted" or totals.rounds_done):

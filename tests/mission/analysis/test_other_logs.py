@@ -119,6 +119,8 @@ def test_devices_are_not_read(tmp_path: Path, capsys: pytest.CaptureFixture[str]
         link.symlink_to("/dev/zero")
         assert call(["compare", str(link)]) == 2
         assert len(capsys.readouterr().err.splitlines()) == 1
+    assert call(["compare", "/dev/zero"]) == 2
+    assert capsys.readouterr().err == "aerofed: /dev/zero: neither a folder nor a file\n"
 
 
 def test_a_limit_that_is_not_met_is_told_with_where_and_when(
@@ -131,6 +133,8 @@ def test_a_limit_that_is_not_met_is_told_with_where_and_when(
     assert line.startswith("aerofed: x.ulg: cross_track_max_m = 3: must be at most 2; leg 3, 3")
     (suite,) = ET.parse(xml).getroot()
     assert (suite.get("tests"), suite.get("failures")) == ("2", "1")
+    assert float(suite.attrib["time"]) == pytest.approx(60.0, abs=10.0)  # of the flight
+    assert all(case.get("time") for case in suite)
     table = tmp_path / "limits.toml"
     table.write_text("[limits]\ncross_track_max_m = 3.5\nwind_max_mps = 5\n")
     assert call(["compare", str(log), "--limits", str(table)]) == LIMITS_NOT_MET
@@ -169,6 +173,65 @@ def test_a_flight_of_a_plan_ends_with_its_verdict(
     assert (verdict["name"], verdict["met"]) == ("corner_cut_max_m", False)
     assert tomllib.loads((tmp_path / "two/config.toml").read_text())["limits"]
     assert "limits" not in tomllib.loads((out / "config.toml").read_text())
+
+
+def test_a_file_with_limits_alone_will_do_and_keys_that_count_for_nothing_are_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    limits, plan = tmp_path / "limits.toml", tmp_path / "p.waypoints"
+    limits.write_text("[limits]\ncross_track_max_m = 50\nslots_missed = 0\n")
+    rows = [(22, 0, 0), (16, 0, 3e-4), (20, 0, 0)]
+    lines = [
+        f"{seq}\t0\t3\t{command}\t0\t0\t0\t0\t{47 + north}\t{8 + east}\t20\t1"
+        for seq, (command, north, east) in enumerate(rows)
+    ]
+    plan.write_text("\n".join(["QGC WPL 110", *lines]) + "\n")
+    common = ["fly", str(plan), "--no-report", "--no-figures", "--out"]
+    assert call([*common, str(tmp_path / "a"), "--config", str(limits)]) == 0
+    printed = capsys.readouterr().out.splitlines()
+    assert printed[-1] == "all 2 limits met"
+    assert not [line for line in printed if "not compared" in line]  # it returns by its plan
+    assert call(["compare", str(tmp_path / "a"), "--limits", str(limits), "--json"]) == 0
+    (found,) = json.loads(capsys.readouterr().out)
+    assert found["limits_met"] is True
+    assert found["total"]["energy_j"] > 0
+    for what in ("fly", "sitl"):
+        given = [str(plan)] if what == "fly" else []
+        assert call([what, *given, "--set", "mission.speed_mps=3"]) == 2
+        (line,) = capsys.readouterr().err.splitlines()
+        assert "--set mission.speed_mps: counts for nothing here; " in line
+
+
+@pytest.mark.parametrize(
+    ("limit", "said"),
+    [
+        ("failsafes", "--limit failsafes: must be NAME=VALUE, as cross_track_max_m=3"),
+        ("failsafes=-1", "--limit: failsafes = -1: must be at least 0, as the number is"),
+        ("failsafes=", "--limit: failsafes = '': must be a number"),
+    ],
+)
+def test_a_limit_that_is_none_is_refused_in_a_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], limit: str, said: str
+) -> None:
+    assert call(["compare", str(write_ulog(tmp_path / "x.ulg")), "--limit", limit]) == 2
+    assert capsys.readouterr().err == f"aerofed: {said}\n"
+
+
+def test_a_folder_of_flight_logs_is_compared_and_each_line_names_its_flight(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for end, write in KINDS.items():
+        write(tmp_path / f"x{end}", off_m=3.0)
+    (tmp_path / "notes.txt").touch()
+    assert call(["compare", str(tmp_path), "--limit", "failsafes=0"]) == 0
+    printed = capsys.readouterr().out
+    for end in KINDS:
+        assert f"\nx{end}: at " in printed
+    assert printed.endswith("all 1 limit met by all\n")
+    assert call(["report", str(tmp_path)]) == 2
+    assert f"it has no flight.mcap; give one of its logs, as {tmp_path}/x.bin" in (
+        capsys.readouterr().err
+    )
 
 
 def test_positions_go_out_as_geojson(tmp_path: Path) -> None:
