@@ -388,10 +388,13 @@ def _passages(way: MissionPath, fit: Alignment, track: Track) -> Iterator[Passag
 def _apart(
     data: FlightData, passes: Sequence[Pass], start_ns: int, end_ns: int
 ) -> Mapping[str, float]:
-    """Seconds in the air that no pass has, by mode; not those of standing before the first."""
+    """Seconds in the air that no pass has, by mode; not those of standing before and after."""
     before = data.truth.between(start_ns, int(passes[0].track.t_ns[0]))
     if len(before.t_ns) and np.ptp(before.pos_m, axis=0).max() < _STANDING_M:
         start_ns = int(before.t_ns[-1])
+    after = data.truth.between(int(passes[-1].track.t_ns[-1]), end_ns)
+    if len(after.t_ns) and np.ptp(after.pos_m, axis=0).max() < _STANDING_M:
+        end_ns = int(after.t_ns[0])
     track = data.truth.between(start_ns, end_ns)
     step_s = np.diff(track.t_ns, append=track.t_ns[-1:]) / NS_PER_S
     outside = np.ones(len(track.t_ns), dtype=bool)
