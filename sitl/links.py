@@ -107,8 +107,10 @@ class UdpLink:
     most; others are not heard.
     """
 
-    def __init__(self, url: str, seal: Seal | None = None) -> None:
+    def __init__(self, url: str, seal: Seal | None = None, *, own_port: int = 0) -> None:
         """Check the address; nothing is opened yet. With a `seal` all is signed, both ways.
+
+        One that sends does so from `own_port`, or from a free one.
 
         Raises:
             LinkError: `url` is neither of the two forms.
@@ -119,7 +121,7 @@ class UdpLink:
         if scheme not in ("udpin", "udpout") or not valid or (scheme == "udpout" and port == "0"):
             raise LinkError(f"{url}: no UDP address; udpin://HOST:PORT or udpout://HOST:PORT")
         self.url = url
-        self._seal = seal
+        self._seal, self._own_port = seal, own_port
         self._listens = scheme == "udpin"
         self._address: Address = (host, int(port))
         self._peers: dict[Address, float] = {}  # wall time at which each was heard
@@ -151,6 +153,8 @@ class UdpLink:
             else:
                 peer = (socket.gethostbyname(self._address[0]), self._address[1])
                 self._peers[peer] = math.inf
+                if self._own_port:
+                    sock.bind(("", self._own_port))
                 self._broadcasts = not _connected(sock, peer)
         except OSError as error:
             sock.close()

@@ -1,6 +1,7 @@
 """`aerofed sitl`."""
 
 import math
+import os
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Literal
@@ -19,9 +20,10 @@ def sitl(
     config: Path | None = None,
     *,
     udp: Annotated[tuple[str, ...], Parameter(negative=())] = ("14540", "14550"),
-    speed: float | Literal["max"] = 1.0,
+    speed: float | Literal["max"] | None = None,
     home: str | None = None,
     count: int = 1,
+    instance: Annotated[int, Parameter(alias="-I")] = 0,
     logs: Path | None = None,
     set_: Overrides = (),
 ) -> int:
@@ -42,12 +44,16 @@ def sitl(
         Where MAVLink goes; give it once for each ground station: a port of this machine,
         udpout://HOST:PORT to send there, or udpin://HOST:PORT to listen there.
     speed
-        Simulated seconds per second, or "max".
+        Simulated seconds per second, or "max". Default: 1, or what PX4_SIM_SPEED_FACTOR says.
     home
-        LAT,LON,ALT in degrees and metres above mean sea level: where the vehicle stands.
+        LAT,LON,ALT in degrees and metres above mean sea level: where the vehicle stands. Without it
+        and without a file PX4_HOME_LAT, PX4_HOME_LON and PX4_HOME_ALT count, as with PX4.
     count
         Number of vehicles, side by side in one process, with system ids 1, 2, ... Their ports count
         up from the first --udp (14540, 14541, ...); they share the other --udp.
+    instance
+        Number of the first vehicle, from 0, where others are served already: it has ports and
+        system id as if it were counted up to.
     logs
         Folder for a log of each flight, from arming to disarming; ground stations may list and
         download the logs.
@@ -55,9 +61,12 @@ def sitl(
         Override a key of vehicle.*, area.* or link.*, or the seed:
         --set vehicle.aircraft.wind.speed_mps=5
     """
+    if speed is None:
+        speed = _heard("PX4_SIM_SPEED_FACTOR", 1.0)
     if speed != "max" and not 0 < speed <= 1000:
         raise InputError(f'--speed {speed:g}: more than 0 and at most 1000, or "max"')
-    resolved = load(config, set_, _home(home), usual=None if config else PX4_HOME, counts=_COUNTS)
+    usual = None if config else _usual_home()
+    resolved = load(config, set_, _home(home), usual=usual, counts=_COUNTS)
     # Only now, so that wrong input is answered at once.
     from mission.flight.serve.vehicle import make_vehicles, serve
 
@@ -68,11 +77,31 @@ def sitl(
         else f"each flight is logged in {logs}, for aerofed compare {logs}"
     )
     serve(
-        make_vehicles(resolved, count=count, udp=udp, logs=logs),
+        make_vehicles(resolved, count=count, udp=udp, logs=logs, instance=instance),
         speed=math.inf if speed == "max" else speed,
         say=console.print,
     )
     return 0
+
+
+def _usual_home() -> dict[str, float]:
+    names = ("PX4_HOME_LAT", "PX4_HOME_LON", "PX4_HOME_ALT")
+    return {
+        key: _heard(name, value) for name, (key, value) in zip(names, PX4_HOME.items(), strict=True)
+    }
+
+
+def _heard(name: str, usual: float) -> float:
+    """A number of the environment, for people who know PX4's simulators.
+
+    Raises:
+        InputError: it is none.
+    """
+    text = os.environ.get(name, "")
+    try:
+        return float(text) if text else usual
+    except ValueError:
+        raise InputError(f"{name}={text}: must be a number, such as {usual:g}") from None
 
 
 def _home(text: str | None) -> Mapping[str, float]:

@@ -3,8 +3,9 @@
 import asyncio
 import math
 import signal
-from collections.abc import Callable, Sequence
-from contextlib import AsyncExitStack
+import socket
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import AsyncExitStack, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -13,7 +14,7 @@ import numpy as np
 from flightdyn.config import LimitsConfig
 from flightdyn.random import RandomStreams
 from mission.base.area import Area
-from mission.base.errors import InputError
+from mission.base.errors import InputError, LinkLostError
 from mission.config.models import LinkConfig, RunConfig
 from mission.flight.failures import of_a_vehicle, of_settings
 from mission.flight.ground_stations import station_links
@@ -25,6 +26,8 @@ from sitl.logfolder import LogFolder
 from sitl.pace import Simulation
 from sitl.vehicle import Vehicle
 
+# Where PX4's simulators send to, and from where; a vehicle's number is added to the latter.
+_OWN_PORTS = {14540: 14580, 14550: 18570}
 _APART_M = 5.0  # homes, towards the east
 _MOST = 64
 _LAST_ID = 250
@@ -54,15 +57,22 @@ class Served:
     vehicle: Vehicle
     area: Area  # with home where this one stands
     guidance: LimitsConfig
-    urls: tuple[str, ...]
+    urls: Mapping[str, int]  # where it speaks to, and from which port; 0: any
     logs: FlightLogs | None
     link: LinkConfig
 
 
 def make_vehicles(
-    config: RunConfig, *, count: int, udp: Sequence[str], logs: Path | None, in_step: bool = False
+    config: RunConfig,
+    *,
+    count: int,
+    udp: Sequence[str],
+    logs: Path | None,
+    instance: int = 0,
+    in_step: bool = False,
 ) -> list[Served]:
-    """`count` vehicles side by side, the first at the configured home, each farther to the east.
+    """`count` vehicles side by side, number 0 at the configured home, each farther to the east;
+    the first has the number `instance`.
 
     System ids count up from the configured one, and ports from the first of `udp`, as those of
     PX4's simulators do; the others of `udp` are spoken to by all. Each vehicle has random numbers
@@ -72,17 +82,71 @@ def make_vehicles(
     Raises:
         InputError: a setting of the vehicle is refused, or they are more than there are numbers.
     """
-    first_id = config.vehicle.system_id
-    if not 1 <= count <= _MOST or first_id + count - 1 > _LAST_ID:
+    last_id = config.vehicle.system_id + instance + count - 1
+    if instance < 0 or not 1 <= count <= _MOST or last_id > _LAST_ID:
+        given = f"--instance {instance} " if instance else ""
         raise InputError(
-            f"--count {count}: from 1 to {_MOST} vehicles, and system ids up to {_LAST_ID}"
+            f"{given}--count {count}: from 1 to {_MOST} vehicles, and system ids up to {_LAST_ID}"
         )
     if count > 1 and config.vehicle.parameter_file is not None:
         raise InputError(
             f"--count {count}: vehicle.parameter_file cannot be shared, each would save its own "
             "values over the others'; set vehicle.parameters instead"
         )
-    return [_served(config, i, udp, _own(logs, i, count), in_step) for i in range(count)]
+    numbers = range(instance, instance + count)
+    urls = [_urls(udp, number) for number in numbers]
+    return [
+        _served(config, number, each, _own(logs, number, count), in_step)
+        for number, each in zip(numbers, urls, strict=True)
+    ]
+
+
+def _urls(udp: Sequence[str], number: int) -> dict[str, int]:
+    """Where a vehicle speaks to, and from which port; 0 for any.
+
+    Raises:
+        InputError: an address is none, or is given twice.
+    """
+    found: dict[str, int] = {}
+    for at, text in enumerate(udp):
+        url = link_url(_counted_up(text, number) if at == 0 else text)
+        if url in found:
+            raise InputError(
+                f"--udp {text}: vehicle {number + 1} speaks there already; ports count up from the "
+                f"first, {udp[0]}, and the others are for all vehicles"
+            )
+        own = _OWN_PORTS.get(int(text), 0) if text.isdecimal() else 0
+        found[url] = own + number if own else 0
+    return found
+
+
+def _check_free(port: int) -> None:
+    """Refuse a port that a vehicle of PX4's or ours sends from, before a second is taken for it.
+
+    Raises:
+        LinkLostError: names the port and who has it.
+    """
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        try:
+            probe.bind(("", port))
+        except OSError:
+            raise LinkLostError(
+                f"UDP port {port} is taken{_holder(port)}: a vehicle is there already; "
+                "--instance 1 (2, 3, ...) has ports and a system id of its own"
+            ) from None
+
+
+def _holder(port: int) -> str:
+    """Whose a UDP port is, for people; empty where the system does not tell."""
+    with suppress(OSError):
+        rows = [line.split() for line in Path("/proc/net/udp").read_text().splitlines()[1:]]
+        inodes = [row[9] for row in rows if int(row[1].rpartition(":")[2], 16) == port]
+        for descriptor in Path("/proc").glob("[0-9]*/fd/*"):
+            with suppress(OSError):
+                if descriptor.readlink().name in {f"socket:[{inode}]" for inode in inodes}:
+                    process = descriptor.parents[1]
+                    return f" by process {process.name} ({(process / 'comm').read_text().strip()})"
+    return ""
 
 
 def _own(logs: Path | None, i: int, count: int) -> Path | None:
@@ -90,7 +154,7 @@ def _own(logs: Path | None, i: int, count: int) -> Path | None:
 
 
 def _served(
-    config: RunConfig, i: int, udp: Sequence[str], logs: Path | None, in_step: bool
+    config: RunConfig, i: int, urls: Mapping[str, int], logs: Path | None, in_step: bool
 ) -> Served:
     """The vehicle number `i`, from 0."""
     streams = RandomStreams(config.seed)
@@ -112,8 +176,7 @@ def _served(
             standalone=True,
             in_step=in_step,
         )
-    urls = [link_url(_counted_up(text, i) if at == 0 else text) for at, text in enumerate(udp)]
-    return Served(vehicle, area, guidance_of(config.vehicle), tuple(urls), recorder, config.link)
+    return Served(vehicle, area, guidance_of(config.vehicle), urls, recorder, config.link)
 
 
 def _counted_up(text: str, i: int) -> str:
@@ -129,9 +192,11 @@ def serve(served: Sequence[Served], *, speed: float, say: Callable[[str], None])
     for each vehicle once all links are open.
 
     Raises:
-        LinkLostError: a link cannot be opened.
+        LinkLostError: a link cannot be opened, or a vehicle of another process is there.
         FlightError: a simulated aircraft left the range of its physics.
     """
+    for port in (port for one in served for port in one.urls.values() if port):
+        _check_free(port)
     try:
         with of_a_vehicle():
             asyncio.run(_serve(served, speed=speed, say=say))

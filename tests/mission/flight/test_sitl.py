@@ -2,7 +2,9 @@
 
 import functools
 import math
+import os
 import socket
+import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -149,6 +151,9 @@ def test_it_listens_for_whoever_comes() -> None:
         (["--home", "47,8"], ["--home 47,8", "LAT,LON,ALT", "--home 47.3977,8.54559,488"]),
         (["--count", "0"], ["--count 0", "from 1 to 64"]),
         (["--count", "3", "--set", "vehicle.system_id=249"], ["--count 3", "up to 250"]),
+        (["--count", "2", "--udp", "20540", "--udp", "20541"], ["--udp 20541: vehicle 2 speaks"]),
+        (["--instance", "-1"], ["--instance -1 --count 1"]),
+        (["--instance", "250"], ["--instance 250 --count 1", "up to 250"]),
         (["--home", "north,8,1"], ["--home north,8,1", "LAT,LON,ALT"]),
         (["--home", "47,200,1"], ["--home: longitude 200.0", "less than or equal to 180"]),
         (["--set", "vehicle.system_id=0"], ["vehicle.system_id = 0"]),
@@ -163,6 +168,41 @@ def test_wrong_input_is_one_line(
     assert (printed.out, printed.err.count("\n")) == ("", 1)
     for word in words:
         assert word in printed.err
+
+
+def test_a_second_vehicle_on_px4s_ports_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as first:
+        first.bind(("", 14580))
+        assert call(["sitl"]) == 5
+    words = capsys.readouterr().err
+    process = f" by process {os.getpid()} (" if sys.platform == "linux" else ""
+    assert words.startswith(f"aerofed: UDP port 14580 is taken{process}")
+    assert "--instance 1 " in words
+
+
+def test_an_instance_is_the_vehicle_of_that_number() -> None:
+    config = load_config(builtin_config("quickstart.toml"))
+    ports = ("14540", "14550")
+    third = make_vehicles(config, count=3, udp=ports, logs=None)[2]
+    (alone,) = make_vehicles(config, count=1, udp=ports, logs=None, instance=2)
+    assert alone.urls == {"udpout://127.0.0.1:14542": 14582, "udpout://127.0.0.1:14550": 18572}
+    assert alone.urls == third.urls
+    assert alone.vehicle.aircraft.frame.origin == third.vehicle.aircraft.frame.origin
+
+
+def test_the_environment_of_px4s_simulators_is_heard(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    port = free_port()
+    monkeypatch.setenv("PX4_HOME_LAT", "40")
+    monkeypatch.setenv("PX4_SIM_SPEED_FACTOR", "3")
+    with served("--udp", str(port)) as process:
+        assert process.poll() is None
+    monkeypatch.setenv("PX4_HOME_LAT", "north")
+    assert call(["sitl"]) == 2
+    assert capsys.readouterr().err == (
+        "aerofed: PX4_HOME_LAT=north: must be a number, such as 47.3977\n"
+    )
 
 
 def test_a_port_in_use_is_a_link_error(capsys: pytest.CaptureFixture[str]) -> None:
