@@ -70,17 +70,14 @@ def sitl(
     # Only now, so that wrong input is answered at once.
     from mission.flight.serve.vehicle import make_vehicles, serve
 
-    console = Terminal(**PLAIN)
-    console.print(
+    served = make_vehicles(resolved, count=count, udp=udp, logs=logs, instance=instance)
+    kept = (
         "no flight is logged; --logs FOLDER logs each"
         if logs is None
         else f"each flight is logged in {logs}, for aerofed compare {logs}"
     )
-    serve(
-        make_vehicles(resolved, count=count, udp=udp, logs=logs, instance=instance),
-        speed=math.inf if speed == "max" else speed,
-        say=console.print,
-    )
+    pace, say = math.inf if speed == "max" else speed, Terminal(**PLAIN).print
+    serve(served, speed=pace, say=say, first=kept)
     return 0
 
 

@@ -185,11 +185,13 @@ def _counted_up(text: str, i: int) -> str:
     return f"{start}{colon}{int(port) + i}" if port.isdecimal() else text
 
 
-def serve(served: Sequence[Served], *, speed: float, say: Callable[[str], None]) -> None:
+def serve(
+    served: Sequence[Served], *, speed: float, say: Callable[[str], None], first: str
+) -> None:
     """Serve the vehicles on their URLs until the process gets SIGINT, SIGTERM or SIGHUP.
 
-    `speed` is in simulated seconds per second; infinite: as fast as possible. `say` gets a line
-    for each vehicle once all links are open.
+    `speed` is in simulated seconds per second; infinite: as fast as possible. `say` gets the
+    line `first` and one for each vehicle once all links are open.
 
     Raises:
         LinkLostError: a link cannot be opened, or a vehicle of another process is there.
@@ -199,14 +201,16 @@ def serve(served: Sequence[Served], *, speed: float, say: Callable[[str], None])
         _check_free(port)
     try:
         with of_a_vehicle():
-            asyncio.run(_serve(served, speed=speed, say=say))
+            asyncio.run(_serve(served, speed=speed, say=say, first=first))
     finally:
         for one in served:
             if one.logs is not None:
                 one.logs.close()
 
 
-async def _serve(served: Sequence[Served], *, speed: float, say: Callable[[str], None]) -> None:
+async def _serve(
+    served: Sequence[Served], *, speed: float, say: Callable[[str], None], first: str
+) -> None:
     stop = asyncio.Event()
     loop = asyncio.get_running_loop()
     signals = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
@@ -220,6 +224,7 @@ async def _serve(served: Sequence[Served], *, speed: float, say: Callable[[str],
                 await running.enter_async_context(
                     Simulation(one.vehicle, *links, speed=speed, runs="always")
                 )
+            say(first)
             for i, one in enumerate(served):
                 home = one.vehicle.aircraft.frame.origin
                 name = "vehicle" if len(served) == 1 else f"vehicle {i + 1}"
