@@ -46,7 +46,7 @@ def flight() -> list[VehicleSample]:
         fix = GnssFix(t_ns, belief.pos_ned_m, belief.vel_ned_mps, 0.9, 2.0, 0.1, 14)
         battery = BatteryState(22.2 - index / 4e3, 31 + rng.normal(), index / 7.0, 1 - index / 2e4)
         gnss = fix if index % 2 == 0 else None
-        samples.append(VehicleSample(t_ns, truth, belief, at, gnss, battery, "mission", armed=True))
+        samples.append(VehicleSample(t_ns, truth, belief, gnss, battery, "mission", armed=True))
     return samples
 
 

@@ -2,8 +2,9 @@
 
     python benchmarks/log_in_a_run.py [REPEATS]
 
-The mission is flown without samples in its log, with the log, with the log and a live view that
-nobody watches, and with one viewer subscribed to everything; in turn, each a process of its own.
+The mission is flown without samples in its log, with the log but for the control's 50 rows a
+second, with all of it, with a live view that nobody watches, and with one viewer subscribed to
+everything; in turn, each a process of its own.
 Every repeat compares each kind with the run without a log beside it, and the medians are printed,
 so that a machine that slows down does not count. On a busy machine even such differences are noise,
 so the processor time in the calls of the log itself is given too, as a share of its own run. Other
@@ -31,7 +32,7 @@ from sitl.config import VehicleConfig
 
 REPEATS = 5
 CALLS = ("__init__", "sampled", "happened", "plan", "uplinks", "round", "learning", "close")
-KINDS = ("no log", "log", "log + live", "log + live, a viewer")
+KINDS = ("no log", "log without control", "log", "log + live", "log + live, a viewer")
 # The paper's planner, so that planning does not drown what is measured.
 SETTINGS = {"planner.kind": "paper"}
 
@@ -90,7 +91,8 @@ def fly(kind: str, folder: Path) -> dict[str, float]:
     received = [0]
     if "viewer" in kind:
         threading.Thread(target=watch, args=(port, received), daemon=True).start()
-    config = load_config(builtin_config("quickstart.toml"), SETTINGS)
+    settings = SETTINGS | ({"vehicle.control_rate_hz": 0} if "without" in kind else {})
+    config = load_config(builtin_config("quickstart.toml"), settings)
     writer = Silent if kind == KINDS[0] else Timed
     with (
         mock.patch.object(recorder, "FlightLog", writer),
@@ -213,9 +215,18 @@ def main() -> None:
             )
             cells.append(f"{in_flight:7.2f} s {more:+6.2f} s {share:+12.1%}")
         print(f"{kind:22} {'   '.join(cells)}")
-    log = median(KINDS[1], lambda own, _: own["bytes"] * 3600 / own["sim_s"] / 1e6)
+    bare, log = (
+        median(kind, lambda own, _: own["bytes"] * 3600 / own["sim_s"] / 1e6) for kind in KINDS[1:3]
+    )
+    ratio = statistics.median(
+        found[KINDS[2]]["cpu_total_s"] / found[KINDS[1]]["cpu_total_s"] for found in rounds
+    )
+    print(f"a run with the control in its log takes {ratio:.3f} of the processor time without it")
     viewed = median(KINDS[-1], lambda own, _: own["viewed_bytes"] * 3600 / own["sim_s"] / 1e6)
-    print(f"{log:.2f} MB a flown hour; the viewer got {viewed:.2f} MB of messages an hour")
+    print(
+        f"{log:.2f} MB a flown hour, {bare:.2f} without the control; the viewer got "
+        f"{viewed:.2f} MB of messages an hour"
+    )
     rates = ", ".join(f"{k.removesuffix('_hz')} {v:g}" for k, v in asdict(LogRates()).items())
     print(f"rates in Hz: poses {VehicleConfig().sample_rate_hz:g}, {rates}")
 

@@ -11,6 +11,7 @@ from flightdyn.guidance.path import FlightPath, PathProgress
 from flightdyn.guidance.pursuit import Target
 from flightdyn.inertial import Earth
 from flightdyn.instruments import Instruments
+from flightdyn.native.library import Trace
 from flightdyn.navigation.inertial_navigation import InertialNavigation
 from flightdyn.navigation.source import Navigation, TrueNavigation
 from flightdyn.plant import Plant
@@ -51,6 +52,7 @@ class Aircraft(Plant):
             self._guide, config.limits, dt_s=dt_s, yaw=yaw_of(self.navigation.state().q)
         )
         self.armed = False
+        self.trace: Trace | None = None  # what is recorded of the control
 
     def step(self) -> None:
         """One tick: physics and sensors; every few of them filter, guidance and battery."""
@@ -98,6 +100,12 @@ class Aircraft(Plant):
     def gnss(self) -> GnssFix | None:
         """The latest solution of the GNSS receiver."""
         return self.navigation.gnss
+
+    def record(self, *, every: int, room: int) -> None:
+        """Trace the control: each `every`th guidance step, `room` of them until they are taken."""
+        step_ns = self.interval * self.dt_ns
+        self.trace = Trace(self.vehicle.actuators, every=every, room=room, step_ns=step_ns)
+        self._guide.leave(self.trace)
 
     def innovations_after(self, t_ns: int) -> tuple[Innovation, ...]:
         """What the estimator was given after an instant, against what it expected; oldest first.

@@ -14,13 +14,13 @@ class VehicleSample(NamedTuple):
     t_ns: int
     truth: Kinematics
     belief: Kinematics
-    cmd_pos_ned_m: Vector | None  # where the guidance wants to be; None on the ground
     gnss: GnssFix | None  # a solution that arrived since the last sample
     battery: BatteryState
     mode: str
     armed: bool
     wind_ned_mps: Vector | None = None  # velocity of the air there; None where nobody knows
     innovations: tuple[Innovation, ...] = ()  # of the estimator since the last sample
+    control: Vector | None = None  # rows of `flightdyn.native.library.Trace` since then
 
 
 @dataclass(frozen=True, slots=True)

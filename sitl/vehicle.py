@@ -63,7 +63,13 @@ class Vehicle:
         self._boot(aircraft or self._new_aircraft(), parameters_of(config))
 
     def _new_aircraft(self) -> Aircraft:
-        return Aircraft(self._config.aircraft, home=self._home, streams=self._streams)
+        config = self._config
+        aircraft = Aircraft(config.aircraft, home=self._home, streams=self._streams)
+        if control_hz := config.control_rate_hz:
+            step_ns = aircraft.interval * aircraft.dt_ns
+            every = _steps(control_hz, "control_rate_hz", step_ns, "guidance")
+            aircraft.record(every=every, room=math.ceil(control_hz / config.sample_rate_hz) + 1)
+        return aircraft
 
     def _boot(self, aircraft: Aircraft, parameters: Parameters) -> None:
         config = self._config
@@ -80,8 +86,9 @@ class Vehicle:
             in_step=self._in_step,
         )
         self._tick = 0
-        self._watch_every = self._ticks_per(_WATCH_HZ, "watch rate")
-        self._sample_every = self._ticks_per(config.sample_rate_hz, "sample_rate_hz")
+        self._watch_every = _steps(_WATCH_HZ, "watch rate", aircraft.dt_ns, "physics")
+        sample_hz = config.sample_rate_hz
+        self._sample_every = _steps(sample_hz, "sample_rate_hz", aircraft.dt_ns, "physics")
         self._next_look = min(self._watch_every, self._sample_every)
         self._sampled_gnss: GnssFix | None = None
         self._sampled_innovation_ns = self.aircraft.t_ns
@@ -166,13 +173,6 @@ class Vehicle:
         """The wall time at which `outgoing` has something to say at the latest."""
         return self.autopilot.due()
 
-    def _ticks_per(self, rate_hz: float, name: str) -> int:
-        every = 1e9 / rate_hz / self.aircraft.dt_ns
-        if abs(every - round(every)) > 1e-6 or every < 0.5:
-            rate = 1e9 / self.aircraft.dt_ns
-            raise SitlInputError(f"{name} = {rate_hz:g}: the physics rate {rate:g} is no multiple")
-        return round(every)
-
     def _sample(self) -> None:
         aircraft = self.aircraft
         fix = aircraft.gnss
@@ -185,13 +185,13 @@ class Vehicle:
             t_ns=aircraft.t_ns,
             truth=aircraft.truth,
             belief=aircraft.belief,
-            cmd_pos_ned_m=aircraft.cmd_pos_ned_m,
             gnss=fresh,
             battery=aircraft.battery,
             mode=self.autopilot.mode.name,
             armed=aircraft.armed,
             wind_ned_mps=aircraft.wind_ned_mps,
             innovations=innovations,
+            control=None if aircraft.trace is None else aircraft.trace.take(),
         )
         for observer in self._observers:
             observer.sampled(sample)
@@ -209,3 +209,13 @@ class Vehicle:
         )
         for observer in self._observers:
             observer.happened(event)
+
+
+def _steps(rate_hz: float, name: str, step_ns: int, of: str) -> int:
+    """Steps at a rate; refused where that is no whole number of at least one."""
+    every = 1e9 / rate_hz / step_ns
+    if abs(every - round(every)) > 1e-6 or every < 0.5:
+        raise SitlInputError(
+            f"{name} = {rate_hz:g}: the {of} rate {1e9 / step_ns:g} is no multiple"
+        )
+    return round(every)

@@ -6,6 +6,7 @@ from collections.abc import Iterable
 from mission.base.tables import told
 from mission.log import topics
 from mission.log.records import DeviceRecord, TimedUplinkRecord, UplinkRecord
+from mission.log.values import ControlTrack
 
 HEAD = """# What a run leaves
 
@@ -105,10 +106,17 @@ def _body() -> list[str]:
         "[Reading a log](reading-logs.md) says how to open it, and how to make a",
         "[ULog](reading-logs.md#flight-review-pyulog) of it. It is an MCAP file with zstd",
         "chunks, indexes and statistics; `log_time` is in simulated nanoseconds. Topics with a",
-        "well-known Foxglove schema are protobuf, our own are JSON with a JSON schema.",
+        "well-known Foxglove schema are protobuf, and so is `/control`; our other own ones are",
+        "JSON with a JSON schema.",
         *("", "| topic | schema | encoding | what |", "|---|---|---|---|"),
         *(f"| `{t.name}` | `{t.schema_name}` | {t.encoding} | {t.description} |" for t in every),
     ]
+    about = " ".join((ControlTrack.__doc__ or "").split())
+    named = [
+        (name, f"{' '.join(axes).strip() or 'number'}: {dict(told(ControlTrack, str))[name]}")
+        for name, axes in told(ControlTrack, tuple)
+    ]
+    lines += ["", "### /control", "", about, "", *_table(named)]
     for topic in every:
         if topic.encoding == "json" and topic not in (topics.ROUNDS, topics.UPLINKS):
             about = json.loads(topic.schema)["description"]

@@ -10,6 +10,7 @@ SIZE_OF(Strapdown);
 SIZE_OF(Trajectory);
 SIZE_OF(Guide);
 SIZE_OF(Guidance);
+SIZE_OF(Trace);
 SIZE_OF(Loop);
 SIZE_OF(Steering);
 SIZE_OF(FlightPath);

@@ -85,10 +85,22 @@ typedef struct {
     int64_t noted; /* of the trajectory, at the last step */
 } Guide;
 
+enum { TRACE = 31, ACTUATORS = 7 };
+
+/* What is believed and ordered at every so many guidance steps while armed, a row each: number of the
+   step; attitude, body rates; attitude and body rates that are wanted; thrust; motors; position,
+   velocity, acceleration, heading and its rate of the setpoint, NaN where there is none. */
+typedef struct {
+    double (*rows)[TRACE];
+    const Gauge *gauges; /* (7,) wanted rates, duty cycles */
+    int64_t room, every, count, steps;
+} Trace;
+
 typedef struct {
     Guide *memory;
     const Gains *gains;
     const Trajectory *path; /* may be missing where none is tracked */
+    Trace *trace;           /* may be missing */
 } Guidance;
 
 /* What carries a state from guidance step to guidance step: so many ticks of the IMU lie between

@@ -6,6 +6,7 @@
 #include "control.h"
 #include "flight.h"
 #include "landing.h"
+#include "trace.h"
 #include "vectors.h"
 
 static const double LAG_FREE_M = 1.5;   /* lag along the path that the governor lets pass */
@@ -172,7 +173,8 @@ static int guide(const Guidance *guidance, const Strapdown *carried, Inner *inne
     g->noted = (g->finished ? FINISHED : 0) | (g->stalled ? STALLED : 0) |
                (slow && g->path && mode == TRACK && !g->finished ? LIMITED : 0) |
                (near_corner(g, k, nav) ? NEAR : 0);
-    return order(inner, g->error, g->feed, g->collective);
+    return order(inner, g->error, g->feed, g->collective) &&
+           (!guidance->trace || note(guidance->trace, g, nav, inner));
 }
 
 #endif

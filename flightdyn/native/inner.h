@@ -9,6 +9,7 @@ typedef struct { /* the inner loops' end, `Multirotor.inner_loops` */
     const Interpreter *python;
     void *set_rates[3], *set_errors[3], *set_feeds[3], *set_collective;
     double bias[3];            /* to be taken off the rates */
+    double rate[3];            /* believed, of this tick */
     double error[3], feed[3];  /* rotation still to be made (rad), rate fed forward (rad/s) */
     double collective;         /* thrust per rotor (1 = full) */
     double dt;
@@ -19,7 +20,7 @@ static inline int feed(Inner *inner, const double rates[3])
 {
     const Interpreter *python = inner->python;
     for (int i = 0; i < 3; i++) {
-        const double rate = rates[i] - inner->bias[i];
+        const double rate = inner->rate[i] = rates[i] - inner->bias[i];
         inner->error[i] -= (rate - inner->feed[i]) * inner->dt;
         if (!set(python, inner->set_rates[i], rate)) return 0;
         if (!set(python, inner->set_errors[i], inner->error[i])) return 0;

@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from flightdyn.native.ticks import Imu, Inner
+from flightdyn.native.ticks import Gauges, Imu, Inner
 from native.building import library
 from native.loading import address, check_sizes, functions, load
 
@@ -19,7 +19,7 @@ SAMPLE, INCREMENT = 6, 7  # numbers each
 STATE, BIAS, EARTH, GAINED, FORCE, DOWN = 0, 10, 16, 19, 22, 25  # where they begin in `Strapdown`
 
 STATES, ROWS, KINDS = 22, 8, 4  # of the filter
-PIECE, GAINS = 13, 16  # numbers each
+PIECE, GAINS, TRACE = 13, 16, 31  # numbers each
 NOTHING, TRACK, TARGET, ATTITUDE = range(4)
 FINISHED, STALLED, LIMITED, NEAR = 1, 2, 4, 8
 
@@ -396,7 +396,14 @@ class _Strapdown(ctypes.Structure):
 
 
 class _Guidance(ctypes.Structure):
-    _fields_ = (("memory", _POINTER), ("gains", _POINTER), ("path", _POINTER))
+    _fields_ = (("memory", _POINTER), ("gains", _POINTER), ("path", _POINTER), ("trace", _POINTER))
+
+
+class _Trace(ctypes.Structure):
+    _fields_ = (
+        ("rows", _POINTER), ("gauges", _POINTER), ("room", _INT), ("every", _INT), ("count", _INT),
+        ("steps", _INT),
+    )  # fmt: skip
 
 
 class _Loop(ctypes.Structure):
@@ -408,9 +415,28 @@ class _Loop(ctypes.Structure):
 
 check_sizes(
     _LIBRARY, Flight=_Functions, Strapdown=_Strapdown, Trajectory=_Trajectory, Guide=Memory,
-    Guidance=_Guidance, Loop=_Loop, Steering=Steering, FlightPath=_Path, Vertex=Vertex,
-    Drawing=_Drawing, Air=Air,
+    Guidance=_Guidance, Trace=_Trace, Loop=_Loop, Steering=Steering, FlightPath=_Path,
+    Vertex=Vertex, Drawing=_Drawing, Air=Air,
 )  # fmt: skip
+
+
+class Trace:
+    """Rows of what is believed and ordered at guidance steps while armed; see `flight.h`."""
+
+    def __init__(self, actuators: Gauges, *, every: int, room: int, step_ns: int) -> None:
+        """A row each `every` steps of `step_ns`, `room` at most until they are taken; `actuators`:
+        `Multirotor.actuators`."""
+        self._kept, self._step_ns, self._rows = actuators, step_ns, np.zeros((room, TRACE))
+        where = address(self._rows, np.float64, (room, TRACE), written=True)
+        self._memory = _Trace(where, actuators.at, room, every)
+        self.at = ctypes.addressof(self._memory)
+
+    def take(self) -> _Floats:
+        """The rows (n, 31) since it was called last; ns in place of the step's number."""
+        count, self._memory.count = self._memory.count, 0
+        rows = self._rows[:count].copy()
+        rows[:, 0] *= self._step_ns
+        return rows
 
 
 class Guide:
@@ -445,6 +471,11 @@ class Guide:
         if self._pieces is None and self.memory.mode == TRACK:
             raise ValueError("there is no trajectory to track")
         return self._at
+
+    def leave(self, trace: Trace) -> None:
+        """Leave a trace from now on."""
+        self._trace = trace
+        self._guidance.trace = trace.at
 
     def step(self, nav: Strapdown) -> None:
         """One guidance step from where the aircraft is; what there is to note is `memory.noted`."""

@@ -25,6 +25,15 @@ static inline void rotation(double q[4], const double r[3])
     for (int i = 0; i < 3; i++) q[1 + i] = r[i] * (sine / 2);
 }
 
+/* The rotation `b` after `a`, as quaternions. */
+static inline void product(double q[4], const double a[4], const double b[4])
+{
+    q[0] = a[0] * b[0] - a[1] * b[1] - a[2] * b[2] - a[3] * b[3];
+    q[1] = a[0] * b[1] + a[1] * b[0] + a[2] * b[3] - a[3] * b[2];
+    q[2] = a[0] * b[2] - a[1] * b[3] + a[2] * b[0] + a[3] * b[1];
+    q[3] = a[0] * b[3] + a[1] * b[2] - a[2] * b[1] + a[3] * b[0];
+}
+
 static void carry(Strapdown *carried, const Increment *step, int64_t count)
 {
     const ImuBias *bias = &carried->bias;
@@ -34,7 +43,7 @@ static void carry(Strapdown *carried, const Increment *step, int64_t count)
     gained[0] = gained[1] = gained[2] = 0;
     for (const Increment *end = step + count; step < end; step++) {
         const double dt = step->dt;
-        double angle[3], body[3], c[3], d[3], g[3], r[4];
+        double angle[3], body[3], c[3], d[3], g[3], r[4], turned[4];
         for (int i = 0; i < 3; i++) {
             angle[i] = step->angle[i] - bias->gyro[i] * dt;
             body[i] = step->velocity[i] - bias->accel[i] * dt;
@@ -55,12 +64,7 @@ static void carry(Strapdown *carried, const Increment *step, int64_t count)
             v[i] = u[i];
         }
         rotation(r, angle);
-        const double turned[4] = {
-            q[0] * r[0] - q[1] * r[1] - q[2] * r[2] - q[3] * r[3],
-            q[0] * r[1] + q[1] * r[0] + q[2] * r[3] - q[3] * r[2],
-            q[0] * r[2] - q[1] * r[3] + q[2] * r[0] + q[3] * r[1],
-            q[0] * r[3] + q[1] * r[2] - q[2] * r[1] + q[3] * r[0],
-        };
+        product(turned, q, r);
         double size = 0;
         for (int i = 0; i < 4; i++) size += turned[i] * turned[i];
         for (int i = 0; i < 4; i++) q[i] = turned[i] * (1.5 - size / 2); /* unit, first order */

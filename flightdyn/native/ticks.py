@@ -53,7 +53,8 @@ class _Inner(ctypes.Structure):
     _fields_ = (
         ("python", _POINTER), ("set_rates", _OBJECT * 3), ("set_errors", _OBJECT * 3),
         ("set_feeds", _OBJECT * 3), ("set_collective", _OBJECT), ("bias", _THREE),
-        ("error", _THREE), ("feed", _THREE), ("collective", _DOUBLE), ("dt", _DOUBLE),
+        ("rate", _THREE), ("error", _THREE), ("feed", _THREE), ("collective", _DOUBLE),
+        ("dt", _DOUBLE),
     )  # fmt: skip
 
 

@@ -106,10 +106,14 @@ class Multirotor:
             ]
         )
 
+        # Body rates that the inner loops want (rad/s), duty cycles of the motors.
+        self.actuators = Gauges([(get, 0.0, 1.0) for get in (*self._wanted, *self._throttle)])
+
     def _rebind(self) -> None:
         """Point the gauges of the native loop at this model's properties."""
         self.imu.bind((*self._rates, *self._accel))
         place = (self._north, self._east, self._up)
+        self.actuators.bind((*self._wanted, *self._throttle))
         self.all.bind((*place, *self._vel, *self._euler, *self._rates, *self._wind))
 
     def _air(self, alt_msl_m: float) -> None:
@@ -175,6 +179,7 @@ class Multirotor:
         engines = [f"propulsion/engine[{i}]" for i in range(4)]
         self._current = [get(f"{engine}/current-amperes") for engine in engines]
         self._throttle = [get(f"fcs/throttle-pos-norm[{i}]") for i in range(4)]
+        self._wanted = [get(f"fcs/rate-wanted-{axis}") for axis in "pqr"]
         self._rpm = [get(f"{engine}/propeller-rpm") for engine in engines]
         self._thrust = [get(f"{engine}/thrust-lbs") for engine in engines]
         rates, errors, feeds = (

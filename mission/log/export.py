@@ -15,12 +15,13 @@ from mission.base.arrays import Floats
 from mission.base.errors import InputError
 from mission.base.palette import community_colour
 from mission.base.run_folder import write_atomically
-from mission.base.tables import csv_lines, parquet
+from mission.base.tables import csv_lines, parquet, told
 from mission.log import LogError
 from mission.log.reader import read_log
 from mission.log.records import flat
 from mission.log.values import (
     BatteryTrack,
+    ControlTrack,
     FlightData,
     InnovationTrack,
     LearningRecord,
@@ -40,8 +41,8 @@ def tables(data: FlightData) -> Tables:
     """The log's contents as tables by name; columns carry their units.
 
     `track`: a row a sample; `plans`: a row a step; `devices`, `rounds`, `uplinks`, `learning`,
-    `events`, `battery`, `wind`, `innovations`. Positions are area coordinates, times simulated
-    seconds.
+    `events`, `battery`, `wind`, `control`, `innovations`. Positions are area coordinates, times
+    simulated seconds.
     """
     truth, belief = data.truth, data.belief
     return {
@@ -81,6 +82,7 @@ def tables(data: FlightData) -> Tables:
                 for axis, name in enumerate(("east", "north", "up"))
             },
         },
+        "control": _control(data.control),
         "innovations": _columns(
             row for kind, track in data.innovations.items() for row in _innovation_rows(kind, track)
         ),
@@ -146,6 +148,19 @@ def _timed(record: LearningRecord | BatteryTrack) -> dict[str, Column]:
     """The fields of a record as columns, its time in seconds."""
     fields = {**vars(record), "t_ns": record.t_ns / 1e9}
     return {"t_s" if name == "t_ns" else name: value for name, value in fields.items()}
+
+
+def _control(track: ControlTrack | None) -> dict[str, Column]:
+    if track is None:
+        return {}
+    return {
+        "t_s": track.t_ns / 1e9,
+        **{
+            f"{name}_{axis}".removesuffix("_"): getattr(track, name)[:, index]
+            for name, axes in told(ControlTrack, tuple)
+            for index, axis in enumerate(axes)
+        },
+    }
 
 
 def _plan_rows(plan: PlanRecord) -> Iterable[dict[str, object]]:

@@ -116,14 +116,6 @@ def velocity(vel_ned_mps: Vector) -> bytes:
     return encoded(fox.Vector3, x=x, y=y, z=z)
 
 
-def point(stamp: fox.Timestamp, xyz: XYZ) -> bytes:
-    """Point3InFrame in the area's frame."""
-    x, y, z = (round(value * POSITION_GRID) / POSITION_GRID for value in xyz)
-    return encoded(
-        fox.Point3InFrame, timestamp=stamp, frame_id=FRAME, point=fox.Point3(x=x, y=y, z=z)
-    )
-
-
 def path(stamp: fox.Timestamp, points_m: Iterable[Sequence[float]]) -> bytes:
     """PosesInFrame of points (x, y, z) in the area's frame, without orientation."""
     level = fox.Quaternion(w=1.0)

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from mission.base.arrays import Floats, Ints
-from mission.log import ForeignLogError, topics
+from mission.log import ForeignLogError, control, topics
 from mission.log.contents import Contents, load
 from mission.log.records import (
     RoundRecord,
@@ -22,6 +22,7 @@ from mission.log.values import (
     NS_PER_S,
     SENSORS,
     BatteryTrack,
+    ControlTrack,
     Devices,
     EventRecord,
     FlightData,
@@ -88,6 +89,7 @@ def decode(contents: Contents) -> FlightData:
                 for t, row in contents.decoded(topics.SETPOINT)
             ),
             modes=_modes(contents),
+            control=_control(contents),
             gnss_ns=np.array(
                 [item.log_time for item in contents.messages.get(topics.GNSS.name, ())],
                 dtype=np.int64,
@@ -156,6 +158,12 @@ def _uplinks(contents: Contents) -> tuple[UplinkRecord, ...]:
 def _modes(contents: Contents) -> Modes:
     rows = [(t, from_json(ModeRecord, row)) for t, row in contents.decoded(topics.MODE)]
     return Modes(np.array([t for t, _ in rows], dtype=np.int64), tuple(m.mode for _, m in rows))
+
+
+def _control(contents: Contents) -> ControlTrack | None:
+    rows = contents.messages.get(topics.CONTROL.name, ())
+    times = np.array([row.log_time for row in rows], dtype=np.int64)
+    return control.track(times, [row.data for row in rows]) if rows else None
 
 
 def _battery(contents: Contents) -> BatteryTrack:

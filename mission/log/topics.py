@@ -11,6 +11,7 @@ from typing import Any
 
 from foxglove import messages as fox
 
+from mission.log import control
 from mission.log.records import RoundRecord, UplinkRecord, described
 from mission.log.values import (
     BatteryTrack,
@@ -96,7 +97,6 @@ TRUE_POSE = _foxglove(
 EST_POSE = _foxglove("/est/pose", fox.PoseInFrame, "where the autopilot believes it is; 10 Hz")
 TRUE_VELOCITY = _foxglove("/true/velocity", fox.Vector3, "east, north, up in m/s; 2 Hz")
 EST_VELOCITY = _foxglove("/est/velocity", fox.Vector3, "the same as believed; 2 Hz")
-COMMAND = _foxglove("/cmd/position", fox.Point3InFrame, "where the guidance wants to be; 1 Hz")
 TRUE_LOCATION = _foxglove(
     "/true/location", fox.LocationFix, "where the aircraft is, on the globe; 1 Hz"
 )
@@ -134,6 +134,11 @@ TRUE_WIND = _foxglove(
     "/true/wind", fox.Vector3, "velocity of the air at the aircraft, east, north, up in m/s; 1 Hz"
 )
 
+CONTROL = Topic(
+    *("/control", control.NAME, "protobuf", control.schema(), "protobuf"),
+    "what the control believed and ordered while armed: `vehicle.control_rate_hz`, 50 Hz",
+)
+
 DEVICES = _json("/devices", "aerofed.Devices", Devices, latched=True)
 PLAN = _json("/plan", "aerofed.Plan", PlanRecord, latched=True)
 ROUNDS = _json("/rounds", "aerofed.Round", RoundRecord, latched=True)
@@ -148,8 +153,8 @@ MISSION = _json("/mission", "aerofed.Mission", MissionRecord, latched=True)
 SETPOINT = _json("/setpoint", "aerofed.Setpoint", SetpointRecord)
 
 TOPICS: tuple[Topic, ...] = (
-    *(TF, TRUE_POSE, EST_POSE, TRUE_VELOCITY, EST_VELOCITY, COMMAND, TRUE_LOCATION, GNSS),
+    *(TF, TRUE_POSE, EST_POSE, TRUE_VELOCITY, EST_VELOCITY, TRUE_LOCATION, GNSS),
     *(PLAN_PATH, FLOWN_PATH, PLAN_MAP, SCENE_GROUND, SCENE_DEVICES, SCENE_LINKS, LOG),
     *(DEVICES, PLAN, ROUNDS, UPLINKS, LEARNING, BATTERY, MODE, EVENTS),
-    *(TRUE_WIND, INNOVATIONS, FENCE, MISSION, SETPOINT),
+    *(TRUE_WIND, CONTROL, INNOVATIONS, FENCE, MISSION, SETPOINT),
 )

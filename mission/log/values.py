@@ -254,6 +254,33 @@ class WindTrack:
     vel_mps: Floats  # (n, 3) velocity of the air: east, north, up
 
 
+_XYZ = ("x", "y", "z")
+_XYZW, _ALONE = (*_XYZ, "w"), ("",)
+
+
+@dataclass(frozen=True)
+class ControlTrack:
+    """What the built-in autopilot's control believed and ordered while armed, at
+    `vehicle.control_rate_hz`. Axes are those of `map` and `base_link`; setpoints of position and
+    heading are NaN while there are none."""
+
+    t_ns: Ints  # (n,)
+    # (n, as many as names)
+    attitude: Annotated[Floats, _XYZW, "believed, `base_link` to `map`: a quaternion"]
+    rates_radps: Annotated[Floats, _XYZ, "believed body rates"]
+    attitude_setpoint: Annotated[Floats, _XYZW, "ordered attitude"]
+    rates_setpoint_radps: Annotated[Floats, _XYZ, "body rates that the attitude loop asks for"]
+    thrust_setpoint: Annotated[Floats, _ALONE, "of all rotors; 1: full"]
+    motors: Annotated[
+        Floats, ("0", "1", "2", "3"), "duty cycles; front right, rear left, front left, rear right"
+    ]
+    position_setpoint_m: Annotated[Floats, _XYZ, "area coordinates, height above home"]
+    velocity_setpoint_mps: Annotated[Floats, _XYZ, "east, north, up"]
+    acceleration_setpoint_mps2: Annotated[Floats, _XYZ, "east, north, up"]
+    yaw_setpoint_rad: Annotated[Floats, _ALONE, "from east towards north"]
+    yaw_rate_setpoint_radps: Annotated[Floats, _ALONE, "the same way round"]
+
+
 @dataclass(frozen=True)
 class InnovationsRecord:
     """Measurements against the estimator's predictions of them, once a second, and all that were
@@ -364,6 +391,7 @@ class FlightData:
     setpoints: tuple[SetpointRecord, ...] = ()
     modes: Modes = NO_MODES
     current: tuple[Ints, Ints] = (_NONE, _NONE)  # times, and the mission item flown to from then on
+    control: ControlTrack | None = None  # None: the vehicle tells none
     gnss_ns: Ints = field(default_factory=lambda: _NONE)  # when satellites gave a position
     source: Source = OURS
 

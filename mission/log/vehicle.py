@@ -5,9 +5,12 @@ from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from operator import attrgetter
 
+import numpy as np
+
 from flightdyn.state import Innovation, Kinematics
 from mission.base.area import Area
-from mission.log import messages, topics
+from mission.base.arrays import Floats
+from mission.log import control, messages, topics
 from mission.log.messages import XYZ
 from mission.log.topics import Topic
 from mission.log.values import NS_PER_S, EventRecord, ModeRecord
@@ -30,7 +33,6 @@ class LogRates:
 
     tf_hz: float = 2.0  # viewers interpolate, and the true pose says the same at every sample
     velocity_hz: float = 2.0
-    command_hz: float = 1.0
     location_hz: float = 1.0
     battery_hz: float = 1.0
     wind_hz: float = 1.0
@@ -64,6 +66,7 @@ class VehicleTopics:
         self._mode: ModeRecord | None = None
         self._due = {name: Every(rate_hz) for name, rate_hz in asdict(rates).items()}
         self._point_due = Every(1.0)
+        self._control: list[Floats] = []  # since it was written last
         self.begin_path()
 
     def event(self, event: VehicleEvent) -> None:
@@ -93,6 +96,13 @@ class VehicleTopics:
             path = messages.path(messages.timestamp(t_ns), self._path_m)
             self._write(topics.FLOWN_PATH, t_ns, path)
 
+    def write_control(self) -> None:
+        """Write what the control has told; not sample by sample, which would take five times as
+        long."""
+        rows, self._control = self._control, []
+        for t_ns, data in control.messages(self._area, np.concatenate(rows)) if rows else ():
+            self._write(topics.CONTROL, t_ns, data)
+
     def sample(self, sample: VehicleSample) -> None:
         """Write the messages of a sample whose time has come by their rates."""
         write, t_ns, truth, belief = self._write, sample.t_ns, sample.truth, sample.belief
@@ -105,9 +115,6 @@ class VehicleTopics:
         if self._due["velocity_hz"].now(t_ns):
             write(topics.TRUE_VELOCITY, t_ns, messages.velocity(truth.vel_ned_mps))
             write(topics.EST_VELOCITY, t_ns, messages.velocity(belief.vel_ned_mps))
-        if sample.cmd_pos_ned_m is not None and self._due["command_hz"].now(t_ns):
-            command_m = messages.area_xyz(self._area, sample.cmd_pos_ned_m)
-            write(topics.COMMAND, t_ns, messages.point(stamp, command_m))
         if sample.gnss is not None:
             write(topics.GNSS, t_ns, messages.gnss(self._frame, sample.gnss))
         if self._due["location_hz"].now(t_ns):
@@ -117,6 +124,8 @@ class VehicleTopics:
             write(topics.BATTERY, t_ns, messages.battery(sample.battery))
         if sample.wind_ned_mps is not None and self._due["wind_hz"].now(t_ns):
             write(topics.TRUE_WIND, t_ns, messages.velocity(sample.wind_ned_mps))
+        if sample.control is not None:
+            self._control.append(sample.control)
         if sample.innovations:
             self._innovations(t_ns, sample.innovations)
         mode = ModeRecord(sample.mode, sample.armed)

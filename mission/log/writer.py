@@ -202,6 +202,7 @@ class FlightLog:
         with ExitStack() as each:  # the last first
             for sink in reversed(self._sinks):
                 each.callback(sink.close)
+            each.callback(self._vehicle.write_control)
 
     def __enter__(self) -> Self:
         return self
@@ -215,6 +216,7 @@ class FlightLog:
 
     def _flush(self) -> None:
         self._flushed_ns = self._now_ns
+        self._vehicle.write_control()
         for sink in self._sinks:
             sink.flush()
 

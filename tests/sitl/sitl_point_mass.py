@@ -34,6 +34,7 @@ class PointMass:
         self.cmd_pos_ned_m: Vector | None = None
         self.wind_ned_mps = np.zeros(3)
         self.faults: tuple[Fault, ...] = ()
+        self.trace = None
         self.paths: list[FlightPath] = []
         self._ready_ns = int(ready_after_s * 1e9)
         self.pos_ned_m = np.zeros(3)

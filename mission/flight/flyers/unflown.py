@@ -102,7 +102,6 @@ class UnflownFlyer(Flyer):
             t_ns=self._t_ns,
             truth=state,
             belief=state,
-            cmd_pos_ned_m=there,
             gnss=None,
             battery=FULL,
             mode="NOT FLOWN",

@@ -22,7 +22,7 @@ from mission.log import topics
 from mission.log.contents import Contents, load
 from mission.log.reader import decode
 from mission.log.topics import Topic
-from mission.log.values import NS_PER_S, FlightData
+from mission.log.values import NS_PER_S, ControlTrack, FlightData
 from sitl.autopilot.codec.orders import GLOBAL_FRAMES
 from sitl.autopilot.flying.route import item_altitude
 
@@ -32,6 +32,7 @@ _NO_STATE = 255  # a mode of another autopilot
 _DISARMED, _ARMED = 1, 2
 _ROTARY_WING = 1
 _FIX_3D = 3
+_MOTORS = 12  # that actuator_motors has room for
 _SAID = ("status", "failsafe", "fault")  # events that are lines of text in a ULog
 
 Places = dict[int, tuple[float, float, float, int]]  # lat, lon, alt, type of setpoint, by item
@@ -52,7 +53,7 @@ def export_ulog(path: Path, target: Path) -> Path:
         raise InputError(f"{path}: the log has no positions, so there is no flight in it")
     tables = {
         **_poses(contents, data, topics.EST_POSE, topics.EST_VELOCITY, ""),
-        "vehicle_local_position_setpoint": _commands(contents, data.area),
+        **({} if data.control is None else _control(data.area, data.control)),
         "vehicle_gps_position": _fixes(contents),
         "battery_status": rows(
             data.battery.t_ns,
@@ -93,7 +94,8 @@ def _poses(
     found = list(contents.decoded(poses))
     t_ns = np.array([t for t, _ in found], dtype=np.int64)
     ned = _ned(data.area, [message.pose.position for _, message in found])
-    q = _attitude([message.pose.orientation for _, message in found])
+    turns = [message.pose.orientation for _, message in found]
+    q = _attitude(np.array([(q.x, q.y, q.z, q.w) for q in turns], dtype=np.float64))
     speeds = list(contents.decoded(velocities))
     known = [t for t, _ in speeds]
     enu = np.array([(v.x, v.y, v.z) for _, v in speeds], dtype=np.float64).reshape(-1, 3)
@@ -128,9 +130,9 @@ def _ned(area: Area, places: list[Any]) -> Floats:
     return area.to_ned(xyz[:, :2], xyz[:, 2])
 
 
-def _attitude(turns: list[Any]) -> Floats:
-    """(n, 4) FRD -> NED as (w, x, y, z), of what our log has as FLU -> ENU."""
-    w, x, y, z = np.array([(q.w, q.x, q.y, q.z) for q in turns], dtype=np.float64).reshape(-1, 4).T
+def _attitude(turns: Floats) -> Floats:
+    """(n, 4) FRD -> NED as (w, x, y, z), of what our log has as FLU -> ENU: (x, y, z, w)."""
+    x, y, z, w = turns.reshape(-1, 4).T
     turned = np.column_stack((w + z, x + y, x - y, w - z))
     return np.asarray(turned / np.linalg.norm(turned, axis=1, keepdims=True))
 
@@ -142,12 +144,32 @@ def _on_globe(area: Area, ned: Floats) -> tuple[Floats, Floats]:
     return np.array([p.lat_deg for p in places]), np.array([p.lon_deg for p in places])
 
 
-def _commands(contents: Contents, area: Area) -> Rows:
-    found = list(contents.decoded(topics.COMMAND))
-    ned = _ned(area, [message.point for _, message in found])
-    times = np.array([t for t, _ in found], dtype=np.int64)
-    unknown = dict.fromkeys(("vx", "vy", "vz", "yaw", "yawspeed"), math.nan)
-    return rows(times, **dict(zip("xyz", ned.T, strict=True)), **unknown)
+def _control(area: Area, track: ControlTrack) -> dict[str, Rows]:
+    """Attitude, rates, motors and setpoints at the rate of the control."""
+    t_ns, frd, ned = track.t_ns, np.array([1.0, -1.0, -1.0]), np.array([1.0, 1.0, -1.0])
+    thrust = np.column_stack((np.zeros((len(t_ns), 2)), -track.thrust_setpoint))
+    roll, pitch, yaw = (track.rates_setpoint_radps * frd).T
+    motors = np.full((len(t_ns), _MOTORS), math.nan)
+    motors[:, : track.motors.shape[1]] = track.motors
+    place = track.position_setpoint_m
+    vel, accel = track.velocity_setpoint_mps, track.acceleration_setpoint_mps2
+    return {
+        "vehicle_attitude": rows(t_ns, q=_attitude(track.attitude)),
+        "vehicle_angular_velocity": rows(t_ns, xyz=track.rates_radps * frd),
+        "vehicle_attitude_setpoint": rows(
+            t_ns, q_d=_attitude(track.attitude_setpoint), thrust_body=thrust
+        ),
+        "vehicle_rates_setpoint": rows(t_ns, roll=roll, pitch=pitch, yaw=yaw, thrust_body=thrust),
+        "actuator_motors": rows(t_ns, control=motors),
+        "vehicle_local_position_setpoint": rows(
+            t_ns,
+            **dict(zip("xyz", area.to_ned(place[:, :2], place[:, 2]).T, strict=True)),
+            **dict(zip(("vx", "vy", "vz"), (vel[:, [1, 0, 2]] * ned).T, strict=True)),
+            acceleration=accel[:, [1, 0, 2]] * ned,
+            yaw=math.pi / 2 - track.yaw_setpoint_rad[:, 0],
+            yawspeed=-track.yaw_rate_setpoint_radps[:, 0],
+        ),
+    }
 
 
 def _fixes(contents: Contents) -> Rows:

@@ -177,7 +177,6 @@ class TelemetryFeed:
             t_ns=belief.t_ns,
             truth=truth,
             belief=belief,
-            cmd_pos_ned_m=None,
             gnss=None,
             battery=known.battery,
             mode=mode,

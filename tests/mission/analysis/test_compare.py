@@ -71,7 +71,7 @@ def vehicle(t_ns: int, true_ned: np.ndarray, est_ned: np.ndarray) -> VehicleSamp
         for at in (true_ned, est_ned)
     )
     battery = BatteryState(22.0, 30.0, 100.0, 0.9)
-    return VehicleSample(t_ns, truth, belief, None, None, battery, "mission", armed=True)
+    return VehicleSample(t_ns, truth, belief, None, battery, "mission", armed=True)
 
 
 def uplink(device: int, step: int, slot_s: float, plan, true, true_per: float) -> UplinkRecord:

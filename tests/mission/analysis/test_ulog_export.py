@@ -172,9 +172,7 @@ def test_each_failsafe_is_a_pulse_and_unknown_modes_have_a_number(tmp_path: Path
     with FlightLog(path, area=AREA, devices=Devices(np.zeros((0, 2)), ())) as log:
         for t_s in range(6):
             mode = "MISSION" if t_s < 3 else "GUIDED"
-            log.sampled(
-                VehicleSample(t_s * 10**9, state, state, None, None, battery, mode, armed=True)
-            )
+            log.sampled(VehicleSample(t_s * 10**9, state, state, None, battery, mode, armed=True))
             if t_s in (2, 4):
                 log.happened(VehicleEvent(t_s * 10**9 + 500, "failsafe", "low", state, state))
     target = export_ulog(path, tmp_path / "x.ulg")

@@ -49,7 +49,7 @@ def test_a_log_that_is_deleted_ends_and_the_flight_goes_on(
         logs.happened(VehicleEvent(start_s * 10**9, "armed", "armed", STILL, STILL))
         for t_s in range(start_s, start_s + 5):
             t_ns = t_s * 10**9
-            logs.sampled(VehicleSample(t_ns, STILL, STILL, None, None, still, "hold", armed=True))
+            logs.sampled(VehicleSample(t_ns, STILL, STILL, None, still, "hold", armed=True))
             if t_s == 2:
                 (tmp_path / "flight-0001.mcap").unlink()
         logs.happened(VehicleEvent((start_s + 5) * 10**9, "armed", "disarmed", STILL, STILL))

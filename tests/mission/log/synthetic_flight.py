@@ -51,9 +51,12 @@ class PointMass:
             gnss = GnssFix(self.t_ns, truth.pos_ned_m + noise, truth.vel_ned_mps, 0.9, 1.5, 0.1, 14)
         state = BatteryState(22.2 * (0.9 + 0.1 * battery), 31.0, 9000 * (1 - battery), battery)
         return VehicleSample(
-            self.t_ns, truth, belief, truth.pos_ned_m, gnss, state, mode, armed=True,
+            self.t_ns, truth, belief, gnss, state, mode, armed=True,
             wind_ned_mps=np.array([3.0, 0.0, 0.5]) + self.rng.normal(0.0, 0.3, 3),
             innovations=() if gnss is None else self.innovations(),
+            control=np.array(
+                [[self.t_ns, *belief.q_frd_to_ned, *[0.0] * 3, *belief.q_frd_to_ned, *[0.0] * 19]]
+            ),
         )  # fmt: skip
 
     def innovations(self) -> tuple[Innovation, ...]:

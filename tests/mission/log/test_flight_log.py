@@ -45,7 +45,7 @@ def kinematics(t_ns: int, *, pos=(0.0, 0.0, 0.0), q=(1.0, 0.0, 0.0, 0.0)) -> Kin
 def sample(t_ns: int, **truth: tuple[float, ...]) -> VehicleSample:
     battery = BatteryState(22.0, 30.0, 100.0, 0.9)
     state = kinematics(t_ns, **truth)
-    return VehicleSample(t_ns, state, state, None, None, battery, "hold", armed=True)
+    return VehicleSample(t_ns, state, state, None, battery, "hold", armed=True)
 
 
 def messages(path: Path, topic: str) -> list[tuple[int, Any]]:

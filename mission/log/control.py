@@ -1,0 +1,86 @@
+"""What the control believed and ordered, as messages at its own rate and back: a fixed layout.
+
+A message is `ControlTrack`'s fields of one instant, each a packed list of single-precision numbers,
+so that all messages of a flight are rows of equal length, made and read many at once.
+"""
+
+import math
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+from google.protobuf.descriptor_pb2 import (
+    DescriptorProto,
+    FieldDescriptorProto,
+    FileDescriptorProto,
+    FileDescriptorSet,
+)
+
+from mission.base.area import Area
+from mission.base.arrays import Floats, Ints
+from mission.base.tables import told
+from mission.log.values import ControlTrack
+
+NAME = "aerofed.Control"
+_AXES = dict(told(ControlTrack, tuple))  # names of each field's numbers
+# Before the numbers of a field stand its tag, a packed list, and how many bytes they are.
+_HEADS = {f"{name} head": (n << 3 | 2, 4 * len(_AXES[name])) for n, name in enumerate(_AXES, 1)}
+_ROW = np.dtype(
+    [
+        part
+        for name, axes in _AXES.items()
+        for part in ((f"{name} head", "u1", 2), (name, "<f4", len(axes)))
+    ]
+)
+_STARTS = [1, 5, 8, 12, 15, 16, 20, 23, 26, 29, 30]  # of quantities in a row of the aircraft's
+_FLU, _UP = np.array([1.0, -1.0, -1.0]), np.array([1.0, 1.0, -1.0])
+_GRID = 2.0**13  # far below what any sensor tells apart; the zeroed bits compress
+
+
+def schema() -> bytes:
+    """Of a message, as protobuf's FileDescriptorSet."""
+    field = FieldDescriptorProto(label="LABEL_REPEATED", type="TYPE_FLOAT")
+    message = DescriptorProto(name=NAME.split(".")[1])
+    for number, name in enumerate(_AXES, 1):
+        field.name, field.number = name, number
+        message.field.append(field)
+    file = FileDescriptorProto(
+        name=NAME, package="aerofed", syntax="proto3", message_type=[message]
+    )
+    return bytes(FileDescriptorSet(file=[file]).SerializeToString())
+
+
+def messages(area: Area, rows: Floats) -> Iterator[tuple[int, bytes]]:
+    """Time (ns) and message of each row (n, 31) of `flightdyn.native.library.Trace`."""
+    t_ns, q, rates, q_to, rates_to, thrust, motors, p, v, a, yaw, yaw_rate = np.split(
+        rows, _STARTS, axis=1
+    )
+    there = np.hstack((area.from_ned(p), -p[:, 2:]))
+    fields = (
+        *(_turned(q), rates * _FLU, _turned(q_to), rates_to * _FLU, thrust, motors, there),
+        *(v[:, [1, 0, 2]] * _UP, a[:, [1, 0, 2]] * _UP, math.pi / 2 - yaw, -yaw_rate),
+    )
+    made = np.zeros(len(rows), _ROW)
+    for name, head in _HEADS.items():
+        made[name] = head
+    for name, numbers in zip(_AXES, fields, strict=True):
+        made[name] = np.round(numbers * _GRID) / _GRID
+    for at, row in zip(t_ns[:, 0].tolist(), made, strict=True):
+        yield int(at), row.tobytes()
+
+
+def _turned(q: Floats) -> Floats:
+    """FRD -> NED (w, x, y, z) as FLU -> ENU (x, y, z, w); see `messages.place`."""
+    w, x, y, z = q.T * math.sqrt(0.5)
+    return np.column_stack((x + y, x - y, w - z, w + z))
+
+
+def track(t_ns: Ints, found: Sequence[bytes]) -> ControlTrack:
+    """The inverse.
+
+    Raises:
+        ValueError: a message is of another layout.
+    """
+    made = np.frombuffer(b"".join(found), _ROW)
+    if any((made[name] != head).any() for name, head in _HEADS.items()):
+        raise ValueError("/control is of another layout")
+    return ControlTrack(t_ns, **{name: made[name].astype(np.float64) for name in _AXES})
