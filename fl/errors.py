@@ -29,7 +29,9 @@ def first_line(error: BaseException) -> str:
 
 def did_you_mean(name: str, known: Iterable[str]) -> str:
     """The end of a message about a name that is not known: the closest one, if any is close."""
-    close = get_close_matches(name, list(known), n=1)
+    whole = {one: one for one in known}
+    stems = {one.rpartition("_")[0]: one for one in whole}  # without the unit
+    close = [names[one] for names in (whole, stems) for one in get_close_matches(name, names, n=1)]
     return f"; did you mean {close[0]}?" if close else ""
 
 

@@ -2,7 +2,8 @@
 
 import itertools
 import math
-from collections.abc import Callable, Iterable, Iterator, Sequence
+import textwrap
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 from rich import box
@@ -115,9 +116,23 @@ def tables(comparison: RunComparison) -> tuple[Table, ...]:
 def in_full(found: Sequence[RunComparison], *, width: int) -> Iterator[Table | str]:
     """What `aerofed compare` prints of a run, a flight, or several side by side."""
     yield from side_by_side(found, width=width) if len(found) > 1 else tables(found[0])
+    settings = [dict(_settings(item.run.data.config)) for item in found]
+    for key in dict.fromkeys(key for each in settings for key in each):
+        values = [str(each.get(key, "-"))[:_NAME_WIDTH] for each in settings]
+        if len(set(values)) > 1:
+            yield f"{key}: {' / '.join(values)}"
     for name, item in zip(names_of(found), found, strict=True):
         for line in lines(item):
             yield f"{name}: {line}" if len(found) > 1 else line
+
+
+def _settings(table: Mapping[str, object], at: str = "") -> Iterator[tuple[str, object]]:
+    """Keys of a configuration, dotted, and their values."""
+    for key, value in table.items():
+        if isinstance(value, dict):
+            yield from _settings(value, f"{at}{key}.")
+        else:
+            yield f"{at}{key}", value
 
 
 def lines(comparison: RunComparison) -> list[str]:
@@ -201,8 +216,10 @@ def side_by_side(comparisons: Sequence[RunComparison], *, width: int) -> tuple[T
     for begin in range(0, len(names), size):
         table = Table(box=box.SIMPLE_HEAD, title=title, title_justify="left")
         table.add_column("whole run", no_wrap=room > 2, overflow="fold")
+        each = max(widest, (width - labels - 4) // (min(size, len(names)) + two) - 3)
         for name in names[begin : begin + size]:
-            table.add_column(name, justify="right", overflow="fold", min_width=widest)
+            head = "\n".join(textwrap.wrap(name, each))  # at a hyphen
+            table.add_column(head, justify="right", overflow="fold", min_width=widest)
         if two:
             table.add_column("difference", justify="right", no_wrap=True)
         for (label, digits, values), row in zip(rows, cells, strict=True):

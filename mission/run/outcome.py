@@ -13,6 +13,7 @@ from mission.base.errors import (
     AerofedError,
     CallbackError,
     FlightError,
+    InputError,
     PlanError,
     TrainingError,
     UsersCodeError,
@@ -112,9 +113,11 @@ class Summary:
     It is written whole each time; "finished" last of all, so that such a folder has everything.
     """
 
-    def __init__(self, folder: RunFolder, **about: object) -> None:
-        """Summary of a run; `about` holds its name, seed and the like."""
+    def __init__(self, folder: RunFolder, *, goes_on: str = "", **about: object) -> None:
+        """Summary of a run; `about` holds its name, seed and the like, and `goes_on` says how one
+        that is cut off can go on."""
         self.folder = folder
+        self.goes_on = goes_on
         self._about = {**about, **environment()}
 
     def add(self, **about: object) -> None:
@@ -123,11 +126,17 @@ class Summary:
 
     def started(self) -> None:
         """Write the summary with status "running"."""
-        self.folder.write_summary({"status": "running", **self._about})
+        self._write({"status": "running", **self._about})
 
     def ended(self, outcome: Outcome, totals: RunTotals, stopwatch: Stopwatch) -> None:
         """Write the summary with status, error and totals."""
-        self.folder.write_summary({**outcome.summary, **self._about, **_totals(totals, stopwatch)})
+        self._write({**outcome.summary, **self._about, **_totals(totals, stopwatch)})
+
+    def _write(self, values: dict[str, object]) -> None:
+        try:
+            self.folder.write_summary(values)
+        except InputError as error:
+            raise error.in_words(f"{error}{self.goes_on}") from error.__cause__
 
 
 def _totals(totals: RunTotals, stopwatch: Stopwatch) -> dict[str, object]:

@@ -50,17 +50,16 @@ def fly_recorded(
     stopwatch: Stopwatch,
     figures: bool = True,
     page: Page | None = None,
-    goes_on: str = "",
 ) -> int:
     """Fly what `opening` opens, with its log, and leave a summary however it ends.
 
     Returns the exit code. Without `figures` nothing is drawn. `page` makes a page of the folder,
-    last of all. `goes_on` says how a flight that was cut off can go on.
+    last of all.
 
     Raises:
         AerofedError: see the error's exit code; the summary says "failed" then.
     """
-    folder, outcome = summary.folder, Outcome()
+    folder, outcome, goes_on = summary.folder, Outcome(), summary.goes_on
     flight: Recorded | None = None
     totals = RunTotals()
     summary.started()

@@ -154,12 +154,14 @@ def _fly(
     page: Page | None,
 ) -> int:
     folder, flyers = ready.folder, ready.flyers
-    write_atomically(folder.devices, ready.scenario.devices_csv())
     config = ready.scenario.config
     for warning in _warnings(ready.scenario):
         console.say(f"warning: {warning}")
     summary = Summary(
         folder,
+        goes_on=f"; {flyers.no_resume}: it cannot be resumed"
+        if flyers.no_resume
+        else f"; aerofed run --resume {folder.path} goes on",
         name=config.name,
         strategy=config.mission.strategy,
         seed=config.seed,
@@ -176,9 +178,6 @@ def _fly(
         stopwatch=stopwatch,
         figures=figures,
         page=page,
-        goes_on=f"; {flyers.no_resume}: it cannot be resumed"
-        if flyers.no_resume
-        else f"; aerofed run --resume {folder.path} goes on",
     )
 
 
@@ -217,6 +216,7 @@ def _experiment(
     ready: Ready, console: RunConsole, stopwatch: Stopwatch, *, workers: int | None
 ) -> Iterator[Experiment]:
     """The experiment, recorded in its folder for as long as the block runs."""
+    write_atomically(ready.folder.devices, ready.scenario.devices_csv())
     with (
         ready.callbacks,  # whose failure at the end belongs into the summary
         recording(ready, console, stopwatch) as recorder,

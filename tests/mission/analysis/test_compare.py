@@ -13,7 +13,7 @@ from synthetic_flight import AREA, CHANNEL, fly
 
 from flightdyn.state import BatteryState, Kinematics
 from mission.analysis.compare import RunComparison, compare_run
-from mission.analysis.comparison_text import names_of, side_by_side, tables
+from mission.analysis.comparison_text import in_full, names_of, side_by_side, tables
 from mission.analysis.load import load_run
 from mission.base.errors import InputError
 from mission.cli import call
@@ -229,6 +229,27 @@ def test_runs_of_one_name_are_told_apart_by_the_folders_above(tmp_path: Path) ->
     paths = ("a/x/long", "b/x/long", "b/y/short", "b/y/short")
     many = [compare_run(dataclasses.replace(loaded, path=Path(path))) for path in paths]
     assert names_of(many) == ["a/x/long", "b/x/long", "short", "short"]
+
+
+def test_runs_side_by_side_say_in_which_settings_they_differ(tmp_path: Path) -> None:
+    fly(tmp_path, rounds=1)
+    loaded = load_run(tmp_path)
+    pair = []
+    for steps, extra_m in ((8, 0.0), (16, -1e-4)):
+        config = f"seed = 1\n[mission]\nsteps = {steps}\n".encode()
+        data = dataclasses.replace(loaded.data, attachments={"config.toml": config})
+        path = Path(f"runs/quickstart-cov-seed1-{steps}")
+        one = compare_run(dataclasses.replace(loaded, path=path, data=data))
+        total = dataclasses.replace(one.total, flown_path_m=100.0 + extra_m)
+        pair.append(dataclasses.replace(one, total=total))
+    console = Console(width=80, force_terminal=False)
+    with console.capture() as captured:
+        for part in in_full(pair, width=80):
+            console.print(part)
+    printed = captured.get()
+    assert printed.splitlines()[-1] == "mission.steps: 8 / 16"
+    assert "cov-seed1-8   cov-seed1-16" in printed  # broken at a hyphen, not within a word
+    assert "-0.0 " not in printed
 
 
 def test_two_runs_stay_together_on_a_narrow_terminal(tmp_path: Path) -> None:

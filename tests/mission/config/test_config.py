@@ -158,6 +158,7 @@ def test_what_is_wrong_with_a_value(write, text: str, said: str) -> None:
     ("text", "words"),
     [
         ("[mission]\nstep = 3" + BASE, ["c.toml", "mission.step", "unknown key", "mean steps?"]),
+        ("[mission]\nspedd = 3" + BASE, ["mission.spedd", "unknown key", "mean speed_mps?"]),
         ("rounds = 3" + BASE, ["rounds", "unknown key", "did you mean mission.rounds?"]),
         (
             "[mission]\nseed = 3" + BASE,

@@ -176,3 +176,9 @@ def test_terminal_page_and_summary_tell_the_same_wall_time(
     told = {**json.loads(wall_s), "total": int(total_s)}
     assert seen == [told]
     assert folder.told()["wall_s"] == told
+
+
+def test_a_summary_that_cannot_be_written_says_how_the_run_goes_on(tmp_path: Path) -> None:
+    nowhere = RunFolder(tmp_path / "gone")
+    with pytest.raises(InputError, match=r"summary\.json: cannot write: .*; it goes on$"):
+        Summary(nowhere, goes_on="; it goes on").started()
