@@ -2,6 +2,7 @@
 
     python docs/apart_gains.py 2a RUNS --out docs/data/apart-runs
     python docs/apart_gains.py 2b FACTORS --out docs/data/apart-factors
+    python docs/apart_gains.py 2c RUNS WEIGHTS --out docs/data/apart-weights
 
 RUNS is what `apart_runs.py` left, finished or not. `--out` gets all rounds as one table,
 rounds.csv.gz, and README.md with the tables of that stage: docs/data/PLAN.md.
@@ -29,11 +30,10 @@ TASKS = ("cifar10", "mnist")
 NAMES = {"cifar10": "CIFAR-10", "mnist": "MNIST"}
 
 
-def collected(folder: Path) -> pd.DataFrame:
+def collected(folders: Sequence[Path]) -> pd.DataFrame:
     """The rounds of all runs that are done."""
-    return pd.concat(
-        [pd.read_csv(path) for path in sorted(folder.glob("*.csv"))], ignore_index=True
-    )
+    files = [path for folder in folders for path in sorted(folder.glob("*.csv"))]
+    return pd.concat([pd.read_csv(path) for path in files], ignore_index=True)
 
 
 def ends(runs: Sequence[pd.DataFrame], way: str) -> list[int]:
@@ -74,11 +74,11 @@ def whole_cells(
 
 
 def gains(
-    runs: dict[str, list[pd.DataFrame]], other: str, task: str, way: str
+    runs: dict[str, list[pd.DataFrame]], other: str, task: str, way: str, *, of: str = "cov"
 ) -> tuple[Floats, Floats]:
-    """(seeds,) points that `cov` is ahead of another strategy, and the other's accuracy."""
+    """(seeds,) points that `of` is ahead of another strategy, and the other's accuracy."""
     pairs = []
-    for mine, theirs in zip(runs["cov"], runs[other], strict=True):
+    for mine, theirs in zip(runs[of], runs[other], strict=True):
         counts = ends((mine, theirs), way)
         pairs.append(
             [accuracy(run, task, n) for run, n in zip((mine, theirs), counts, strict=True)]
@@ -202,15 +202,15 @@ def factor_tables(rounds: pd.DataFrame) -> str:
     """README.md of stage 2b.
 
     Raises:
-        SystemExit: no two seeds have all their runs.
+        SystemExit: no three seeds have all their runs.
     """
     added = {
         (task, way): effects(factor_gains(rounds, task, way)) for task in TASKS for way in WAYS
     }
     seeds = len(added["cifar10", "metre"])
-    if seeds < 2:
+    if seeds < 3:
         raise SystemExit(
-            f"{seeds} of {len(apart_runs.FACTOR_SEEDS)} seeds are whole: two are needed"
+            f"{seeds} of {len(apart_runs.FACTOR_SEEDS)} seeds are whole: three are needed"
         )
     rows = []
     for number, (name, factor) in enumerate(apart_runs.FACTORS.items()):
@@ -230,6 +230,62 @@ def factor_tables(rounds: pd.DataFrame) -> str:
     table = markdown(["factor", ways[0], "p times 13", *ways[1:]], rows)
     return _FACTORS_HEAD.format(seeds=seeds, of=len(apart_runs.FACTOR_SEEDS)) + table + "\n"
 
+
+def weight_tables(rounds: pd.DataFrame) -> str:
+    """README.md of stage 2c.
+
+    Raises:
+        SystemExit: no three seeds have all their runs.
+    """
+    cell, strategies = apart_runs.CELLS[0], ("cov", "no_cov", *apart_runs.WEIGHTS)
+    here = (rounds.layout == cell.layout) & rounds.N.eq(cell.steps)
+    by_run = dict(
+        iter(rounds[here & (rounds.K_bar == cell.per_step)].groupby(["strategy", "seed"]))
+    )
+    whole = [s for s in apart_runs.SEEDS if all((name, s) in by_run for name in strategies)]
+    if len(whole) < 3:
+        raise SystemExit(
+            f"{len(whole)} of {len(apart_runs.SEEDS)} seeds are whole: three are needed"
+        )
+    runs = {name: [by_run[name, seed] for seed in whole] for name in strategies}
+    parts = [_WEIGHTS_HEAD.format(seeds=len(whole), of=len(apart_runs.SEEDS))]
+    for other in ("no_cov", "cov"):
+        rows = [
+            [
+                f"`{name}`",
+                NAMES[task],
+                *(_gain(*gains(runs, other, task, w, of=name)) for w in WAYS),
+            ]
+            for name in strategies
+            for task in TASKS
+            if name not in ("no_cov", other)
+        ]
+        heads = ["weight", "task", *(f"per {way}" for way in WAYS)]
+        parts.append(f"## Points less `{other}`\n\n{markdown(heads, rows)}\n")
+    means = [
+        [
+            f"`{name}`",
+            *(_mean([accuracy(run, task, len(run)) for run in of]) for task in TASKS),
+            *(_mean([heard(run, task) for run in of]) for task in TASKS),
+            _mean([len(run) for run in of]),
+        ]
+        for name, of in runs.items()
+    ]
+    heads = ["weight", "CIFAR-10, %", "MNIST, %", "CIFAR-10 heard, %", "MNIST heard, %", "rounds"]
+    parts.append(f"## What each comes to\n\n{markdown(heads, means)}\n")
+    return "\n".join(parts)
+
+
+_WEIGHTS_HEAD = """\
+# Other weights where communities live in opposite corners
+
+Made from rounds.csv.gz by `python docs/apart_gains.py 2c`; the runs by `python docs/apart_runs.py
+2c`, not flown, on a tenth of the data, N = 2, K_bar = 3; the weights are those of
+`examples/weights.py` and `examples/per_metre.py`. Planned before: [PLAN](../PLAN.md), stage 2c.
+{seeds} of {of} seeds are whole.
+
+Mean ± 95 % interval over seeds; in brackets over the other's mean, and in how many seeds ahead.
+"""
 
 _FACTORS_HEAD = """\
 # What moves the gain where communities live in opposite corners
@@ -260,18 +316,17 @@ times thirteen, the tests of the stage, is at least what Holm makes of it.
 def main() -> None:
     """Collect and write."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("stage", choices=("2a", "2b"))
-    parser.add_argument("runs", type=Path, metavar="RUNS")
+    parser.add_argument("stage", choices=("2a", "2b", "2c"))
+    parser.add_argument("runs", type=Path, nargs="+", metavar="RUNS")
     parser.add_argument("--out", type=Path, required=True, metavar="DIR")
     options = parser.parse_args()
     rounds = collected(options.runs)
+    made = {"2a": tables, "2b": factor_tables, "2c": weight_tables}
     options.out.mkdir(parents=True, exist_ok=True)
     # Without a time and a name in its head, so that the same rounds are the same bytes.
     packed = gzip.compress(rounds.to_csv(index=False, lineterminator="\n").encode(), mtime=0)
     (options.out / "rounds.csv.gz").write_bytes(packed)
-    (options.out / "README.md").write_text(
-        tables(rounds) if options.stage == "2a" else factor_tables(rounds), encoding="utf-8"
-    )
+    (options.out / "README.md").write_text(made[options.stage](rounds), encoding="utf-8")
 
 
 if __name__ == "__main__":

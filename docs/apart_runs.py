@@ -2,6 +2,7 @@
 
     python docs/apart_runs.py 2a --data-dir DATA --out RUNS --jobs 2 [--cells 3]
     python docs/apart_runs.py 2b --data-dir DATA --out FACTORS --jobs 2
+    python docs/apart_runs.py 2c --data-dir DATA --out WEIGHTS --jobs 2
 
 DATA holds MNIST and CIFAR-10; a tenth of each is used. CIFAR-10 is best unpacked: half of a run is
 reading it from an archive. `--out` gets a table a run, with a row a round. Runs that are there
@@ -34,6 +35,11 @@ SEEDS = range(201, 217)
 FACTOR_SEEDS = range(201, 209)
 ONLY = "cifar10_only"  # the ceiling of weights: all importance is CIFAR-10's
 STRATEGIES = ("cov", "no_cov", ONLY, "ideal")
+WEIGHTS = {
+    "sqrt_cov": "examples.weights:sqrt_cov",
+    "worst_device": "examples.weights:worst_device",
+    "per_metre": "examples.per_metre:per_metre",
+}
 SPENT = ("budget_used_m", "energy_used_j")
 LEARNT = ("accuracy_cifar10", "accuracy_mnist")
 Level = float | bool | str
@@ -137,7 +143,7 @@ class Task:
     def config(self) -> aerofed.RunConfig:
         """`paper-sweep` on a tenth of the data, with the devices where the layout has them."""
         places = apart.positions_m(self.cell.layout, self.seed).round(3).tolist()
-        strategy = f"apart_runs:{ONLY}" if self.strategy == ONLY else self.strategy
+        strategy = {ONLY: f"apart_runs:{ONLY}", **WEIGHTS}.get(self.strategy, self.strategy)
         return aerofed.config(
             "paper-sweep",
             {
@@ -172,6 +178,12 @@ def factor_tasks() -> Iterator[Task]:
         yield Task(CELLS[0], strategy, seed, levels)
 
 
+def weight_tasks() -> Iterator[Task]:
+    """The runs of stage 2c, in the cell of the hypotheses."""
+    for seed, strategy in product(SEEDS, WEIGHTS):
+        yield Task(CELLS[0], strategy, seed)
+
+
 def run(task: Task, data_dir: Path) -> pd.DataFrame:
     """The rounds of a run.
 
@@ -203,7 +215,7 @@ def _made(task: Task, data_dir: Path, path: Path) -> str:
 def main() -> None:
     """Run what was not yet."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("stage", choices=("2a", "2b"))
+    parser.add_argument("stage", choices=("2a", "2b", "2c"))
     parser.add_argument("--data-dir", type=Path, required=True, metavar="DATA")
     parser.add_argument("--out", type=Path, required=True, metavar="DIR")
     parser.add_argument("--cells", type=int, default=len(CELLS), help="2a: the first so many")
@@ -211,8 +223,9 @@ def main() -> None:
     options = parser.parse_args()
     options.out.mkdir(parents=True, exist_ok=True)
     os.environ.update(ENVIRONMENT)
+    stages = {"2a": tasks(options.cells), "2b": factor_tasks(), "2c": weight_tasks()}
     with ProcessPoolExecutor(options.jobs) as pool:
-        for task in tasks(options.cells) if options.stage == "2a" else factor_tasks():
+        for task in stages[options.stage]:
             path = options.out / f"{task.point.name}.csv"
             if not path.exists():
                 pool.submit(_made, task, options.data_dir, path).add_done_callback(

@@ -1,10 +1,8 @@
 """Other weights than the paper's: who should be served, by age, by weakness, by more or less CoV.
 
-The paper weighs a device by its data share, its community's CoV psi and lambda if it was missed.
-Each of these leaves the path to the configured planner, so that they differ in the weight alone:
+The paper's is data share, CoV psi of the community, lambda if missed. The planner stays the same:
 
-    aerofed sweep paper-sweep --data-dir DATA --set mission.flight=none \\
-        --strategies cov,examples.weights:age,examples.weights:sqrt_cov
+    aerofed sweep apart --set mission.flight=none --strategies cov,examples.weights:sqrt_cov
 """
 
 from collections.abc import Callable
@@ -16,7 +14,6 @@ from numpy.typing import NDArray
 from aerofed import Planner, RoundInfo, RoundProblem, Sortie, StrategyContext
 
 Floats = NDArray[np.float64]
-LAMBDA = 1.5  # the paper's boost of a device that missed the last round
 
 
 @dataclass(frozen=True)
@@ -29,7 +26,6 @@ class Weighed:
     approach_m: Floats | None = None
 
     def sortie(self, round_index: int, problem: RoundProblem) -> Sortie:
-        """The planner's path."""
         return Sortie(self.planner.plan(problem))
 
 
@@ -38,7 +34,7 @@ def _strategy(weight: Callable[[RoundInfo], Floats]) -> Callable[[StrategyContex
 
 
 def _missed(info: RoundInfo) -> Floats:
-    return np.where(info.age_rounds > 1, LAMBDA, 1.0)
+    return np.where(info.age_rounds > 1, 1.5, 1.0)  # lambda, of a device that missed a round
 
 
 def _weakness(info: RoundInfo) -> Floats:
@@ -50,9 +46,14 @@ def _mean_weakness(info: RoundInfo) -> Floats:
     return (np.bincount(of, weak) / np.bincount(of, info.p))[of]
 
 
+def _worst_weakness(info: RoundInfo) -> Floats:
+    return np.array([_weakness(info)[info.community_of == c].max() for c in info.community_of])
+
+
 age = _strategy(lambda info: info.p * info.age_rounds)
 age_cov = _strategy(lambda info: info.p * info.cov * info.age_rounds)
 sqrt_cov = _strategy(lambda info: info.p * np.sqrt(info.cov) * _missed(info))
 cov_squared = _strategy(lambda info: info.p * info.cov**2 * _missed(info))
 weak_device = _strategy(lambda info: info.p * _weakness(info) * _missed(info))
 weak_task = _strategy(lambda info: info.p * _mean_weakness(info) * _missed(info))
+worst_device = _strategy(lambda info: info.p * _worst_weakness(info) * _missed(info))

@@ -15,6 +15,7 @@ from examples import (
     fednova,
     late_updates,
     measured_radio,
+    per_metre,
     quantity_skew,
     rician,
     tabular,
@@ -190,6 +191,29 @@ def test_weights_of_devices_and_of_communities() -> None:
     assert weight(weights.cov_squared) == [4.0, 18.0, 1.5]
     assert weight(weights.weak_device) == pytest.approx([0.125, 0.1125, 1.5])
     assert weight(weights.weak_task) == pytest.approx([0.05, 0.225, 1.5])  # mean 0.2, and 1
+    assert weight(weights.worst_device) == pytest.approx([0.125, 0.5625, 1.5])  # 0.5, and 1
+
+
+def test_a_weight_per_metre_is_half_a_leg_away() -> None:
+    problem = aerofed.RoundProblem(
+        devices_m=np.array([[0.0, 0.0], [0.0, 400.0]]),
+        importance=np.array([1.0, 1.5]),
+        start_m=np.zeros(2),
+        steps=2,
+        per_step=1,
+        path_budget_m=800.0,
+        channel=aerofed.channel("suburban"),
+    )
+    asked: list[aerofed.RoundProblem] = []
+
+    def plan(weighed: aerofed.RoundProblem) -> aerofed.RoundPlan:
+        asked.append(weighed)
+        return aerofed.finish(weighed, [[0.0, 0.0], [0.0, 400.0]])
+
+    context: Any = SimpleNamespace(planner=SimpleNamespace(plan=plan))
+    made = per_metre.per_metre(context).sortie(0, problem).plan
+    assert list(asked[0].importance) == [1.0, 0.75]
+    assert made.value == pytest.approx(aerofed.finish(problem, made.waypoints_m).value)
 
 
 def test_late_updates_weigh_less_and_move_from_where_they_began() -> None:

@@ -177,5 +177,21 @@ def test_what_a_factor_adds_is_found() -> None:
     np.testing.assert_allclose(apart_gains.effects(ahead), [[0, 0, 2, 0, 0, 0, 0]] * 2, atol=1e-9)
 
 
+def test_weights_are_held_against_both() -> None:
+    accuracies = dict.fromkeys(apart_runs.WEIGHTS, 0.4) | {"cov": 0.3, "no_cov": 0.2}
+    rows = [
+        {"strategy": strategy, "seed": seed, "layout": "corners", "N": 2, "K_bar": 3}
+        | {"energy_used_j": 1.0, "accuracy_cifar10": accuracy, "accuracy_mnist": 0.5}
+        | {"participation_cifar10": 0.5, "participation_mnist": 0.5}
+        for seed in (201, 202, 203)
+        for strategy, accuracy in accuracies.items()
+    ]
+    less_no_cov, less_cov = apart_gains.weight_tables(pd.DataFrame(rows)).split("## Points")[1:]
+    assert "| `per_metre` | CIFAR-10 | +20.0 ± 0.0 (+100 %, 3 of 3) |" in less_no_cov
+    assert "| `per_metre` | CIFAR-10 | +10.0 ± 0.0 (+33 %, 3 of 3) |" in less_cov
+    with pytest.raises(SystemExit, match="2 of 16 seeds are whole"):
+        apart_gains.weight_tables(pd.DataFrame(rows[:-1]))
+
+
 def lacking() -> apart_runs.Task:
     return apart_runs.Task(apart_runs.CELLS[0], "no_cov", 203, apart_runs.treatments()[5])
