@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Self
 
 from flightdyn.config import ImuConfig
-from flightdyn.errors import FaultError
 from flightdyn.plant import Plant
 from flightdyn.random import RandomStreams
 from flightdyn.state import GeodeticPoint
@@ -62,16 +61,9 @@ def plant_for(vehicle: VehicleConfig, *, home: GeodeticPoint, streams: RandomStr
     Under PX4 its accelerometer is a better one, where the configuration leaves it as it is.
 
     Raises:
-        FlightInputError: an interval of the configuration is no whole number of ticks, or a fault
-            waits for what only the built-in autopilot tells.
+        FlightInputError: an interval of the configuration is no whole number of ticks.
     """
     aircraft = vehicle.aircraft
-    for fault in aircraft.faults:
-        if fault.after is not None:
-            raise FaultError(
-                f"vehicle.aircraft.faults: after = {fault.after!r}: when that is, is known of the "
-                "built-in autopilot only; leave it out, and at_s counts from the start"
-            )
     changes: dict[str, object] = {"physics_hz": plant_rate_hz(vehicle)}
     if vehicle.autopilot == "px4" and aircraft.sensors.imu == ImuConfig():
         imu = ImuConfig(**_PX4_IMU)

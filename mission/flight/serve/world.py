@@ -5,7 +5,7 @@ import threading
 from collections.abc import Callable
 
 from flightdyn.random import RandomStreams
-from mission.base.errors import FlightError
+from mission.base.errors import FlightError, InputError
 from mission.config.models import RunConfig
 from mission.flight.failures import of_a_vehicle, of_settings
 from sitl.config import VehicleConfig
@@ -73,6 +73,12 @@ def _bridge(config: RunConfig, autopilot: str, port: int) -> Bridge:
     vehicle = VehicleConfig.model_construct(
         **{**dict(config.vehicle), "autopilot": autopilot}  # its firmware is somebody else's
     )
+    for fault in config.vehicle.aircraft.faults:
+        if fault.after is not None:
+            raise InputError(
+                f"vehicle.aircraft.faults: after = {fault.after!r}: aerofed world is not told when "
+                "that is; leave it out, and at_s counts from the start"
+            )
     home, streams = config.area.build().home, RandomStreams(config.seed)
     plant = plant_for(vehicle, home=home, streams=streams)
     if autopilot == "px4":

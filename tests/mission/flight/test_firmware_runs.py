@@ -16,6 +16,7 @@ import pytest
 import small_runs
 
 from mission.cli import call
+from mission.log.reader import read_log
 from sitl.firmware.launch import FirmwareProcess, Launch
 
 SMALL = (*small_runs.SMALL, "--set", "mission.steps=6")
@@ -225,6 +226,28 @@ def test_a_real_firmware_flies_a_survey_as_it_was_drawn(tmp_path: Path, autopilo
     found = json.loads((out / "summary.json").read_text())["planned_and_flown"]
     assert (found["slots"], found["slots_missed"]) == (18, 0)
     assert found["straight_max_m"] < 3.0
+
+
+@pytest.mark.real
+@pytest.mark.parametrize("autopilot", sorted(REAL))
+@pytest.mark.parametrize("after", [7, "take-off"])
+def test_a_fault_comes_after_what_a_real_firmware_tells(
+    tmp_path: Path, autopilot: str, after: int | str
+) -> None:
+    survey, out = Path(__file__).parents[3] / "examples" / "survey.plan", tmp_path / "out"
+    burst = f'{{kind="wind_burst", after={after!r}, at_s=1, duration_s=4, north_mps=6}}'
+    keys = (
+        *(f"vehicle.autopilot={autopilot}", f"vehicle.firmware.path={real(autopilot)}"),
+        f"vehicle.aircraft.faults=[{burst}]",
+    )
+    words = [word for key in keys for word in ("--set", key)]
+    assert call(["fly", str(survey), "--out", str(out), "--no-report", "--no-figures", *words]) == 0
+    log = read_log(out / "flight.mcap")
+    blows = log.wind.t_ns[log.wind.vel_mps[:, 1] > 3.0]
+    lifted = log.truth.t_ns[log.truth.pos_m[:, 2] > 0.5][0]
+    told = [e.t_ns for e in log.events if e.text == f"item {after}: reported"] or [lifted]
+    assert 0.9e9 < blows[0] - told[0] < 2.6e9  # the wind is logged once a second
+    assert blows[-1] - blows[0] < 5e9
 
 
 @pytest.mark.real

@@ -5,10 +5,12 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+import pytest
 from firmware_stand_ins import ArduPilotStandIn
 from patience import until
 from serving import free_port
 
+from mission.cli import call
 from mission.config.loading import load_config
 from mission.flight.serve.world import serve_world
 
@@ -56,3 +58,10 @@ def answered(process: ArduPilotStandIn, count: int) -> float:
 
     until(has_come)
     return answers[0]
+
+
+def test_a_fault_after_what_nobody_tells_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
+    fault = 'vehicle.aircraft.faults=[{kind="gnss_off", after="take-off"}]'
+    assert call(["world", "--px4", "--set", fault]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "vehicle.aircraft.faults: after = 'take-off': aerofed world is not told" in line
