@@ -3,7 +3,7 @@
 import itertools
 import math
 import textwrap
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import TYPE_CHECKING
 
 from rich import box
@@ -13,7 +13,7 @@ from mission.analysis.compare import Comparison, Label, RunComparison
 from mission.analysis.legs import Leg
 from mission.analysis.measure import CORNER_M
 from mission.analysis.spikes import spikes
-from mission.base.tables import count, number, told
+from mission.base.tables import count, dotted, number, told
 from mission.base.terminal import TABLE_WIDTH
 
 if TYPE_CHECKING:
@@ -116,7 +116,7 @@ def tables(comparison: RunComparison) -> tuple[Table, ...]:
 def in_full(found: Sequence[RunComparison], *, width: int) -> Iterator[Table | str]:
     """What `aerofed compare` prints of a run, a flight, or several side by side."""
     yield from side_by_side(found, width=width) if len(found) > 1 else tables(found[0])
-    settings = [dict(_settings(item.run.data.config)) for item in found]
+    settings = [dotted(item.run.data.config) for item in found]
     for key in dict.fromkeys(key for each in settings for key in each):
         values = [str(each.get(key, "-"))[:_NAME_WIDTH] for each in settings]
         if len(set(values)) > 1:
@@ -124,15 +124,6 @@ def in_full(found: Sequence[RunComparison], *, width: int) -> Iterator[Table | s
     for name, item in zip(names_of(found), found, strict=True):
         for line in lines(item):
             yield f"{name}: {line}" if len(found) > 1 else line
-
-
-def _settings(table: Mapping[str, object], at: str = "") -> Iterator[tuple[str, object]]:
-    """Keys of a configuration, dotted, and their values."""
-    for key, value in table.items():
-        if isinstance(value, dict):
-            yield from _settings(value, f"{at}{key}.")
-        else:
-            yield f"{at}{key}", value
 
 
 def lines(comparison: RunComparison) -> list[str]:

@@ -115,16 +115,12 @@ def _where(comparison: RunComparison, name: str) -> str:
     if name in _EVENTS:
         events = [e for e in comparison.run.data.events if e.kind == _EVENTS[name]]
         return f"first at {events[0].t_ns / NS_PER_S:.1f} s: {events[0].text}" if events else ""
-    array = _MADE[name]
-    worst, at = -math.inf, (0, 0)
+    worst = []
     for index, measured in enumerate(comparison.measured):
-        values = _values(measured, array)
-        if len(values) and np.isfinite(values).any() and np.nanmax(np.abs(values)) > worst:
-            sample = int(np.nanargmax(np.abs(values)))
-            worst, at = float(abs(values[sample])), (index, sample)
-    if worst == -math.inf:
-        return ""
-    return _place(comparison, *at)
+        values = np.nan_to_num(np.abs(_values(measured, _MADE[name])), nan=-1.0)
+        if values.max(initial=-1.0) >= 0.0:
+            worst.append((float(values.max()), index, int(values.argmax())))
+    return _place(comparison, *max(worst)[1:]) if worst else ""
 
 
 def _values(measured: Measured, array: str) -> Floats:

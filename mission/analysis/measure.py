@@ -1,5 +1,6 @@
 """One round's flight against its plan, sample by sample and slot by slot."""
 
+import itertools
 import math
 from collections import Counter
 from collections.abc import Mapping
@@ -186,15 +187,14 @@ def gnss_gaps(run: FlightData, start_ns: int, end_ns: int) -> list[tuple[float, 
     longer than a second, and than three of the usual intervals."""
     if len(run.gnss_ns) < 2:
         return []
-    apart_s = np.diff(run.gnss_ns) / NS_PER_S
-    longer = np.flatnonzero(apart_s > max(_GAP_S, 3 * float(np.median(apart_s))))
-    found = [(int(run.gnss_ns[i]), int(run.gnss_ns[i + 1])) for i in longer]
-    if run.gnss_ns[-1] < end_ns - max(_GAP_S, 3 * float(np.median(apart_s))) * NS_PER_S:
-        found.append((int(run.gnss_ns[-1]), end_ns))
+    longest_s = max(_GAP_S, 3 * float(np.median(np.diff(run.gnss_ns))) / NS_PER_S)
+    times_s = np.append(run.gnss_ns, max(end_ns, run.gnss_ns[-1])) / NS_PER_S
     return [
-        (begin / NS_PER_S, end / NS_PER_S)
-        for begin, end in found
-        if end > start_ns and begin < end_ns
+        (float(begin_s), float(end_s))
+        for begin_s, end_s in itertools.pairwise(times_s)
+        if end_s - begin_s > longest_s
+        and end_s > start_ns / NS_PER_S
+        and begin_s < end_ns / NS_PER_S
     ]
 
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mission.analysis.measure import Measured, gnss_gaps
-from mission.base.arrays import Bools, Floats
+from mission.base.arrays import Floats
 from mission.log.values import NS_PER_S, FlightData
 
 # A spike is farther off than this, and than three times the usual; and where it begins and ends.
@@ -101,17 +101,7 @@ def spikes(run: FlightData, all_measured: Sequence[Measured]) -> tuple[Spike, ..
 def _stretches(t_s: Floats, values: Floats) -> Iterator[tuple[int, int]]:
     """First and last sample of each stretch far above the usual value, out to half of the bound."""
     bound = max(_SPIKE_M, _USUAL * float(np.median(values)))
-    high = _runs(values > _EDGE * bound, t_s)
-    for first, last in high:
-        if values[first : last + 1].max() > bound:
-            yield first, last
-
-
-def _runs(inside: Bools, t_s: Floats) -> Sequence[tuple[int, int]]:
-    found: list[tuple[int, int]] = []
-    for index in np.flatnonzero(inside).tolist():
-        if found and t_s[index] - t_s[found[-1][1]] <= _JOIN_S:
-            found[-1] = (found[-1][0], index)
-        else:
-            found.append((index, index))
-    return found
+    high = np.flatnonzero(values > _EDGE * bound)
+    for group in np.split(high, np.flatnonzero(np.diff(t_s[high]) > _JOIN_S) + 1):
+        if values[group].max(initial=0.0) > bound:
+            yield int(group[0]), int(group[-1])

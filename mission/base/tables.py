@@ -61,6 +61,20 @@ def _column(name: str, hint: object) -> Column:
     return Column(name, hint, ())
 
 
+def dotted(value: object, prefix: str = "") -> dict[str, object]:
+    """What is in tables and lists, by dotted key."""
+    if isinstance(value, dict):
+        items = [(str(key), item) for key, item in value.items()]
+    elif isinstance(value, list):
+        items = [(str(index), item) for index, item in enumerate(value)]
+    else:
+        return {prefix: value}
+    flat: dict[str, object] = {}
+    for key, item in items:
+        flat |= dotted(item, f"{prefix}.{key}" if prefix else key)
+    return flat
+
+
 def count(number: int, noun: str) -> str:
     """`1 round`, `2 rounds`."""
     return f"{number} {noun}{'' if number == 1 else 's'}"

@@ -1,12 +1,11 @@
 """The autopilot's fence as it lies on the ground, for the log and the maps."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 from pymavlink.dialects.v20 import common as mav
 
-from flightdyn.state import GeodeticPoint
 from mission.base.area import Area
 from mission.base.arrays import Floats
 from mission.log.values import Zone
@@ -14,27 +13,42 @@ from sitl.autopilot.codec.orders import MissionItem
 from sitl.autopilot.fence import Circle, Polygon, compile_fence
 from sitl.autopilot.parameters import Parameters
 
+_RINGS = (
+    mav.MAV_CMD_NAV_FENCE_POLYGON_VERTEX_EXCLUSION,
+    mav.MAV_CMD_NAV_FENCE_POLYGON_VERTEX_INCLUSION,
+)
+_CIRCLES = mav.MAV_CMD_NAV_FENCE_CIRCLE_EXCLUSION, mav.MAV_CMD_NAV_FENCE_CIRCLE_INCLUSION
 
-def fence_items(area: Area) -> list[MissionItem]:
-    """The fence of an area's airspace as it is uploaded; nothing where it is open."""
-    items: list[MissionItem] = []
-    for zone in airspace_zones(area):
-        for place in corners_of(zone, area):
-            items.append(
-                MissionItem(
-                    seq=len(items),
-                    command=mav.MAV_CMD_NAV_FENCE_POLYGON_VERTEX_INCLUSION
-                    if zone.keep_in
-                    else mav.MAV_CMD_NAV_FENCE_POLYGON_VERTEX_EXCLUSION,
-                    frame=mav.MAV_FRAME_GLOBAL,
-                    params=(float(len(zone.outline_m)), 0.0, 0.0, 0.0),
-                    x=place.lat_deg,
-                    y=place.lon_deg,
-                    z=0.0,
-                    mission_type=mav.MAV_MISSION_TYPE_FENCE,
-                )
-            )
-    return items
+Place = tuple[float, float]  # latitude, longitude in degrees
+
+
+def fence_items(
+    rings: Iterable[tuple[bool, Sequence[Place]]], circles: Iterable[tuple[bool, float, Place]] = ()
+) -> tuple[MissionItem, ...]:
+    """A fence as it is uploaded: whether to stay inside, and corners, or radius and centre."""
+    drawn = [(_RINGS[inside], float(len(ring)), place) for inside, ring in rings for place in ring]
+    drawn += [(_CIRCLES[inside], radius_m, centre) for inside, radius_m, centre in circles]
+    return tuple(
+        MissionItem(
+            seq, command, mav.MAV_FRAME_GLOBAL, (size, 0.0, 0.0, 0.0), round(lat_deg, 7),
+            round(lon_deg, 7), 0.0, mav.MAV_MISSION_TYPE_FENCE,
+        )
+        for seq, (command, size, (lat_deg, lon_deg)) in enumerate(drawn)
+    )  # fmt: skip
+
+
+def airspace_rings(area: Area) -> list[tuple[bool, list[Place]]]:
+    """The fence of an area's airspace on the globe; nothing where it is open."""
+    return [
+        (
+            zone.keep_in,
+            [
+                (place.lat_deg, place.lon_deg)
+                for place in map(area.frame.to_geodetic, area.to_ned(zone.outline_m, 0.0))
+            ],
+        )
+        for zone in airspace_zones(area)
+    ]
 
 
 def airspace_zones(area: Area) -> tuple[Zone, ...]:
@@ -42,11 +56,6 @@ def airspace_zones(area: Area) -> tuple[Zone, ...]:
     space = area.airspace
     zones = [Zone(ring, keep_in=False) for ring in space.keep_out]
     return (*zones, *(() if space.keep_in is None else (Zone(space.keep_in, keep_in=True),)))
-
-
-def corners_of(zone: Zone, area: Area) -> list[GeodeticPoint]:
-    """The corners of a zone on the globe, in its order."""
-    return [area.frame.to_geodetic(ned) for ned in area.to_ned(zone.outline_m, 0.0)]
 
 
 _CORNERS = 72  # of a circle: its outline lies within a thousandth of the radius

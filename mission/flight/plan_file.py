@@ -6,7 +6,7 @@ format" (QGC WPL 110).
 
 import json
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -18,10 +18,10 @@ from mission.base.area import Area
 from mission.base.errors import InputError
 from mission.base.run_folder import write_atomically
 from mission.base.user_files import decoded, read_bytes
-from mission.flight.fence_zones import airspace_zones, corners_of
+from mission.flight.fence_zones import airspace_rings, fence_items
 from mission.flight.flight_plan import FlightPlan
 from mission.flight.mission_items import mission_items
-from mission.flight.plan_document import SCANS, Document, Fence
+from mission.flight.plan_document import SCANS, Document
 from sitl.autopilot.codec.orders import MissionItem, command_name
 
 HEADER = "QGC WPL 110"
@@ -78,20 +78,19 @@ def _read_qgroundcontrol(path: Path, content: bytes, text: str) -> PlanFile:
                 )
             params[0] = numbers[int(params[0])]
         items.append(_item(seq, part.command, part.frame, params, autocontinue=part.autoContinue))
+    kind, command = mav.MAV_MISSION_TYPE_RALLY, mav.MAV_CMD_NAV_RALLY_POINT
     rally = [
-        _item(
-            seq,
-            mav.MAV_CMD_NAV_RALLY_POINT,
-            3,
-            (0, 0, 0, 0, *point),
-            kind=mav.MAV_MISSION_TYPE_RALLY,
-        )
+        _item(seq, command, 3, (0, 0, 0, 0, *point), kind=kind)
         for seq, point in enumerate(document.rallyPoints.points)
     ]
     planned, home = document.mission.plannedHomePosition, None
     if planned is not None:
         home = _home(path, *(math.nan if value is None else value for value in planned))
-    fence = tuple(_fence_items(document.geoFence))
+    drawn = document.geoFence
+    fence = fence_items(
+        ((ring.inclusion, ring.polygon) for ring in drawn.polygons),
+        ((c.inclusion, c.circle.radius, c.circle.center) for c in drawn.circles),
+    )
     return PlanFile(path, content, home, tuple(items), fence, tuple(rally))
 
 
@@ -122,22 +121,6 @@ def _item(
     one, two, three, four, x, y, z = params
     first = one, two, three, four
     return MissionItem(seq, command, frame, first, round(x, 7), round(y, 7), z, kind, autocontinue)
-
-
-def _fence_items(fence: Fence) -> Iterable[MissionItem]:
-    inclusions = (
-        mav.MAV_CMD_NAV_FENCE_POLYGON_VERTEX_EXCLUSION,
-        mav.MAV_CMD_NAV_FENCE_POLYGON_VERTEX_INCLUSION,
-    )
-    circles = mav.MAV_CMD_NAV_FENCE_CIRCLE_EXCLUSION, mav.MAV_CMD_NAV_FENCE_CIRCLE_INCLUSION
-    drawn = [
-        (inclusions[ring.inclusion], float(len(ring.polygon)), place)
-        for ring in fence.polygons
-        for place in ring.polygon
-    ]
-    drawn += [(circles[c.inclusion], c.circle.radius, c.circle.center) for c in fence.circles]
-    for seq, (command, size, place) in enumerate(drawn):
-        yield _item(seq, command, 0, (size, 0, 0, 0, *place, 0), kind=mav.MAV_MISSION_TYPE_FENCE)
 
 
 def _read_waypoints(path: Path, content: bytes, text: str) -> PlanFile:
@@ -213,12 +196,8 @@ def write_round_plan(path: Path, plan: FlightPlan, area: Area) -> None:
         )
     home = area.home
     polygons = [
-        {
-            "inclusion": zone.keep_in,
-            "polygon": [[place.lat_deg, place.lon_deg] for place in corners_of(zone, area)],
-            "version": 1,
-        }
-        for zone in airspace_zones(area)
+        {"inclusion": keep_in, "polygon": corners, "version": 1}
+        for keep_in, corners in airspace_rings(area)
     ]
     document = {
         "fileType": "Plan",

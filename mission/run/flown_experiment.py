@@ -14,7 +14,7 @@ from mission.base.arrays import Bools, Floats
 from mission.base.errors import FlightError, LinkLostError
 from mission.base.interrupts import BACKGROUND, in_background
 from mission.base.user_code import errors_of_learning
-from mission.flight.fence_zones import fence_items
+from mission.flight.fence_zones import airspace_rings, fence_items
 from mission.flight.flight_plan import FlightPlan, flight_of_round
 from mission.flight.flyers.flyer import CHARGED, Flyer
 from mission.flight.flyers.flyers import Attached
@@ -73,7 +73,7 @@ class FlownExperiment(Experiment):
         self._stage = "take-off"
         self.recorder.progress.phase("take-off")
         with self.stopwatch("fly"):
-            if fence := fence_items(self.scenario.area):
+            if fence := fence_items(airspace_rings(self.scenario.area)):
                 await flyer.set_fence(fence)
             await flyer.take_off()
             if self.strategy.approach_m is not None:

@@ -10,6 +10,7 @@ from typing import Any, TypedDict
 from mission.base.errors import InputError
 from mission.base.folder_lock import alone_in
 from mission.base.run_folder import RunFolder, write_atomically
+from mission.base.tables import dotted
 from mission.base.user_files import read_json
 from mission.config.preflight import code_digests, own_code
 from mission.run.resume import other_code
@@ -156,7 +157,7 @@ def _manifest(grid: Grid, *, data_dir: Path | None) -> Manifest:
 
 def _changes(old: Manifest, new: Manifest) -> list[str]:
     before, after = (
-        {**_flat(values["config"]), "data folder": values["data_dir"]} for values in (old, new)
+        {**dotted(values["config"]), "data folder": values["data_dir"]} for values in (old, new)
     )
     changes = [
         f"{key} was {before.get(key)!r}, is {after.get(key)!r}"
@@ -188,16 +189,3 @@ def _option(key: str, values: list[Any]) -> str:
         return f"--seeds {max(values) - min(values) + 1}"
     listed = ",".join(value if isinstance(value, str) else json.dumps(value) for value in values)
     return f"--strategies {listed}" if key == "strategy" else f"--set {key}={listed}"
-
-
-def _flat(value: object, prefix: str = "") -> dict[str, object]:
-    if isinstance(value, dict):
-        items = [(str(key), item) for key, item in value.items()]
-    elif isinstance(value, list):
-        items = [(str(index), item) for index, item in enumerate(value)]
-    else:
-        return {prefix: value}
-    flat: dict[str, object] = {}
-    for key, item in items:
-        flat |= _flat(item, f"{prefix}.{key}" if prefix else key)
-    return flat

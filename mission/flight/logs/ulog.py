@@ -24,12 +24,7 @@ from sitl.autopilot.codec.orders import MissionItem
 
 # vehicle_status.nav_state, as ground stations call the modes.
 MODES = {
-    0: "MANUAL",
-    1: "ALTITUDE",
-    2: "POSITION",
-    3: "MISSION",
-    4: "HOLD",
-    5: "RETURN",
+    **dict(enumerate(("MANUAL", "ALTITUDE", "POSITION", "MISSION", "HOLD", "RETURN"))),
     10: "ACRO",
     12: "DESCEND",
     13: "TERMINATED",
