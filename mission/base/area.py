@@ -5,6 +5,7 @@ vehicle's frame is NED about the take-off point, which lies at `home_m` in the a
 """
 
 from dataclasses import dataclass, field
+from typing import Self
 
 import numpy as np
 
@@ -23,6 +24,13 @@ class Area:
     home: GeodeticPoint
     airspace: Airspace = field(default=OPEN, compare=False)  # where in it may be flown
 
+    @classmethod
+    def around(cls, home: GeodeticPoint, pos_ned_m: Floats, *, margin_m: float) -> Self:
+        """The rectangle around positions (n, 3) about `home`."""
+        low = pos_ned_m.min(axis=0) - margin_m
+        north_m, east_m, _ = (pos_ned_m.max(axis=0) + margin_m - low).tolist()
+        return cls((east_m, north_m), (-float(low[1]), -float(low[0])), home)
+
     @property
     def frame(self) -> LocalFrame:
         """The vehicle's local NED frame."""
@@ -36,6 +44,10 @@ class Area:
         ned[..., 1] = xy[..., 0] - self.home_m[0]
         ned[..., 2] = -alt_rel_m
         return ned
+
+    def xyz(self, pos_ned_m: Floats) -> Floats:
+        """(..., 3) NED -> area coordinates and height above home."""
+        return np.concatenate((self.from_ned(pos_ned_m), -pos_ned_m[..., 2:]), axis=-1)
 
     def from_ned(self, pos_ned_m: Floats) -> Floats:
         """(..., 3) NED -> (..., 2) area coordinates."""

@@ -17,7 +17,6 @@ from mission.analysis.load import load_run
 from mission.analysis.passes import PLAN_FILE
 from mission.base import polyline
 from mission.base.area import Area
-from mission.base.arrays import Floats
 from mission.base.console import RunConsole
 from mission.base.errors import AerofedError, FlightError, InputError
 from mission.base.record_file import RecordFile
@@ -164,7 +163,7 @@ class _PlanFlight:
     def _begins(self, flyer: Flyer) -> None:
         """Log the planned path, as rounds have theirs, and the items."""
         order, t_ns = self.order, flyer.t_ns
-        points, duration_s = area_xyz(order.area, order.path.points_ned_m), order.path.duration_s
+        points, duration_s = order.area.xyz(order.path.points_ned_m), order.path.duration_s
         speed_mps = polyline.length(points) / duration_s
         self.log.plan_record(
             PlanRecord.of_flight(
@@ -267,10 +266,16 @@ def _order(config: RunConfig, plan: PlanFile, speeds: Mapping[str, float] | None
             )
     plan = replace(plan, items=placed(plan.items, home))
     path = planned_path(plan, home, parameters=parameters, limits=guidance_of(config.vehicle))
-    around = _area_around(path, home)
-    return _Order(
-        plan, path, config.model_copy(update={"area": around}), around.build(), parameters
+    points = np.vstack((path.points_ned_m, *path.rally_ned_m))
+    area = Area.around(home, points, margin_m=_MARGIN_M)
+    around = AreaConfig(
+        size_m=area.size_m,
+        home_m=area.home_m,
+        home_lat_deg=home.lat_deg,
+        home_lon_deg=home.lon_deg,
+        home_alt_msl_m=home.alt_msl_m,
     )
+    return _Order(plan, path, config.model_copy(update={"area": around}), area, parameters)
 
 
 def _speeds(config: RunConfig, limits: VehicleLimits) -> dict[str, float]:
@@ -293,21 +298,3 @@ def _refuse_heights_above_sea(plan: PlanFile) -> None:
                 f"{plan.path}: item {item.seq}, {command_name(item.command)}: its height is "
                 "above sea level; an external vehicle (--vehicle) is sent to heights above its home"
             )
-
-
-def _area_around(path: PlannedPath, home: GeodeticPoint) -> AreaConfig:
-    """The rectangle around the plan."""
-    points_m = np.vstack((path.points_ned_m, *path.rally_ned_m))[:, :2]
-    low, high = points_m.min(axis=0) - _MARGIN_M, points_m.max(axis=0) + _MARGIN_M
-    return AreaConfig(
-        size_m=(float(high[1] - low[1]), float(high[0] - low[0])),
-        home_m=(float(-low[1]), float(-low[0])),
-        home_lat_deg=home.lat_deg,
-        home_lon_deg=home.lon_deg,
-        home_alt_msl_m=home.alt_msl_m,
-    )
-
-
-def area_xyz(area: Area, pos_ned_m: Floats) -> Floats:
-    """(..., 3) NED -> x east, y north in area coordinates, height above home."""
-    return np.concatenate((area.from_ned(pos_ned_m), -pos_ned_m[..., 2:]), axis=-1)

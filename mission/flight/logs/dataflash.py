@@ -24,17 +24,9 @@ _ARMED, _DISARMED = 10, 11  # EV
 _HOME = 1  # ORGN.Type; 0: the origin of its filter
 # ERR.Subsys of the failsafes.
 _FAILSAFES = {
-    5: "radio",
-    6: "battery",
-    8: "ground station",
-    9: "fence",
-    16: "EKF check",
-    17: "EKF",
-    19: "terrain",
-    23: "vibration",
-    24: "internal",
-    29: "dead reckoning",
-}
+    5: "radio", 6: "battery", 8: "ground station", 9: "fence", 16: "EKF check", 17: "EKF",
+    19: "terrain", 23: "vibration", 24: "internal", 29: "dead reckoning",
+}  # fmt: skip
 
 
 def read_dataflash(path: Path) -> FlightData:

@@ -88,12 +88,12 @@ class Found:
         homes = [home for home in self.homes if home[0] <= top_ns] or self.homes[:1]
         home = GeodeticPoint(*(homes[-1] if homes else places[0].tolist())[1:])
         t_ns, ned = _ned(places, home)
-        area = _area(home, ned)
-        truth = belief = Track(t_ns, _area_m(area, ned))
+        area = Area.around(home, ned, margin_m=_MARGIN_M)
+        truth = belief = Track(t_ns, area.xyz(ned))
         believed_only = len(self.truth) < 2
         if not believed_only:
             at_ns, true_ned = _ned(self._of_one_clock(self.truth), home)
-            true_m = _area_m(area, true_ned)
+            true_m = area.xyz(true_ned)
             along = [np.interp(t_ns, at_ns, true_m[:, axis]) for axis in range(3)]
             truth = Track(t_ns, np.column_stack(along))
         battery, wind = _rows(self.battery, 5), _rows(self.wind, 3)
@@ -154,17 +154,6 @@ def _ned(rows: Floats, home: GeodeticPoint) -> tuple[Ints, Floats]:
     # Height above home, not above the plane that touches the globe there.
     ned[:, 2] = home.alt_msl_m - rows[:, 3]
     return rows[:, 0].astype(np.int64), ned
-
-
-def _area(home: GeodeticPoint, ned: Floats) -> Area:
-    """The rectangle around a track."""
-    low, high = ned[:, :2].min(axis=0) - _MARGIN_M, ned[:, :2].max(axis=0) + _MARGIN_M
-    size = high - low
-    return Area((float(size[1]), float(size[0])), (float(-low[1]), float(-low[0])), home)
-
-
-def _area_m(area: Area, ned: Floats) -> Floats:
-    return np.column_stack((area.from_ned(ned), -ned[:, 2]))
 
 
 def _rows(rows: Sequence[tuple[float, ...]], width: int) -> Floats:

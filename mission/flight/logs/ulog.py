@@ -24,18 +24,10 @@ from sitl.autopilot.codec.orders import MissionItem
 
 # vehicle_status.nav_state, as ground stations call the modes.
 MODES = {
-    **dict(enumerate(("MANUAL", "ALTITUDE", "POSITION", "MISSION", "HOLD", "RETURN"))),
-    10: "ACRO",
-    12: "DESCEND",
-    13: "TERMINATED",
-    14: "OFFBOARD",
-    15: "STABILIZED",
-    17: "TAKEOFF",
-    18: "LAND",
-    19: "FOLLOW",
-    20: "PRECISION LAND",
-    21: "ORBIT",
-}
+    0: "MANUAL", 1: "ALTITUDE", 2: "POSITION", 3: "MISSION", 4: "HOLD", 5: "RETURN", 10: "ACRO",
+    12: "DESCEND", 13: "TERMINATED", 14: "OFFBOARD", 15: "STABILIZED", 17: "TAKEOFF", 18: "LAND",
+    19: "FOLLOW", 20: "PRECISION LAND", 21: "ORBIT",
+}  # fmt: skip
 _ROTARY = (0, 1)  # vehicle_status.vehicle_type; 0: not known
 _KINDS = {2: "a fixed-wing aircraft", 3: "a rover", 4: "an airship"}
 _ARMED = 2
