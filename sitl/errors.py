@@ -13,10 +13,6 @@ class LinkError(SitlError):
     """A link cannot be opened or used; the message names its address."""
 
 
-class ProtocolError(SitlError):
-    """The autopilot was about to say something that MAVLink cannot carry."""
-
-
 class FirmwareError(SitlError):
     """The firmware cannot be flown any further; the message says what it did or did not do."""
 

@@ -103,7 +103,7 @@ def closest_approach(track_m: Floats, point_m: Floats) -> float:
     """Least distance from a point to a flown track (n, 2), straight between its samples."""
     if len(track_m) == 1:
         return float(np.linalg.norm(track_m[0] - point_m))
-    away_m, _ = to_segments(point_m[None], track_m[:-1], track_m[1:])
+    away_m, _ = polyline.to_segments(point_m[None], track_m[:-1], track_m[1:])
     return float(np.linalg.norm(away_m, axis=1).min())
 
 
@@ -161,17 +161,8 @@ def _refine(
     after = np.clip(index, 0, len(nodes) - 2)
     options = []
     for piece in (before, after):
-        away, share = to_segments(track, nodes[piece], nodes[piece + 1])
+        away, share = polyline.to_segments(track, nodes[piece], nodes[piece + 1])
         options.append((away, along[piece] + share * (along[piece + 1] - along[piece])))
     (first, first_at), (second, second_at) = options
     nearer = np.linalg.norm(first, axis=1) <= np.linalg.norm(second, axis=1)
     return np.where(nearer[:, None], first, second), np.where(nearer, first_at, second_at)
-
-
-def to_segments(points: Floats, start: Floats, end: Floats) -> tuple[Floats, Floats]:
-    """(n, d) from segments to points, row by row, and the share of the segment there."""
-    way = end - start
-    square = (way**2).sum(axis=1)
-    along = ((points - start) * way).sum(axis=1)
-    share = np.clip(np.divide(along, square, out=np.zeros(len(way)), where=square > 0), 0.0, 1.0)
-    return points - start - share[:, None] * way, share

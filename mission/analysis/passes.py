@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from mission.analysis.alignment import Alignment, align, leg_of, to_segments
+from mission.analysis.alignment import Alignment, align, leg_of
 from mission.base import polyline
 from mission.base.arrays import Bools, Floats, Ints
 from mission.base.errors import InputError
@@ -368,7 +368,7 @@ def _passages(way: MissionPath, fit: Alignment, track: Track) -> Iterator[Passag
         if not way.height_known[index]:
             pos_m[:, 2] = 0.0
         # Between samples straight.
-        away_m, share = to_segments(np.zeros(3), pos_m[near], pos_m[near + 1])
+        away_m, share = polyline.to_segments(np.zeros(3), pos_m[near], pos_m[near + 1])
         reach_m = np.linalg.norm(away_m, axis=1)
         passed = len(near) > 0 and (
             fit.along_m[-1] > at_m + _AT_END_M or float(reach_m.min()) <= _REACHED_M

@@ -18,3 +18,12 @@ def length(points: Floats) -> float:
 def along(points: Floats) -> Floats:
     """(n,) lengths of the way from the first of (n, d) points to each."""
     return np.concatenate(([0.0], np.cumsum(legs(points))))
+
+
+def to_segments(points: Floats, start: Floats, end: Floats) -> tuple[Floats, Floats]:
+    """(n, d) from segments to points, row by row, and the share (n,) of the segment there."""
+    way = end - start
+    square = (way**2).sum(axis=1)
+    along = ((points - start) * way).sum(axis=1)
+    share = np.clip(np.divide(along, square, out=np.zeros(len(way)), where=square > 0), 0.0, 1.0)
+    return points - start - share[:, None] * way, share

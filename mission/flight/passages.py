@@ -3,12 +3,12 @@
 It aims at its stops by its own estimate; where that is the truth as well, so are the instants.
 """
 
-import itertools
 from collections import Counter
 from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from mission.base import polyline
 from mission.base.arrays import Floats
 from mission.flight.track import Flight, Passage
 
@@ -53,15 +53,10 @@ def _closest(flight: Flight, stop: Floats, after_ns: int, until_ns: int, *, hove
     inside = (flight.t_ns > after_ns) & (flight.t_ns < until_ns)
     instants = np.concatenate(([after_ns], flight.t_ns[inside], [until_ns]))
     points = np.array([flight.at(int(t_ns)).est_ned_m for t_ns in instants]) - stop
-    best_m, best_ns = float(np.linalg.norm(points[0])), after_ns
-    nearest: list[tuple[float, int]] = [(best_m, best_ns)]
-    for (a, b), (t_a, t_b) in zip(
-        itertools.pairwise(points), itertools.pairwise(instants.tolist()), strict=True
-    ):
-        way = b - a
-        square = float(way @ way)
-        share = min(max(-float(a @ way) / square, 0.0), 1.0) if square > 0.0 else 0.0
-        nearest.append((float(np.linalg.norm(a + share * way)), round(t_a + share * (t_b - t_a))))
+    away_m, share = polyline.to_segments(np.zeros(3), points[:-1], points[1:])
+    t_ns = np.round(instants[:-1] + share * np.diff(instants)).astype(np.int64).tolist()
+    reach_m = np.linalg.norm(np.vstack((points[:1], away_m)), axis=1).tolist()
+    nearest: list[tuple[float, int]] = list(zip(reach_m, [after_ns, *t_ns], strict=True))
     closest_m, instant = min(nearest)
     if hovers:
         return next(t_ns for away_m, t_ns in nearest if away_m <= closest_m + _ARRIVED_M)
