@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from mission.api.configuring import as_path
-from mission.api.runs import Run, load
+from mission.api.runs import Run
 from mission.base.errors import InputError
 
 if TYPE_CHECKING:
@@ -27,7 +27,8 @@ def compare(
     with `check` beside it: compare(log).check(cross_track_max_m=3).
 
     Args:
-        runs: one or more, flown or loaded, or their folders, or flight logs of any kind.
+        runs: one or more, flown or loaded, or their folders, or flight logs of any kind, or folders
+            of such logs.
         plan: a plan file to compare with; default: the mission in the log.
         believed: compare where the autopilot believed to be, also where the truth is known.
         rounds: only the first rounds, so that runs of different length compare.
@@ -38,7 +39,7 @@ def compare(
     """
     from mission.analysis.compare import compare_run
     from mission.analysis.comparison_text import names_of
-    from mission.analysis.load import load_run
+    from mission.analysis.load import flights_in, load_run
     from mission.api.comparison import Comparison
     from mission.api.frames import frame
 
@@ -47,11 +48,13 @@ def compare(
     if rounds is not None and rounds < 1:
         raise InputError(f"compare: rounds = {rounds}: must be at least 1")
     file = None if plan is None else as_path(plan, "plan")
-    if file is None and not believed:
-        loaded = [(run if isinstance(run, Run) else load(run))._loaded for run in runs]
-    else:
-        paths = [run.path if isinstance(run, Run) else as_path(run, "path") for run in runs]
-        loaded = [load_run(path, file, believed=believed) for path in paths]
+    loaded = []
+    for run in runs:
+        if isinstance(run, Run) and file is None and not believed:
+            loaded.append(run._loaded)
+        else:
+            path = run.path if isinstance(run, Run) else as_path(run, "path")
+            loaded += [load_run(each, file, believed=believed) for each in flights_in(path)]
     found = [compare_run(run, rounds=rounds) for run in loaded]
     rows = [
         {"run": name, **asdict(numbers)}

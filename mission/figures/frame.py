@@ -28,6 +28,7 @@ from mission.log.values import FlightData, PlanRecord
 NoFly: TypeAlias = Mapping[str, Any]  # an area of `area.no_fly`, as the configuration has it
 Lines: TypeAlias = list[tuple[str, int, Floats]]  # kind, round (0: of all), points (n, 2)
 
+_STANDING_M = 3.0  # that a position may wander on the ground
 _MARGIN = 0.04  # of the extent, around it
 _FENCE_SHOWN = 2.2  # times the rest: a larger one would make that small
 TOLERANCE_M = 0.15  # what thinning may move a flown path: a tenth of a pixel
@@ -56,7 +57,8 @@ def run_lines(run: FlightData, plans: Sequence[PlanRecord]) -> Lines:
     if run.planned is not None:
         end_ns = int(flown(run, run.rounds[-1]).t_ns[-1])
         rest = run.truth.between(end_ns, int(run.truth.t_ns[-1])).pos_m[:, :2]
-        lines += [("after the last place", 0, thin(rest, TOLERANCE_M))] if len(rest) > 1 else []
+        if len(rest) > 1 and np.ptp(rest, axis=0).max() > _STANDING_M:
+            lines.append(("after the last place", 0, thin(rest, TOLERANCE_M)))
     return lines
 
 
