@@ -1,47 +1,16 @@
-"""What a flight along a path will take, before it is flown: when, how long, how much energy.
-
-It is read off the very trajectory that the guidance will fly (`path_plan`), so that speeds,
-corners and their smoothing are known in one place only.
-"""
+"""The least that flights of a length take: time and energy, whatever their corners."""
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 
 from flightdyn.config import LimitsConfig
-from flightdyn.frames import Triple
-from flightdyn.guidance.path import FlightPath
-from flightdyn.guidance.path_plan import drawn
-from flightdyn.physics.power import air_of, power_w
+from flightdyn.physics.power import power_w
 from flightdyn.state import Vector
 
 # From the reference's end until the aircraft stands there: 0.04 to 0.28 s in 56 calm flights.
 SETTLING_S = 0.3
 _SPEEDS = 2000
-STILL: Triple = (0.0, 0.0, 0.0)
-
-
-@dataclass(frozen=True)
-class Foresight:
-    """Timing and energy of a path flown from rest to rest."""
-
-    passed_s: Vector  # (M,) when each of its points is passed, from the order on
-    duration_s: float
-    energy_j: float  # electrical
-
-
-def foresee(
-    path: FlightPath, limits: LimitsConfig, *, density: float = 1.0, wind_mps: Triple = STILL
-) -> Foresight:
-    """What the guidance makes of a path; `density` of the air is over that at sea level, the
-    wind's velocity is along the path's axes. It costs energy; time only where lean or thrust do
-    not suffice against it, which is not foreseen.
-    """
-    air = air_of(density, wind_mps)
-    passed_s, moving_s, energy_j = drawn(path, limits).foreseen(air)
-    hover_w = float(air.power(np.array([math.hypot(*wind_mps)]), np.zeros(1))[0])
-    return Foresight(passed_s, moving_s + SETTLING_S, energy_j + hover_w * SETTLING_S)
 
 
 def least_duration(length_m: float, *, speed_mps: float, limits: LimitsConfig) -> float:

@@ -70,8 +70,8 @@ class Channel:
                 raise SettingError(name, getattr(self, name), "must be above 0")
 
     @cached_property
-    def _constants(self) -> Floats:
-        """(9,) what the average packet error rate needs of them (`fl/native/learning.h`)."""
+    def constants(self) -> Floats:
+        """(9,) what the average packet error rate needs of them (`native/include/channel.h`)."""
         lacking = math.log(self.snr_threshold)
         lacking -= (self.tx_power_db - self.noise_db) * NEPERS_PER_DB
         los, nlos = (
@@ -192,7 +192,7 @@ def average_per(
     far = np.array(distances, dtype=np.float64, order="C")
     high = np.array(heights, dtype=np.float64, order="C")
     return library.average_per(
-        channel._constants, np.abs(far, out=far), np.maximum(high, 0.0, out=high)
+        channel.constants, np.abs(far, out=far), np.maximum(high, 0.0, out=high)
     )
 
 

@@ -24,15 +24,7 @@ class Corner:
 
 def steering_of(limits: LimitsConfig) -> Steering:
     """The limits as C takes them."""
-    return Steering(
-        limits.acceleration_mps2,
-        limits.vertical_acceleration_mps2,
-        limits.smoothing_s,
-        limits.speed_mps,
-        limits.climb_mps,
-        limits.descent_mps,
-        limits.corner_cut,
-    )
+    return Steering(*(getattr(limits, name) for name, *_ in Steering._fields_))
 
 
 def drawn(path: FlightPath, limits: LimitsConfig) -> Drawn:
@@ -43,7 +35,7 @@ def drawn(path: FlightPath, limits: LimitsConfig) -> Drawn:
 def passing_times(path: FlightPath, limits: LimitsConfig) -> list[float]:
     """Seconds (M,) after which the trajectory of `plan_path` passes each of its points, from rest
     to rest, without making it; the last stands for its end."""
-    passed_s: list[float] = drawn(path, limits).foreseen(None)[0].tolist()
+    passed_s: list[float] = drawn(path, limits).passing_times().tolist()
     return passed_s
 
 

@@ -8,6 +8,11 @@
 #include "levelled.h"
 #include "strapdown.h"
 
+static void pass_points(Drawing *path, const Steering *steering, double *passed)
+{
+    foresee_path(path, steering, NULL, passed, NULL);
+}
+
 static void power(
     const Air *air, int64_t count, const double *speed, const double *accel, double *watts)
 {
@@ -15,4 +20,4 @@ static void power(
 }
 
 const Flight NAMED(flight) = {integrate, carry,  transition, innovate,  reference,    guide,
-                              land,      cruise, draw_path,  foresee_path, power};
+                              land,      cruise, draw_path,  pass_points, power};

@@ -13,7 +13,6 @@ SIZE_OF(Guidance);
 SIZE_OF(Trace);
 SIZE_OF(Loop);
 SIZE_OF(Steering);
-SIZE_OF(FlightPath);
 SIZE_OF(Vertex);
 SIZE_OF(Drawing);
 SIZE_OF(Air);

@@ -40,10 +40,8 @@ class _Functions(ctypes.Structure):
         ("land", ctypes.PYFUNCTYPE(None, _POINTER, _DOUBLE)),
         ("cruise", ctypes.PYFUNCTYPE(
             _INT, _POINTER, ctypes.py_object, _INT, _POINTER, _POINTER)),
-        ("draw", ctypes.PYFUNCTYPE(
-            _DOUBLE, _POINTER, _POINTER, _POINTER, ctypes.c_int, _POINTER, _POINTER, _POINTER)),
-        ("foresee", ctypes.PYFUNCTYPE(
-            _DOUBLE, _POINTER, _POINTER, _POINTER, _POINTER, _POINTER, _POINTER)),
+        ("draw", ctypes.PYFUNCTYPE(_DOUBLE, _POINTER, _POINTER, _POINTER, ctypes.c_int)),
+        ("pass_points", ctypes.PYFUNCTYPE(None, _POINTER, _POINTER, _POINTER)),
         ("power", ctypes.PYFUNCTYPE(None, _POINTER, _INT, _POINTER, _POINTER, _POINTER)),
     )  # fmt: skip
 
@@ -54,7 +52,7 @@ _INTEGRATE, _CARRY = _FUNCTIONS.integrate, _FUNCTIONS.carry
 _TRANSITION, _INNOVATE = _FUNCTIONS.transition, _FUNCTIONS.innovate
 _REFERENCE, _GUIDE, _LAND = _FUNCTIONS.reference, _FUNCTIONS.guide, _FUNCTIONS.land
 _CRUISE = _FUNCTIONS.cruise
-_DRAW, _FORESEE, _POWER = _FUNCTIONS.draw, _FUNCTIONS.foresee, _FUNCTIONS.power
+_DRAW, _PASS, _POWER = _FUNCTIONS.draw, _FUNCTIONS.pass_points, _FUNCTIONS.power
 
 
 _ROOM = 8  # times as many increments, so that they are seldom moved to the front
@@ -271,9 +269,12 @@ _THREE = _DOUBLE * 3
 class Steering(ctypes.Structure):
     """What guidance keeps to; see `trajectory.h`."""
 
-    _fields_ = (
-        ("accel", _DOUBLE), ("vertical_accel", _DOUBLE), ("smoothing", _DOUBLE),
-        ("speed", _DOUBLE), ("climb", _DOUBLE), ("descent", _DOUBLE), ("corner_cut", _DOUBLE),
+    _fields_ = tuple(
+        (name, _DOUBLE)
+        for name in (
+            "acceleration_mps2", "vertical_acceleration_mps2", "smoothing_s", "speed_mps",
+            "climb_mps", "descent_mps", "corner_cut",
+        )
     )  # fmt: skip
 
 
@@ -309,14 +310,11 @@ class Vertex(ctypes.Structure):
     )  # fmt: skip
 
 
-class _Path(ctypes.Structure):
+class _Drawing(ctypes.Structure):
     _fields_ = (
         ("count", _INT), ("points", _POINTER), ("speeds", _POINTER), ("acceptance", _POINTER),
+        ("at", _POINTER), ("pieces", _POINTER), ("drawn", _INT), ("legs", _INT),
     )  # fmt: skip
-
-
-class _Drawing(ctypes.Structure):
-    _fields_ = (("at", _POINTER), ("pieces", _POINTER))
 
 
 class Drawn:
@@ -328,38 +326,31 @@ class Drawn:
         """Points (n, 3), two or more, speeds (n - 1,) and acceptance radii (n,)."""
         self._count = count = len(points)
         self._kept = points, speeds, acceptance, steering
-        self._path = _Path(
+        self._vertices, self._pieces = (Vertex * count)(), np.empty((4 * count, PIECE))
+        self._drawing = _Drawing(
             count,
             address(points, np.float64, (count, 3)),
             address(speeds, np.float64, (count - 1,)),
             address(acceptance, np.float64, (count,)),
+            ctypes.addressof(self._vertices),
+            self._pieces.ctypes.data,
         )
-        self._vertices = (Vertex * count)()
-        self._pieces = np.empty((4 * count, PIECE))
-        self._memory = _Drawing(ctypes.addressof(self._vertices), self._pieces.ctypes.data)
-        self._at = ctypes.addressof(self._path), ctypes.addressof(steering)
+        self._at = ctypes.addressof(self._drawing), ctypes.addressof(steering)
 
     def trajectory(
         self, velocity: _Triple, *, braking: bool
     ) -> tuple[_Floats, list[Vertex], float]:
         """Pieces (m, 13) from a velocity at the start on, the path's vertices, and when it ends;
         `braking` begins with a stop."""
-        pieces, legs = _INT(), _INT()
-        end_s: float = _DRAW(
-            *self._at, _THREE(*velocity), braking, ctypes.addressof(self._memory),
-            ctypes.addressof(pieces), ctypes.addressof(legs),
-        )  # fmt: skip
-        return self._pieces[: pieces.value].copy(), self._vertices[: legs.value + 1], end_s
+        end_s: float = _DRAW(*self._at, _THREE(*velocity), braking)
+        drawn = self._drawing
+        return self._pieces[: drawn.drawn].copy(), self._vertices[: drawn.legs + 1], end_s
 
-    def foreseen(self, air: Air | None) -> tuple[_Floats, float, float]:
-        """When each point is passed (n,), the seconds and, where there is air, the joules of its
-        flight from rest to rest."""
-        passed, joules = np.empty(self._count), _DOUBLE()
-        seconds: float = _FORESEE(
-            *self._at, None if air is None else ctypes.addressof(air), passed.ctypes.data,
-            ctypes.addressof(joules), ctypes.addressof(self._memory),
-        )  # fmt: skip
-        return passed, seconds, joules.value
+    def passing_times(self) -> _Floats:
+        """Seconds (n,) after which each point is passed from rest to rest."""
+        passed = np.empty(self._count)
+        _PASS(*self._at, passed.ctypes.data)
+        return passed
 
 
 class Memory(ctypes.Structure):
@@ -415,8 +406,8 @@ class _Loop(ctypes.Structure):
 
 check_sizes(
     _LIBRARY, Flight=_Functions, Strapdown=_Strapdown, Trajectory=_Trajectory, Guide=Memory,
-    Guidance=_Guidance, Trace=_Trace, Loop=_Loop, Steering=Steering, FlightPath=_Path,
-    Vertex=Vertex, Drawing=_Drawing, Air=Air,
+    Guidance=_Guidance, Trace=_Trace, Loop=_Loop, Steering=Steering, Vertex=Vertex,
+    Drawing=_Drawing, Air=Air,
 )  # fmt: skip
 
 

@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mission.base import polyline
 from mission.base.arrays import Bools, Floats
 
 _SLACK_M = 1e-6  # of the margin: what is at the margin is free
@@ -23,6 +22,7 @@ _TRIED_AT_ONCE = 50  # places that may be free
 _REACHES = np.linspace(0.25, 8.0, 32)  # how far around a point is looked, in margins
 _DIRECTIONS = np.linspace(0.0, 2.0 * math.pi, 32, endpoint=False)
 _RAYS = np.column_stack((np.cos(_DIRECTIONS), np.sin(_DIRECTIONS)))
+_RINGS = (_REACHES[:, None, None] * _RAYS).reshape(-1, 2)
 
 
 @dataclass(frozen=True, eq=False)
@@ -176,14 +176,13 @@ class Airspace:
         far = np.maximum(np.hypot(*away.T), _SLACK_M)[:, None]
         beside = self._beside_m
         # Where the margins of two outlines meet, the nearest place is at neither's side.
-        rings = (point_m + reach * beside * _RAYS for reach in _REACHES)
         places = np.vstack(
             (
                 feet + beside * left,
                 feet + beside * away / far,
                 self._vertices,
                 self._concave_vertices,
-                *rings,
+                point_m + beside * _RINGS,
             )
         )
         places = places[np.hypot(*(places - point_m).T).argsort(kind="stable")]
@@ -205,35 +204,27 @@ class Airspace:
         Raises:
             ValueError: there is no way.
         """
-        return self.way_and_length(from_m, to_m)[0]
-
-    def way_and_length(self, from_m: Floats, to_m: Floats) -> tuple[Floats, float]:
-        """The shortest way, as `way` has it, and its metres.
-
-        Raises:
-            ValueError: there is no way.
-        """
         key = (from_m.tobytes(), to_m.tobytes())
         if key not in self._ways:
             if len(self._ways) >= _CACHED_WAYS:
                 self._ways.clear()
-            way = self._way(from_m, to_m)
-            self._ways[key] = way, polyline.length(way)
+            self._ways[key] = self._way(from_m, to_m)
         return self._ways[key]
 
     @cached_property
-    def _ways(self) -> dict[tuple[bytes, bytes], tuple[Floats, float]]:
+    def _ways(self) -> dict[tuple[bytes, bytes], Floats]:
         """Ways found so far, by their ends: paths that a planner tries share most legs."""
         return {}
 
     def _way(self, from_m: Floats, to_m: Floats) -> Floats:
         if bool(self.clear(from_m[None], to_m[None])[0]):
             return np.array([from_m, to_m])
-        if not self.free(from_m[None])[0]:
+        corners, (lengths, before) = self._vertices, self._visibility_graph
+        ends = self._visible(np.array([from_m, to_m]), corners)
+        # From where nothing is seen it may have to get out first.
+        if not np.isfinite(ends[0]).any() and not self.free(from_m[None])[0]:
             out = self._nearest(from_m)
             return np.vstack((from_m[None], self.way(out, to_m)))
-        corners, (lengths, before) = self._vertices, self._visibility_graph
-        ends = [self._visible(point, corners) for point in (from_m, to_m)]
         total = ends[0][:, None] + lengths + ends[1][None, :] if len(corners) else np.empty((0, 0))
         if not total.size or not np.isfinite(total.min()):
             raise ValueError("there is no way")
@@ -243,10 +234,14 @@ class Airspace:
             chain.append(int(before[first, chain[-1]]))
         return np.vstack((from_m[None], corners[chain[::-1]], to_m[None]))
 
-    def _visible(self, point_m: Floats, corners: Floats) -> Floats:
-        """(V,) distances to the vertices that are visible; infinity to the others."""
-        seen = self.clear(np.broadcast_to(point_m, corners.shape), corners)
-        return np.where(seen, np.hypot(*(corners - point_m).T), np.inf)
+    def _visible(self, points_m: Floats, corners: Floats) -> Floats:
+        """(P, V) distances of points (P, 2) to vertices that are visible; infinity to others."""
+        from_m, to_m = (
+            np.repeat(points_m, len(corners), axis=0),
+            np.tile(corners, (len(points_m), 1)),
+        )
+        far = np.where(self.clear(from_m, to_m), np.hypot(*(to_m - from_m).T), np.inf)
+        return far.reshape(len(points_m), len(corners))
 
     def away(self, points_m: Floats) -> Floats:
         """(P,) metres from points (P, 2) to where may be flown, margin or not."""
@@ -259,16 +254,6 @@ class Airspace:
 
 
 OPEN = Airspace()
-
-
-def cut(route_m: Floats, length_m: float) -> Floats:
-    """(P', 2) the first metres of a route, `length_m` of them at most."""
-    along = polyline.along(route_m)
-    if along[-1] <= length_m:
-        return route_m
-    kept = int(np.searchsorted(along, length_m, side="right"))
-    end = [np.interp(length_m, along, route_m[:, axis]) for axis in (0, 1)]
-    return np.vstack((route_m[:kept], end))
 
 
 def crossing(ring_m: Floats) -> bool:

@@ -23,11 +23,10 @@ from mission.planner.certified import (
 )
 from mission.planner.evaluate import (
     bounded,
-    climbed,
     finish,
     fit_budget,
+    plan_along,
     plan_without_moving,
-    scheduled,
 )
 from mission.planner.native.library import Found
 from mission.planner.problem import Planner, RoundPlan, RoundProblem
@@ -178,13 +177,10 @@ class _Proof:
         """Keep the best plan so far, where a path makes a better one."""
         way = self.problem.start_m + found.way
         waypoints = fit_budget(way, self.problem.path_budget_m)
-        value = scheduled(self.problem.at(altitude_m), waypoints).value
+        value = plan_along(self.problem.at(altitude_m), waypoints).value
         if value > PROMISING * self.best.value:
-            self.best = max(
-                self.best,
-                climbed(self.problem, waypoints, altitude_m),
-                key=lambda plan: plan.value,
-            )
+            plan = plan_along(self.problem, waypoints)
+            self.best = max(self.best, plan, key=lambda plan: plan.value)
 
     def _split(self, part: _Part) -> bool:
         low_m, high_m = part.ends_m

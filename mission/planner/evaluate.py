@@ -5,31 +5,30 @@ Everything here uses the exact average PER, so that plans of all methods are com
 
 import math
 from dataclasses import replace
+from itertools import pairwise
 from numbers import Integral, Real
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from fl.radio.channel import Channel, average_per
-from mission.base import polyline
-from mission.base.airspace import cut
-from mission.base.arrays import Bools, Floats
+from mission.base.arrays import Bools, Floats, Ints
 from mission.base.explain import shown
 from mission.planner.errors import PlanInputError
 from mission.planner.native import library
+from mission.planner.native.rounds import Flown
 from mission.planner.problem import BoundError, RoundPlan, RoundProblem, as_waypoints
-from mission.planner.stops import stops_of
 
 ALTITUDES = 17  # that are looked at together
 FINE_STEP_M = 0.5  # of altitudes, where the path is a point
-CLIMB_GAIN = 1e-9  # relative: less is no better altitude
 ALTITUDE_STEP_M, ALTITUDE_DIGITS = 0.1, 1
 # Success at a distance is tabled to this share (`mission.planner.reward`).
 TABLED = 1e-4
-AHEAD_S, AHEAD_SHARE = 0.5, 0.02  # by which a flight may be ahead of what was foreseen
-TURNS = 3  # a schedule whose hovers let more devices get ready is made anew at most so often
 LENGTH_TOLERANCE_M = 1e-3  # of a plan's length, and of where it starts
-ROUNDING_M = 1e-9  # a path that is over its budget by less is not
+
+
+Path: TypeAlias = tuple[Floats, Ints]  # (P, 2) waypoints and corners, (N,) which the waypoints are
 
 
 def distances(problem: RoundProblem, waypoints_m: Floats) -> Floats:
@@ -76,46 +75,12 @@ def assign(success: Floats, importance: Floats, per_step: int) -> Bools:
     return schedule & (worth > 0.0)
 
 
-def begins_s(problem: RoundProblem, plan: RoundPlan, *, hold_s: float = 0.0) -> Floats:
-    """(N,) seconds into the round at which each step begins, at the earliest.
-
-    As foreseen with the widest corners, less what a flight may be ahead of that; `hold_s` as in
-    `stops_of`.
-    """
-    assert problem.limits is not None
-    performance = problem.limits.performance
-    stops = stops_of(plan, hold_s=hold_s, upload_s=problem.upload_s)
-    points, holds_s = np.array([stop.xy_m for stop in stops]), [stop.hold_s for stop in stops]
-    arrived_s, _ = performance.timing(points, holds_s, performance.widest_m)
-    found = np.zeros(problem.steps)
-    for stop, at_s in zip(stops, arrived_s, strict=True):
-        for step, begin_s in zip(stop.steps, stop.slots_s, strict=True):
-            found[step] = at_s + begin_s
-    if performance.guidance is None:  # what is not flown is never ahead
-        return found
-    return np.maximum(0.0, found * (1.0 - AHEAD_SHARE) - AHEAD_S)
-
-
 def in_time(problem: RoundProblem, plan: RoundPlan, *, hold_s: float = 0.0) -> Bools:
     """(N, K) which devices have an update to send as each step begins."""
     if problem.ready_in_s is None:
         return np.ones(plan.schedule.shape, dtype=np.bool_)
-    begin_s = begins_s(problem, plan, hold_s=hold_s)
+    begin_s = problem.judged_with(hold_s=hold_s).judged(plan.as_flown).begins_s
     return np.asarray(begin_s[:, None] >= problem.ready_in_s[None, :])
-
-
-def without_late(problem: RoundProblem, plan: RoundPlan, *, hold_s: float = 0.0) -> RoundPlan:
-    """The plan without devices whose step begins before they are ready, and what it is worth.
-
-    Who is left out sends nothing, so that those after it may have their turn too early as well.
-    """
-    schedule = plan.schedule
-    while (late := schedule & ~in_time(problem, plan, hold_s=hold_s)).any():
-        schedule = schedule & ~late
-        plan = replace(plan, schedule=schedule)
-    schedule.flags.writeable = False
-    value = objective(problem.at(plan.altitude_m), plan.waypoints_m, schedule)
-    return replace(plan, schedule=schedule, value=value)
 
 
 def path_length(waypoints_m: Floats) -> float:
@@ -173,16 +138,24 @@ def finish(
 
 def plan_along(problem: RoundProblem, waypoints_m: Floats, *, hold_s: float = 0.0) -> RoundPlan:
     """What `finish` gives for finite waypoints, also where it refuses them."""
-    waypoints, via = allowed_path(problem, waypoints_m)
+    path = path_through(problem, waypoints_m)
     if problem.altitudes_m is None:
-        best = scheduled(problem, waypoints, via, hold_s=hold_s)
-    else:
-        low_m, high_m = problem.altitudes_m
-        starts = (low_m, (low_m + high_m) / 2.0, high_m)
-        tried = [climbed(problem, waypoints, from_m, via, hold_s=hold_s) for from_m in starts]
-        best = max(tried, key=lambda plan: plan.value)
-    waypoints.flags.writeable = False
-    return best
+        return scheduled(problem, path, hold_s=hold_s)
+    # As many altitudes over all of them, then about the best one, ever nearer to it.
+    low_m, high_m = problem.altitudes_m
+    best_m, reach_m, tried = (
+        (low_m + high_m) / 2.0,
+        (high_m - low_m) / 2.0,
+        dict[float, RoundPlan](),
+    )
+    while reach_m > ALTITUDE_STEP_M or not tried:
+        around = np.linspace(best_m - reach_m, best_m + reach_m, ALTITUDES)
+        for height_m in np.clip(np.round(around, ALTITUDE_DIGITS), low_m, high_m).tolist():
+            if height_m not in tried:
+                tried[height_m] = scheduled(problem.at(height_m), path, hold_s=hold_s)
+        best_m = max(tried, key=lambda height_m: tried[height_m].value)
+        reach_m /= (ALTITUDES - 1) / 2.0
+    return replace(tried[best_m], altitude_m=best_m)
 
 
 def _check_finite(name: str, values: Floats) -> None:
@@ -219,110 +192,47 @@ def bounded(problem: RoundProblem, plan: RoundPlan, bound: float, nodes: int) ->
     return replace(plan, upper_bound=max(bound, plan.value), nodes=nodes)
 
 
-def scheduled(
-    problem: RoundProblem,
-    waypoints_m: Floats,
-    via_m: tuple[Floats, ...] = (),
-    *,
-    hold_s: float = 0.0,
-) -> RoundPlan:
-    """The plan along waypoints and the corners between them, at one altitude, with the best
-    schedule; where devices have to get ready, with one that waits for nobody but by hovers."""
-    chances = success(problem, waypoints_m)
-    schedule = assign(chances, problem.importance, problem.per_step)
-    if problem.ready_in_s is None:
-        schedule.flags.writeable = False
-        value = objective(problem, waypoints_m, schedule)
-        return RoundPlan(waypoints_m, schedule, value, via_m=via_m)
-    plan = RoundPlan(waypoints_m, np.zeros_like(schedule), 0.0, via_m=via_m)
-    for _ in range(1 if problem.upload_s is None else TURNS):
-        # While those of the plan send, others get ready.
-        ready = chances * in_time(problem, plan, hold_s=hold_s)
-        schedule = assign(ready, problem.importance, problem.per_step)
-        other = without_late(problem, replace(plan, schedule=schedule), hold_s=hold_s)
-        if not other.value > plan.value:
-            break
-        plan = other
-    return plan
+def scheduled(problem: RoundProblem, path: Path, *, hold_s: float = 0.0) -> RoundPlan:
+    """The plan along a path, at one altitude, with the best schedule; where devices have to get
+    ready, with one that waits for nobody but by hovers. Among areas it ends where the budget
+    does."""
+    round_ = problem.judged_with(hold_s=hold_s) if hold_s else problem.as_judged
+    metres = math.inf if problem.airspace.is_open else problem.path_budget_m
+    found = round_.fitted(*path, metres, above=-math.inf, limited=False)
+    assert found is not None
+    return planned(problem, found)
 
 
-def worth_of(problem: RoundProblem, waypoints_m: Floats) -> float:
-    """What the best schedule from waypoints is worth; of devices that are ready by the time that
-    the straight way takes at full speed."""
-    worth = success(problem, waypoints_m) * problem.importance
-    if problem.ready_in_s is not None and problem.limits is not None:
-        begin_s = polyline.along(waypoints_m) / problem.limits.performance.speed_mps
-        worth = worth * (begin_s[:, None] >= problem.ready_in_s[None, :])
-    return float(worth[assign(worth, np.ones(len(problem.importance)), problem.per_step)].sum())
+def planned(problem: RoundProblem, flown: Flown) -> RoundPlan:
+    """The plan that C has made."""
+    route, at, schedule, value = flown
+    for array in (route, schedule):
+        array.flags.writeable = False
+    if problem.airspace.is_open:
+        return RoundPlan(route, schedule, value)
+    via = tuple(route[before + 1 : here] for before, here in pairwise(at.tolist()))
+    return RoundPlan(route[at], schedule, value, via_m=via)
 
 
-def climbed(
-    problem: RoundProblem,
-    waypoints_m: Floats,
-    from_m: float,
-    via_m: tuple[Floats, ...] = (),
-    *,
-    hold_s: float = 0.0,
-) -> RoundPlan:
-    """The plan along waypoints with the best schedule from the best altitude.
+def path_through(problem: RoundProblem, waypoints_m: Floats) -> Path:
+    """The path through waypoints (N, 2), which are moved to where may be flown, and around areas.
 
-    From a first altitude, by turns the best schedule at an altitude and the best altitude of a
-    schedule, of `ALTITUDES` spread evenly between the limits, then as many about the best one,
-    ever nearer to it.
+    The start stays. A waypoint to which no way leads is where the one before it is.
     """
-
-    def at(altitude_m: float) -> RoundPlan:
-        plan = scheduled(problem.at(altitude_m), waypoints_m, via_m, hold_s=hold_s)
-        return replace(plan, altitude_m=altitude_m)
-
-    best = at(from_m)
-    while True:
-        other = at(_best_altitude(problem, waypoints_m, best.schedule))
-        if not other.value > best.value * (1.0 + CLIMB_GAIN):
-            return best
-        best = other
-
-
-def _best_altitude(problem: RoundProblem, waypoints_m: Floats, schedule: Bools) -> float:
-    assert problem.altitudes_m is not None
-    low_m, high_m = problem.altitudes_m
-    steps, devices = np.nonzero(schedule)
-    far = np.hypot(*(waypoints_m[steps] - problem.devices_m[devices]).T)
-    best_m, reach_m = (low_m + high_m) / 2.0, (high_m - low_m) / 2.0
-    while reach_m > ALTITUDE_STEP_M:
-        around = np.linspace(best_m - reach_m, best_m + reach_m, ALTITUDES)
-        heights = np.clip(np.round(around, ALTITUDE_DIGITS), low_m, high_m)
-        per = average_per(problem.channel, far[None], height_m=heights[:, None])
-        best_m = float(heights[((1.0 - per) @ problem.importance[devices]).argmax()])
-        reach_m /= (ALTITUDES - 1) / 2.0
-    return best_m
-
-
-def allowed_path(problem: RoundProblem, waypoints_m: Floats) -> tuple[Floats, tuple[Floats, ...]]:
-    """Waypoints (N, 2), moved to where may be flown, and corners (C, 2) between each and the next.
-
-    The start stays. A waypoint to which no way leads is where the one before it is; the path ends
-    where the budget does.
-    """
-    space, waypoints = problem.airspace, waypoints_m.copy()
+    space = problem.airspace
     if space.is_open:
-        return waypoints, ()
-    waypoints[1:] = space.moved(waypoints[1:])
-    left_m, via = problem.path_budget_m, list[Floats]()
-    for n in range(1, len(waypoints)):
-        if left_m == 0.0:
-            waypoints[n:] = waypoints[n - 1]
-            return waypoints, (*via, *[np.empty((0, 2))] * (len(waypoints) - n))
+        return np.ascontiguousarray(waypoints_m), np.arange(len(waypoints_m))
+    places = np.vstack((waypoints_m[:1], space.moved(waypoints_m[1:])))
+    straight, ways, at = space.clear(places[:-1], places[1:]), [places[:1]], [0]
+    for n, place in enumerate(places[1:]):
         try:
-            way, way_m = space.way_and_length(waypoints[n - 1], waypoints[n])
+            here, is_there = ways[-1][-1], (ways[-1][-1] == places[n]).all()
+            way = places[n : n + 2] if is_there and straight[n] else space.way(here, place)
         except ValueError:
-            way, way_m = waypoints[[n - 1, n - 1]], 0.0
-        if way_m > left_m + ROUNDING_M:
-            way = cut(way, left_m)
-        waypoints[n] = way[-1]
-        via.append(way[1:-1])
-        left_m = max(0.0, left_m - way_m)
-    return waypoints, tuple(via)
+            way = ways[-1][[-1, -1]]
+        ways.append(way[1:])
+        at.append(at[-1] + len(way) - 1)
+    return np.vstack(ways), np.array(at)
 
 
 def plan_without_moving(problem: RoundProblem) -> RoundPlan | None:

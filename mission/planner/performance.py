@@ -1,33 +1,24 @@
 """How the aircraft flies, as far as plans depend on it, and what a round may take at most."""
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, TypeVar
 
 import numpy as np
 
 from flightdyn.config import LimitsConfig
-from flightdyn.foresight import (
-    SETTLING_S,
-    foresee,
-    least_duration,
-    least_energy,
-    longest_within,
-)
-from flightdyn.guidance.path import FlightPath
-from flightdyn.guidance.path_plan import passing_times
-from flightdyn.physics.power import power_w
-from mission.base import polyline
+from flightdyn.foresight import SETTLING_S, least_duration, least_energy, longest_within
+from flightdyn.guidance.path_plan import steering_of
+from flightdyn.physics.power import air_of, power_w
 from mission.base.arrays import Floats
-
-_Value = TypeVar("_Value")
+from mission.planner.native import rounds
 
 WITHIN_ROUNDING = 1.0 + 1e-9
-_ASTRAY_M = 0.15  # from where it holds to where it believes to be: a hover there begins with that
 _ROUNDED = 1.01  # times: watts between samples of a table
-_REMEMBERED = 20_000  # runs
+AHEAD_S, AHEAD_SHARE = 0.5, 0.02  # by which a flight may be ahead of what was foreseen
+SHARES = (0.8, 0.6, 0.5, 0.4, 0.3, 0.2)  # of the widest acceptance radius
+NARROWEST_M = 1.0  # narrower is no use to an aircraft that knows its place to a metre
 _LONGEST_M, _ENERGY_STEP_M = 20_000.0, 0.5  # of a round's path; how finely its energy is tabled
 
 
@@ -54,37 +45,20 @@ class Performance:
 
     def foresee(self, points_m: Floats, hold_s: Sequence[float], radius_m: float) -> Foreseen:
         """The flight through stops (S, 2) that hovers for (S,) seconds at each."""
-        arrived_s, duration_s = self.timing(points_m, hold_s, radius_m)
-        energy_j = 0.0
-        for points, _, hover_s in self._runs(points_m, hold_s):
-            moved_j = self._remembered(self._energy_j, points, radius_m)
-            energy_j += moved_j + self._hover_w * hover_s
-        return Foreseen(np.array(arrived_s), duration_s, energy_j)
+        return Foreseen(*rounds.foresee(self._flying, points_m, hold_s, radius_m))
 
-    def timing(
-        self, points_m: Floats, hold_s: Sequence[float], radius_m: float
-    ) -> tuple[list[float], float]:
-        """When each stop is reached, and the flight's seconds: `foresee` without its energy, which
-        takes most of the work."""
-        arrived_s, now_s = [0.0], 0.0
-        for points, stops, hover_s in self._runs(points_m, hold_s):
-            passed_s, moved_s = self._remembered(self._passed_s, points, radius_m)
-            arrived_s += [now_s + at_s for at_s in passed_s[1 : stops + 1]]
-            now_s += moved_s + hover_s
-        return arrived_s, now_s
+    @cached_property
+    def _flying(self) -> rounds.Flying:
+        return self.flying()
 
-    def _runs(
-        self, points_m: Floats, hold_s: Sequence[float]
-    ) -> Iterator[tuple[Floats, int, float]]:
-        """The path's parts, each from one hover to the next, how many stops are reached on them,
-        and the seconds of the hover at their end: where nobody hovers, nobody stops."""
-        first, final = 0, len(points_m) - 1
-        for last in [at for at in range(final + 1) if hold_s[at] > 0.0 or at == final > 0]:
-            points = points_m[first : last + 1]
-            if first == last and self.guidance is not None:
-                points = points[[0, 0]] + [[0.0, 0.0], [_ASTRAY_M, 0.0]]
-            yield points, last - first, hold_s[last]
-            first = last
+    def flying(self, duration_s: float = math.inf, energy_j: float = math.inf) -> rounds.Flying:
+        """As C takes it, with what a round may take at most."""
+        ahead = (0.0, 0.0) if self.guidance is None else (AHEAD_S, AHEAD_SHARE)
+        return rounds.Flying(
+            self.guidance is not None, steering_of(self.guidance or LimitsConfig()),
+            air_of(self.density, (*self.wind_mps, 0.0)), self.speed_mps, self.widest_m, self.pace,
+            SETTLING_S, *ahead, duration_s, energy_j,
+        )  # fmt: skip
 
     def foresee_hover(self, hover_s: float) -> Foreseen:
         """A hover on the spot."""
@@ -161,48 +135,6 @@ class Performance:
         """Joules of a hover."""
         return self._hover_w * duration_s
 
-    def _passed_s(self, points_m: Floats, radius_m: float) -> tuple[list[float], float]:
-        """When each point of a run is passed, and how long it takes."""
-        if self.guidance is None:
-            passed_s = (polyline.along(points_m) / self.speed_mps).tolist()
-            return passed_s, passed_s[-1]
-        passed_s = passing_times(self._path(points_m, radius_m), self.guidance)
-        return [at_s * self.pace for at_s in passed_s], (passed_s[-1] + SETTLING_S) * self.pace
-
-    def _energy_j(self, points_m: Floats, radius_m: float) -> float:
-        """Joules of a run."""
-        if self.guidance is None:
-            return self._cruise_w * polyline.length(points_m) / self.speed_mps
-        path, wind = self._path(points_m, radius_m), (*self.wind_mps, 0.0)
-        leg = foresee(path, self.guidance, density=self.density, wind_mps=wind)
-        longer_s = leg.duration_s * (self.pace - 1.0)
-        return leg.energy_j + max(0.0, longer_s) * self._hover_w
-
-    def _remembered(
-        self, of_run: Callable[[Floats, float], _Value], points_m: Floats, radius_m: float
-    ) -> _Value:
-        """What is asked of a run, which a planner does again and again: from path to path most of
-        them are alike."""
-        key = of_run.__name__, points_m.tobytes(), radius_m
-        if key not in self._runs_known:
-            if len(self._runs_known) >= _REMEMBERED:
-                self._runs_known.clear()
-            self._runs_known[key] = of_run(points_m, radius_m)
-        known: _Value = self._runs_known[key]
-        return known
-
-    @cached_property
-    def _runs_known(self) -> dict[tuple[str, bytes, float], Any]:
-        return {}
-
-    def _path(self, points_m: Floats, radius_m: float) -> FlightPath:
-        count = len(points_m)
-        return FlightPath(
-            np.column_stack((points_m, np.zeros(count))),
-            np.full(count - 1, self.speed_mps),
-            np.full(count, radius_m),
-        )
-
     @cached_property
     def _hover_w(self) -> float:
         return self._level_w(math.hypot(*self.wind_mps))
@@ -236,6 +168,12 @@ class Performance:
         return {}
 
 
+def acceptance_radii(widest_m: float) -> Floats:
+    """Acceptance radii in metres that a flight may have, the widest first."""
+    narrower = [share * widest_m for share in SHARES if share * widest_m > NARROWEST_M]
+    return np.array([widest_m, *narrower])
+
+
 @dataclass(frozen=True)
 class RoundLimits:
     """What a round may take at most, beside metres."""
@@ -243,6 +181,11 @@ class RoundLimits:
     performance: Performance
     duration_s: float = math.inf
     energy_j: float = math.inf
+
+    @cached_property
+    def flying(self) -> rounds.Flying:
+        """As C takes it."""
+        return self.performance.flying(self.duration_s, self.energy_j)
 
     def longest_m(self, legs: float = math.inf) -> float:
         """Metres that no path within the limits exceeds, of so many straights at most."""

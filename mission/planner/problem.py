@@ -16,7 +16,8 @@ from mission.base.arrays import Bools, Floats, Ints
 from mission.base.errors import PlanError
 from mission.base.explain import shown
 from mission.planner.errors import PlanInputError
-from mission.planner.performance import Foreseen, RoundLimits
+from mission.planner.native.rounds import Flown, Round
+from mission.planner.performance import Foreseen, RoundLimits, acceptance_radii
 
 _SLOWER = 1.1  # times what legs take that each begin and end at rest: no round lasts longer
 
@@ -55,7 +56,7 @@ class RoundProblem:
             if getattr(self, name) is not None:
                 _make_arrays(self, name)
 
-    @property
+    @cached_property
     def most_m(self) -> float:
         """Metres that no path within budget and limits exceeds."""
         if self.limits is None:
@@ -78,6 +79,32 @@ class RoundProblem:
         flown_s = legs * limits.performance.least_s(self.most_m / legs) if legs else 0.0
         sent_s = 0.0 if self.upload_s is None else float(self.upload_s.sum())
         return min(most_s, _SLOWER * flown_s + sent_s)
+
+    @cached_property
+    def unlimited(self) -> Self:
+        """The problem without areas, limits and devices that have to get ready."""
+        return replace(self, airspace=OPEN, limits=None, ready_in_s=None)
+
+    @cached_property
+    def as_judged(self) -> Round:
+        """The round as its plans are judged, without hovers beyond those of `upload_s`."""
+        return self.judged_with()
+
+    def judged_with(self, *, hold_s: float = 0.0, widest_m: float | None = None) -> Round:
+        """The round with a hover at every stop, and acceptance radii up to another than the
+        widest."""
+        limits = self.limits
+        if widest_m is None:
+            widest_m = 1.0 if limits is None else limits.performance.widest_m
+        if not self.airspace.is_open:
+            widest_m = min(widest_m, self.airspace.margin_m / 2.0)
+        return Round(
+            self.devices_m, self.importance, steps=self.steps, per_step=self.per_step,
+            channel=self.channel.constants, altitude_m=self.channel.altitude_m,
+            is_open=self.airspace.is_open, radii_m=acceptance_radii(widest_m),
+            flying=None if limits is None else limits.flying, upload_s=self.upload_s,
+            ready_in_s=self.ready_in_s, hold_s=hold_s,
+        )  # fmt: skip
 
     def at(self, altitude_m: float | None) -> Self:
         """The same problem at one altitude; None: the channel's."""
@@ -186,11 +213,16 @@ class RoundPlan:
         legs = zip(self.waypoints_m, (*self.via_m, np.empty((0, 2))), strict=True)
         return np.vstack([points for leg in legs for points in leg])
 
-    @property
+    @cached_property
     def stops_at(self) -> Ints:
         """(N,) which points of the route are the waypoints."""
         corners = [len(leg) for leg in self.via_m] or [0] * (len(self.waypoints_m) - 1)
         return np.concatenate(([0], np.cumsum(np.array(corners, dtype=np.int64) + 1)))
+
+    @property
+    def as_flown(self) -> Flown:
+        """The plan as C takes it."""
+        return Flown(self.route_m, self.stops_at, self.schedule, self.value)
 
     @cached_property
     def path_m(self) -> float:

@@ -16,8 +16,8 @@ import numpy as np
 
 from mission.base.arrays import Floats
 from mission.planner.certified import Case, Goal, case_of
-from mission.planner.evaluate import AHEAD_S, AHEAD_SHARE
 from mission.planner.native.library import MOST_DEVICES, Found, search_orders
+from mission.planner.performance import AHEAD_S, AHEAD_SHARE
 from mission.planner.problem import RoundProblem
 
 _PARTS = 4  # of altitudes that are open

@@ -81,6 +81,12 @@ static inline double log_of(double m, int64_t power)
     return k * LN2_HIGH - ((half - (small + k * LN2_LOW)) - f);
 }
 
+static const double INVERSE_ODD[] = {
+    1.0 / 45, 1.0 / 43, 1.0 / 41, 1.0 / 39, 1.0 / 37, 1.0 / 35, 1.0 / 33, 1.0 / 31,
+    1.0 / 29, 1.0 / 27, 1.0 / 25, 1.0 / 23, 1.0 / 21, 1.0 / 19, 1.0 / 17, 1.0 / 15,
+    1.0 / 13, 1.0 / 11, 1.0 / 9,  1.0 / 7,  1.0 / 5,  1.0 / 3,  1.0,
+};
+
 /* The angle of (x, y) from the x axis: ratios up to tan(pi / 8) by their series, others by the half
    angle before it. */
 static inline double arc_tangent2(double y, double x)
@@ -97,7 +103,7 @@ static inline double arc_tangent2(double y, double x)
     }
     const double r = low / high, z = r * r;
     double sum = 0;
-    for (int k = 45; k > 0; k -= 2) sum = 1.0 / k - z * sum;
+    for (int k = 0; k < 23; k++) sum = INVERSE_ODD[k] - z * sum;
     angle += r * sum;
     if (ay > ax) angle = PI / 2 - angle;
     if (x < 0) angle = PI - angle;

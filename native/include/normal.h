@@ -32,6 +32,7 @@ static inline double half_erfc(double x)
 /* The share of the normal distribution under x. */
 static inline double normal_share(double x)
 {
+    if (x > 9.0) return 1.0; /* as below, to the last digit */
     const double tail = half_erfc((x < 0.0 ? -x : x) * 0.70710678118654752440);
     return x < 0.0 ? tail : 1.0 - tail;
 }

@@ -35,14 +35,6 @@ typedef struct {
     double accel, vertical_accel, smoothing, speed, climb, descent, corner_cut;
 } Steering;
 
-/* Straight legs, `flightdyn.guidance.path.FlightPath`. */
-typedef struct {
-    int64_t count;
-    const double (*points)[3]; /* (count,) NED */
-    const double *speeds;      /* (count - 1,) of the leg that ends at the next point */
-    const double *acceptance;  /* (count,) metres */
-} FlightPath;
-
 /* A point of the path, several where they coincide, and the leg that ends there. */
 typedef struct {
     double p[3], radius;
@@ -53,10 +45,14 @@ typedef struct {
     double t, half;   /* when the reference is closest, half of the blend's duration */
 } Vertex;
 
-/* What a path is made into. */
+/* Straight legs, `flightdyn.guidance.path.FlightPath`, and what is made of them. */
 typedef struct {
-    Vertex *at;    /* (count,) */
-    Piece *pieces; /* (4 count,) */
+    int64_t count;
+    double (*points)[3];         /* (count,) NED, two or more */
+    double *speeds, *acceptance; /* (count - 1,) of the leg that ends at the next point, (count,) m */
+    Vertex *at;                  /* (count,) */
+    Piece *pieces;               /* (4 count,) */
+    int64_t drawn, legs;         /* pieces, and legs between vertices */
 } Drawing;
 
 /* The air, and what flying in it takes: watts at 0, 1, 2, ... m/s at sea level. */
@@ -91,9 +87,9 @@ static inline double allowed_cut(double sine, double radius, double share)
 }
 
 /* The path's vertices when it is begun from `start` instead of its first point; returns the legs. */
-static inline int64_t vertices_of(
-    const FlightPath *path, const double start[3], const Steering *steering, Vertex *at)
+static inline int64_t vertices_of(const Drawing *path, const double start[3], const Steering *steering)
 {
+    Vertex *at = path->at;
     int64_t n = 0;
     at[0] = (Vertex){.p = {start[0], start[1], start[2]}, .radius = path->acceptance[0], .passed = 1};
     for (int64_t i = 1; i < path->count; i++) {
@@ -264,29 +260,29 @@ static inline void draw_leg(Pen *pen, Vertex *end, int is_last)
 
 /* Draw the trajectory along a path from its first point. A velocity at the start that leads along the
    first leg is kept, unless it is `braking`; any other is braked off first, on the present course.
-   Writes the pieces, how many they are and the legs; returns when it ends, before averaging. */
+   Returns when it ends, before averaging. */
 static inline double draw_path(
-    const FlightPath *path, const Steering *steering, const double velocity[3], int braking,
-    const Drawing *to, int64_t *pieces, int64_t *legs)
+    Drawing *path, const Steering *steering, const double velocity[3], int braking)
 {
     static const double STILL[3] = {0, 0, 0};
     const double *start = path->points[0];
-    Pen pen = {.pieces = to->pieces, .p = {start[0], start[1], start[2]}};
-    int64_t n = vertices_of(path, start, steering, to->at);
-    if (braking || !n || !set_speeds(to->at, n, steering, velocity)) {
+    Vertex *at = path->at;
+    Pen pen = {.pieces = path->pieces, .p = {start[0], start[1], start[2]}};
+    int64_t n = vertices_of(path, start, steering);
+    if (braking || !n || !set_speeds(at, n, steering, velocity)) {
         const double speed = size3(velocity[0], velocity[1], velocity[2]), share = -steering->accel / speed;
         const double accel[3] = {velocity[0] * share, velocity[1] * share, velocity[2] * share};
         if (speed > 0.05) draw(&pen, velocity, accel, speed / steering->accel, NULL);
-        n = vertices_of(path, pen.p, steering, to->at);
-        if (n) set_speeds(to->at, n, steering, STILL);
+        n = vertices_of(path, pen.p, steering);
+        if (n) set_speeds(at, n, steering, STILL);
     }
-    to->at[0].t = pen.t;
-    for (int64_t i = 1; i <= n; i++) draw_leg(&pen, to->at + i, i == n);
+    at[0].t = pen.t;
+    for (int64_t i = 1; i <= n; i++) draw_leg(&pen, at + i, i == n);
     const double end = pen.t; /* it stands still from then on */
-    for (int i = 0; i < 3; i++) pen.p[i] = to->at[n].p[i];
+    for (int i = 0; i < 3; i++) pen.p[i] = at[n].p[i];
     draw(&pen, STILL, STILL, 1, NULL);
-    *pieces = pen.count;
-    *legs = n;
+    path->drawn = pen.count;
+    path->legs = n;
     return end;
 }
 
@@ -353,27 +349,19 @@ static inline double joules_of(const Trajectory *path, const Air *air)
     return total * step;
 }
 
-/* Half of the window that a trajectory is averaged over. */
-static inline double half_window(const Steering *steering)
-{
-    return fmax(steering->smoothing / 2, 1e-3);
-}
-
 /* What the flight along a path takes from rest to rest: when each point is passed (count,), and, where
    there is air, its joules; returns its seconds. */
 static inline double foresee_path(
-    const FlightPath *path, const Steering *steering, const Air *air, double *passed, double *joules,
-    const Drawing *memory)
+    Drawing *path, const Steering *steering, const Air *air, double *passed, double *joules)
 {
     static const double STILL[3] = {0, 0, 0};
-    int64_t legs = vertices_of(path, path->points[0], steering, memory->at);
-    if (legs) set_speeds(memory->at, legs, steering, STILL);
-    const double moving = passing_times(memory->at, legs, steering->smoothing, passed);
+    const int64_t legs = vertices_of(path, path->points[0], steering);
+    if (legs) set_speeds(path->at, legs, steering, STILL);
+    const double moving = passing_times(path->at, legs, steering->smoothing, passed);
     if (air) {
-        Trajectory drawn = {.pieces = memory->pieces, .half = half_window(steering)};
-        const double end = draw_path(path, steering, STILL, 0, memory, &drawn.count, &legs);
-        drawn.start = -drawn.half;
-        drawn.end = end + drawn.half;
+        const double half = fmax(steering->smoothing / 2, 1e-3);
+        const double end = draw_path(path, steering, STILL, 0);
+        const Trajectory drawn = {path->pieces, path->drawn, half, -half, end + half};
         *joules = joules_of(&drawn, air);
     }
     return moving;

@@ -5,17 +5,12 @@ import pytest
 from flights import HOME, legs, make, path_along, run, take_off
 
 from flightdyn.config import LimitsConfig, WindConfig
-from flightdyn.foresight import (
-    SETTLING_S,
-    foresee,
-    least_duration,
-    least_energy,
-    longest_within,
-)
+from flightdyn.foresight import SETTLING_S, least_duration, least_energy, longest_within
 from flightdyn.guidance.path import FlightPath
 from flightdyn.guidance.path_plan import passing_times, plan_path
 from flightdyn.physics.power import density_ratio, power_w
 from flightdyn.physics.wind import steady_wind_ned
+from mission.planner.performance import Foreseen, Performance
 
 LIMITS = LimitsConfig()
 HEIGHT_M = 40.0
@@ -29,6 +24,14 @@ def random_path(seed: int, *, speed_mps: float = 20.0, acceptance_m: float = 5.0
     points = np.vstack((np.zeros(2), np.cumsum(steps, axis=0)))
     level = np.column_stack((points, np.full(count + 1, -HEIGHT_M)))
     return path_along(level, speed_mps=speed_mps, acceptance_m=acceptance_m)
+
+
+def foresee(path: FlightPath, *, density: float = 1.0, wind_mps=(0.0, 0.0, 0.0)) -> Foreseen:
+    """What planning foresees of a level path at one speed."""
+    speed_mps, acceptance_m = float(path.speeds_mps[0]), float(path.acceptance_m[0])
+    flying = Performance(speed_mps, acceptance_m, LIMITS, density, tuple(wind_mps[:2]))
+    stops_m = path.points_ned_m[:, :2]
+    return flying.foresee(stops_m, [0.0] * len(stops_m), acceptance_m)
 
 
 def unit(angles):
@@ -49,7 +52,7 @@ def test_when_points_are_passed_is_known_without_making_a_trajectory(seed: int) 
     closest_s.append(trajectory.end_s - trajectory.start_s)
     passed_s, counts = passing_times(path, LIMITS), [corner.count for corner in corners]
     assert [passed_s[count - 1] for count in counts[1:]] == pytest.approx(closest_s, abs=1e-9)
-    assert foresee(path, LIMITS).passed_s.tolist() == passed_s
+    assert foresee(path).arrived_s.tolist() == passed_s
 
 
 @pytest.mark.slow
@@ -57,7 +60,7 @@ def test_when_points_are_passed_is_known_without_making_a_trajectory(seed: int) 
 def test_flown_as_foreseen(seed: int) -> None:
     aircraft, path = make(), random_path(seed)
     take_off(aircraft, HEIGHT_M)
-    foreseen = foresee(path, LIMITS, density=density_ratio(HOME.alt_msl_m + HEIGHT_M))
+    foreseen = foresee(path, density=density_ratio(HOME.alt_msl_m + HEIGHT_M))
     start_ns = aircraft.t_ns
     passed_s: dict[int, float] = {}
     mah, energy_j = aircraft.battery.consumed_mah, 0.0
@@ -76,7 +79,7 @@ def test_flown_as_foreseen(seed: int) -> None:
     assert foreseen.duration_s == pytest.approx(flown_s, abs=0.4)
     assert foreseen.energy_j == pytest.approx(energy_j, rel=0.02)
     for index in range(1, len(path.points_ned_m) - 1):
-        assert foreseen.passed_s[index] == pytest.approx(passed_s[index + 1], abs=0.3)
+        assert foreseen.arrived_s[index] == pytest.approx(passed_s[index + 1], abs=0.3)
 
 
 @pytest.mark.parametrize("seed", range(60))
@@ -84,7 +87,7 @@ def test_nobody_is_faster_than_straight_nor_cheaper(seed: int) -> None:
     speed, acceptance = (8.0, 14.0, 20.0, 22.0)[seed % 4], (1.0, 5.0, 40.0)[seed % 3]
     path = random_path(seed, speed_mps=speed, acceptance_m=acceptance)
     wind = 6.0 * unit(np.array([seed]))[0] * (seed % 5 == 0)
-    foreseen, metres = foresee(path, LIMITS, wind_mps=(*wind.tolist(), 0.0)), length(path)
+    foreseen, metres = foresee(path, wind_mps=(*wind.tolist(), 0.0)), length(path)
     assert least_duration(metres, speed_mps=speed, limits=LIMITS) <= foreseen.duration_s + 1e-9
     lengths = np.linspace(0.0, metres, 500)
     cut_m = LIMITS.corner_cut * acceptance
@@ -110,7 +113,7 @@ def test_accelerating_counts_by_straights() -> None:
         least_j = least_energy(
             lengths, legs=straights, speed_mps=20.0, limits=LIMITS, cut_m=LIMITS.corner_cut * 5.0
         )[-1]
-        nearest = min(nearest, foresee(path, LIMITS).energy_j / least_j)
+        nearest = min(nearest, foresee(path).energy_j / least_j)
     assert 1.0 <= nearest < 1.1
 
 
@@ -131,8 +134,8 @@ def test_wind_costs_energy_as_it_is_flown_in() -> None:
 
     assert run(aircraft, 300, arrived)
     density = density_ratio(HOME.alt_msl_m + HEIGHT_M)
-    blown = foresee(path, LIMITS, density=density, wind_mps=steady_wind_ned(wind))
-    still = foresee(path, LIMITS, density=density)
+    blown = foresee(path, density=density, wind_mps=steady_wind_ned(wind))
+    still = foresee(path, density=density)
     assert blown.energy_j == pytest.approx(energy_j, rel=0.03)
     assert still.energy_j < 0.97 * energy_j
 
@@ -141,7 +144,7 @@ def test_wind_costs_energy_as_it_is_flown_in() -> None:
 def test_a_straight_path_takes_the_least(metres: float) -> None:
     straight = path_along(legs(np.zeros(3), (0.0,), metres))
     least_s = least_duration(metres, speed_mps=20.0, limits=LIMITS)
-    assert foresee(straight, LIMITS).duration_s == pytest.approx(least_s, abs=1e-6)
+    assert foresee(straight).duration_s == pytest.approx(least_s, abs=1e-6)
     assert longest_within(least_s, speed_mps=20.0, limits=LIMITS) == pytest.approx(metres)
 
 
@@ -160,5 +163,5 @@ def test_joules_are_those_of_the_reference(seed: int) -> None:
     accel = np.linalg.norm([r.a for r in references], axis=1)
     watts = power_w(speed, accel_mps2=accel, density=0.9)
     settled_j = SETTLING_S * power_w(np.linalg.norm([wind], axis=1), density=0.9)[0]
-    foreseen = foresee(path, LIMITS, density=0.9, wind_mps=(3.0, -1.0, 0.0))
+    foreseen = foresee(path, density=0.9, wind_mps=(3.0, -1.0, 0.0))
     assert foreseen.energy_j == pytest.approx(np.trapezoid(watts, times) + settled_j, rel=1e-4)

@@ -13,10 +13,9 @@ from fl.radio.channel import CHANNEL_PRESETS
 from fl.training.local import LocalSettings, LocalTask, scaling_of
 from fl.training.networks import make_network
 from flightdyn.config import LimitsConfig
-from flightdyn.foresight import foresee
 from flightdyn.frames import quaternion_from_euler
 from flightdyn.guidance.path import FlightPath
-from flightdyn.guidance.path_plan import brake_and_go, plan_path
+from flightdyn.guidance.path_plan import brake_and_go, passing_times, plan_path
 from flightdyn.native.library import (
     ATTITUDE,
     NOTHING,
@@ -30,7 +29,11 @@ from flightdyn.native.library import (
     Transition,
 )
 from flightdyn.native.ticks import Gauges, Imu, Inner
+from mission.base.airspace import Airspace
 from mission.planner.certified import CertifiedPlanner
+from mission.planner.fitting import fitted
+from mission.planner.flyable import foresee_round
+from mission.planner.performance import Performance, RoundLimits
 from mission.planner.problem import RoundProblem
 from sitl.firmware.native import library as bridge
 
@@ -62,6 +65,25 @@ def plan(channel, devices, steps, per_step):
     digest.update(made.waypoints_m.tobytes())
     digest.update(made.schedule.tobytes())
     digest.update(np.array([made.value, made.upper_bound, made.nodes]).tobytes())
+
+
+def plan_within_limits(**more):
+    """What a plan under every limit is, and what it takes."""
+    flying = Performance(20.0, 5.0, LimitsConfig(), 0.9, (3.0, -1.0), 1.1)
+    problem = RoundProblem(
+        rng.uniform(0.0, 800.0, (12, 2)), rng.uniform(0.5, 1.5, 12), np.full(2, 400.0), 8, 3, 700.0,
+        CHANNEL_PRESETS["suburban+10dB"], limits=RoundLimits(flying, 60.0, 9e3),
+        upload_s=rng.uniform(0.0, 4.0, 12), ready_in_s=rng.uniform(0.0, 20.0, 12), **more,
+    )  # fmt: skip
+    way = np.vstack((problem.start_m, rng.uniform(0.0, 800.0, (7, 2))))
+    made = fitted(problem, way)
+    assert made is not None
+    taken = foresee_round(problem, made)
+    digest.update(made.route_m.tobytes())
+    digest.update(np.packbits(made.schedule).tobytes())
+    digest.update(np.array([made.value, *taken.arrived_s, taken.energy_j]).tobytes())
+    verdict = problem.as_judged.judged(made.as_flown)
+    digest.update(np.array([verdict.share, *verdict.begins_s]).tobytes())
 
 
 def hil(ticks):
@@ -115,8 +137,7 @@ def fly():
     corners = np.array([(0, 0, -30), (60, 0, -30), (60, 50, -32), (20, 50, -32)], dtype=float)
     path = FlightPath(corners, np.full(3, 12.0), np.full(4, 5.0))
     trajectory, _ = plan_path(path, LimitsConfig())
-    foreseen = foresee(path, LimitsConfig(), density=0.9, wind_mps=(3.0, -1.0, 0.0))
-    digest.update(np.array([*foreseen.passed_s, foreseen.energy_j]).tobytes())
+    digest.update(np.array(passing_times(path, LimitsConfig())).tobytes())
     joined = brake_and_go(
         (0.0, 0.0, -30.0), (9.0, 2.0, 0.0), goal=(5.0, 5.0, -40.0), limits=LimitsConfig()
     )
@@ -177,6 +198,8 @@ plan("high-rise", 9, 4, 1)
 plan("suburban+30dB", 11, 5, 3)
 plan("suburban+10dB", 60, 3, 4)
 plan("suburban+10dB", 45, 10, 2)
+plan_within_limits()
+plan_within_limits(airspace=Airspace((np.array([[450.0, 300.0], [500, 300], [500, 500]]),)))
 for channel in CHANNEL_PRESETS.values():
     digest.update(channel.per(np.r_[np.linspace(0.0, 4e3, 4001), np.inf]).tobytes())
     digest.update(channel.per(30.0, np.array([-1.0, 0.0, 0.5, 4e3])).tobytes())

@@ -50,6 +50,11 @@ class _Functions(ctypes.Structure):
             _INT, _POINTER, _POINTER, _DOUBLE, _INT, _INT, _POINTER, _POINTER, _POINTER, _POINTER,
             _POINTER)),
         ("assign", ctypes.CFUNCTYPE(ctypes.c_int, _INT, _INT, _INT, _POINTER, _POINTER)),
+        ("fit", ctypes.CFUNCTYPE(
+            ctypes.c_int, _POINTER, _POINTER, ctypes.c_int, _DOUBLE, _DOUBLE, ctypes.c_int)),
+        ("judge", ctypes.CFUNCTYPE(ctypes.c_int, _POINTER, _POINTER, _POINTER)),
+        ("foresee", ctypes.CFUNCTYPE(
+            _DOUBLE, _POINTER, _INT, _POINTER, _POINTER, _DOUBLE, _POINTER, _POINTER)),
         ("match", ctypes.CFUNCTYPE(_DOUBLE, _POINTER, _POINTER, _POINTER, _POINTER)),
         ("order_bound", ctypes.CFUNCTYPE(
             _DOUBLE, _POINTER, _POINTER, _POINTER, _POINTER, _POINTER, _DOUBLE)),
@@ -146,9 +151,9 @@ _ENDED = (  # by `Ended` of planner.h
     "it ended after {nodes} nodes, as many as it may look into",
     "it ended after {nodes} of {most} nodes, as at its pace the rest of them would not do",
 )
-_LIBRARY = load(library("planner"))
-check_sizes(_LIBRARY, Devices=_Devices, Limits=_Limits, Relaxation=_Relaxation, Planner=_Functions)
-_FUNCTIONS = functions(_LIBRARY, _Functions)
+LIBRARY = load(library("planner"))
+check_sizes(LIBRARY, Devices=_Devices, Limits=_Limits, Relaxation=_Relaxation, Planner=_Functions)
+FUNCTIONS = functions(LIBRARY, _Functions)
 
 
 def explore(
@@ -165,7 +170,7 @@ def explore(
     """
     way, assigned = np.zeros((limits.steps, 2)), np.full(len(devices.delta), -1, dtype=np.int64)
     shared = devices.as_c(), limits.as_c()
-    value = _FUNCTIONS.explore(
+    value = FUNCTIONS.explore(
         *map(ctypes.addressof, shared),
         min(starts, len(devices.delta)),
         tries,
@@ -220,7 +225,7 @@ def search_orders(
     if count > MOST_DEVICES:
         raise ValueError(f"{count} devices: a search takes at most {MOST_DEVICES}")
     shared = devices.as_c(), limits.as_c(), relaxation.as_c(count)
-    return _searched(_FUNCTIONS.search_orders, shared, limits, plan, effort)
+    return _searched(FUNCTIONS.search_orders, shared, limits, plan, effort)
 
 
 def search_places(devices: Devices, limits: PathLimits, *, plan: Found, effort: Effort) -> Found:
@@ -233,7 +238,7 @@ def search_places(devices: Devices, limits: PathLimits, *, plan: Found, effort: 
         MemoryError: there is too little memory.
     """
     shared = devices.as_c(), limits.as_c()
-    return _searched(_FUNCTIONS.search_places, shared, limits, plan, effort)
+    return _searched(FUNCTIONS.search_places, shared, limits, plan, effort)
 
 
 def _searched(
@@ -284,7 +289,7 @@ def assign(worth: Floats, per_step: int) -> Ints:
         return assigned
     if not np.isfinite(worth).all():
         raise ValueError("what assignments are worth must be finite")
-    failed = _FUNCTIONS.assign(
+    failed = FUNCTIONS.assign(
         devices, steps, per_step, address(worth, np.float64, (devices, steps)), assigned.ctypes.data
     )
     if failed:
@@ -296,7 +301,7 @@ def match(devices: Devices, limits: PathLimits, way: Floats) -> tuple[float, Int
     """The best assignment of devices to the steps of a path (N, 2), and what it earns."""
     assigned = np.full(len(devices.delta), -1, dtype=np.int64)
     shared = devices.as_c(), limits.as_c()
-    value = _FUNCTIONS.match(
+    value = FUNCTIONS.match(
         *map(ctypes.addressof, shared),
         address(way, np.float64, (limits.steps, 2)),
         assigned.ctypes.data,
@@ -323,7 +328,7 @@ def order_bound(
         raise ValueError(f"{count} devices: an order has at most {MOST_DEVICES}")
     _check_range("interval", interval, len(relaxation.spacing))
     shared = devices.as_c(), limits.as_c(), relaxation.as_c(count)
-    bound: float = _FUNCTIONS.order_bound(
+    bound: float = FUNCTIONS.order_bound(
         *map(ctypes.addressof, shared),
         address(interval, np.int64, (count,)),
         address(merged, np.int64, (count,)),
@@ -335,14 +340,14 @@ def order_bound(
 def square_bound(devices: Devices, limits: PathLimits, x: float, y: float, half: float) -> float:
     """Bound of what a stop earns somewhere in the square around (x, y), its side 2 `half` long."""
     shared = devices.as_c(), limits.as_c()
-    return _or_memory_error(_FUNCTIONS.square_bound(*map(ctypes.addressof, shared), x, y, half))
+    return _or_memory_error(FUNCTIONS.square_bound(*map(ctypes.addressof, shared), x, y, half))
 
 
 def conjugate(relaxation: Relaxation, row: int, s: float) -> float:
     """H of a distance interval at s >= 0."""
     _check_range("row", np.array([row]), len(relaxation.spacing))
     shared = relaxation.as_c(len(relaxation.promise))
-    value: float = _FUNCTIONS.conjugate(ctypes.addressof(shared), row, s)
+    value: float = FUNCTIONS.conjugate(ctypes.addressof(shared), row, s)
     return value
 
 

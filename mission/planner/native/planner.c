@@ -6,6 +6,10 @@
 SIZE_OF(Devices);
 SIZE_OF(Limits);
 SIZE_OF(Relaxation);
+SIZE_OF(Flying);
+SIZE_OF(Round);
+SIZE_OF(Flown);
+SIZE_OF(Verdict);
 SIZE_OF(Planner);
 
 EXPORTED const Planner *at_level(int level)

@@ -2,7 +2,8 @@
 #ifndef PLANNER_H
 #define PLANNER_H
 
-#include <stdint.h>
+#include "channel.h"
+#include "trajectory.h"
 
 typedef struct {
     double x, y;
@@ -42,6 +43,49 @@ typedef struct {
     const double *promise;      /* (K, B) bound of delta f for a device out of reach of radius b */
 } Relaxation;
 
+/* How fast, how sharply and at what power is flown, and what a round may take: infinity for no limit. */
+typedef struct {
+    int64_t guided; /* 0: always at its speed, as where nothing is flown */
+    Steering steering;
+    Air air; /* x, y and up */
+    double speed, widest;         /* m/s; acceptance radius at most */
+    double pace, settling;        /* times the guidance's own seconds; those from its end to rest */
+    double ahead, ahead_share;    /* by which a flight may be ahead of what was foreseen */
+    double duration, energy;      /* s, J */
+} Flying;
+
+/* A round as its plans are judged; see `mission.planner.problem.RoundProblem`. */
+typedef struct {
+    int64_t devices, steps, per_step; /* K, N, K_bar */
+    const Point *at;                  /* (K,) area coordinates */
+    const double *importance;         /* (K,) 0 or more */
+    const double *upload, *ready;     /* (K,) seconds, or NULL */
+    const Channel *channel;
+    double altitude;
+    int64_t open;  /* whether everywhere may be flown */
+    int64_t radii;
+    const double *radius;  /* (radii,) acceptance radii, the widest first */
+    double hold;           /* seconds of hover at every stop */
+    const Flying *flying;  /* NULL: metres alone count */
+} Round;
+
+/* A plan of such a round. */
+typedef struct {
+    int64_t points;
+    Point *route;            /* (points,) waypoints, and the corners between them */
+    int64_t *at;             /* (N,) which of them are the waypoints, rising */
+    unsigned char *schedule; /* (N, K) who sends as each step is passed */
+    double value;            /* what that earns */
+} Flown;
+
+/* What a flight takes; of a round that has none, stops alone. */
+typedef struct {
+    double radius, share;  /* acceptance radius, share of the limits */
+    int64_t *stop;         /* (points,) of each point */
+    double *hold, *offset; /* (points,) hover at each stop, (N,) when steps begin after arrival there */
+    double *begins;        /* (N,) when they begin at the earliest, in seconds into the round */
+} Verdict;
+
 /* Why a search has ended: the gap is met, or nothing is left to divide; after all of its nodes; or at
    a pace at which the rest of them would not do. */
 enum Ended { DONE, OUT_OF_NODES, TOO_SLOW };
@@ -72,6 +116,16 @@ typedef struct {
        most of `worth` (devices, steps) is earned; 0, or -1 where memory is short. */
     int (*assign)(int64_t devices, int64_t steps, int64_t per_step, const double *worth,
                   int64_t *assigned);
+
+    /* The plan along a route, `cut` to so many metres and, if `limited`, to what fits; or, where not
+       cut, the plan without devices for which there is no time. 0 where it is worth no more than
+       `above`, 1 otherwise, -1 where memory is short. */
+    int (*fit)(const Round *, Flown *, int cut, double metres, double above, int limited);
+    /* What is asked of a plan's flight: 0, or -1. */
+    int (*judge)(const Round *, const Flown *, Verdict *);
+    /* When each of `count` stops is reached, and the joules; returns seconds. */
+    double (*foresee)(const Flying *, int64_t count, const Point *stops, const double *hold,
+                      double radius, double *arrived, double *joules);
 
     /* Parts that are tested by themselves. */
 

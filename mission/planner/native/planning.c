@@ -1,6 +1,7 @@
 /* Planning, compiled once for every kind of processor, as LEVEL names it. */
 
 #include "exploration.h"
+#include "flown.h"
 #include "levelled.h"
 #include "space.h"
 
@@ -79,13 +80,7 @@ static int assign(
     if (!provide(&arena)) return -1;
     places = lay_out_places(&arena, devices, steps, per_step);
     best = claim(&arena, devices, sizeof(double));
-    for (int64_t k = 0; k < devices; k++) {
-        double *row = (double *)(places.worth + k * wides(steps));
-        memcpy(row, worth + k * steps, (size_t)steps * sizeof(double));
-        places.known[k] = 1;
-        for (int64_t n = 0; n < steps; n++) best[k] = most(best[k], row[n]);
-    }
-    solve_assignment(NULL, NULL, devices, best, assigned, &places);
+    assign_steps(devices, steps, worth, best, assigned, &places);
     release(&arena);
     return 0;
 }
@@ -142,5 +137,60 @@ static double conjugate(const Relaxation *relaxation, int64_t row, double s)
     return conjugate_at(s, row, relaxation).h;
 }
 
+static int fit(const Round *round, Flown *plan, int cut, double metres, double above, int limited)
+{
+    Arena arena;
+    Desk desk;
+    int fits = 1;
+    if (!open_desk(&desk, &arena, round, plan->points)) return -1;
+    if (cut) {
+        fits = fit_path(round, plan, metres, above, limited, &desk);
+    } else {
+        set_chances(round, plan, &desk);
+        serve_fewer(round, plan, &desk);
+    }
+    release(&arena);
+    return fits;
+}
+
+static int judge(const Round *round, const Flown *plan, Verdict *verdict)
+{
+    const size_t size = (size_t)round->steps * sizeof(double);
+    Arena arena;
+    Desk desk;
+    if (!open_desk(&desk, &arena, round, plan->points)) return -1;
+    if (round->radii) verdict->radius = radius_of(round, plan, &desk);
+    gather_stops(round, plan, &desk);
+    memcpy(verdict->offset, desk.begins, size);
+    for (int64_t p = 0; p < plan->points; p++) {
+        verdict->stop[p] = desk.stop[p];
+        verdict->hold[p] = desk.at[p].hold;
+    }
+    if (round->flying) {
+        time_steps(round, plan, &desk);
+        memcpy(verdict->begins, desk.begins, size);
+        verdict->share = share_of(round, plan, verdict->radius, &desk);
+    }
+    release(&arena);
+    return 0;
+}
+
+static double foresee(
+    const Flying *flying, int64_t count, const Point *stops, const double *hold, double radius,
+    double *arrived, double *joules)
+{
+    const Round round = {.steps = 1, .per_step = 1};
+    Arena arena;
+    Desk desk;
+    if (!open_desk(&desk, &arena, &round, count)) return NAN;
+    desk.stops = count;
+    for (int64_t i = 0; i < count; i++) desk.at[i] = (Stop){.p = stops[i], .hold = hold[i]};
+    const double seconds = fly_stops(flying, radius, joules, &desk);
+    for (int64_t i = 0; i < count; i++) arrived[i] = desk.at[i].arrived;
+    release(&arena);
+    return seconds;
+}
+
 const Planner NAMED(planner) = {
-    explore, search_orders, search_places, assign, match_devices, order_bound, square_bound, conjugate};
+    explore, search_orders, search_places, assign,       fit,      judge,
+    foresee, match_devices, order_bound,   square_bound, conjugate};

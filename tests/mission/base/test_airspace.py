@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mission.base import polyline
-from mission.base.airspace import OPEN, Airspace, crossing, cut
+from mission.base.airspace import OPEN, Airspace, crossing
 
 SQUARE = np.array([[100.0, 100], [200, 100], [200, 200], [100, 200]])
 ELL = np.array([[300.0, 300], [500, 300], [500, 380], [380, 380], [380, 500], [300, 500]])
@@ -144,14 +144,6 @@ def test_no_legs_and_no_points_are_answered() -> None:
         assert len(space.clear(none, none)) == 0
 
 
-def test_a_way_comes_with_its_metres() -> None:
-    space = Airspace((SQUARE,), None, 10.0)
-    for end in (at(300, 150), at(0, 160)):
-        way, way_m = space.way_and_length(at(0, 150), end)
-        np.testing.assert_array_equal(way, space.way(at(0, 150), end))
-        assert way_m == polyline.length(way)
-
-
 def test_ways_are_as_short_as_on_a_fine_grid() -> None:
     """Dijkstra's algorithm over a grid of 4 m, whose ways are up to 8 % longer, never shorter."""
     from scipy.sparse import coo_array
@@ -207,13 +199,6 @@ def test_how_far_away_anybody_must_stay() -> None:
     space = Airspace((SQUARE,), None, 10.0)
     far = space.away(np.array([at(150, 130), at(0, 0)]))
     np.testing.assert_allclose(far, [30, 0])
-
-
-def test_a_route_is_cut_where_its_metres_end() -> None:
-    route = np.array([at(0, 0), at(10, 0), at(10, 10)])
-    np.testing.assert_allclose(cut(route, 15.0), [[0, 0], [10, 0], [10, 5]])
-    np.testing.assert_array_equal(cut(route, 30.0), route)
-    assert polyline.length(cut(route, 0.0)) == 0.0
 
 
 @pytest.mark.parametrize(

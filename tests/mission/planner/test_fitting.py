@@ -69,10 +69,9 @@ def test_where_nothing_is_in_the_way_a_path_is_shrunk(seed: int) -> None:
     np.testing.assert_allclose(along, scale * whole, atol=1e-6)
 
 
-def test_what_is_worth_too_little_is_not_foreseen(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_is_worth_too_little_is_not_given_back() -> None:
     given = problem(1)
     worth = plan_along(given, path(given, 1)).value
-    monkeypatch.setattr("mission.planner.fitting.share_of", None)
     assert fitted(given, path(given, 1), above=worth) is None
 
 

@@ -2,7 +2,6 @@
 
 import csv
 import dataclasses
-import math
 from pathlib import Path
 
 import numpy as np
@@ -12,34 +11,8 @@ from small_runs import QUIET
 from fl.radio.channel import CHANNEL_PRESETS
 from mission.cli import call
 from mission.planner.certified import CertifiedPlanner
-from mission.planner.flyable import acceptance_radius, cut_corners
+from mission.planner.flyable import acceptance_radius
 from mission.planner.problem import RoundPlan, RoundProblem
-
-
-def test_a_right_angle_is_cut_along_its_bisector():
-    way = np.array([[0.0, 0.0], [100.0, 0.0], [100.0, 0.0], [100.0, 100.0]])
-    cut = cut_corners(way, 4.0)
-    inside = [100.0 - 4.0 / math.sqrt(2.0), 4.0 / math.sqrt(2.0)]
-    assert cut == pytest.approx(np.array([[0.0, 0.0], inside, inside, [100.0, 100.0]]))
-
-
-def test_short_legs_leave_no_room_for_a_deep_cut():
-    way = np.array([[0.0, 0.0], [100.0, 0.0], [100.0, 8.0]])
-    # Half of the shorter leg is 4 m; the parabola touches both legs there.
-    depth = np.hypot(*(cut_corners(way, 50.0)[1] - way[1]))
-    assert depth == pytest.approx(4.0 * math.sin(math.pi / 4.0) / 2.0)
-
-
-@pytest.mark.parametrize("points", [[[3.0, 4.0]], [[3.0, 4.0]] * 5, [[0.0, 0.0], [9.0, 0.0]]])
-def test_a_path_without_corners_stays(points):
-    assert cut_corners(np.array(points), 5.0).tolist() == points
-
-
-def test_a_path_that_comes_back_in_small_steps_has_no_corner_there():
-    way = np.array([[0.0, 0.0], [0.4, 0.0], [0.8, 0.0], [0.0, 0.0], [10.0, 0.0], [10.0, 10.0]])
-    cut = cut_corners(way, 1.0)
-    assert cut[:4].tolist() == [[0.0, 0.0]] * 4
-    assert np.hypot(*(cut[4] - way[4])) == pytest.approx(1.0)
 
 
 def problem(preset: str) -> RoundProblem:

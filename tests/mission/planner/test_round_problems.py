@@ -13,6 +13,8 @@ import round_problems
 from mission.planner.check import check_plan
 from mission.planner.files import NamedPlan, plans_as_json, problems_of
 from mission.planner.fitting import fitted
+from mission.planner.flyable import acceptance_radius
+from mission.planner.problem import RoundPlan
 
 FOLDER = Path(round_problems.__file__).parent / "data" / "problems"
 
@@ -50,6 +52,30 @@ def test_the_file_holds_what_the_generator_makes() -> None:
         for key, value in theirs.items():  # trigonometry differs in the last digit by machine
             if key not in ("areas", "channel"):
                 assert ours[key] == value, f"{theirs['id']}: {key}"
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_corners_are_as_sharp_as_the_evaluator_has_them(seed: int) -> None:
+    """Paths with repeats, with steps that are dropped, with legs that leave no room for a cut."""
+    rng, height_m = np.random.default_rng(seed), 10.0
+    entry: dict[str, Any] = round_problems.problem(next(iter(round_problems.KINDS)), seed)
+    route = np.cumsum(rng.normal(0.0, [[80.0], [0.3], [8.0]] * 3, (9, 2)), axis=0) + 400.0
+    route[[3, 8]] = route[[1, 5]]
+    steps = rng.integers(0, 9, len(entry["devices"]))
+    entry["steps"], entry["devices"] = 9, route[steps].tolist()  # right below, as far as they go
+    channel = entry["channel"]
+    channel |= {"altitude_m": height_m, "beta_los_db": 0.0, "noise_db": 0.0, "snr_threshold": 1.0}
+    channel["tx_power_db"] = 10.0 * channel["alpha_los"] * np.log10(height_m)  # as good as not
+    (named,) = problems_of([entry], "benchmark")
+    schedule, radii = np.arange(9)[:, None] == steps, set()
+    for radius in evaluator.RADIUS_M * np.array(evaluator.RADIUS_SHARES):
+        cut = evaluator.cut_corners(route, radius)
+        value = evaluator.worth(entry, height_m, cut, schedule) / 0.99 * (1.0 - 1e-12)
+        ours = acceptance_radius(named.problem, RoundPlan(route, schedule, value), 5.0)
+        theirs = evaluator.radius_of(entry, height_m, route, list(range(9)), schedule, value)
+        assert ours == theirs
+        radii.add(ours)
+    assert len(radii) > 1
 
 
 @pytest.mark.parametrize("kind", round_problems.KINDS)

@@ -12,9 +12,8 @@ from flightdyn.config import LimitsConfig
 from mission.base.arrays import Floats
 from mission.planner import timed
 from mission.planner.certified import Goal
-from mission.planner.evaluate import AHEAD_S, AHEAD_SHARE
 from mission.planner.fitting import fitted
-from mission.planner.performance import Performance, RoundLimits
+from mission.planner.performance import AHEAD_S, AHEAD_SHARE, Performance, RoundLimits
 from mission.planner.problem import RoundProblem
 
 FLYING = Performance(20.0, 5.0, LimitsConfig())

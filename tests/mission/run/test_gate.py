@@ -64,13 +64,20 @@ def test_waypoints_that_coincide_become_one_stop() -> None:
 
 
 def test_a_slot_that_is_never_reached_transmits_nothing() -> None:
-    plan = FlightPlan((Stop(np.zeros(2), (0,)), Stop(np.ones(2), (1, 2))), 60.0, 20.0, 5.0)
+    plan = FlightPlan(
+        (Stop(np.zeros(2), (0,), slots_s=(0.0,)), Stop(np.ones(2), (1, 2), slots_s=(0.0, 0.0))),
+        60.0,
+        20.0,
+        5.0,
+    )
     start = passage(0.0, (400.0, 100.0), (400.0, 101.0))
     assert slots(plan, flight(start, None)) == {0: start}
 
 
 def test_slots_of_a_hover_are_spread_over_it() -> None:
-    plan = FlightPlan((Stop(np.zeros(2), (0, 1, 2, 3), hold_s=8.0),), 60.0, 20.0, 5.0)
+    plan = FlightPlan(
+        (Stop(np.zeros(2), (0, 1, 2, 3), 8.0, (0.0, 2.0, 4.0, 6.0)),), 60.0, 20.0, 5.0
+    )
     there = passage(0.0, (400.0, 100.0), (400.0, 101.0))
     found = slots(plan, flight(there))
     assert [p.t_ns for p in found.values()] == [0, 2_000_000_000, 4_000_000_000, 6_000_000_000]

@@ -1,0 +1,445 @@
+/* A plan as it is flown: its stops, who is served at them and when, what it takes of a round's limits,
+   and how much of it fits. */
+#ifndef FLOWN_H
+#define FLOWN_H
+
+#include "matching.h"
+
+static const double SAME_PLACE_M = 0.5; /* nearer waypoints are flown as one; no flight tells them apart */
+static const double ASTRAY_M = 0.15; /* from where it holds to where it believes to be: a hover there
+                                        begins with that */
+static const double ROUNDING_M = 1e-9; /* a path that is over its budget by less is not */
+static const double MOST_LOST = 0.01;  /* of a plan's value, with every corner cut as far as allowed */
+static const double FILLED = 1.05;     /* of a limit: a device that seems to take no more is tried */
+static const double FULL = 0.999;      /* of a limit, to which a path is cut */
+static const double LEAST_RATE = 0.3;  /* of the whole path's share a metre: less at its end is a corner's
+                                          doing */
+enum { CUTS = 6 };  /* of a path that is too long */
+enum { ANEW = 3 }; /* a schedule whose hovers let more devices get ready is made anew at most so often */
+
+typedef struct {
+    Point p;
+    double hold, arrived; /* seconds of hover there, and when it is reached */
+    int64_t steps;        /* that are served there */
+} Stop;
+
+typedef struct {
+    int64_t step, device;
+    double taken; /* share of the limits */
+} Turn;
+
+/* Memory for a plan of N steps over P points. */
+typedef struct {
+    int64_t stops, *stop; /* (P,) of each point */
+    Stop *at;             /* (P,) */
+    double *begins;       /* (N,) when each step begins */
+    Point *corner, *cut;  /* (P,) of the route, and where they are passed */
+    Drawing run; /* (P + 1,) */
+    double *passed; /* (P + 1,) */
+    double *chances, *worth; /* (N, K) of success, (K, N) */
+    double *best;            /* (K,) */
+    int64_t *assigned, *chosen, *order, *spare; /* (K,) */
+    Turn *turns;             /* (K,) */
+    unsigned char *other;    /* (N, K) a schedule */
+    Flown whole;             /* a path that is cut */
+    Places places;
+} Desk;
+
+static void lay_out_desk(Desk *desk, Arena *arena, const Round *round, int64_t points)
+{
+    const int64_t k = round->devices, n = round->steps, run = points + 1;
+    desk->stop = claim(arena, points, sizeof(int64_t));
+    desk->at = claim(arena, points, sizeof(Stop));
+    desk->begins = claim(arena, n, sizeof(double));
+    desk->corner = claim(arena, points, sizeof(Point));
+    desk->cut = claim(arena, points, sizeof(Point));
+    desk->run.points = claim(arena, run, 3 * sizeof(double));
+    desk->run.speeds = claim(arena, run, sizeof(double));
+    desk->run.acceptance = claim(arena, run, sizeof(double));
+    desk->run.at = claim(arena, run, sizeof(Vertex));
+    desk->run.pieces = claim(arena, 4 * run, sizeof(Piece));
+    desk->passed = claim(arena, run, sizeof(double));
+    desk->chances = claim(arena, n * k, sizeof(double));
+    desk->worth = claim(arena, n * k, sizeof(double));
+    desk->best = claim(arena, k, sizeof(double));
+    desk->assigned = claim(arena, k, sizeof(int64_t));
+    desk->chosen = claim(arena, k, sizeof(int64_t));
+    desk->order = claim(arena, k, sizeof(int64_t));
+    desk->spare = claim(arena, k, sizeof(int64_t));
+    desk->turns = claim(arena, k, sizeof(Turn));
+    desk->other = claim(arena, n * k, 1);
+    desk->whole.route = claim(arena, points, sizeof(Point));
+    desk->whole.at = claim(arena, n, sizeof(int64_t));
+    desk->places = lay_out_places(arena, k, n, round->per_step);
+}
+
+/* 0 where memory is short. */
+static int open_desk(Desk *desk, Arena *arena, const Round *round, int64_t points)
+{
+    *arena = (Arena){0};
+    lay_out_desk(desk, arena, round, points);
+    if (!provide(arena)) return 0;
+    lay_out_desk(desk, arena, round, points);
+    return 1;
+}
+
+/* Merge consecutive points of the route nearer than `SAME_PLACE_M` to the first of them. The hover
+   that is held at every stop but the first, or at the only one, is shared by its steps; each lasts
+   until its devices have sent, one after another, and a stop until all of its steps have. `begins` is
+   after the arrival. */
+static void gather_stops(const Round *round, const Flown *plan, Desk *desk)
+{
+    desk->stops = 0;
+    for (int64_t p = 0; p < plan->points; p++) {
+        if (!desk->stops || between(plan->route[p], desk->at[desk->stops - 1].p) > SAME_PLACE_M)
+            desk->at[desk->stops++] = (Stop){.p = plan->route[p]};
+        desk->stop[p] = desk->stops - 1;
+    }
+    for (int64_t n = 0; n < round->steps; n++) desk->at[desk->stop[plan->at[n]]].steps++;
+    double free = 0.0, hover = 0.0;
+    for (int64_t n = 0, rank = 0; n < round->steps; n++, rank++) {
+        const int64_t s = desk->stop[plan->at[n]];
+        if (n == 0 || s != desk->stop[plan->at[n - 1]]) {
+            hover = desk->stops == 1 || s > 0 ? round->hold : 0.0;
+            free = 0.0;
+            rank = 0;
+        }
+        desk->begins[n] = most(hover * (double)rank / (double)desk->at[s].steps, free);
+        free = desk->begins[n];
+        for (int64_t k = 0; round->upload && k < round->devices; k++)
+            if (plan->schedule[n * round->devices + k]) free += round->upload[k];
+        desk->at[s].hold = most(hover, free);
+    }
+}
+
+/* What the flight through the stops takes, from one hover to the next: when each is reached, and
+   joules where they are wanted; returns its seconds. Where nobody hovers, nobody stops. */
+static double fly_stops(const Flying *flying, double radius, double *joules, Desk *desk)
+{
+    const Air *air = &flying->air;
+    const double hover_w = power_at(size3(air->wind[0], air->wind[1], 0.0), 0.0, air);
+    const int64_t final = desk->stops - 1;
+    double now = 0.0, energy = 0.0;
+    desk->at[0].arrived = 0.0;
+    for (int64_t first = 0, last = 0; last <= final; last++) {
+        const double hover = desk->at[last].hold;
+        if (!(hover > 0.0 || (last == final && final > 0))) continue;
+        const Stop *run = desk->at + first;
+        const int64_t count = last - first + 1;
+        double moving = 0.0, moved = 0.0;
+        if (flying->guided) {
+            Drawing *path = &desk->run;
+            path->count = count > 1 ? count : 2;
+            for (int64_t i = 0; i < path->count; i++) {
+                path->points[i][0] = i < count ? run[i].p.x : run[0].p.x + ASTRAY_M;
+                path->points[i][1] = i < count ? run[i].p.y : run[0].p.y;
+                path->speeds[i] = flying->speed;
+                path->acceptance[i] = radius;
+            }
+            moving =
+                foresee_path(path, &flying->steering, joules ? air : NULL, desk->passed, &moved);
+            moving += flying->settling;
+            /* What takes longer than the guidance's own is spent hovering. */
+            moved += hover_w * (flying->settling + most(0.0, moving * (flying->pace - 1.0)));
+            moving *= flying->pace;
+            for (int64_t i = 1; i < count; i++) desk->passed[i] *= flying->pace;
+        } else {
+            for (int64_t i = 1; i < count; i++) {
+                moving += between(run[i - 1].p, run[i].p) / flying->speed;
+                desk->passed[i] = moving;
+            }
+            moved = power_at(flying->speed, 0.0, air) * moving;
+        }
+        for (int64_t i = 1; i < count; i++) desk->at[first + i].arrived = now + desk->passed[i];
+        now += moving + hover;
+        energy += moved + hover_w * hover;
+        first = last;
+    }
+    if (joules) *joules = energy;
+    return now;
+}
+
+/* How much of the tighter limit the flight of a plan takes; more than 1 does not fit. */
+static double share_of(const Round *round, const Flown *plan, double radius, Desk *desk)
+{
+    const Flying *flying = round->flying;
+    double joules = 0.0;
+    gather_stops(round, plan, desk);
+    /* Energy takes most of the work to foresee. */
+    const double seconds = fly_stops(flying, radius, isinf(flying->energy) ? NULL : &joules, desk);
+    return most(seconds / flying->duration, joules / flying->energy);
+}
+
+/* When each step begins at the earliest, in seconds into the round: as foreseen with the widest
+   corners, less what a flight may be ahead of that. */
+static void time_steps(const Round *round, const Flown *plan, Desk *desk)
+{
+    const Flying *flying = round->flying;
+    gather_stops(round, plan, desk);
+    fly_stops(flying, flying->widest, NULL, desk);
+    for (int64_t n = 0; n < round->steps; n++) {
+        const double at = desk->at[desk->stop[plan->at[n]]].arrived + desk->begins[n];
+        desk->begins[n] = most(0.0, at * (1.0 - flying->ahead_share) - flying->ahead);
+    }
+}
+
+/* Where each point of the route is passed by a path that cuts corners by up to a radius.
+
+   A corner is cut along its bisector. The arc is a parabola that takes up half of either leg at most,
+   so that its depth is limited to a quarter of the shorter leg times sin(phi / 2). */
+static void cut_corners(const Flown *plan, double radius, Desk *desk)
+{
+    int64_t count = 0;
+    Point *corner = desk->corner;
+    for (int64_t p = 0; p < plan->points; p++) {
+        if (!p || between(plan->route[p - 1], plan->route[p]) > SAME_PLACE_M)
+            corner[count++] = plan->route[p];
+        desk->stop[p] = count - 1;
+    }
+    for (int64_t i = 0; i < count; i++) {
+        desk->cut[i] = corner[i];
+        if (i == 0 || i == count - 1) continue;
+        const double into = between(corner[i - 1], corner[i]), out = between(corner[i], corner[i + 1]);
+        /* A path may come back in steps that are dropped: such a leg has no direction. */
+        const double a = most(into, 1e-9), b = most(out, 1e-9);
+        const double x = (corner[i + 1].x - corner[i].x) / b - (corner[i].x - corner[i - 1].x) / a;
+        const double y = (corner[i + 1].y - corner[i].y) / b - (corner[i].y - corner[i - 1].y) / a;
+        const double twice_sine = sqrt(x * x + y * y);
+        if (!(twice_sine > 1e-9)) continue;
+        const double depth = least(radius, least(into, out) * twice_sine / 8.0);
+        desk->cut[i].x += depth / twice_sine * x;
+        desk->cut[i].y += depth / twice_sine * y;
+    }
+}
+
+/* The widest acceptance radius of the round's that costs a plan 1 % of its value at most; where none
+   does, the narrowest. */
+static double radius_of(const Round *round, const Flown *plan, Desk *desk)
+{
+    for (int64_t i = 0; i < round->radii; i++) {
+        double flown = 0.0;
+        cut_corners(plan, round->radius[i], desk);
+        for (int64_t n = 0; n < round->steps; n++)
+            for (int64_t k = 0; k < round->devices; k++) {
+                if (!plan->schedule[n * round->devices + k]) continue;
+                const double far = between(desk->cut[desk->stop[plan->at[n]]], round->at[k]);
+                flown += (1.0 - per_at(round->channel, far, round->altitude)) * round->importance[k];
+            }
+        if (flown >= (1.0 - MOST_LOST) * plan->value) return round->radius[i];
+    }
+    return round->radius[round->radii - 1];
+}
+
+static void set_chances(const Round *round, const Flown *plan, Desk *desk)
+{
+    double *chance = desk->chances;
+    for (int64_t n = 0; n < round->steps; n++)
+        for (int64_t k = 0; k < round->devices; k++) {
+            const double far = between(plan->route[plan->at[n]], round->at[k]);
+            *chance++ = 1.0 - per_at(round->channel, far, round->altitude);
+        }
+}
+
+/* Assign devices to steps so that the most of `worth` (K, N) is earned, and none where it is nothing. */
+static void assign_steps(
+    int64_t devices, int64_t steps, const double *worth, double *best, int64_t *assigned,
+    const Places *places)
+{
+    for (int64_t k = 0; k < devices; k++) {
+        double *row = (double *)(places->worth + k * wides(steps));
+        memcpy(row, worth + k * steps, (size_t)steps * sizeof(double));
+        places->known[k] = 1;
+        best[k] = 0.0;
+        for (int64_t n = 0; n < steps; n++) best[k] = most(best[k], row[n]);
+    }
+    solve_assignment(NULL, NULL, devices, best, assigned, places);
+}
+
+/* The best schedule from where the steps are, of devices that are ready as steps begin, if `timed`. */
+static void assign_ready(const Round *round, int timed, unsigned char *schedule, Desk *desk)
+{
+    const int64_t devices = round->devices, steps = round->steps;
+    for (int64_t n = 0; n < steps; n++)
+        for (int64_t k = 0; k < devices; k++) {
+            const int late = timed && desk->begins[n] < round->ready[k];
+            desk->worth[k * steps + n] =
+                late ? 0.0 : desk->chances[n * devices + k] * round->importance[k];
+        }
+    memset(schedule, 0, (size_t)(steps * devices));
+    assign_steps(devices, steps, desk->worth, desk->best, desk->assigned, &desk->places);
+    for (int64_t k = 0; k < devices; k++) {
+        const int64_t n = desk->assigned[k];
+        if (n >= 0) schedule[n * devices + k] = desk->worth[k * steps + n] > 0.0;
+    }
+}
+
+/* Leave out devices whose step begins before they are ready, and work out what the plan is worth. Who
+   is left out sends nothing, so that those after it may have their turn too early as well. */
+static void leave_late(const Round *round, Flown *plan, Desk *desk)
+{
+    for (int late = round->ready != NULL; late;) {
+        late = 0;
+        time_steps(round, plan, desk);
+        for (int64_t n = 0; n < round->steps; n++)
+            for (int64_t k = 0; k < round->devices; k++) {
+                unsigned char *turn = plan->schedule + n * round->devices + k;
+                if (!*turn || !(desk->begins[n] < round->ready[k])) continue;
+                *turn = 0;
+                late = 1;
+            }
+    }
+    plan->value = 0.0;
+    for (int64_t n = 0, i = 0; n < round->steps; n++)
+        for (int64_t k = 0; k < round->devices; k++, i++)
+            if (plan->schedule[i]) plan->value += desk->chances[i] * round->importance[k];
+}
+
+/* The best schedule along a path; where devices have to get ready, one that waits for nobody but by
+   hovers: while those of the plan send, others get ready. */
+static void schedule_steps(const Round *round, Flown *plan, Desk *desk)
+{
+    const size_t size = (size_t)(round->steps * round->devices);
+    set_chances(round, plan, desk);
+    if (!round->ready) {
+        assign_ready(round, 0, plan->schedule, desk);
+        leave_late(round, plan, desk);
+        return;
+    }
+    memset(plan->schedule, 0, size);
+    plan->value = 0.0;
+    for (int turn = 0; turn < (round->upload ? ANEW : 1); turn++) {
+        Flown other = *plan;
+        other.schedule = desk->other;
+        time_steps(round, plan, desk);
+        assign_ready(round, 1, other.schedule, desk);
+        leave_late(round, &other, desk);
+        if (!(other.value > plan->value)) break;
+        memcpy(plan->schedule, other.schedule, size);
+        plan->value = other.value;
+    }
+}
+
+/* Make the plan serve the first `count` of those that are chosen, and work out the share of the limits
+   that it takes then. */
+static double serve_chosen(const Round *round, Flown *plan, int64_t count, Desk *desk)
+{
+    memset(plan->schedule, 0, (size_t)(round->steps * round->devices));
+    for (int64_t i = 0; i < count; i++) {
+        const Turn *turn = desk->turns + desk->chosen[i];
+        plan->schedule[turn->step * round->devices + turn->device] = 1;
+    }
+    leave_late(round, plan, desk);
+    return share_of(round, plan, radius_of(round, plan, desk), desk);
+}
+
+/* Leave out the devices whose sending takes a plan beyond the limits, least worth a second first; it
+   may still not fit, if the path alone does not. Its chances are worked out. Returns the share of the
+   limits that it takes. */
+static double serve_fewer(const Round *round, Flown *plan, Desk *desk)
+{
+    const double whole = share_of(round, plan, radius_of(round, plan, desk), desk);
+    if (whole <= 1.0 || !round->upload) return whole;
+    int64_t served = 0, count = 0;
+    double seconds = 0.0;
+    for (int64_t n = 0; n < round->steps; n++)
+        for (int64_t k = 0; k < round->devices; k++)
+            if (plan->schedule[n * round->devices + k] && served < round->devices) {
+                desk->turns[served++] = (Turn){n, k, 0.0};
+                seconds += round->upload[k];
+            }
+    double taken = serve_chosen(round, plan, 0, desk);
+    /* What one of them takes, about: its stop's braking goes with the seconds of its hover. */
+    for (int64_t i = 0; i < served; i++) {
+        Turn *turn = desk->turns + i;
+        const int64_t k = turn->device;
+        turn->taken = (whole - taken) * round->upload[k] / most(seconds, 1e-9);
+        desk->best[i] = desk->chances[turn->step * round->devices + k] * round->importance[k] /
+                        most(turn->taken, 1e-9);
+    }
+    const int64_t *order = descending(desk->best, served, desk->order, desk->spare);
+    for (int64_t i = 0; i < served; i++)
+        if (taken + desk->turns[order[i]].taken <= 1.0) {
+            taken += desk->turns[order[i]].taken;
+            desk->chosen[count++] = order[i];
+        }
+    while (count && serve_chosen(round, plan, count, desk) > 1.0)
+        taken -= desk->turns[desk->chosen[--count]].taken;
+    for (int64_t i = 0; i < served; i++) {
+        const double more = desk->turns[order[i]].taken;
+        int64_t at = 0;
+        while (at < count && desk->chosen[at] != order[i]) at++;
+        if (at < count || taken + more > FILLED) continue;
+        desk->chosen[count] = order[i];
+        if (serve_chosen(round, plan, count + 1, desk) > 1.0) continue;
+        taken += more;
+        count++;
+    }
+    return serve_chosen(round, plan, count, desk);
+}
+
+/* The first metres of a path: where everywhere may be flown it is shrunk about its start, among areas
+   its end is cut off, where the waypoints that are left all are. Returns the metres. */
+static double cut_path(const Round *round, const Flown *whole, double metres, Flown *plan)
+{
+    double along = 0.0;
+    plan->points = whole->points;
+    memcpy(plan->at, whole->at, (size_t)round->steps * sizeof(int64_t));
+    memcpy(plan->route, whole->route, (size_t)whole->points * sizeof(Point));
+    for (int64_t p = 1; p < whole->points; p++) along += between(whole->route[p - 1], whole->route[p]);
+    if (round->open && along > metres) {
+        const Point start = whole->route[0];
+        /* One part in 1e12 keeps rounding from putting the path over the budget again. */
+        const double scale = metres / along * (1.0 - 1e-12);
+        for (int64_t p = 0; p < whole->points; p++) {
+            plan->route[p].x = start.x + (whole->route[p].x - start.x) * scale;
+            plan->route[p].y = start.y + (whole->route[p].y - start.y) * scale;
+        }
+        return metres;
+    }
+    along = 0.0;
+    for (int64_t p = 1, n = 1; p < whole->points; p++) {
+        const Point a = whole->route[p - 1], b = whole->route[p];
+        const double leg = between(a, b);
+        if (along + leg > metres + ROUNDING_M) {
+            const double share = most(0.0, metres - along) / leg;
+            plan->points = p;
+            for (; n < round->steps; n++) {
+                plan->at[n] = plan->points;
+                plan->route[plan->points++] =
+                    (Point){a.x + (b.x - a.x) * share, a.y + (b.y - a.y) * share};
+            }
+            return metres;
+        }
+        along += leg;
+        if (n < round->steps && whole->at[n] == p) n++;
+    }
+    return along;
+}
+
+/* Make the plan along a path as far as it fits; 0 where it is worth no more than `above`, or where a
+   few cuts do not find how far it may go. */
+static int fit_path(const Round *round, Flown *plan, double metres, double above, int limited, Desk *desk)
+{
+    Flown *whole = &desk->whole;
+    double before = 0.0, longer = -1.0; /* share, and metres, of the path before */
+    whole->points = plan->points;
+    memcpy(whole->at, plan->at, (size_t)round->steps * sizeof(int64_t));
+    memcpy(whole->route, plan->route, (size_t)plan->points * sizeof(Point));
+    for (int cut = 0; cut < CUTS; cut++) {
+        const double length = cut_path(round, whole, metres, plan);
+        schedule_steps(round, plan, desk);
+        if (!(plan->value > above)) return 0;
+        if (!limited) return 1;
+        const double taken = serve_fewer(round, plan, desk);
+        if (taken <= 1.0) return plan->value > above;
+        /* By the last two cuts: what the rest of the path takes, corners included. */
+        double rate = taken / most(length, 1e-9);
+        if (longer > length) rate = most((before - taken) / (longer - length), rate * LEAST_RATE);
+        longer = length;
+        before = taken;
+        metres = most(0.0, length - (taken - FULL) / rate);
+    }
+    return 0;
+}
+
+#endif

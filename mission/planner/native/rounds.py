@@ -1,0 +1,194 @@
+"""Rounds and their plans as the C library judges them (`flown.h`)."""
+
+import ctypes
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from flightdyn.native.library import Air, Steering
+from mission.base.arrays import Bools, Floats, Ints
+from mission.planner.native.library import FUNCTIONS, LIBRARY
+from native.loading import address, check_sizes
+
+_POINTER, _INT, _DOUBLE = ctypes.c_void_p, ctypes.c_int64, ctypes.c_double
+_NO_RADII = np.zeros(0)
+
+
+class Flying(ctypes.Structure):
+    """How is flown, and what a round may take; see `planner.h`."""
+
+    _fields_ = (
+        ("guided", _INT), ("steering", Steering), ("air", Air), ("speed", _DOUBLE),
+        ("widest", _DOUBLE), ("pace", _DOUBLE), ("settling", _DOUBLE), ("ahead", _DOUBLE),
+        ("ahead_share", _DOUBLE), ("duration", _DOUBLE), ("energy", _DOUBLE),
+    )  # fmt: skip
+
+
+class _Round(ctypes.Structure):
+    _fields_ = (
+        ("devices", _INT), ("steps", _INT), ("per_step", _INT), ("at", _POINTER),
+        ("importance", _POINTER), ("upload", _POINTER), ("ready", _POINTER),
+        ("channel", _POINTER), ("altitude", _DOUBLE), ("open", _INT), ("radii", _INT),
+        ("radius", _POINTER), ("hold", _DOUBLE), ("flying", _POINTER),
+    )  # fmt: skip
+
+
+class _Flown(ctypes.Structure):
+    _fields_ = (
+        ("points", _INT), ("route", _POINTER), ("at", _POINTER), ("schedule", _POINTER),
+        ("value", _DOUBLE),
+    )  # fmt: skip
+
+
+class _Verdict(ctypes.Structure):
+    _fields_ = (
+        ("radius", _DOUBLE), ("share", _DOUBLE), ("stop", _POINTER), ("hold", _POINTER),
+        ("offset", _POINTER), ("begins", _POINTER),
+    )  # fmt: skip
+
+
+check_sizes(LIBRARY, Flying=Flying, Round=_Round, Flown=_Flown, Verdict=_Verdict)
+
+
+class Flown(NamedTuple):
+    """A plan: its route (P, 2), which points of it are the waypoints (N,), the schedule (N, K)."""
+
+    route: Floats
+    at: Ints
+    schedule: Bools
+    value: float
+
+
+class Verdict(NamedTuple):
+    """What a plan's flight takes; of a round without limits, radius and stops alone."""
+
+    radius_m: float  # acceptance radius
+    share: float  # of the tighter limit
+    stop_of: Ints  # (P,) the stop of each point
+    hold_s: Floats  # (P,) hover at each stop
+    offset_s: Floats  # (N,) when each step begins, after the arrival at its stop
+    begins_s: Floats  # (N,) when it begins at the earliest, in seconds into the round
+
+
+class Round:
+    """A round as its plans are judged, with a hover of `hold_s` at every stop."""
+
+    def __init__(
+        self,
+        devices_m: Floats,
+        importance: Floats,
+        *,
+        steps: int,
+        per_step: int,
+        channel: Floats | None = None,
+        altitude_m: float = 0.0,
+        is_open: bool = True,
+        radii_m: Floats = _NO_RADII,
+        flying: Flying | None = None,
+        upload_s: Floats | None = None,
+        ready_in_s: Floats | None = None,
+        hold_s: float = 0.0,
+    ) -> None:
+        """`channel` (9,): that of `Channel.constants`; `radii_m`: the widest first. Stops need
+        neither.
+
+        Raises:
+            ValueError: arrays that do not fit together.
+        """
+        self._size = steps, len(devices_m)
+        kept = [
+            None if values is None else np.ascontiguousarray(values, dtype=np.float64)
+            for values in (devices_m, importance, upload_s, ready_in_s)
+        ]
+        self._kept = *kept, channel, radii_m, flying
+        shapes = ((self._size[1], 2), *[(self._size[1],)] * 3)
+        where = [
+            None if values is None else address(values, np.float64, shape)
+            for values, shape in zip(kept, shapes, strict=True)
+        ]
+        self._round = _Round(
+            self._size[1], steps, per_step, *where,
+            None if channel is None else address(channel, np.float64, (9,)), altitude_m, is_open,
+            len(radii_m), address(radii_m, np.float64, (len(radii_m),)), hold_s,
+            None if flying is None else ctypes.addressof(flying),
+        )  # fmt: skip
+        self.at = ctypes.addressof(self._round)
+
+    def fitted(
+        self, route_m: Floats, at: Ints, metres: float, *, above: float, limited: bool
+    ) -> Flown | None:
+        """The plan along a route, as far as `metres` and, if `limited`, the limits allow; None
+        where it is worth no more than `above`, or where a few cuts do not find how far.
+
+        Raises:
+            MemoryError: there is too little memory.
+        """
+        plan = Flown(route_m.copy(), at.copy(), np.zeros(self._size, dtype=np.bool_), 0.0)
+        given = self._as_c(plan)
+        found = FUNCTIONS.fit(self.at, ctypes.addressof(given), 1, metres, above, limited)
+        if not _checked(found):
+            return None
+        return Flown(plan.route[: given.points], plan.at, plan.schedule, given.value)
+
+    def serving_fewer(self, plan: Flown) -> Flown:
+        """The plan without devices for whose sending there is no time.
+
+        Raises:
+            MemoryError: there is too little memory.
+        """
+        plan = plan._replace(schedule=plan.schedule.copy())
+        given = self._as_c(plan)
+        _checked(FUNCTIONS.fit(self.at, ctypes.addressof(given), 0, 0.0, 0.0, 1))
+        return plan._replace(value=given.value)
+
+    def judged(self, plan: Flown) -> Verdict:
+        """What the plan's flight takes.
+
+        Raises:
+            MemoryError: there is too little memory.
+        """
+        points, steps = len(plan.route), self._size[0]
+        kept = np.empty(points, np.int64), np.empty(points), np.empty(steps), np.zeros(steps)
+        found = _Verdict(0.0, 0.0, *(array.ctypes.data for array in kept))
+        given = self._as_c(plan)
+        _checked(FUNCTIONS.judge(self.at, ctypes.addressof(given), ctypes.addressof(found)))
+        return Verdict(found.radius, found.share, *kept)
+
+    def _as_c(self, plan: Flown) -> _Flown:
+        points = len(plan.route)
+        return _Flown(
+            points,
+            address(plan.route, np.float64, (points, 2)),
+            address(plan.at, np.int64, self._size[:1]),
+            address(plan.schedule, np.bool_, self._size),
+            plan.value,
+        )
+
+
+def foresee(
+    flying: Flying, stops_m: Floats, hold_s: Sequence[float], radius_m: float
+) -> tuple[Floats, float, float]:
+    """When each of the stops (S, 2) is reached (S,), and the seconds and joules of the flight.
+
+    Raises:
+        ValueError: there is no stop, or not a hover for each.
+        MemoryError: there is too little memory.
+    """
+    stops = np.ascontiguousarray(stops_m, dtype=np.float64)
+    holds, arrived_s, joules = np.array(hold_s, dtype=np.float64), np.empty(len(stops)), _DOUBLE()
+    if not len(stops):
+        raise ValueError("a flight has at least one stop")
+    seconds = FUNCTIONS.foresee(
+        ctypes.addressof(flying), len(stops), address(stops, np.float64, (len(stops), 2)),
+        address(holds, np.float64, (len(stops),)), radius_m, arrived_s.ctypes.data,
+        ctypes.addressof(joules),
+    )  # fmt: skip
+    _checked(-1 if np.isnan(seconds) else 0)
+    return arrived_s, seconds, joules.value
+
+
+def _checked(found: int) -> int:
+    if found < 0:
+        raise MemoryError("too little memory to plan")
+    return found
