@@ -10,6 +10,8 @@ from mission.base.errors import InputError
 from mission.base.terminal import PLAIN, Terminal
 from mission.commands.options import Flag, Overrides, load
 
+_PX4_URL, _ARDUPILOT_URL = "udpin://0.0.0.0:14030", "tcpout://127.0.0.1:5762"
+
 
 def world(
     config: Path | None = None,
@@ -19,6 +21,8 @@ def world(
     port: int | None = None,
     wind: float | None = None,
     speed: float | Literal["max"] = 1.0,
+    logs: Path | None = None,
+    mavlink: str | None = None,
     set_: Overrides = (),
 ) -> int:
     """Serve the aircraft alone to a PX4 or ArduPilot that you start yourself, until Ctrl-C.
@@ -44,6 +48,12 @@ def world(
         Steady wind in m/s; vehicle.aircraft.wind.* has direction, turbulence and gusts.
     speed
         Simulated seconds per second, or "max".
+    logs
+        Folder for a log of each flight, from arming to disarming, with the true positions, and
+        what the firmware tells by MAVLink: its belief, modes, mission, fence and rally points.
+    mavlink
+        Where that is heard, a MAVSDK URL that nobody else uses: udpin://0.0.0.0:14030 with PX4 (its
+        link to a camera), tcpout://127.0.0.1:5762 with ArduPilot.
     set_
         Override any key: --set vehicle.aircraft.wind.speed_mps=8
     """
@@ -55,12 +65,17 @@ def world(
         raise InputError(f"--port {port}: must be from 1 to 65535")
     resolved = load(config, set_, {"vehicle.aircraft.wind.speed_mps": wind})
     # Only now, so that wrong input is answered at once.
-    from mission.flight.serve.world import serve_world
+    from mission.flight.serve.flight_logs import FlightLogs
+    from mission.flight.serve.world import Recorder, serve_world
     from sitl.firmware import ardupilot as json_interface
     from sitl.firmware import px4 as hil
 
     console = Terminal(**PLAIN)
     usual = hil.DEFAULT_PORT if px4 else json_interface.DEFAULT_PORT
+    area, url = resolved.area.build(), mavlink or (_PX4_URL if px4 else _ARDUPILOT_URL)
+    recorder = None
+    if logs is not None:
+        recorder = Recorder(area, resolved.link, url, FlightLogs(logs, area=area))
     with suppress(KeyboardInterrupt):
         serve_world(
             resolved,
@@ -69,5 +84,6 @@ def world(
             speed=math.inf if speed == "max" else speed,
             say=console.print,
             stop=threading.Event(),
+            recorder=recorder,
         )
     return 0

@@ -5,9 +5,11 @@ where the devices are.
 import asyncio
 from collections.abc import AsyncIterator, Callable, Sequence
 from contextlib import asynccontextmanager
+from dataclasses import dataclass
 
 import numpy as np
 
+from flightdyn.plant import Plant
 from mission.base.area import Area
 from mission.base.errors import FlightError, InputError
 from mission.base.interrupts import run_flight
@@ -19,11 +21,29 @@ from mission.flight.pilot.limits import VehicleLimits, read_limits
 from mission.flight.pilot.pilot import Pilot
 from sitl.block import following
 from sitl.links import RawLink
-from sitl.observer import VehicleObserver
+from sitl.observer import VehicleEvent, VehicleObserver, VehicleSample
 
 FARTHEST_M = 5_000.0  # the vehicle from the area's home, before anything flies
 PATIENT_S = 3.0  # wall time before people are told what is waited for
+_AIRBORNE_M = 0.5
 POLL_S = 0.05  # wall time between looks at what telemetry has said
+
+
+@dataclass(frozen=True)
+class Milestones:
+    """Tells the plant what faults may come after, as telemetry has it; a `VehicleObserver`."""
+
+    plant: Plant
+
+    def sampled(self, sample: VehicleSample) -> None:
+        if sample.armed:
+            self.plant.happened("arming")
+        if sample.truth.alt_rel_m > _AIRBORNE_M:
+            self.plant.happened("take-off")
+
+    def happened(self, event: VehicleEvent) -> None:
+        if event.seq is not None:
+            self.plant.happened(event.seq)
 
 
 @asynccontextmanager

@@ -18,7 +18,7 @@ from mission.base.errors import FlightError, InputError, LinkLostError
 from mission.config.models import RunConfig
 from mission.flight.failures import of_a_vehicle, of_settings
 from mission.flight.flight_plan import FlightPlan
-from mission.flight.flyers.contact import located
+from mission.flight.flyers.contact import Milestones, located
 from mission.flight.flyers.external import ExternalFlyer, limits_of
 from mission.flight.flyers.flyer import Flyer
 from mission.flight.flyers.flyers import Attached, Flyers, Task
@@ -33,12 +33,10 @@ from sitl.autopilot.codec.orders import Fields, MissionItem
 from sitl.errors import FirmwareError, FirmwareSilentError
 from sitl.firmware.vehicle import FirmwareVehicle, check_firmware, plant_for
 from sitl.links import RawLink
-from sitl.observer import VehicleEvent, VehicleSample
 
 NAMES = {"px4": "PX4", "ardupilot": "ArduPilot"}
 FOLDER = "firmware"  # of a run, where the firmware lives
 _HEARD = frozenset({31, 33, 46, 147})  # what the feed takes from the relay
-_AIRBORNE_M = 0.5
 _SAME_PARAMETER = 1e-4  # relative: parameters travel as 32-bit floats
 
 
@@ -111,23 +109,6 @@ class RelayedMessages:
 
 
 @dataclass(frozen=True)
-class _Milestones:
-    """Tells the plant what faults may come after, as telemetry has it; a `VehicleObserver`."""
-
-    plant: Plant
-
-    def sampled(self, sample: VehicleSample) -> None:
-        if sample.armed:
-            self.plant.happened("arming")
-        if sample.truth.alt_rel_m > _AIRBORNE_M:
-            self.plant.happened("take-off")
-
-    def happened(self, event: VehicleEvent) -> None:
-        if event.seq is not None:
-            self.plant.happened(event.seq)
-
-
-@dataclass(frozen=True)
 class FirmwareFlyers(Flyers):
     """A real firmware on the simulated aircraft. A run flies it once."""
 
@@ -194,7 +175,7 @@ class FirmwareFlyers(Flyers):
                     async with located(
                         config.link,
                         area=self.task.area,
-                        observers=(recorder, _Milestones(self.plant), *attached.observers),
+                        observers=(recorder, Milestones(self.plant), *attached.observers),
                         say=attached.say,
                         raw_link=raw_link,
                         known=Known(messages, vehicle.clock.at, boot_ms=0),

@@ -14,7 +14,7 @@ from mavsdk.plugins.telemetry import FlightMode, LandedState
 from mission.base.errors import FlightError, LinkLostError
 from mission.flight.pilot.dialects import PX4, Dialect
 from mission.flight.pilot.parameters import Parameters
-from mission.flight.pilot.raw_items import as_dialect, raw_items, same_mission
+from mission.flight.pilot.raw_items import as_dialect, from_raw, raw_items, same_mission
 from mission.flight.pilot.raw_messages import (
     ACCEPTED,
     CUSTOM_MODE,
@@ -82,6 +82,23 @@ class Pilot:
             self._check_alive("become ready to arm")
             await asyncio.sleep(POLL_S)
             await self.watch.ask_armable()
+
+    async def lists(self) -> list[tuple[MissionItem, ...]] | None:
+        """Mission, fence and rally points that the vehicle holds; None where they come not whole,
+        as while it answers another ground station of MAVSDK's, too.
+        """
+        raw = self._mission
+        try:
+            lists = [
+                await settled(ask())
+                for ask in (raw.download_mission, raw.download_geofence, raw.download_rallypoints)
+            ]
+        except MavsdkError as error:
+            logger.info("nothing downloaded: %s", reason(error))
+            return None
+        if any(item.seq != seq for items in lists for seq, item in enumerate(items)):
+            return None
+        return [tuple(from_raw(item, self.dialect) for item in items) for items in lists]
 
     async def arm(self) -> None:
         """Release the motors, in a mode that takes no vehicle without a position."""

@@ -44,6 +44,23 @@ def _to_raw(item: MissionItem) -> RawItem:
     )
 
 
+def from_raw(item: RawItem, dialect: Dialect) -> MissionItem:
+    """An item as it comes back; where item 0 is the home position, that is no command."""
+    scale = DEG_E7 if item.frame in GLOBAL_FRAMES else 1.0
+    home = dialect.home_first and item.seq == 0 and item.mission_type == 0
+    return MissionItem(
+        item.seq,
+        0 if home else item.command,
+        item.frame,
+        (item.param1, item.param2, item.param3, item.param4),
+        item.x / scale,
+        item.y / scale,
+        item.z,
+        item.mission_type,
+        bool(item.autocontinue),
+    )
+
+
 def as_dialect(items: Sequence[RawItem], dialect: Dialect) -> list[RawItem]:
     """Mission items in the form that the family of autopilots `dialect` takes."""
     taken = [copy(item) for item in items]

@@ -1,13 +1,22 @@
 """The aircraft on its own, served to a firmware that somebody else starts, until they stop it."""
 
+import asyncio
 import math
 import threading
 from collections.abc import Callable
+from contextlib import AsyncExitStack, closing
+from dataclasses import dataclass
 
 from flightdyn.random import RandomStreams
+from mission.base.area import Area
 from mission.base.errors import FlightError, InputError
-from mission.config.models import RunConfig
+from mission.config.models import LinkConfig, RunConfig
 from mission.flight.failures import of_a_vehicle, of_settings
+from mission.flight.flyers.contact import Milestones, located
+from mission.flight.pilot.feed import Known
+from mission.flight.serve.flight_logs import FlightLogs
+from sitl.autopilot.codec.orders import MissionItem
+from sitl.block import following
 from sitl.config import VehicleConfig
 from sitl.errors import FirmwareError, FirmwareRestartedError
 from sitl.firmware.ardupilot import ArduPilotBridge
@@ -17,12 +26,58 @@ from sitl.firmware.px4 import Px4Bridge
 from sitl.firmware.vehicle import plant_for
 
 _LOOK_S = 0.2
+_FOR_EVER_S = 1e6
+_TELL_OF_LISTS = ("total", "mission_id", "fence_id", "rally_points_id")
 
 Say = Callable[[str], None]
 
 
+@dataclass(frozen=True)
+class Recorder:
+    """Writes each flight of a firmware, as `aerofed sitl --logs` does: belief, modes and lists by
+    its MAVLink at `url`, truth by our physics."""
+
+    area: Area
+    link: LinkConfig
+    url: str
+    logs: FlightLogs
+
+    async def follow(self, clock: FirmwareClock, say: Say) -> None:
+        """Record until cancelled; lists are downloaded whenever the firmware tells of others.
+
+        Raises:
+            LinkLostError: the link cannot be opened. InputError: the vehicle is somewhere else than
+                the area.
+        """
+        patient = dict.fromkeys(("connect_timeout_s", "ready_timeout_s"), _FOR_EVER_S)
+        link = self.link.model_copy(update={**patient, "url": self.url})
+        with closing(self.logs):
+            observers = self.logs, Milestones(clock.plant)
+            known = Known(None, clock.at, boot_ms=0)
+            async with located(link, area=self.area, observers=observers, say=say, known=known) as (
+                pilot,
+                _,
+            ):
+                held: list[tuple[MissionItem, ...]] = [(), (), ()]
+                said = None
+                async for fields in pilot.messages.of("MISSION_CURRENT"):
+                    tells = pilot.armed, [fields.get(name) for name in _TELL_OF_LISTS]
+                    if tells != said and (lists := await pilot.lists()) is not None:
+                        for kind, (items, before) in enumerate(zip(lists, held, strict=True)):
+                            if repr(items) != repr(before):  # a NaN is no NaN's equal
+                                self.logs.took(clock.plant.t_ns, kind, items)
+                        said, held = tells, lists
+
+
 def serve_world(
-    config: RunConfig, autopilot: str, *, port: int, speed: float, say: Say, stop: threading.Event
+    config: RunConfig,
+    autopilot: str,
+    *,
+    port: int,
+    speed: float,
+    say: Say,
+    stop: threading.Event,
+    recorder: Recorder | None = None,
 ) -> None:
     """Serve the configured aircraft to the `autopilot`, "px4" or "ardupilot", that comes to `port`.
 
@@ -37,15 +92,21 @@ def serve_world(
     try:
         with of_a_vehicle(), of_settings():
             while not stop.is_set():
-                _serve_once(config, autopilot, port=port, speed=speed, say=say, stop=stop)
+                bridge = _bridge(config, autopilot, port, told=recorder is not None)
+                _serve_once(bridge, autopilot, port, speed, say, stop, recorder)
     except FirmwareError as error:
         raise FlightError(str(error)) from None
 
 
 def _serve_once(
-    config: RunConfig, autopilot: str, *, port: int, speed: float, say: Say, stop: threading.Event
+    bridge: Bridge,
+    autopilot: str,
+    port: int,
+    speed: float,
+    say: Say,
+    stop: threading.Event,
+    recorder: Recorder | None,
 ) -> None:
-    bridge = _bridge(config, autopilot, port)
     bridge.open()
     clock = FirmwareClock(bridge, speed=speed, patience_s=math.inf)
     clock.start()
@@ -56,11 +117,7 @@ def _serve_once(
             f"aircraft at {home.lat_deg:.7f}, {home.lon_deg:.7f}, {home.alt_msl_m:g} m, "
             f"{1e9 / bridge.plant.dt_ns:g} Hz, waiting for {autopilot} on port {port}; Ctrl-C ends"
         )
-        told = False
-        while clock.error is None and not stop.wait(_LOOK_S):
-            if bridge.connected and not told:
-                told = True
-                say(f"{autopilot} has come")
+        asyncio.run(_watch(bridge, clock, autopilot, say, stop, recorder))
     finally:
         clock.stop()
     if isinstance(clock.error, FirmwareRestartedError):
@@ -69,15 +126,36 @@ def _serve_once(
         raise clock.error
 
 
-def _bridge(config: RunConfig, autopilot: str, port: int) -> Bridge:
+async def _watch(
+    bridge: Bridge,
+    clock: FirmwareClock,
+    autopilot: str,
+    say: Say,
+    stop: threading.Event,
+    recorder: Recorder | None,
+) -> None:
+    """Wait for the end of the firmware, or `stop`, while the flights are recorded."""
+    async with AsyncExitStack() as beside:
+        if recorder is not None:
+            work = recorder.follow(clock, say)
+            await beside.enter_async_context(following(work, name="recorder"))
+        told = False
+        while clock.error is None and not stop.is_set():
+            await asyncio.sleep(_LOOK_S)
+            if bridge.connected and not told:
+                told = True
+                say(f"{autopilot} has come")
+
+
+def _bridge(config: RunConfig, autopilot: str, port: int, *, told: bool) -> Bridge:
     vehicle = VehicleConfig.model_construct(
         **{**dict(config.vehicle), "autopilot": autopilot}  # its firmware is somebody else's
     )
     for fault in config.vehicle.aircraft.faults:
-        if fault.after is not None:
+        if fault.after is not None and not told:
             raise InputError(
-                f"vehicle.aircraft.faults: after = {fault.after!r}: aerofed world is not told when "
-                "that is; leave it out, and at_s counts from the start"
+                f"vehicle.aircraft.faults: after = {fault.after!r}: aerofed world is told when "
+                "that is with --logs only; leave it out, and at_s counts from the start"
             )
     home, streams = config.area.build().home, RandomStreams(config.seed)
     plant = plant_for(vehicle, home=home, streams=streams)

@@ -1,18 +1,27 @@
 """`aerofed world --ardupilot`: process after process of ArduPilot is served."""
 
+import asyncio
 import threading
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
+import numpy as np
 import pytest
 from firmware_stand_ins import ArduPilotStandIn
 from patience import until
-from serving import free_port
+from serving import free_port, served
 
+from flightdyn.state import BatteryState, GeodeticPoint, Kinematics, Moment
+from mission.base.area import Area
 from mission.cli import call
 from mission.config.loading import load_config
-from mission.flight.serve.world import serve_world
+from mission.config.models import LinkConfig
+from mission.flight.serve.flight_logs import FlightLogs
+from mission.flight.serve.world import Recorder, serve_world
+from mission.log.reader import read_log
 
 
 @contextmanager
@@ -64,4 +73,69 @@ def test_a_fault_after_what_nobody_tells_is_refused(capsys: pytest.CaptureFixtur
     fault = 'vehicle.aircraft.faults=[{kind="gnss_off", after="take-off"}]'
     assert call(["world", "--px4", "--set", fault]) == 2
     (line,) = capsys.readouterr().err.splitlines()
-    assert "vehicle.aircraft.faults: after = 'take-off': aerofed world is not told" in line
+    assert "vehicle.aircraft.faults: after = 'take-off': aerofed world is told when" in line
+
+
+def test_a_folder_that_cannot_be_written_to_is_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "file").write_text("")
+    assert call(["world", "--px4", "--logs", str(tmp_path / "file" / "logs")]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "--logs" in line
+
+
+@pytest.mark.slow
+def test_a_flight_is_recorded_by_its_mavlink_and_our_truth(tmp_path: Path) -> None:
+    """Our own vehicle stands in for the firmware, and a made-up clock for the truth."""
+    first, second = free_port(), free_port()
+    home = GeodeticPoint(47.0, 8.0, 400.0)
+    area = Area((400.0, 400.0), (200.0, 200.0), home)
+    plan = tmp_path / "p.waypoints"
+    rows = [(22, 0.0, 0.0), (16, 0.0, 5e-4), (16, 5e-4, 5e-4)]
+    lines = [
+        f"{seq}\t0\t3\t{command}\t0\t0\t0\t0\t{47 + north}\t{8 + east}\t20\t1"
+        for seq, (command, north, east) in enumerate(rows)
+    ]
+    plan.write_text("\n".join(["QGC WPL 110", *lines]) + "\n")
+    battery = BatteryState(16.0, 1.0, 0.0, 0.5)
+
+    def truth(t_ns: int) -> Moment:
+        state = Kinematics.of(t_ns, 7.0, 3.0, -5.0, 0, 0, 0, 1.0, 0, 0, 0, 0, 0, 0)
+        return Moment(state, battery, None)
+
+    happened: list[str | int] = []
+    plant = SimpleNamespace(t_ns=0, happened=happened.append)
+    clock: Any = SimpleNamespace(at=truth, plant=plant)
+    recorder = Recorder(
+        area, LinkConfig(), f"udpin://127.0.0.1:{second}", FlightLogs(tmp_path / "w", area=area)
+    )
+    loop = asyncio.new_event_loop()
+    work = loop.create_task(recorder.follow(clock, print))
+
+    def record() -> None:
+        with suppress(asyncio.CancelledError):
+            loop.run_until_complete(work)
+        loop.close()
+
+    thread = threading.Thread(target=record)
+    udp = ("--udp", str(first), "--udp", str(second), "--speed", "5", "--home", "47,8,400")
+    with served(*udp):
+        thread.start()
+        url, out = f"udpin://127.0.0.1:{first}", str(tmp_path / "out")
+        quiet = ("--no-report", "--no-figures", "--quiet", "--out", out)
+        assert call(["fly", str(plan), "--vehicle", url, *quiet]) == 0
+        log = tmp_path / "w" / "flight-0001.mcap"
+        until(lambda: recorder.logs.being_written is None and log.exists())
+        loop.call_soon_threadsafe(work.cancel)
+        thread.join()
+    data = read_log(log)
+    missions = [record for record in data.missions if record.kind == "mission"]
+    assert len(missions) == 1, missions
+    (mission,) = missions
+    assert [row[1] for row in mission.items] == [22, 16, 16]
+    assert mission.items[2][7:9] == pytest.approx((47.0005, 8.0005), abs=1e-6)
+    np.testing.assert_allclose(data.truth.pos_m - [203.0, 207.0, 5.0], 0.0, atol=2e-3)
+    assert np.ptp(data.belief.pos_m, axis=0).min() > 15.0
+    assert "MISSION" in data.modes.names
+    assert {"arming", "take-off"} <= set(happened)
