@@ -186,26 +186,25 @@ class RunComparison:
     @property
     def values(self) -> dict[str, object]:
         """What `aerofed compare --json` prints."""
+        judged, data = self.run.judged, self.run.data
+        of_a_flight = (
+            {}
+            if judged is None
+            else {
+                "log": data.source,
+                "plan": data.planned.source if data.planned else "",
+                "not_compared_s": judged.apart,
+                "items_left_out": judged.left_out,
+                "legs": self.legs,
+                "spikes": spikes(data, self.measured),
+            }
+        )
         return {
             "source": self.run.path,
             "rounds": self.rounds,
             "total": self.total,
             "devices": self.devices,
-            **self._of_a_flight,
-        }
-
-    @property
-    def _of_a_flight(self) -> dict[str, object]:
-        judged = self.run.judged
-        if judged is None:
-            return {}
-        return {
-            "log": self.run.data.source,
-            "plan": self.run.data.planned.source if self.run.data.planned else "",
-            "not_compared_s": judged.apart,
-            "items_left_out": judged.left_out,
-            "legs": self.legs,
-            "spikes": spikes(self.run.data, self.measured),
+            **of_a_flight,
         }
 
 

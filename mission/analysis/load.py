@@ -4,10 +4,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from fl.plugin_code import label_of
-from mission.base.arrays import Floats
 from mission.base.errors import InputError
 from mission.base.interrupted_files import InterruptedFiles
 from mission.base.run_folder import RunFolder, RunSummary
@@ -16,7 +13,7 @@ from mission.log import DamagedLogError
 from mission.log.contents import load_damaged
 from mission.log.reader import decode, read_log
 from mission.log.records import RoundRecord
-from mission.log.values import NS_PER_S, FlightData, Track
+from mission.log.values import FlightData, Track
 
 if TYPE_CHECKING:
     from mission.analysis.passes import Judged
@@ -140,19 +137,11 @@ def _load(path: Path) -> LoadedRun:
     return LoadedRun(path, _whole_rounds(decode(load_damaged(log))), summary, cut=True)
 
 
-def flown(run: FlightData, record: RoundRecord, *, track: Track | None = None) -> Track:
-    """The part of the true track (or of `track`) that belongs to a round."""
+def flown(run: FlightData, record: RoundRecord) -> Track:
+    """The part of the true track that belongs to a round."""
     start_ns = round(record.start_t_s * 1e9)
     end_ns = round((record.start_t_s + record.duration_s) * 1e9)
-    return (track or run.truth).between(start_ns, end_ns)
-
-
-def ground_speed(track: Track) -> Floats:
-    """(n,) m/s of each sample, by the true positions beside it."""
-    if len(track.t_ns) < 2:
-        return np.zeros(len(track.t_ns))
-    velocity = np.gradient(track.pos_m[:, :2], track.t_ns / NS_PER_S, axis=0)
-    return np.asarray(np.linalg.norm(velocity, axis=1), dtype=np.float64)
+    return run.truth.between(start_ns, end_ns)
 
 
 def _whole_rounds(data: FlightData) -> FlightData:

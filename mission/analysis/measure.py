@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from mission.analysis.alignment import Alignment, align, closest_approach, leg_numbers, leg_of
-from mission.analysis.load import flown, ground_speed
+from mission.analysis.load import flown
 from mission.base.arrays import Floats, Ints
 from mission.base.errors import InputError
 from mission.log.records import LATE, RoundRecord, UplinkRecord, flat
@@ -145,6 +145,8 @@ def _measured(
     error = belief.pos_m - truth.pos_m
     if run.source.only is not None:  # of one kind of position nobody knows the error
         error = error[:0]
+    t_s = truth.t_ns / NS_PER_S
+    velocity = np.gradient(xy, t_s, axis=0) if len(t_s) > 1 else np.zeros((1, 2))
     from_corner = np.abs(fit.along_m[:, None] - fit.corners_m)
     near = from_corner <= CORNER_M
     happened = [e for e in run.events if start_ns <= e.t_ns <= end_ns]
@@ -174,7 +176,7 @@ def _measured(
                 for here, corner in zip(near.T, fit.corner_points_m, strict=True)
             ]
         ),
-        speed_mps=ground_speed(truth),
+        speed_mps=np.linalg.norm(velocity, axis=1),
         wind_mps=np.linalg.norm(run.wind.vel_mps[blows, :2], axis=1),
         estimate_m=np.linalg.norm(error[:, :2], axis=1),
         estimate_height_m=error[:, 2],

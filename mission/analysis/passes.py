@@ -208,7 +208,7 @@ def _passes(
             _check_place(path, plan, way, track)
             # Whoever ordered the flight knew what the vehicle makes of the mission.
             foreseen = [p.duration_s for p in data.plans if plan.logged and item == 0]
-            yield _pass(first, data, way, track, (times, seqs), next(iter(foreseen), None))
+            yield _pass(first, data, way, track, (times, seqs), [*foreseen, math.nan][0])
             first += 1
 
 
@@ -250,7 +250,7 @@ def _pass(
     way: MissionPath,
     track: Track,
     current: tuple[Ints, Ints],
-    foreseen_s: float | None,
+    foreseen_s: float,
 ) -> Pass:
     at_m = polyline.along(way.points_m)
     low, high = _windows(way, at_m, track, *current)
@@ -266,17 +266,7 @@ def _pass(
     )
     fit = _of_what_is_given(track, fit, way, returns_ns)
     start_ns, end_ns = int(track.t_ns[0]), int(track.t_ns[-1])
-    legs_m = polyline.legs(way.points_m)
-    leg_s = legs_m / way.speed_mps[1:] + way.wait_s[1:]
-    leg_s[legs_m < 1e-6] = way.wait_s[1:][legs_m < 1e-6]
-    plan = PlanRecord.of_flight(
-        number,
-        start_ns,
-        way.points_m,
-        slot_s=np.concatenate(([0.0], np.cumsum(leg_s))),
-        speed_mps=float(np.nanmax(way.speed_mps, initial=0.0)),
-        duration_s=float(leg_s.sum()) if foreseen_s is None else foreseen_s,
-    )
+    plan = PlanRecord.of_flight(number, start_ns, way.points_m, duration_s=foreseen_s)
     duration_s = (end_ns - start_ns) / NS_PER_S
     flown_m, energy_j = polyline.length(track.pos_m[:, :2]), data.battery.energy_j(start_ns, end_ns)
     battery = data.battery.remaining[data.battery.t_ns <= end_ns]

@@ -15,7 +15,6 @@ from mission.analysis.compare import RunComparison, compare_run
 from mission.analysis.comparison_text import in_full
 from mission.analysis.load import load_run
 from mission.analysis.passes import PLAN_FILE
-from mission.base import polyline
 from mission.base.area import Area
 from mission.base.console import RunConsole
 from mission.base.errors import AerofedError, FlightError, InputError
@@ -163,17 +162,9 @@ class _PlanFlight:
     def _begins(self, flyer: Flyer) -> None:
         """Log the planned path, as rounds have theirs, and the items."""
         order, t_ns = self.order, flyer.t_ns
-        points, duration_s = order.area.xyz(order.path.points_ned_m), order.path.duration_s
-        speed_mps = polyline.length(points) / duration_s
+        points_m = order.area.xyz(order.path.points_ned_m)
         self.log.plan_record(
-            PlanRecord.of_flight(
-                1,
-                t_ns,
-                points,
-                slot_s=polyline.along(points) / speed_mps,
-                speed_mps=speed_mps,
-                duration_s=duration_s,
-            )
+            PlanRecord.of_flight(1, t_ns, points_m, duration_s=order.path.duration_s)
         )
         for items in (order.plan.items, order.plan.fence, order.plan.rally):
             if items:

@@ -69,8 +69,6 @@ class MissionPath:
     seqs: Ints  # (P,) the item whose place a point is; -1 where it is none's
     height_known: Bools  # (P,) not where the vehicle chooses
     given: int  # how many of the points come before a return, whose way the vehicle chooses
-    wait_s: Floats  # (P,) hover there
-    speed_mps: Floats  # (P,) ordered for the leg that ends there; NaN where the vehicle chooses
     left_out: Mapping[str, int]  # items that lead nowhere that is known here, by command
 
 
@@ -96,15 +94,12 @@ def mission_path(
     A return leads home, or to what of `rally_m`, (3,) each, is closer.
     """
     points, seqs, known = [np.array(start_m, dtype=np.float64)], [-1], [True]
-    waits, speeds, speed, given = [0.0], [math.nan], math.nan, None
-    left_out: Counter[str] = Counter()
+    given, left_out = None, Counter[str]()
 
-    def go(place_m: Floats, seq: int, *, height: bool = True, wait_s: float = 0.0) -> None:
+    def go(place_m: Floats, seq: int, *, height: bool = True) -> None:
         points.append(place_m)
         seqs.append(seq)
         known.append(height)
-        waits.append(wait_s)
-        speeds.append(speed)
 
     def land(place_m: Floats, seq: int) -> None:
         go(np.array([*place_m[:2], points[-1][2]]), -1, height=False)
@@ -114,18 +109,14 @@ def mission_path(
     for item in flown_order(items, first, jumps):
         if len(points) > MAX_STEPS:
             break
-        command, wait_s = item.command, max(item.params[0], 0.0)
-        wait_s = 0.0 if math.isnan(wait_s) else wait_s
-        placed = item.frame in GLOBAL_FRAMES or item.frame in _TERRAIN
-        level = item.frame not in _TERRAIN
-        if command == mav.MAV_CMD_DO_CHANGE_SPEED:
-            speed = item.params[1] if item.params[1] > 0 else speed
-        elif command in RETURNS:
+        command, level = item.command, item.frame not in _TERRAIN
+        placed = item.frame in GLOBAL_FRAMES or not level
+        if command in RETURNS:
             ends = [np.array(area.home_m), *(place[:2] for place in rally_m)]
             here, given = points[-1][:2], len(points)
             land(min(ends, key=lambda end: float(np.linalg.norm(end - here))), item.seq)
             break
-        elif not placed and (command in _LEADS + _TAKEOFFS + _LANDINGS + _CIRCLES):
+        if not placed and (command in _LEADS + _TAKEOFFS + _LANDINGS + _CIRCLES):
             left_out[bare_name(command)] += 1
         elif command in _LANDINGS:
             land(place_m(item, area, points[-1]), item.seq)
@@ -135,11 +126,11 @@ def mission_path(
             if command in _TAKEOFFS or (len(points) == 1 and here[2] < _LOW_M):
                 go(np.array([*here[:2], at_m[2]]), -1)
             if command in _CIRCLES:
-                for point in _circle(at_m, item.params[2], here, laps=wait_s):
+                for point in _circle(at_m, item.params[2], here, laps=item.params[0]):
                     go(point, -1, height=level)
                 seqs[-1] = item.seq
             else:
-                go(at_m, item.seq, height=level, wait_s=wait_s * (command in _LEADS))
+                go(at_m, item.seq, height=level)
         elif command <= mav.MAV_CMD_NAV_LAST and command not in _WITHOUT_PLACE:
             left_out[bare_name(command)] += 1
     return MissionPath(
@@ -147,8 +138,6 @@ def mission_path(
         np.array(seqs, dtype=np.int64),
         np.array(known),
         given or len(points),
-        np.array(waits),
-        np.array(speeds),
         left_out,
     )
 
@@ -159,7 +148,7 @@ def _circle(centre_m: Floats, radius_m: float, here_m: Floats, *, laps: float) -
     if not abs(radius_m) > 0:
         return centre_m[None]
     east, north = (here_m - centre_m)[:2].tolist()
-    steps = np.arange(round(_CORNERS * min(max(laps, 1.0), _MOST_LAPS)) + 1)
+    steps = np.arange(round(_CORNERS * min(max(1.0, laps), _MOST_LAPS)) + 1)
     bearing = math.atan2(east, north) + steps * math.copysign(2 * math.pi / _CORNERS, radius_m)
     away = np.column_stack((np.sin(bearing), np.cos(bearing), np.zeros(len(steps))))
     return np.asarray(centre_m + abs(radius_m) * away)
