@@ -140,6 +140,8 @@ def in_words(found: "Judged") -> list[str]:
     lines = [
         f"{count(number, what)} not read" for what, number in found.data.source.skipped.items()
     ]
+    if not len(found.data.battery.t_ns):
+        lines.append("energy not known: the log has no numbers of a battery")
     if found.apart:
         each = ", ".join(f"{name} {seconds:.1f} s" for name, seconds in found.apart.items())
         lines.append(f"flown outside the plan, not compared: {each}")

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree as ET
 
+import numpy as np
 import pytest
 from made_up_logs import CORNERS, HEIGHT_M, HOME, write_dataflash, write_tlog, write_ulog
 
@@ -16,6 +17,7 @@ from mission.analysis.compare import RunComparison, compare_run
 from mission.analysis.load import load_run
 from mission.base.errors import EXIT_CODES, LIMITS_NOT_MET, LimitsNotMetError
 from mission.cli import call
+from mission.log.values import BatteryTrack
 
 Write = Callable[..., Path]
 KINDS: dict[str, Write] = {".ulg": write_ulog, ".bin": write_dataflash, ".tlog": write_tlog}
@@ -227,12 +229,23 @@ def test_a_folder_of_flight_logs_is_compared_and_each_line_names_its_flight(
     printed = capsys.readouterr().out
     for end in KINDS:
         assert f"\nx{end}: at " in printed
+        assert f"\nx{end}: energy not known: the log has no numbers of a battery\n" in printed
     assert printed.endswith("all 1 limit met by all\n")
     assert aerofed.compare(tmp_path).index.tolist() == ["x.bin", "x.tlog", "x.ulg"]
     assert call(["report", str(tmp_path)]) == 2
     assert f"it has no flight.mcap; give one of its logs, as {tmp_path}/x.bin" in (
         capsys.readouterr().err
     )
+
+
+def test_energy_is_known_by_charge_or_else_by_current() -> None:
+    t_ns = np.arange(11) * 10**9
+    ones, unknown = np.ones(11), np.full(11, np.nan)
+    charged = BatteryTrack(t_ns, 10 * ones, unknown, np.arange(11) / 3.6, ones)
+    told = BatteryTrack(t_ns, 10 * ones, 2 * ones, unknown, ones)
+    assert charged.energy_j(0, 10**10) == pytest.approx(100.0)
+    assert told.energy_j(0, 10**10) == pytest.approx(200.0)
+    assert str(told.energy_j(2 * 10**10, 3 * 10**10)) == "nan"
 
 
 def test_positions_go_out_as_geojson(tmp_path: Path) -> None:
