@@ -2,8 +2,9 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -31,6 +32,11 @@ class Foreseen:
     energy_j: float  # electrical, of the simulated aircraft
 
 
+def given_alone(item: Any) -> dict[str, Any]:
+    """The state that is pickled of a dataclass: without what it keeps for C."""
+    return {given.name: getattr(item, given.name) for given in fields(item)}
+
+
 @dataclass(frozen=True)
 class Performance:
     """How fast, how sharply and at what power is flown."""
@@ -42,6 +48,8 @@ class Performance:
     density: float = 1.0  # of the air, over that at sea level
     wind_mps: tuple[float, float] = (0.0, 0.0)  # the air's velocity, east and north
     pace: float = 1.0  # times as long as the guidance's own: of vehicles that fly otherwise
+
+    __getstate__ = given_alone
 
     def foresee(self, points_m: Floats, hold_s: Sequence[float], radius_m: float) -> Foreseen:
         """The flight through stops (S, 2) that hovers for (S,) seconds at each."""
@@ -181,6 +189,8 @@ class RoundLimits:
     performance: Performance
     duration_s: float = math.inf
     energy_j: float = math.inf
+
+    __getstate__ = given_alone
 
     @cached_property
     def flying(self) -> rounds.Flying:

@@ -17,7 +17,7 @@ from mission.base.errors import PlanError
 from mission.base.explain import shown
 from mission.planner.errors import PlanInputError
 from mission.planner.native.rounds import Flown, Round
-from mission.planner.performance import Foreseen, RoundLimits, acceptance_radii
+from mission.planner.performance import Foreseen, RoundLimits, acceptance_radii, given_alone
 
 _SLOWER = 1.1  # times what legs take that each begin and end at rest: no round lasts longer
 
@@ -49,6 +49,8 @@ class RoundProblem:
     # (K,) seconds into the round from which each has an update to send: served before, it is worth
     # nothing. None: all have one from the start. It needs `limits`, which know how fast is flown.
     ready_in_s: Floats | None = None
+
+    __getstate__ = given_alone
 
     def __post_init__(self) -> None:
         _make_arrays(self, "devices_m", "importance", "start_m")

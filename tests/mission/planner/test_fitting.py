@@ -1,5 +1,7 @@
 """Plans made to fit limits: cut where these end, or shrunk."""
 
+import pickle
+
 import numpy as np
 import pytest
 
@@ -89,3 +91,10 @@ def test_seconds_are_foreseen_without_the_rest() -> None:
         plan = plan_along(given, path(given, seed))
         seconds = foresee_round(given, plan).duration_s
         assert share_of(given, plan) == pytest.approx(seconds / 40.0, abs=1e-9)
+
+
+def test_problems_and_plans_may_be_sent_to_other_processes() -> None:
+    given = problem(1, airspace=AREAS)
+    plan = fitted(given, path(given, 1))
+    assert plan is not None
+    assert share_of(given, plan) == share_of(*pickle.loads(pickle.dumps((given, plan))))
