@@ -8,7 +8,7 @@ from flightdyn.errors import FlightInputError
 from flightdyn.frames import Triple
 from flightdyn.guidance.control import AttitudeOrder, Setpoint
 from flightdyn.guidance.path import FlightPath, PathProgress
-from flightdyn.guidance.path_plan import Corner, brake_and_go, plan_path
+from flightdyn.guidance.path_plan import brake_and_go, plan_path
 from flightdyn.guidance.pursuit import Target, pursue, wanted_velocity
 from flightdyn.guidance.trajectory import Trajectory
 from flightdyn.inertial import NavState
@@ -23,6 +23,7 @@ from flightdyn.native.library import (
     TRACK,
     Guide,
     Strapdown,
+    Vertex,
 )
 
 _LEASH_M = 0.6  # how far the reference that goes after a target may run ahead
@@ -45,7 +46,7 @@ class Guidance:
         memory.landed = memory.contact = memory.touching = True
         self._limits = limits
         self._dt = dt_s
-        self._corners: list[Corner] = []
+        self._corners: list[Vertex] = []
         self._next = 0
         memory.soon = math.inf
         self.corner_near = False  # it may be passed before the next guidance step
@@ -204,14 +205,14 @@ class Guidance:
         if self._next < len(self._corners) - 1:
             corner = self._corners[self._next]
             m.soon = corner.t_s - corner.half_s - _EARLY_S
-            m.corner[:], m.normal[:] = corner.point, corner.normal or (0.0, 0.0, 0.0)
+            m.corner[:], m.normal[:] = corner.point, corner.normal
 
     def pass_corners(self, pos: Triple, vel: Triple) -> None:
         """Count the corner whose plane of closest approach the position has crossed."""
         t = self._memory.t
         while t >= self._memory.soon:
             corner = self._corners[self._next]
-            n = corner.normal or vel
+            n = corner.normal if any(corner.normal) else vel  # zeros at a reversal
             beyond = sum((pos[i] - corner.point[i]) * n[i] for i in range(3))
             if beyond < 0 and t < corner.t_s + corner.half_s + _LATE_S:
                 return

@@ -303,10 +303,10 @@ class Vertex(ctypes.Structure):
     """A point of a path, and the leg that ends there; see `trajectory.h`."""
 
     _fields_ = (
-        ("p", _THREE), ("radius", _DOUBLE), ("passed", _INT),
+        ("point", _THREE), ("radius", _DOUBLE), ("count", _INT),
         ("u", _THREE), ("length", _DOUBLE), ("top", _DOUBLE), ("accel", _DOUBLE),
         ("v", _DOUBLE), ("sine", _DOUBLE), ("bend", _DOUBLE),
-        ("normal", _THREE), ("t", _DOUBLE), ("half", _DOUBLE),
+        ("normal", _THREE), ("t_s", _DOUBLE), ("half_s", _DOUBLE),
     )  # fmt: skip
 
 
