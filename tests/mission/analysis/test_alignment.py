@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mission.analysis.alignment import align, closest_approach
+from mission.analysis.alignment import align, closest_approach, leg_numbers
 
 
 def line(start, end, *, step=2.0):
@@ -107,3 +107,9 @@ def test_a_long_flight_needs_little_memory() -> None:
         tracemalloc.stop()
     assert aligned.cross_m.max() < 1e-6
     assert most < 2000 * len(track)
+
+
+def test_items_at_one_place_share_a_leg_and_no_number_is_left_out() -> None:
+    at_m = np.array([0.0, 10.0, 10.0, 20.0, 25.0, 30.0])
+    ends = np.array([True, True, True, False, True])  # the last leg has a corner
+    assert leg_numbers(at_m, ends).tolist() == [1, 2, 2, 3, 3]
