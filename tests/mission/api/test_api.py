@@ -85,8 +85,8 @@ def test_the_public_names() -> None:
         "RoundLimits", "RoundPlan", "RoundProblem", "RoundRecord", "RoundReport", "Run",
         "RunConfig", "Samples", "Sortie", "StaleStart", "Strategy", "StrategyContext", "Sweep",
         "Trainer", "TrainingDevice", "Update", "UplinkRecord", "UsersCodeError", "channel",
-        "compare", "config", "finish", "first_problem", "fit_budget", "load", "load_sweep", "plan",
-        "resume", "run", "sweep",
+        "compare", "config", "finish", "first_problem", "fit_budget", "fly", "load", "load_sweep",
+        "plan", "resume", "run", "sweep", "vehicle", "vehicles",
     ]  # fmt: skip
 
 
