@@ -31,6 +31,10 @@ _ROW = np.dtype(
         for part in ((f"{name} head", "u1", 2), (name, "<f4", len(axes)))
     ]
 )
+_BEGINS = np.cumsum([0, *map(len, _AXES.values())]).tolist()[:-1]
+_EMPTY = np.zeros(1, _ROW)
+for _name, _head in _HEADS.items():
+    _EMPTY[_name] = _head
 _STARTS = [1, 5, 8, 12, 15, 16, 20, 23, 26, 29, 30]  # of quantities in a row of the aircraft's
 _FLU, _UP = np.array([1.0, -1.0, -1.0]), np.array([1.0, 1.0, -1.0])
 _GRID = 2.0**13  # far below what any sensor tells apart; the zeroed bits compress
@@ -59,13 +63,13 @@ def messages(area: Area, rows: Floats) -> Iterator[tuple[int, bytes]]:
         *(_turned(q), rates * _FLU, _turned(q_to), rates_to * _FLU, thrust, motors, there),
         *(v[:, [1, 0, 2]] * _UP, a[:, [1, 0, 2]] * _UP, math.pi / 2 - yaw, -yaw_rate),
     )
-    made = np.zeros(len(rows), _ROW)
-    for name, head in _HEADS.items():
-        made[name] = head
-    for name, numbers in zip(_AXES, fields, strict=True):
-        made[name] = np.round(numbers * _GRID) / _GRID
-    for at, row in zip(t_ns[:, 0].tolist(), made, strict=True):
-        yield int(at), row.tobytes()
+    numbers = np.round(np.hstack(fields) * _GRID) / _GRID
+    made = np.repeat(_EMPTY, len(rows))
+    for name, begin in zip(_AXES, _BEGINS, strict=True):
+        made[name] = numbers[:, begin : begin + len(_AXES[name])]
+    data, size = made.tobytes(), _ROW.itemsize
+    for index, at in enumerate(t_ns[:, 0].tolist()):
+        yield int(at), data[index * size : (index + 1) * size]
 
 
 def _turned(q: Floats) -> Floats:
