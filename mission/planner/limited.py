@@ -27,9 +27,9 @@ if TYPE_CHECKING:  # which makes ready to search
 _SHARES = (1.0, 0.95, 0.9, 0.85, 0.8, 0.75, 0.7, 0.6, 0.5, 0.4)
 _UPLOAD_SHARES = (0.9, 0.75, 0.6, 0.45, 0.3)
 _PRICES = (0.2, 0.4, 0.6)  # shares of the devices that are worth less a second
-_ROUGH_TRIED, _TRIED = 8, 2  # paths that are improved a little, and wholly
-_ROUGH_STEPS = 4  # of programs
-_ROUGH_TRIES, _TRIES, _SEED = 100, 1500, 1  # changes at random
+_ROUGH_TRIED, _TRIED = 8, 3  # paths that are improved a little, and wholly
+_ROUGH_STEPS = 8  # of programs
+_ROUGH_TRIES, _TRIES, _SEED = 100, 1000, 1  # changes at random
 _DEARER = 3  # times the work of one, around areas
 _WIDEST_M = 256.0  # twice what a waypoint is moved by at most
 _ROUNDS, _WORTH = 3, 5e-4  # of programs and changes; the gain for which there is another

@@ -5,8 +5,9 @@ maximises the reward of the present schedule, by its exact gradient and clipped,
 Hessian, over a trust region |d| <= t. A leg is at least as long as its projection on each of
 `_DEGREES` about its present direction, so that lengths are exact to first order and grow as the leg
 turns. The legs keep to the metres that the round may fly, and, where time or energy is limited, to
-those that are left of it; what corners and hovers take is corrected afterwards. Where the path
-leads around areas, a leg is what is straight of it at either end.
+the seconds: those are the legs' lengths over the speed, and the gradient of what the flight's
+corners take beyond that. Where the path leads around areas, a leg is what is straight of it at
+either end.
 
 The sparsity never changes: from step to step only numbers are updated, and OSQP starts warm. A step
 is kept where the plan along the moved waypoints, made to fit and scheduled anew, is worth more.
@@ -19,6 +20,7 @@ import numpy as np
 import osqp
 from scipy import sparse
 
+from mission.base import polyline
 from mission.base.arrays import Floats, Ints
 from mission.planner.certified import ExploringPlanner, reach_of
 from mission.planner.errors import SolverError
@@ -27,7 +29,7 @@ from mission.planner.fitting import fitted
 from mission.planner.flyable import share_of
 from mission.planner.problem import Planner, RoundPlan, RoundProblem
 from mission.planner.reward import reward_table
-from mission.planner.stops import SAME_PLACE_M
+from mission.planner.stops import SAME_PLACE_M, stops_of
 
 _DEGREES = (0.0, 10.0, -10.0, 25.0, -25.0, 50.0, -50.0, 90.0, -90.0, 135.0, -135.0, 180.0)
 _COSINES = np.array([math.cos(math.radians(angle)) for angle in _DEGREES])
@@ -37,6 +39,7 @@ _FIRST_TRUST_M, _LAST_TRUST_M = 30.0, 1.0
 _GROW, _SHRINK = 1.5, 0.35
 _RISE = 1e-4  # relative rise of the objective under which the steps end
 _CORRECTIONS = 2  # of a step whose corners took longer than linear
+_NUDGE = 0.25  # of the trust region: how far stops are nudged to see what corners take
 _FLOOR = 1e-4  # of the Hessian, where the steepest slope is 1 a metre
 _MOST_SPLITTINGS = 500
 # A step only has to be good: it is kept if the true objective rises, however exact it is.
@@ -82,7 +85,7 @@ def ascended(problem: RoundProblem, plan: RoundPlan, most_steps: int = _MOST_STE
     program = StepProgram(problem.steps, led=not problem.airspace.is_open)
     trust_m, model = _FIRST_TRUST_M, None
     for _ in range(most_steps):
-        model = model or surroundings(problem, plan)
+        model = model or surroundings(problem, plan, trust_m)
         moved = _moved(problem, plan, program, model, trust_m)
         other = fitted(problem, moved, above=plan.value)
         if other is None:
@@ -121,7 +124,7 @@ def _moved(
         over = share_of(problem, other) - 1.0
         if over <= 0.0:
             break
-        model = replace(model, spare_m=model.spare_m - over * problem.most_m)
+        model = replace(model, spare_s_m=model.spare_s_m - over * model.whole_s_m)
     return moved
 
 
@@ -134,22 +137,25 @@ class Surroundings:
     last: Floats  # (N - 1, 2) of each leg the straight that ends at its waypoint
     first: Floats  # (N - 1, 2) the one that leaves the waypoint before
     whole: Floats  # (N - 1,) 1 where these are one, else 0
-    spare_m: float  # metres that the path may be longer, at most
+    spare_m: float  # metres that the path may be longer
     tied: Floats  # (N - 1,) 1 where a waypoint moves with the one before: flown as one
+    slope: Floats  # (N - 1, 2) metres that corners cost, by free waypoint
+    whole_s_m: float  # metres at the speed, in the time that the flight may take
+    spare_s_m: float  # those of the time that is left
 
 
-def surroundings(problem: RoundProblem, plan: RoundPlan) -> Surroundings:
+def surroundings(problem: RoundProblem, plan: RoundPlan, trust_m: float) -> Surroundings:
     """The model of a plan that a step is made by."""
     gradient, hessian = reward_model(problem, plan)
     route, at = plan.route_m, plan.stops_at
     last = route[at[1:]] - route[at[1:] - 1]
     first = route[at[:-1] + 1] - route[at[:-1]]
-    spare_m, left = problem.most_m - plan.path_m, 1.0 - share_of(problem, plan)
+    slope, whole_s_m, spare_s_m = _corners(problem, plan, _NUDGE * trust_m)
     together = np.hypot(*np.diff(plan.waypoints_m, axis=0).T) <= SAME_PLACE_M
     tied = np.where(together & (problem.limits is not None), 1.0, 0.0)
     return Surroundings(
         gradient[1:], hessian[1:], last, first, np.where(np.diff(at) == 1, 1.0, 0.0),
-        min(spare_m, left * problem.most_m), tied,
+        problem.most_m - plan.path_m, tied, slope, whole_s_m, spare_s_m,
     )  # fmt: skip
 
 
@@ -174,6 +180,37 @@ def reward_model(problem: RoundProblem, plan: RoundPlan) -> tuple[Floats, Floats
     return gradient, hessian
 
 
+def _corners(problem: RoundProblem, plan: RoundPlan, nudge_m: float) -> tuple[Floats, float, float]:
+    """What the corners of a flight take, by free waypoint (N - 1, 2), beyond the lengths of its
+    legs, what it may take in all, and what is left of that, in metres at its speed; no end of it
+    without limits."""
+    if problem.limits is None:
+        return np.zeros((problem.steps - 1, 2)), np.inf, np.inf
+    performance = problem.limits.performance
+    stops = stops_of(plan, upload_s=problem.upload_s)
+    points, hold_s = np.array([stop.xy_m for stop in stops]), [stop.hold_s for stop in stops]
+    verdict, speed = problem.as_judged.judged(plan.as_flown), performance.speed_mps
+
+    def flown_m() -> float:
+        return performance.foresee(points, hold_s, verdict.radius_m).duration_s * speed
+
+    still_m, free = flown_m(), np.zeros((problem.steps, 2))
+    beyond_m = still_m - polyline.length(points)
+    for index, stop in enumerate(stops):
+        if index == 0 or not stop.steps:
+            continue
+        for axis in (0, 1):
+            here_m = points[index, axis]
+            points[index, axis] += nudge_m
+            longer_m = flown_m() - polyline.length(points) - beyond_m
+            free[stop.steps[0], axis] = longer_m / nudge_m
+            points[index, axis] = here_m
+    # Joules count as the seconds that they last at the flight's mean power.
+    taken = verdict.share
+    whole_m = still_m / taken if taken > 0.0 else problem.most_m
+    return free[1:], whole_m, whole_m * (1.0 - taken)
+
+
 class StepProgram:
     """The quadratic program of one number of steps; its sparsity is set up once.
 
@@ -194,9 +231,9 @@ class StepProgram:
             entries += [(row[leg > 0], 2 * leg[leg > 0] - 2 + axis) for axis in (0, 1)]
             entries.append((row, (2 + part) * legs + leg))
         every = np.arange(many)
-        entries.append((np.full(parts * legs, rows), every[2 * legs :]))
-        entries.append((rows + 1 + every[: 2 * legs], every[: 2 * legs]))
-        entries.append((rows + 1 + every[2 : 2 * legs], every[: 2 * legs - 2]))
+        entries += [(np.full(many, rows + limit), every) for limit in (0, 1)]
+        entries.append((rows + 2 + every[: 2 * legs], every[: 2 * legs]))
+        entries.append((rows + 2 + every[2 : 2 * legs], every[: 2 * legs - 2]))
         i, j = (np.concatenate(column) for column in zip(*entries, strict=True))
         numbered = sparse.csc_matrix((np.arange(1, len(i) + 1), (i, j)))
         self._order = numbered.data - 1
@@ -244,12 +281,14 @@ class StepProgram:
         counted = np.ones((parts, legs))
         counted[1:] = 1.0 - model.whole  # what is one straight counts once
         lengths = np.hypot(*np.stack(straights).transpose(2, 0, 1)) * counted
-        entries.append(counted.ravel())
+        entries += [np.zeros(2 * legs), counted.ravel(), model.slope.ravel(), counted.ravel()]
         tied = np.repeat(model.tied, 2)
         entries += [np.ones(2 * legs), -tied[2:]]
-        upper[self._rows] = lengths.sum() + model.spare_m
+        upper[self._rows : self._rows + 2] = lengths.sum() + np.array(
+            [model.spare_m, model.spare_s_m]
+        )
         reach = trust_m * (1.0 - tied)
-        lower[self._rows + 1 :], upper[self._rows + 1 :] = -reach, reach
+        lower[self._rows + 2 :], upper[self._rows + 2 :] = -reach, reach
         # The reward is scaled so that its steepest slope is 1 a metre.
         scale = 1.0 / max(float(np.abs(model.gradient).max()), 1e-300)
         xx, xy, yy = (model.hessian * scale).T

@@ -1,5 +1,6 @@
 """Sequential quadratic programs: their steps against cvxpy, what they keep to, what they bring."""
 
+import dataclasses
 from typing import Any
 
 import cvxpy as cp
@@ -63,7 +64,7 @@ def test_a_step_agrees_with_cvxpy(steps, limited):
     problem = random_problem(steps, steps=steps, limits=limits)
     plan = fitted(problem, zigzag(problem, 700.0))
     assert plan is not None
-    model = surroundings(problem, plan)
+    model = surroundings(problem, plan, 40.0)
     step = StepProgram(steps, led=False).solve(model, 40.0)
 
     d, legs = cp.Variable((steps - 1, 2)), cp.Variable(steps - 1)
@@ -76,6 +77,9 @@ def test_a_step_agrees_with_cvxpy(steps, limited):
         gain -= 0.5 * cp.quad_form(d[n], cp.psd_wrap(block))
     present = np.linalg.norm(straight, axis=1).sum()
     constraints = [cp.sum(legs) <= present + model.spare_m, cp.abs(d) <= 40.0]
+    if limited:
+        taken = cp.sum(legs) + cp.sum(cp.multiply(model.slope, d))
+        constraints.append(taken <= present + model.spare_s_m)
     for n, (x, y) in enumerate(straight):
         for degrees in _DEGREES:
             angle = np.arctan2(y, x) + np.radians(degrees)
@@ -98,6 +102,19 @@ def test_the_model_is_the_derivative_of_the_objective():
             worth = [objective(problem, way, plan.schedule) for way in (up, down)]
             assert gradient[n, i] == pytest.approx((worth[0] - worth[1]) / 0.02, abs=1e-5)
     assert (hessian[:, 0] * hessian[:, 2] - hessian[:, 1] ** 2 > -1e-12).all()
+
+
+def test_the_slope_of_a_flight_is_that_of_its_seconds():
+    problem = random_problem(3, steps=6, limits=RoundLimits(FLYING, 60.0))
+    plan = plan_along(problem, zigzag(problem, 700.0))
+    model = surroundings(problem, plan, 0.4)
+    step = np.random.default_rng(1).normal(0.0, 0.3, (5, 2))
+    moved = plan.waypoints_m.copy()
+    moved[1:] += step
+    other = dataclasses.replace(plan, waypoints_m=moved)
+    longer_s = 60.0 * (share_of(problem, other) - share_of(problem, plan))
+    linear_m = (model.slope * step).sum() + other.path_m - plan.path_m
+    assert longer_s * 20.0 == pytest.approx(linear_m, rel=0.15, abs=0.05)
 
 
 KINDS: dict[str, dict[str, Any]] = {
