@@ -231,6 +231,12 @@ def factor_tables(rounds: pd.DataFrame) -> str:
     return _FACTORS_HEAD.format(seeds=seeds, of=len(apart_runs.FACTOR_SEEDS)) + table + "\n"
 
 
+def of_cell(rounds: pd.DataFrame, cell: apart_runs.Cell) -> pd.DataFrame:
+    """The rounds of one cell."""
+    here = (rounds.layout == cell.layout) & rounds.N.eq(cell.steps)
+    return rounds[here & rounds.K_bar.eq(cell.per_step)]
+
+
 def weight_tables(rounds: pd.DataFrame) -> str:
     """README.md of stage 2c.
 
@@ -238,10 +244,7 @@ def weight_tables(rounds: pd.DataFrame) -> str:
         SystemExit: no three seeds have all their runs.
     """
     cell, strategies = apart_runs.CELLS[0], ("cov", "no_cov", *apart_runs.WEIGHTS)
-    here = (rounds.layout == cell.layout) & rounds.N.eq(cell.steps)
-    by_run = dict(
-        iter(rounds[here & (rounds.K_bar == cell.per_step)].groupby(["strategy", "seed"]))
-    )
+    by_run = dict(iter(of_cell(rounds, cell).groupby(["strategy", "seed"])))
     whole = [s for s in apart_runs.SEEDS if all((name, s) in by_run for name in strategies)]
     if len(whole) < 3:
         raise SystemExit(
@@ -321,6 +324,8 @@ def main() -> None:
     parser.add_argument("--out", type=Path, required=True, metavar="DIR")
     options = parser.parse_args()
     rounds = collected(options.runs)
+    if options.stage == "2c":
+        rounds = of_cell(rounds, apart_runs.CELLS[0])
     made = {"2a": tables, "2b": factor_tables, "2c": weight_tables}
     options.out.mkdir(parents=True, exist_ok=True)
     # Without a time and a name in its head, so that the same rounds are the same bytes.
