@@ -186,7 +186,7 @@ def test_late_devices_are_told_wherever_a_run_is_shown(
     assert call(["compare", str(run.path)]) == 0
     assert "late" in capsys.readouterr().out
     assert call(["report", str(run.path)]) == 0
-    assert "late devices" in (run.path / "report.html").read_text()
+    assert "devices late" in (run.path / "report.html").read_text()
     data = load_run(run.path).data
     words = json.dumps(round_map(data, data.plans[:1]))
     assert '["delivered", "lost", "late", "not served"]' in words
