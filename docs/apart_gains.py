@@ -4,8 +4,9 @@
     python docs/apart_gains.py 2b FACTORS --out docs/data/apart-factors
     python docs/apart_gains.py 2c RUNS WEIGHTS --out docs/data/apart-weights
 
-RUNS is what `apart_runs.py` left, finished or not. `--out` gets all rounds as one table,
-rounds.csv.gz, and README.md with the tables of that stage: docs/data/PLAN.md.
+RUNS is what `apart_runs.py` left, finished or not: folders, and tables made from them before.
+`--out` gets all rounds as one table, rounds.csv.gz, and README.md with the tables of that stage:
+docs/data/PLAN.md.
 """
 
 import argparse
@@ -31,8 +32,12 @@ NAMES = {"cifar10": "CIFAR-10", "mnist": "MNIST"}
 
 
 def collected(folders: Sequence[Path]) -> pd.DataFrame:
-    """The rounds of all runs that are done."""
-    files = [path for folder in folders for path in sorted(folder.glob("*.csv"))]
+    """The rounds of all runs that are done, in folders of them or tables of many."""
+    files = [
+        path
+        for given in folders
+        for path in (sorted(given.glob("*.csv")) if given.is_dir() else [given])
+    ]
     return pd.concat([pd.read_csv(path) for path in files], ignore_index=True)
 
 

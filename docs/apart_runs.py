@@ -6,8 +6,9 @@
 
 DATA holds MNIST and CIFAR-10; a tenth of each is used. CIFAR-10 is best unpacked: half of a run is
 reading it from an archive. `--out` gets a table a run, with a row a round. Runs that are there
-already are kept, so the command goes on where it was cut off. What is run, in which order and why,
-was written before: docs/data/PLAN.md, stage 2.
+already are kept, so the command goes on where it was cut off; so are those of `--known TABLE`, such
+as docs/data/apart-runs/rounds.csv.gz. What is run, in which order and why, was written before:
+docs/data/PLAN.md, stage 2.
 """
 
 import argparse
@@ -40,6 +41,7 @@ WEIGHTS = {
     "worst_device": "examples.weights:worst_device",
     "per_metre": "examples.per_metre:per_metre",
 }
+KEYS = ("strategy", "seed", "layout", "N", "K_bar")
 SPENT = ("budget_used_m", "energy_used_j")
 LEARNT = ("accuracy_cifar10", "accuracy_mnist")
 Level = float | bool | str
@@ -140,6 +142,12 @@ class Task:
         )
         return Point(self.strategy, self.seed, settings)
 
+    @property
+    def values(self) -> tuple[object, ...]:
+        """What tells the run from the others: `KEYS`, and in stage 2b `FACTORS`."""
+        cell = self.cell.layout, self.cell.steps, self.cell.per_step
+        return self.strategy, self.seed, *cell, *factors(self.levels).values()
+
     def config(self) -> aerofed.RunConfig:
         """`paper-sweep` on a tenth of the data, with the devices where the layout has them."""
         places = apart.positions_m(self.cell.layout, self.seed).round(3).tolist()
@@ -207,6 +215,15 @@ def run(task: Task, data_dir: Path) -> pd.DataFrame:
     )
 
 
+def known(tables: Sequence[Path]) -> set[tuple[object, ...]]:
+    """The values that tell runs apart, of all runs in the tables of `apart_gains.py`."""
+    found: set[tuple[object, ...]] = set()
+    for table in map(pd.read_csv, tables):
+        keys = [name for name in (*KEYS, *FACTORS) if name in table]
+        found |= set(table[keys].drop_duplicates().itertuples(index=False, name=None))
+    return found
+
+
 def _made(task: Task, data_dir: Path, path: Path) -> str:
     write_atomically(path, run(task, data_dir).to_csv(index=False, lineterminator="\n"))
     return path.name
@@ -218,16 +235,18 @@ def main() -> None:
     parser.add_argument("stage", choices=("2a", "2b", "2c"))
     parser.add_argument("--data-dir", type=Path, required=True, metavar="DATA")
     parser.add_argument("--out", type=Path, required=True, metavar="DIR")
+    parser.add_argument("--known", type=Path, nargs="+", default=[], metavar="TABLE")
     parser.add_argument("--cells", type=int, default=len(CELLS), help="2a: the first so many")
     parser.add_argument("--jobs", type=int, default=1, help="processes")
     options = parser.parse_args()
     options.out.mkdir(parents=True, exist_ok=True)
     os.environ.update(ENVIRONMENT)
     stages = {"2a": tasks(options.cells), "2b": factor_tasks(), "2c": weight_tasks()}
+    done = known(options.known)
     with ProcessPoolExecutor(options.jobs) as pool:
         for task in stages[options.stage]:
             path = options.out / f"{task.point.name}.csv"
-            if not path.exists():
+            if task.values not in done and not path.exists():
                 pool.submit(_made, task, options.data_dir, path).add_done_callback(
                     lambda done: print(done.result(), flush=True)
                 )

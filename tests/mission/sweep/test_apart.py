@@ -1,5 +1,7 @@
 """The screen of communities that live apart: its layouts, its rule, its statistics."""
 
+from pathlib import Path
+
 import apart
 import apart_gains
 import apart_runs
@@ -191,6 +193,17 @@ def test_weights_are_held_against_both() -> None:
     assert "| `per_metre` | CIFAR-10 | +10.0 ± 0.0 (+33 %, 3 of 3) |" in less_cov
     with pytest.raises(SystemExit, match="2 of 16 seeds are whole"):
         apart_gains.weight_tables(pd.DataFrame(rows[:-1]))
+
+
+def test_runs_of_a_table_are_known(tmp_path: Path) -> None:
+    task, other = list(apart_runs.factor_tasks())[5:7]
+    plain = apart_runs.Task(apart_runs.CELLS[0], "cov", 203)
+    for name, one in (("factors", task), ("cells", plain)):
+        keys = [*apart_runs.KEYS, *apart_runs.factors(one.levels)]
+        rows = pd.DataFrame([one.values] * 2, columns=keys).assign(round=[1, 2])
+        rows.to_csv(tmp_path / f"{name}.csv.gz", index=False)
+    done = apart_runs.known([tmp_path / "factors.csv.gz", tmp_path / "cells.csv.gz"])
+    assert (task.values in done, plain.values in done, other.values in done) == (True, True, False)
 
 
 def lacking() -> apart_runs.Task:
