@@ -101,6 +101,7 @@ class HostedVehicle:
 
     async def _live(self, opened: "asyncio.Future[None]") -> None:
         """Run until the end; an error before `opened` is its outcome."""
+        self._living = asyncio.current_task()
         try:
             with of_a_vehicle():
                 async with self._simulation:
@@ -115,7 +116,8 @@ class HostedVehicle:
         """Do `work` in the vehicle's thread, while it lives."""
 
         async def beside_life() -> T:
-            task, life = asyncio.ensure_future(work), asyncio.wrap_future(self._life)
+            task, life = asyncio.ensure_future(work), self._living
+            assert life is not None  # a coroutine that runs has a task
             await asyncio.wait((task, life), return_when=asyncio.FIRST_COMPLETED)
             if not task.done():
                 task.cancel()
@@ -238,7 +240,7 @@ class HostedVehicle:
         """
         from pymavlink import mavutil
 
-        client: Any = mavutil.mavlink_connection(  # type: ignore[no-untyped-call]
+        client: Any = mavutil.mavlink_connection(  # type: ignore[no-untyped-call]  # pymavlink has no types
             self.url.replace("://", ":")
         )
         self._clients.callback(client.close)

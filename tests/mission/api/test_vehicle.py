@@ -1,6 +1,7 @@
 """`aerofed.vehicle`: a vehicle in the process of a test, whose time passes as the test says."""
 
 import asyncio
+import gc
 import math
 import socket
 import time
@@ -13,6 +14,8 @@ from patience import HANG_S
 from pymavlink.dialects.v20 import common as mav
 
 import aerofed
+from flightdyn.errors import FlightDynamicsError
+from mission.base.errors import FlightError
 
 pytestmark = pytest.mark.slow
 
@@ -133,6 +136,8 @@ def test_mavsdk_flies_it() -> None:
 
     with aerofed.vehicle() as vehicle:
         asyncio.run(fly())
+        assert not vehicle.armed
+        assert vehicle.truth().height_m.max() > 7.5
 
 
 def test_several_have_their_own_time_place_and_number() -> None:
@@ -196,6 +201,24 @@ def test_orders_that_are_refused(tmp_path: Path) -> None:
         aerofed.vehicle(home=waypoints),
     ):
         pass
+
+
+def test_an_aircraft_that_leaves_its_physics_ends_a_step(
+    caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(_: float) -> bool:
+        raise FlightDynamicsError("left its physics")
+
+    def flown() -> None:
+        with aerofed.vehicle() as vehicle:
+            assert {vehicle.armed for _ in range(20)} == {False}
+            monkeypatch.setattr(vehicle._vehicle, "stride", fail)
+            vehicle.step(1.0)
+
+    with pytest.raises(FlightError, match="left its physics"):
+        flown()
+    gc.collect()
+    assert not caplog.records  # nor does any look before it complain
 
 
 def test_an_error_of_the_test_is_its_own_and_frees_the_port() -> None:
