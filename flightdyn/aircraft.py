@@ -52,6 +52,7 @@ class Aircraft(Plant):
             self._guide, config.limits, dt_s=dt_s, yaw=yaw_of(self.navigation.state().q)
         )
         self.armed = False
+        self._belief: Kinematics | None = None  # of this tick, once somebody has asked
         self.trace: Trace | None = None  # what is recorded of the control
 
     def step(self) -> None:
@@ -64,6 +65,7 @@ class Aircraft(Plant):
         Returns how many.
         """
         navigation, guidance = self.navigation, self._guidance
+        self._belief = None
         if guidance.corner_near or self.low:
             most = 1
         elif guidance.pursuing:  # the reference is made anew for each guidance step
@@ -94,7 +96,9 @@ class Aircraft(Plant):
     @property
     def belief(self) -> Kinematics:
         """Estimated position, velocity, attitude and rates of this tick."""
-        return self.navigation.belief()
+        if self._belief is None:
+            self._belief = self.navigation.belief()
+        return self._belief
 
     @property
     def gnss(self) -> GnssFix | None:

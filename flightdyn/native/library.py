@@ -417,7 +417,8 @@ class Trace:
     def __init__(self, actuators: Gauges, *, every: int, room: int, step_ns: int) -> None:
         """A row each `every` steps of `step_ns`, `room` at most until they are taken; `actuators`:
         `Multirotor.actuators`."""
-        self._kept, self._step_ns, self._rows = actuators, step_ns, np.zeros((room, TRACE))
+        self._kept, self._rows = actuators, np.zeros((room, TRACE))
+        self._scale = np.array([step_ns, *[1.0] * (TRACE - 1)])
         where = address(self._rows, np.float64, (room, TRACE), written=True)
         self._memory = _Trace(where, actuators.at, room, every)
         self.at = ctypes.addressof(self._memory)
@@ -425,9 +426,7 @@ class Trace:
     def take(self) -> _Floats:
         """The rows (n, 31) since it was called last; ns in place of the step's number."""
         count, self._memory.count = self._memory.count, 0
-        rows = self._rows[:count].copy()
-        rows[:, 0] *= self._step_ns
-        return rows
+        return self._rows[:count] * self._scale
 
 
 class Guide:

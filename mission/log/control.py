@@ -35,8 +35,14 @@ _BEGINS = np.cumsum([0, *map(len, _AXES.values())]).tolist()[:-1]
 _EMPTY = np.zeros(1, _ROW)
 for _name, _head in _HEADS.items():
     _EMPTY[_name] = _head
-_STARTS = [1, 5, 8, 12, 15, 16, 20, 23, 26, 29, 30]  # of quantities in a row of the aircraft's
-_FLU, _UP = np.array([1.0, -1.0, -1.0]), np.array([1.0, 1.0, -1.0])
+# Which column of the aircraft's row each number is, and its sign; in quaternions, FRD -> NED
+# (w, x, y, z) as FLU -> ENU (x, y, z, w), a second one is added: see `messages.place`.
+_COLUMNS = [2, 2, 1, 1, *range(5, 8), 9, 9, 8, 8, *range(12, 15), 15, *range(16, 20)]
+_COLUMNS += [21, 20, 22, 24, 23, 25, 27, 26, 28, 29, 30]
+_SIGNS = np.array([1, 1, 1, 1, 1, -1, -1] * 2 + [1] * 5 + [1, 1, -1] * 3 + [-1, -1], np.float64)
+_QUATERNIONS, _SECOND = [0, 1, 2, 3, 7, 8, 9, 10], [3, 3, 4, 4, 10, 10, 11, 11]
+_SECOND_SIGNS = np.array([1.0, -1.0, -1.0, 1.0] * 2)
+_PLACE, _YAW = slice(19, 22), 28  # what does not begin at zero
 _GRID = 2.0**13  # far below what any sensor tells apart; the zeroed bits compress
 
 
@@ -55,27 +61,18 @@ def schema() -> bytes:
 
 def messages(area: Area, rows: Floats) -> Iterator[tuple[int, bytes]]:
     """Time (ns) and message of each row (n, 31) of `flightdyn.native.library.Trace`."""
-    t_ns, q, rates, q_to, rates_to, thrust, motors, p, v, a, yaw, yaw_rate = np.split(
-        rows, _STARTS, axis=1
-    )
-    there = np.hstack((area.from_ned(p), -p[:, 2:]))
-    fields = (
-        *(_turned(q), rates * _FLU, _turned(q_to), rates_to * _FLU, thrust, motors, there),
-        *(v[:, [1, 0, 2]] * _UP, a[:, [1, 0, 2]] * _UP, math.pi / 2 - yaw, -yaw_rate),
-    )
-    numbers = np.round(np.hstack(fields) * _GRID) / _GRID
+    numbers = rows[:, _COLUMNS] * _SIGNS
+    second = rows[:, _SECOND] * _SECOND_SIGNS
+    numbers[:, _QUATERNIONS] = (numbers[:, _QUATERNIONS] + second) * math.sqrt(0.5)
+    numbers[:, _PLACE] += area.xyz(np.zeros(3))
+    numbers[:, _YAW] += math.pi / 2
+    numbers = np.rint(numbers * _GRID) / _GRID
     made = np.repeat(_EMPTY, len(rows))
     for name, begin in zip(_AXES, _BEGINS, strict=True):
         made[name] = numbers[:, begin : begin + len(_AXES[name])]
     data, size = made.tobytes(), _ROW.itemsize
-    for index, at in enumerate(t_ns[:, 0].tolist()):
-        yield int(at), data[index * size : (index + 1) * size]
-
-
-def _turned(q: Floats) -> Floats:
-    """FRD -> NED (w, x, y, z) as FLU -> ENU (x, y, z, w); see `messages.place`."""
-    w, x, y, z = q.T * math.sqrt(0.5)
-    return np.column_stack((x + y, x - y, w - z, w + z))
+    for index, t_ns in enumerate(rows[:, 0].tolist()):
+        yield int(t_ns), data[index * size : (index + 1) * size]
 
 
 def track(t_ns: Ints, found: Sequence[bytes]) -> ControlTrack:
