@@ -426,7 +426,8 @@ class Trace:
     def take(self) -> _Floats:
         """The rows (n, 31) since it was called last; ns in place of the step's number."""
         count, self._memory.count = self._memory.count, 0
-        return self._rows[:count] * self._scale
+        rows: _Floats = self._rows[:count] * self._scale
+        return rows
 
 
 class Guide:

@@ -66,7 +66,8 @@ class VehicleTopics:
         self._mode: ModeRecord | None = None
         self._due = {name: Every(rate_hz) for name, rate_hz in asdict(rates).items()}
         self._point_due = Every(1.0)
-        self._control: list[Floats] = []  # since it was written last
+        self._samples: list[VehicleSample] = []  # since they were written last
+        self._control: list[Floats] = []
         self.begin_path()
 
     def event(self, event: VehicleEvent) -> None:
@@ -96,15 +97,27 @@ class VehicleTopics:
             path = messages.path(messages.timestamp(t_ns), self._path_m)
             self._write(topics.FLOWN_PATH, t_ns, path)
 
-    def write_control(self) -> None:
-        """Write what the control has told; not sample by sample, which would take five times as
-        long."""
+    def sample(self, sample: VehicleSample) -> None:
+        """Take one sample; it is there after `write_samples`."""
+        self._samples.append(sample)
+
+    def write_samples(self) -> None:
+        """Write those that were taken: many at once, as one by one costs twice as much."""
+        samples, self._samples = self._samples, []
+        for sample in samples:
+            self._write_sample(sample)
+            if sample.control is not None:
+                self._control.append(sample.control)
+
+    def write_all(self) -> None:
+        """Write the samples, then what the control has told, which goes by many rows at once."""
+        self.write_samples()
         rows, self._control = self._control, []
         for t_ns, data in control.messages(self._area, np.concatenate(rows)) if rows else ():
             self._write(topics.CONTROL, t_ns, data)
 
-    def sample(self, sample: VehicleSample) -> None:
-        """Write the messages of a sample whose time has come by their rates."""
+    def _write_sample(self, sample: VehicleSample) -> None:
+        """Those of its messages whose time has come by their rates."""
         write, t_ns, truth, belief = self._write, sample.t_ns, sample.truth, sample.belief
         stamp, where = messages.timestamp(t_ns), messages.place(self._area, truth)
         if self._due["tf_hz"].now(t_ns):
@@ -124,8 +137,6 @@ class VehicleTopics:
             write(topics.BATTERY, t_ns, messages.battery(sample.battery))
         if sample.wind_ned_mps is not None and self._due["wind_hz"].now(t_ns):
             write(topics.TRUE_WIND, t_ns, messages.velocity(sample.wind_ned_mps))
-        if sample.control is not None:
-            self._control.append(sample.control)
         if sample.innovations:
             self._innovations(t_ns, sample.innovations)
         mode = ModeRecord(sample.mode, sample.armed)

@@ -65,7 +65,8 @@ class FlightLog:
         self._mcap = McapSink(path)
         self.file = self._mcap.file
         self._sinks: tuple[Sink, ...] = (self._mcap, *mirrors)
-        self._vehicle = VehicleTopics(area, rates or LogRates(), self._write)
+        self._watched = bool(mirrors)  # and nobody watches a second late
+        self._vehicle = VehicleTopics(area, rates or LogRates(), self._send)
         self._now_ns = self._flushed_ns = start_ns
         self._mcap.metadata("aerofed", {"format": topics.FORMAT_VERSION, **area_to_text(area)})
         self._write_world(start_ns)
@@ -75,12 +76,15 @@ class FlightLog:
         """Write one sample of the vehicle."""
         self._now_ns = sample.t_ns
         self._vehicle.sample(sample)
+        if self._watched:
+            self._vehicle.write_samples()
         if sample.t_ns - self._flushed_ns >= _BLOCK_NS:
             self._flush()
 
     def happened(self, event: VehicleEvent) -> None:
         """Write one event: a line for people, a record for programs."""
         self._now_ns = event.t_ns
+        self._vehicle.write_samples()
         self._vehicle.event(event)
 
     def plan(
@@ -202,7 +206,7 @@ class FlightLog:
         with ExitStack() as each:  # the last first
             for sink in reversed(self._sinks):
                 each.callback(sink.close)
-            each.callback(self._vehicle.write_control)
+            each.callback(self._vehicle.write_all)
 
     def __enter__(self) -> Self:
         return self
@@ -211,12 +215,17 @@ class FlightLog:
         self.close()
 
     def _write(self, topic: Topic, t_ns: int, data: bytes) -> None:
+        """After the samples that came before it."""
+        self._vehicle.write_samples()
+        self._send(topic, t_ns, data)
+
+    def _send(self, topic: Topic, t_ns: int, data: bytes) -> None:
         for sink in self._sinks:
             sink.write(topic, t_ns, data)
 
     def _flush(self) -> None:
         self._flushed_ns = self._now_ns
-        self._vehicle.write_control()
+        self._vehicle.write_all()
         for sink in self._sinks:
             sink.flush()
 
