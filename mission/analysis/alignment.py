@@ -2,17 +2,19 @@
 
 import itertools
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mission.base import polyline
 from mission.base.arrays import Bools, Floats, Ints
+from mission.log.values import Track
 
 LEAST_LEG_M = 0.5  # a leg that is shorter is none
 _SPACING_M = 0.5
 _MOST_NODES = 4000  # so that memory stays small: 500 bytes a sample
+_HALVINGS = 16  # of the time between two samples
 
 
 @dataclass(frozen=True)
@@ -39,9 +41,9 @@ def align(
 
     Progress along the path may not fall, and the sum of squared distances is the least that is
     possible under that: so a path that crosses or retraces itself is matched leg by leg, which
-    the nearest point of the whole path would not do. Solved exactly on path nodes at most 0.5 m
-    apart (more on paths beyond 2 km) by dynamic programming, then refined between the nodes; so
-    where two legs are about equally near, the leg that is up to 0.25 m farther may be taken.
+    the nearest point of the whole path would not do. Solved exactly by dynamic programming on
+    pieces of the path at most 0.5 m long (more on paths beyond 2 km), in each of which progress
+    may fall.
 
     Corners are interior waypoints at which the path turns by more than `turn_deg`; waypoints
     that coincide count once. Climbs turn nowhere. Where it is known from elsewhere, `between` says
@@ -53,13 +55,16 @@ def align(
     at_m = np.concatenate(([0.0], np.cumsum(lengths)))
     nodes, along = _nodes(points, at_m)
     low, high = (0.0, along[-1]) if between is None else between
-    index = _monotone(
+    first = np.minimum(np.searchsorted(along, np.subtract(low, 1e-6)), len(along) - 2)
+    last = np.maximum(np.searchsorted(along, np.add(high, 1e-6)) - 1, first + 1)
+    piece = _monotone(
         track_m,
         nodes,
-        np.broadcast_to(np.searchsorted(along, low), len(track_m)),
-        np.broadcast_to(np.searchsorted(along, high, side="right"), len(track_m)),
+        np.broadcast_to(first, len(track_m)),
+        np.broadcast_to(last, len(track_m)),
     )
-    away_m, along_m = _refine(track_m, nodes, along, index)
+    away_m, share = polyline.to_segments(track_m, nodes[piece], nodes[piece + 1])
+    along_m = along[piece] + share * (along[piece + 1] - along[piece])
     if len(legs) > 1:
         flat = legs[:, :2]
         level = np.linalg.norm(flat, axis=1)
@@ -77,6 +82,37 @@ def align(
         length_m=float(at_m[-1]),
         waypoints_at_m=polyline.along(waypoints_m),
         above_m=away_m[:, 2] if away_m.shape[1] > 2 else np.zeros(len(away_m)),
+    )
+
+
+def matched(
+    track: Track, path_m: Floats, *, between: tuple[Floats, Floats] | None = None
+) -> tuple[Track, Alignment]:
+    """`align`, with a sample more wherever a leg is left for the next: straight between two, where
+    both legs are equally far. Where a corner is cut, that is where the track is farthest off."""
+    pos_m = track.pos_m[:, : path_m.shape[1]]
+    fit = align(pos_m, path_m, between=between)
+    leg = leg_of(fit)
+    at = np.flatnonzero(np.diff(leg))
+    left, entered = ((path_m[legs], path_m[legs + 1]) for legs in (leg[at], leg[at + 1]))
+    early, late = np.zeros(len(at)), np.ones(len(at))
+    for _ in range(_HALVINGS):
+        share = (early + late) / 2
+        place = pos_m[at] + share[:, None] * (pos_m[at + 1] - pos_m[at])
+        away_m, _ = polyline.to_segments(place, *left)
+        ahead_m, _ = polyline.to_segments(place, *entered)
+        before = (away_m**2).sum(axis=1) < (ahead_m**2).sum(axis=1) - 1e-9  # beyond a corner: alike
+        early, late = np.where(before, share, early), np.where(before, late, share)
+    t_ns = track.t_ns[at] + (share * np.diff(track.t_ns)[at]).astype(np.int64)
+    new = (t_ns > track.t_ns[at]) & (t_ns < track.t_ns[at + 1])
+    after, away_m = at[new] + 1, away_m[new]
+    above_m = away_m[:, 2] if away_m.shape[1] > 2 else 0.0
+    entered_m = fit.waypoints_at_m[leg[after]]
+    return track.at(np.insert(track.t_ns, after, t_ns[new])), replace(
+        fit,
+        along_m=np.insert(fit.along_m, after, entered_m),
+        cross_m=np.insert(fit.cross_m, after, np.linalg.norm(away_m[:, :2], axis=1)),
+        above_m=np.insert(fit.above_m, after, above_m),
     )
 
 
@@ -113,7 +149,10 @@ def _distinct(points: Floats) -> Floats:
 
 
 def _nodes(points: Floats, at_m: Floats) -> tuple[Floats, Floats]:
-    """The path's points and points between them, with where along the path they are."""
+    """The path's points and points between them, with where along the path they are; two at
+    least."""
+    if len(points) == 1:
+        return np.repeat(points, 2, axis=0), np.zeros(2)
     spacing = max(_SPACING_M, float(at_m[-1]) / _MOST_NODES)
     pieces = [
         np.linspace(start, end, math.ceil((end - start) / spacing), endpoint=False)
@@ -129,18 +168,26 @@ def _nodes(points: Floats, at_m: Floats) -> tuple[Floats, Floats]:
 def _monotone(
     track: Floats, nodes: Floats, first: NDArray[np.intp], last: NDArray[np.intp]
 ) -> NDArray[np.intp]:
-    """For each sample a node index, never falling, with the least sum of squared distances.
+    """For each sample a piece between two nodes, never falling, with the least sum of squared
+    distances.
 
-    Sample i may have the nodes `first[i]` to before `last[i]`, which may both not fall.
+    Sample i may have the pieces `first[i]` to before `last[i]`, which may both not fall.
     """
-    # By sample, a bit a node: whether the least sum up to this node ends in the node itself.
-    ends = np.empty((len(track), math.ceil(len(nodes) / 8)), dtype=np.uint8)
+    way = np.diff(nodes, axis=0)
+    half = np.linalg.norm(way, axis=1) / 2
+    unit = way / np.maximum(2 * half, 1e-9)[:, None]
+    middle = nodes[:-1] + way / 2
+    middle_at = (middle * unit).sum(axis=1)
+    # By sample, a bit a piece: whether the least sum up to this piece ends in the piece itself.
+    ends = np.empty((len(track), math.ceil(len(way) / 8)), dtype=np.uint8)
     # Of sums that are equal, the one that begins and ends earliest: in the first of several laps.
-    cost = np.arange(len(nodes)) * 1e-6
+    cost = np.arange(len(way)) * 1e-6
     for i, sample in enumerate(track):
         best = np.minimum.accumulate(cost)
         ends[i] = np.packbits(cost == best)
-        cost = best + ((nodes - sample) ** 2).sum(axis=1)
+        from_middle = np.abs(unit @ sample - middle_at)
+        beyond = np.maximum(from_middle - half, 0.0)
+        cost = best + ((middle - sample) ** 2).sum(axis=1) - from_middle**2 + beyond**2
         cost[: first[i]] = math.inf
         cost[last[i] :] = math.inf
     index = np.empty(len(track), dtype=np.intp)
@@ -149,20 +196,3 @@ def _monotone(
         index[i] = j
         j -= int(np.unpackbits(ends[i], count=j + 1)[::-1].argmax())
     return index
-
-
-def _refine(
-    track: Floats, nodes: Floats, along: Floats, index: NDArray[np.intp]
-) -> tuple[Floats, Floats]:
-    """(n, d) away from the nearer of the two path pieces that meet in the node, and where along."""
-    if len(nodes) == 1:
-        return track - nodes[0], np.zeros(len(track))
-    before = np.clip(index - 1, 0, len(nodes) - 2)
-    after = np.clip(index, 0, len(nodes) - 2)
-    options = []
-    for piece in (before, after):
-        away, share = polyline.to_segments(track, nodes[piece], nodes[piece + 1])
-        options.append((away, along[piece] + share * (along[piece + 1] - along[piece])))
-    (first, first_at), (second, second_at) = options
-    nearer = np.linalg.norm(first, axis=1) <= np.linalg.norm(second, axis=1)
-    return np.where(nearer[:, None], first, second), np.where(nearer, first_at, second_at)

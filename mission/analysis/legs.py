@@ -7,7 +7,8 @@ import numpy as np
 
 from mission.analysis.alignment import LEAST_LEG_M
 from mission.analysis.measure import Measured
-from mission.base.arrays import greatest, mean, rms
+from mission.base import polyline
+from mission.base.arrays import greatest, rms
 from mission.log.values import NS_PER_S
 
 
@@ -38,19 +39,23 @@ def legs(measured: Measured) -> tuple[Leg, ...]:
         if length_m < LEAST_LEG_M:  # at the end of the path
             continue
         here = np.flatnonzero(measured.leg == number)
-        here = here if len(here) > 1 else here[:0]
+        # It ends where the next one begins.
+        here = (
+            np.append(here, np.minimum(here[-1:] + 1, len(t_s) - 1)) if len(here) > 1 else here[:0]
+        )
+        start_s, end_s = t_s[here[[0, -1]]].tolist() if len(here) else (math.nan, math.nan)
         found.append(
             Leg(
                 number=measured.record.round,
                 leg=number,
                 item=int(seqs[last]) if seqs[last] >= 0 else None,
                 length_m=length_m,
-                start_s=float(t_s[here[0]]) if len(here) else math.nan,
-                end_s=float(t_s[here[-1]]) if len(here) else math.nan,
+                start_s=start_s,
+                end_s=end_s,
                 cross_track_rms_m=rms(measured.cross_m[here]),
                 cross_track_max_m=greatest(measured.cross_m[here]),
                 height_max_m=greatest(np.abs(measured.height_m[here])),
-                speed_mean_mps=mean(measured.speed_mps[here]),
+                speed_mean_mps=polyline.length(measured.truth.pos_m[here, :2]) / (end_s - start_s),
             )
         )
     return tuple(found)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from mission.analysis.alignment import Alignment, align, closest_approach, leg_numbers, leg_of
+from mission.analysis.alignment import Alignment, closest_approach, leg_numbers, leg_of, matched
 from mission.analysis.load import flown
 from mission.base.arrays import Floats, Ints
 from mission.base.errors import InputError
@@ -91,6 +91,7 @@ def measure(run: FlightData, record: RoundRecord, plan: PlanRecord) -> Measured:
     truth = flown(run, record)
     if not len(truth.t_ns):
         raise InputError(f"round {record.round}: the log has no position in its time")
+    truth, fit = matched(truth, plan.route_m)
     uplinks = [item for item in run.uplinks if item.round == record.round]
     sent = [item for item in uplinks if item.outcome != LATE]
     slots: dict[int, UplinkRecord] = {}
@@ -109,7 +110,7 @@ def measure(run: FlightData, record: RoundRecord, plan: PlanRecord) -> Measured:
         run,
         record,
         truth,
-        align(truth.pos_m[:, :2], plan.route_m),
+        fit,
         np.arange(1, len(plan.route_m)),
         {
             "plan_duration_s": plan.duration_s,
@@ -141,7 +142,7 @@ def _measured(
     """What a track and what happened meanwhile give, beside `numbers` and `arrays`."""
     xy = truth.pos_m[:, :2]
     start_ns, end_ns = int(truth.t_ns[0]), int(truth.t_ns[-1])
-    belief = run.belief.between(start_ns, end_ns)
+    belief = run.belief.at(truth.t_ns)
     error = belief.pos_m - truth.pos_m
     if run.source.only is not None:  # of one kind of position nobody knows the error
         error = error[:0]

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from mission.analysis.alignment import Alignment, align, leg_of
+from mission.analysis.alignment import Alignment, leg_of, matched
 from mission.base import polyline
 from mission.base.arrays import Bools, Floats, Ints
 from mission.base.errors import InputError
@@ -28,9 +28,11 @@ _PAUSES = ("HOLD", "LOITER")
 _PAUSE_S = 5.0  # at most, before a return that belongs to the mission
 _LEAST_S = 2.0  # a pass, or a time outside, that is shorter is none
 _OFF_GROUND_M = 0.7
+_STILL_M = 0.3  # in a second
 _STANDING_M = 3.0  # that a position may wander on the ground
 _AT_END_M = 1.0  # of the path's end: what is flown there belongs to it no more
 _REACHED_M = 10.0  # passed no farther than this, a place counts as reached
+_BY_SAMPLE = ("along_m", "cross_m", "above_m")  # of a match
 _FAR_M = 2000.0  # from the flight a plan is of another place
 
 
@@ -129,12 +131,19 @@ def judged(path: object, data: FlightData, given: Plan | None) -> Judged:
 
 
 def _airborne(path: object, data: FlightData) -> tuple[int, int]:
-    """A second before it was first away from where it stood, and the last instant that it was."""
-    pos_m = data.truth.pos_m
-    away = np.flatnonzero(np.linalg.norm(pos_m - pos_m[0], axis=1) > _OFF_GROUND_M)
-    if not len(away):
+    """The last second before it first flew away in which it stood, and the last instant at which it
+    was away from where it first was. Only what changes in a second tells standing from climbing:
+    home, from which heights count, may be set anew on the ground."""
+    t_ns, pos_m = data.truth.t_ns, data.truth.pos_m
+    away_m = np.linalg.norm(pos_m - pos_m[0], axis=1)
+    off = np.flatnonzero(away_m > _OFF_GROUND_M)
+    if not len(off):
         raise InputError(f"{path}: it never left the ground, so there is nothing to compare")
-    return int(data.truth.t_ns[away[0]]) - NS_PER_S, int(data.truth.t_ns[away[-1]])
+    first = int((away_m > min(_STANDING_M, away_m.max() / 2)).argmax())
+    moved_m = np.linalg.norm(pos_m - data.truth.at(t_ns - NS_PER_S).pos_m, axis=1)
+    stood = np.flatnonzero(moved_m[:first] < _STILL_M)
+    start_ns = t_ns[stood[-1]] - NS_PER_S if len(stood) else 0
+    return max(int(start_ns), int(t_ns[0])), int(t_ns[off[-1]])
 
 
 def _logged(data: FlightData) -> list[Plan]:
@@ -255,15 +264,19 @@ def _pass(
     at_m = polyline.along(way.points_m)
     low, high = _windows(way, at_m, track, *current)
     returns_ns = _returns_ns(data, int(track.t_ns[0])) if way.given < len(at_m) else math.inf
-    low[track.t_ns >= returns_ns] = at_m[way.given - 1]
-    fit = align(track.pos_m, way.points_m, between=(low, np.maximum(low, high)))
+    # Each log tells of a return in its own time; one that begins where it is to, shows by itself.
+    told = np.abs(track.t_ns - returns_ns) < _PAUSE_S * NS_PER_S
+    away_m = np.linalg.norm(track.pos_m[told, :2] - way.points_m[way.given - 1, :2], axis=1)
+    sure_ns = returns_ns + _PAUSE_S * NS_PER_S * (away_m.min(initial=math.inf) < _AT_END_M)
+    low[track.t_ns >= sure_ns] = at_m[way.given - 1]
+    track, fit = matched(track, way.points_m, between=(low, np.maximum(low, high)))
     # To stand before the start and to hover at the end are no part of the way.
-    standing = np.flatnonzero(fit.along_m < _AT_END_M)
-    kept = slice(standing[-1] if len(standing) else 0, _end(track, fit, way, len(way.points_m) - 1))
-    track = Track(track.t_ns[kept], track.pos_m[kept])
-    fit = replace(
-        fit, along_m=fit.along_m[kept], cross_m=fit.cross_m[kept], above_m=fit.above_m[kept]
-    )
+    begin, end = _crossing(fit.along_m, _AT_END_M), _end(track, fit, way, len(way.points_m) - 1)
+    rows = np.arange(len(track.t_ns))
+    kept = np.unique(np.concatenate(([begin], rows[(rows > begin) & (rows < end)], [end])))
+    track = track.at(np.round(np.interp(kept, rows, track.t_ns)).astype(np.int64))
+    numbers = {name: np.interp(kept, rows, getattr(fit, name)) for name in _BY_SAMPLE}
+    fit = replace(fit, **numbers)
     fit = _of_what_is_given(track, fit, way, returns_ns)
     start_ns, end_ns = int(track.t_ns[0]), int(track.t_ns[-1])
     plan = PlanRecord.of_flight(number, start_ns, way.points_m, duration_s=foreseen_s)
@@ -288,13 +301,23 @@ def _pass(
     return Pass(plan, record, track, way, fit, tuple(_passages(way, fit, track)), known)
 
 
-def _end(track: Track, fit: Alignment, way: MissionPath, index: int) -> int:
-    """How many samples lead to a point of the path: to where they come no closer once they are
-    there; all of them where they never are."""
-    there = np.flatnonzero(fit.along_m >= fit.waypoints_at_m[index] - _AT_END_M)
-    away_m = np.linalg.norm(track.pos_m[there, :2] - way.points_m[index, :2], axis=1)
-    farther = np.flatnonzero(np.diff(away_m, append=math.inf) >= 0.0)
-    return int(there[farther[0]]) + 1 if len(there) else len(fit.along_m)
+def _crossing(values: Floats, bound: float) -> float:
+    """The number of the sample, with a fraction, from which on values that never fall are at least
+    `bound`; of the last one where none is."""
+    index = min(int(np.searchsorted(values, bound)), len(values) - 1)
+    before, after = values[max(index - 1, 0)], values[index]
+    return index - float(np.clip((after - bound) / ((after - before) or 1.0), 0.0, min(index, 1)))
+
+
+def _end(track: Track, fit: Alignment, way: MissionPath, index: int) -> float:
+    """The sample, with a fraction, at which a point of the path is reached: where they come no
+    closer once they are there, of a landing where they are; the last one where they never are."""
+    there = _crossing(fit.along_m, float(fit.waypoints_at_m[index]) - _AT_END_M)
+    if not way.height_known[index]:
+        return there
+    away_m = np.linalg.norm(track.pos_m[:, :2] - way.points_m[index, :2], axis=1)
+    farther = np.flatnonzero(np.diff(away_m[math.ceil(there) :], append=math.inf) >= 0.0)
+    return float(math.ceil(there) + farther[0])
 
 
 def _returns_ns(data: FlightData, start_ns: int) -> float:
@@ -316,7 +339,8 @@ def _of_what_is_given(
     if way.given == len(way.points_m):
         return fit
     returning = track.t_ns >= returns_ns
-    returning[_end(track, fit, way, last) :] = True
+    returning[math.floor(_end(track, fit, way, last)) + 1 :] = True
+    returning |= fit.along_m > fit.waypoints_at_m[last]
     corners = fit.corners_m < fit.waypoints_at_m[last] - _AT_END_M
     return replace(
         fit,

@@ -97,6 +97,10 @@ class Track:
         first, last = np.searchsorted(self.t_ns, (start_ns, end_ns + 1))
         return Track(self.t_ns[first:last], self.pos_m[first:last])
 
+    def at(self, t_ns: Ints) -> "Track":
+        """The positions at other instants, straight between samples."""
+        return Track(t_ns, np.column_stack([np.interp(t_ns, self.t_ns, x) for x in self.pos_m.T]))
+
 
 @dataclass(frozen=True)
 class PlanRecord:

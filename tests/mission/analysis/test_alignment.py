@@ -8,7 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mission.analysis.alignment import align, closest_approach, leg_numbers
+from mission.analysis.alignment import align, closest_approach, leg_numbers, leg_of, matched
+from mission.log.values import Track
 
 
 def line(start, end, *, step=2.0):
@@ -113,3 +114,18 @@ def test_items_at_one_place_share_a_leg_and_no_number_is_left_out() -> None:
     at_m = np.array([0.0, 10.0, 10.0, 20.0, 25.0, 30.0])
     ends = np.array([True, True, True, False, True])  # the last leg has a corner
     assert leg_numbers(at_m, ends).tolist() == [1, 2, 2, 3, 3]
+
+
+@pytest.mark.parametrize("step_s", [0.07, 0.1, 0.37])
+def test_where_a_corner_is_cut_counts_also_between_samples(step_s: float) -> None:
+    """Across 10 m before and after it, farthest off in the middle, at 14.75 s."""
+    at_s = np.arange(0.0, 30.0, step_s)
+    known = ((0.0, 13.0, 16.5, 30.0), ((0, 90, 100, 100), (0, 0, 10, 100)))
+    flown = np.column_stack([np.interp(at_s, known[0], axis) for axis in known[1]])
+    path = np.array([[0.0, 0.0], [100.0, 0.0], [100.0, 100.0]])
+    track, fit = matched(Track(np.round(at_s * 1e9).astype(np.int64), flown), path)
+    entered = int(leg_of(fit).argmax())
+    assert track.t_ns[entered] == pytest.approx(14.75e9, abs=2e6)
+    assert fit.cross_m.max() == fit.cross_m[entered] == pytest.approx(5.0, abs=0.01)
+    assert fit.along_m[entered] == 100.0
+    assert np.all(np.diff(track.t_ns) > 0)
