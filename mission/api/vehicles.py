@@ -13,6 +13,7 @@ from mission.base.errors import InputError
 if TYPE_CHECKING:
     from mission.api.simulated_vehicle import SimulatedVehicle
     from mission.base.console import RunConsole
+    from mission.config.models import RunConfig
     from sitl.pace import Runs
 
 Pace: TypeAlias = Literal["steps", "moving"] | float
@@ -71,21 +72,12 @@ def vehicles(
 
     Each has a time of its own; arguments and errors are those of `vehicle`.
     """
-    from mission.flight.serve import PX4_HOME
-
-    given = {
-        **(PX4_HOME if source is None else {}),
-        **(overrides or {}),
-        **({} if wind_mps is None else {"vehicle.aircraft.wind.speed_mps": wind_mps}),
-        **({} if seed is None else {"seed": seed}),
-        **({} if home is None else dict(zip(PX4_HOME, _place(home), strict=True))),
-    }
     speed = pace if isinstance(pace, int | float) else math.inf
     if pace not in ("steps", "moving") and not 0.0 < speed <= 1000.0:
         raise InputError(
             f"pace = {pace!r}: 'steps', 'moving', or times real time: more than 0, at most 1000"
         )
-    resolved = config("quickstart" if source is None else source, given)
+    resolved = vehicle_config(overrides, source=source, wind_mps=wind_mps, seed=seed, home=home)
     # Only now, so that wrong input is answered at once.
     from mission.api.simulated_vehicle import SimulatedVehicle
     from mission.flight.serve.vehicle import make_vehicles
@@ -98,6 +90,27 @@ def vehicles(
             opened.enter_context(SimulatedVehicle(served, speed=speed, runs=runs))
             for served in made
         ]
+
+
+def vehicle_config(
+    overrides: Mapping[str, object] | None = None,
+    *,
+    source: "Source | None" = None,
+    wind_mps: float | None = None,
+    seed: int | None = None,
+    home: "Home | None" = None,
+) -> "RunConfig":
+    """The configuration of a vehicle that stands alone; arguments and errors are `vehicle`'s."""
+    from mission.flight.serve import PX4_HOME
+
+    given = {
+        **(PX4_HOME if source is None else {}),
+        **(overrides or {}),
+        **({} if wind_mps is None else {"vehicle.aircraft.wind.speed_mps": wind_mps}),
+        **({} if seed is None else {"seed": seed}),
+        **({} if home is None else dict(zip(PX4_HOME, _place(home), strict=True))),
+    }
+    return config("quickstart" if source is None else source, given)
 
 
 def _place(home: Home) -> tuple[float, float, float]:

@@ -165,7 +165,7 @@ class FlownExperiment(Experiment):
             area=scenario.area,
             community_of=scenario.community_of,
             radio=scenario.radio,
-            gate="instantaneous" if scenario.config.channel.gate == "instantaneous" else "average",
+            gate=scenario.gate,
             rng=scenario.streams.generator(f"uplink/{number}"),
             work=self.work if scenario.device_times else None,
         )

@@ -4,14 +4,13 @@ Nothing of the vehicle is imported: with its filter it takes longer than plannin
 """
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from dataclasses import asdict, dataclass, replace
 from itertools import chain
 from pathlib import Path
 
 import numpy as np
 
-from fl.config import CommunityConfig
 from fl.errors import FETCHED
 from fl.federation import fairness
 from fl.federation import rounds as learning
@@ -19,7 +18,7 @@ from fl.federation.community import Community, Federation, build_federation
 from fl.federation.device_work import DeviceWork
 from fl.plugin_code import is_plugin
 from fl.radio.channel import Channel, LinkBudget, link_budget
-from fl.radio.uplink import CustomRadio, make_radio
+from fl.radio.uplink import CustomRadio, Gate, make_radio
 from flightdyn.random import RandomStreams
 from mission.base.area import Area
 from mission.base.arrays import Floats, Ints
@@ -81,6 +80,12 @@ class Scenario:
             for c in self.config.communities
             for value in (c.compute_s, c.compute_times_s, c.compute_s_per_sample)
         )
+
+    @property
+    def gate(self) -> Gate:
+        """How packets are drawn against the rates of the radio."""
+        gate = self.config.channel.gate
+        return "instantaneous" if gate == "instantaneous" else "average"
 
     @property
     def upload_s(self) -> Floats | None:
@@ -261,10 +266,11 @@ def _owners_for_all(index: int, community: Community) -> str:
     return f" ({way})"
 
 
-def _placed(communities: Sequence[CommunityConfig], drawn_m: Floats) -> Floats:
-    """(K, 2) where the devices stand: as configured, else where they were drawn."""
-    devices_m, first = drawn_m.copy(), 0
-    for index, community in enumerate(communities):
+def device_places(config: RunConfig, area: Area, streams: RandomStreams) -> Floats:
+    """(K, 2) where the devices stand: as configured, else where they are drawn."""
+    count, first = sum(community.devices for community in config.communities), 0
+    devices_m = streams.generator("devices").uniform((0.0, 0.0), area.size_m, (count, 2))
+    for index, community in enumerate(config.communities):
         if community.positions_file is not None:
             raise InputError(
                 f"communities.{index}.positions_file = {community.positions_file!r}: not read yet; "
@@ -313,9 +319,7 @@ def build_scenario(config: RunConfig, *, data_dir: Path | None) -> Scenario:
     performance = foreseen_performance(config)
     config.refuse(chain(unflyable(config, performance), _unsent(config)))
     budget = budget_of(config, performance)
-    count = sum(community.devices for community in config.communities)
-    drawn_m = streams.generator("devices").uniform((0.0, 0.0), area.size_m, (count, 2))
-    devices_m = _placed(config.communities, drawn_m)
+    devices_m = device_places(config, area, streams)
     with errors_of_learning():
         channel = config.channel.channel(altitude_m=config.mission.heights_m[0])
         radio = make_radio(config.channel.gate, channel)

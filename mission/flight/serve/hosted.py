@@ -147,12 +147,12 @@ class HostedVehicle:
     @property
     def position_m(self) -> Floats:
         """(3,) where it truly is: x, y, height."""
-        return self._look(lambda: _enu(self._vehicle.aircraft.truth.pos_ned_m))
+        return self._look(lambda: enu(self._vehicle.aircraft.truth.pos_ned_m))
 
     @property
     def velocity_mps(self) -> Floats:
         """(3,) how fast it truly is: east, north, up."""
-        return self._look(lambda: _enu(self._vehicle.aircraft.truth.vel_ned_mps))
+        return self._look(lambda: enu(self._vehicle.aircraft.truth.vel_ned_mps))
 
     @property
     def height_m(self) -> float:
@@ -290,13 +290,14 @@ class _Track:
         self.rows: list[tuple[float, float, float, float]] = []
 
     def sampled(self, sample: VehicleSample) -> None:
-        x, y, height = _enu(sample.truth.pos_ned_m).tolist()
+        x, y, height = enu(sample.truth.pos_ned_m).tolist()
         self.rows.append((sample.t_ns * 1e-9, x, y, height))
 
     def happened(self, event: VehicleEvent) -> None:
         pass
 
 
-def _enu(ned: Floats) -> Floats:
+def enu(ned: Floats) -> Floats:
+    """(3,) north, east, down -> east, north, up."""
     north, east, down = ned
     return np.array([east, north, -down])

@@ -1,0 +1,202 @@
+"""One round as a planner sees it, decided stop by stop."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Any, TypeAlias
+
+import gymnasium
+import numpy as np
+from gymnasium import spaces
+from numpy.typing import NDArray
+
+from fl.radio.uplink import deliver
+from flightdyn.random import RandomStreams
+from mission.api.configuring import Source, config, folder
+from mission.base import polyline
+from mission.base.arrays import Bools, Floats
+from mission.base.errors import InputError
+from mission.planner.evaluate import check_problem, in_time, objective, path_through
+from mission.planner.flyable import foresee_round, share_of
+from mission.planner.performance import WITHIN_ROUNDING
+from mission.planner.problem import RoundPlan, RoundProblem
+from mission.scenario.scenario import build_scenario, device_places
+
+Observation: TypeAlias = dict[str, NDArray[Any]]
+
+_HALVINGS = 20  # of a leg that takes more time or energy than is left
+_SHORTER = 1.0 - 1e-12  # keeps rounding from putting a path over its budget
+
+
+class RoundEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
+    """Each action is a stop: who sends from here, and where the aircraft goes next.
+
+    Action (2 + K,), each in [-1, 1]: the place of the next stop, then how much it matters that each
+    device sends now. Of those above 0 the first `per_step` send, each device once in a round. A leg
+    leads around areas, and ends where metres, time or energy do. At the last stop the place means
+    nothing.
+
+    Observation: `position` (2,) and `devices` (K, 2) in the action's unit; `importance` (K,);
+    `asked` and `heard` (K,), who has sent and whose update has arrived; `left` (4,), the shares of
+    stops, metres, time and energy that are left (1 where there is no limit).
+
+    The reward is the importance of the updates that arrive, drawn as a run draws them. Its mean is
+    `expected` in the step's information, of which the sum is the value of `plan`.
+    """
+
+    def __init__(
+        self,
+        problem: RoundProblem | None = None,
+        *,
+        source: Source = "quickstart",
+        overrides: Mapping[str, object] | None = None,
+        data_dir: Path | str | None = None,
+    ) -> None:
+        """Each episode is `problem`; without one the first round of a configuration, whose devices
+        stand elsewhere each time, as they do in runs of other seeds.
+
+        Raises:
+            InputError: the problem or the configuration is refused.
+        """
+        self._draws, self._deliver = None, deliver
+        if problem is None:
+            scenario = build_scenario(
+                config(source, overrides), data_dir=folder(data_dir, "data_dir")
+            )
+            problem, size_m = scenario.first_problem(), scenario.area.size_m
+            self._draws = scenario.config, scenario.area
+            self._deliver = partial(deliver, radio=scenario.radio, gate=scenario.gate)
+        check_problem(problem)
+        if problem.altitudes_m is not None:
+            raise InputError(
+                f"altitudes_m = {list(problem.altitudes_m)}: must be None here, where a round is "
+                "flown at the channel's altitude"
+            )
+        seen_m = np.vstack((problem.devices_m, problem.start_m))
+        if self._draws is not None:
+            seen_m = np.array([(0.0, 0.0), size_m])
+        low_m, high_m = seen_m.min(axis=0), seen_m.max(axis=0)
+        self._middle_m = (low_m + high_m) / 2.0
+        self._half_m = max(1.0, float((high_m - low_m).max()) / 2.0)
+        self._problem, count = problem, len(problem.devices_m)
+        most = max(1.0, float(problem.importance.max()))
+        self.action_space = spaces.Box(-1.0, 1.0, (2 + count,))
+        self.observation_space = spaces.Dict(
+            position=spaces.Box(-1.0, 1.0, (2,)),
+            devices=spaces.Box(-1.0, 1.0, (count, 2)),
+            importance=spaces.Box(0.0, most, (count,)),
+            asked=spaces.MultiBinary(count),
+            heard=spaces.MultiBinary(count),
+            left=spaces.Box(0.0, 1.0, (4,)),
+        )
+
+    @property
+    def problem(self) -> RoundProblem:
+        """What this episode decides about."""
+        return self._problem
+
+    @property
+    def plan(self) -> RoundPlan:
+        """What was decided so far; the rest of the round stands still."""
+        problem = self._problem
+        via = () if problem.airspace.is_open else tuple(self._via)
+        plan = RoundPlan(self._waypoints_m.copy(), self._schedule.copy(), 0.0, via_m=via)
+        in_turn = plan.schedule & in_time(problem, plan)
+        return replace(plan, value=objective(problem, plan.waypoints_m, in_turn))
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Observation, dict[str, Any]]:
+        """Begin a round; there are no options."""
+        super().reset(seed=seed, options=options)
+        if self._draws is not None:
+            streams = RandomStreams(int(self.np_random.integers(2**31)))
+            self._problem = replace(self._problem, devices_m=device_places(*self._draws, streams))
+        problem, count = self._problem, len(self._problem.devices_m)
+        self._n, self._flown_m = 0, 0.0
+        self._waypoints_m = np.tile(problem.start_m, (problem.steps, 1))
+        self._via = [np.empty((0, 2))] * (problem.steps - 1)
+        self._schedule = np.zeros((problem.steps, count), dtype=np.bool_)
+        self._heard = np.zeros(count, dtype=np.bool_)
+        return self._observed(), {}
+
+    def step(
+        self, action: NDArray[np.float32]
+    ) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
+        """Send, draw what arrives, and go on to the next stop."""
+        problem, given = self._problem, np.asarray(action, dtype=np.float64)
+        sends = self._send(given[2:])
+        arrivals = self._deliver(
+            problem.channel,
+            np.hypot(*(problem.devices_m - self._waypoints_m[self._n]).T),
+            height_m=np.full(len(sends), problem.channel.altitude_m),
+            transmitted=sends,
+            rng=self.np_random,
+        )
+        self._heard |= arrivals.delivered
+        self._n += 1
+        if self._n < problem.steps:
+            self._go(self._middle_m + self._half_m * given[:2])
+        reward = float(problem.importance @ arrivals.delivered)
+        info = {"expected": float(problem.importance @ (1.0 - arrivals.per))}
+        return self._observed(), reward, self._n == problem.steps, False, info
+
+    def _send(self, priorities: Floats) -> Bools:
+        """(K,) who sends here, and has something to send."""
+        wanted = (priorities > 0.0) & ~self._schedule.any(axis=0)
+        row: Bools = self._schedule[self._n]
+        for device in np.argsort(-priorities, kind="stable").tolist():
+            if wanted[device] and row.sum() < self._problem.per_step:
+                row[device] = True
+                row[device] = self._fits()
+        if self._problem.ready_in_s is None:
+            return row
+        return np.asarray(row & in_time(self._problem, self.plan)[self._n])
+
+    def _fits(self) -> bool:
+        """Whether what was decided takes no more than the limits of time and energy."""
+        limited = self._problem.limits is not None
+        return not limited or share_of(self._problem, self.plan) <= WITHIN_ROUNDING
+
+    def _go(self, place_m: Floats) -> None:
+        """Fly towards a place (2,), as far as may be."""
+        here = self._waypoints_m[self._n - 1]
+        way, _ = path_through(self._problem, np.stack((here, place_m)))
+        along_m = polyline.along(way)
+
+        def fits(metres: float) -> bool:
+            self._via[self._n - 1] = way[1:-1][along_m[1:-1] < metres]
+            self._waypoints_m[self._n :] = [np.interp(metres, along_m, axis) for axis in way.T]
+            return self._fits()
+
+        low, high = 0.0, min(along_m[-1], (self._problem.most_m - self._flown_m) * _SHORTER)
+        if fits(high):
+            low = high
+        else:
+            for _ in range(_HALVINGS):
+                middle = (low + high) / 2.0
+                low, high = (middle, high) if fits(middle) else (low, middle)
+            fits(low)
+        self._flown_m += low
+
+    def _observed(self) -> Observation:
+        problem = self._problem
+        used = [self._n / problem.steps, self._flown_m / max(problem.most_m, 1e-9), 0.0, 0.0]
+        if (limits := problem.limits) is not None:
+            foreseen = foresee_round(problem, self.plan)
+            used[2:] = foreseen.duration_s / limits.duration_s, foreseen.energy_j / limits.energy_j
+        at = self._waypoints_m[min(self._n, problem.steps - 1)]
+        return {
+            "position": self._seen(at),
+            "devices": self._seen(problem.devices_m),
+            "importance": problem.importance.astype(np.float32),
+            "asked": np.asarray(self._schedule.any(axis=0), dtype=np.int8),
+            "heard": self._heard.astype(np.int8),
+            "left": np.clip(1.0 - np.array(used), 0.0, 1.0).astype(np.float32),
+        }
+
+    def _seen(self, places_m: Floats) -> NDArray[np.float32]:
+        """Places in the action's unit; what lies beside the area is seen at its edge."""
+        seen = np.clip((places_m - self._middle_m) / self._half_m, -1.0, 1.0)
+        return np.asarray(seen, dtype=np.float32)

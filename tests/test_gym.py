@@ -1,0 +1,266 @@
+"""`aerofed.gym`: environments that learners know how to use, on the planner's own definitions."""
+
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+from patience import HANG_S
+
+import aerofed
+import aerofed.gym
+from fl.radio.channel import CHANNEL_PRESETS
+from flightdyn.config import LimitsConfig
+from mission.base.airspace import Airspace
+from mission.planner.check import check_plan
+from mission.planner.performance import Performance, RoundLimits
+from mission.planner.problem import RoundPlan, RoundProblem
+
+FLYING = Performance(20.0, 5.0, LimitsConfig())
+WALL = np.array([[300.0, 100], [360, 100], [360, 700], [300, 700]])
+KINDS: dict[str, dict[str, Any]] = {
+    "metres": {},
+    "time": {"limits": RoundLimits(FLYING, 60.0), "upload_s": np.linspace(0.5, 8.0, 8)},
+    "energy": {"limits": RoundLimits(FLYING, energy_j=9000.0)},
+    "areas": {"airspace": Airspace((WALL,), margin_m=5.0)},
+    "readiness": {"limits": RoundLimits(FLYING, 60.0), "ready_in_s": np.linspace(0.0, 50.0, 8)},
+}
+
+
+def problem(kind: str = "metres", seed: int = 1) -> RoundProblem:
+    rng = np.random.default_rng(seed)
+    known = {
+        "devices_m": rng.uniform(0, 800, (8, 2)),
+        "importance": rng.uniform(0.2, 1.0, 8),
+        "start_m": np.array([400.0, 400.0]),
+        "steps": 6,
+        "per_step": 2,
+        "path_budget_m": 900.0,
+        "channel": CHANNEL_PRESETS["suburban+10dB"],
+    }
+    return RoundProblem(**{**known, **KINDS[kind]})
+
+
+def of_plan(env: Any, plan: RoundPlan) -> list[np.ndarray]:
+    """The actions that carry out a plan."""
+    places_m = np.vstack((plan.waypoints_m[1:], plan.waypoints_m[-1:]))
+    places = (places_m - env.unwrapped._middle_m) / env.unwrapped._half_m
+    return list(np.hstack((places, plan.schedule)))
+
+
+def played(env: Any, actions: Any, seed: int) -> tuple[list[bytes], float, float]:
+    """Every observation of an episode, and what arrived and was expected to."""
+    observation, _ = env.reset(seed=seed)
+    seen, arrived, expected, over = [str(observation).encode()], 0.0, 0.0, False
+    actions = iter(actions)
+    while not over:
+        observation, reward, over, cut, info = env.step(next(actions))
+        seen.append(str(observation).encode())
+        arrived, expected, over = (
+            arrived + reward,
+            expected + info.get("expected", 0.0),
+            over or cut,
+        )
+    return seen, arrived, expected
+
+
+def at_random(env: Any, seed: int) -> Any:
+    env.action_space.seed(seed)
+    while True:
+        yield env.action_space.sample()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("name", "options"),
+    [
+        ("aerofed/Setpoint-v0", {}),
+        ("aerofed/Setpoint-v0", {"setpoint": "acceleration", "wind_mps": 6}),
+        ("aerofed/Round-v0", {}),
+        ("aerofed/Round-v0", {"problem": problem("time")}),
+    ],
+)
+def test_they_are_what_gymnasium_calls_an_environment(name: str, options: dict[str, Any]) -> None:
+    check_env(gymnasium.make(name, **options).unwrapped)
+
+
+def test_the_same_seed_gives_the_same_round_and_another_one_another() -> None:
+    env = gymnasium.make("aerofed/Round-v0")
+    once, again, other = (played(env, at_random(env, 1), seed)[0] for seed in (5, 5, 6))
+    assert once == again
+    assert once[0] != other[0]
+
+
+@pytest.mark.slow
+def test_the_same_seed_gives_the_same_flight_and_another_one_another() -> None:
+    env = gymnasium.make("aerofed/Setpoint-v0", max_episode_steps=30, wind_mps=5)
+    once, again, other = (played(env, at_random(env, 1), seed)[0] for seed in (5, 5, 6))
+    assert once == again
+    assert once != other
+    assert len(once) == 31
+
+
+def test_a_round_starts_where_runs_do() -> None:
+    env: Any = gymnasium.make("aerofed/Round-v0").unwrapped
+    first = aerofed.first_problem()
+    env.reset(seed=1)
+    assert (env.problem.importance == first.importance).all()
+    assert not (env.problem.devices_m == first.devices_m).any()
+    size_m = 2.0 * env._half_m
+    assert ((env.problem.devices_m >= 0.0) & (env.problem.devices_m <= size_m)).all()
+
+
+@pytest.mark.parametrize("kind", ["metres", "time", "energy"])
+def test_a_plan_carried_out_stop_by_stop_is_worth_what_the_planner_says(kind: str) -> None:
+    plan = aerofed.plan(problem(kind), "sqp")
+    env: Any = gymnasium.make("aerofed/Round-v0", problem=problem(kind))
+    _, _, expected = played(env, of_plan(env, plan), seed=1)
+    made = env.unwrapped.plan
+    assert (made.schedule == plan.schedule).all()
+    assert made.value == pytest.approx(expected)
+    # What was decided so far has to fit, too, and may be flown with sharper corners than all of it.
+    away = {"metres": (1e-3, 1e-6), "time": (1e-3, 1e-6), "energy": (5.0, 1e-2)}[kind]
+    assert made.waypoints_m == pytest.approx(plan.waypoints_m, abs=away[0])
+    assert expected == pytest.approx(plan.value, rel=away[1])
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_whatever_is_done_keeps_to_every_limit(kind: str) -> None:
+    env: Any = gymnasium.make("aerofed/Round-v0", problem=problem(kind))
+    short = 0
+    for seed in range(20):
+        seen, _, expected = played(env, at_random(env, seed), seed)
+        check_plan(problem(kind), env.unwrapped.plan)
+        assert expected == pytest.approx(env.unwrapped.plan.value, abs=0.05)
+        short += "left': array([0." in seen[-1].decode() and env.unwrapped.plan.path_m > 100.0
+    assert short
+
+
+def test_what_arrives_is_drawn_with_the_rates_of_the_radio() -> None:
+    env: Any = gymnasium.make("aerofed/Round-v0", problem=problem())
+    actions = of_plan(env, aerofed.plan(problem(), "sqp"))
+    each = [played(env, actions, seed)[1:] for seed in range(300)]
+    arrived, expected = np.array(each).T
+    assert arrived.mean() == pytest.approx(expected[0], rel=0.02)
+    assert arrived.std() > 0.05
+
+
+def test_whoever_has_sent_sends_no_more_and_only_so_many_send_at_once() -> None:
+    env: Any = gymnasium.make("aerofed/Round-v0", problem=problem())
+    env.reset(seed=1)
+    action = np.concatenate(([0.0, 0.0], [0.1, 0.9, -0.5, 0.8, 0.9, 0.2, 0.3, 0.4]))
+    for asked in ([1, 4], [1, 3, 4, 7], [1, 3, 4, 5, 6, 7], [0, 1, 3, 4, 5, 6, 7]):
+        observation, *_ = env.step(action)
+        assert np.flatnonzero(observation["asked"]).tolist() == asked
+    assert (observation["heard"] <= observation["asked"]).all()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("mode", ["sync", "async"])
+def test_many_at_once_are_each_as_alone(mode: str) -> None:
+    options = {"vector_kwargs": {"context": "spawn"}} if mode == "async" else {}
+    many = gymnasium.make_vec("aerofed.gym:aerofed/Round-v0", 2, mode, **options)
+    try:
+        observations, _ = many.reset(seed=[3, 4])
+        assert observations["devices"].shape == (2, 12, 2)
+        *_, rewards, _, _, _ = many.step(np.ones((2, 14), dtype=np.float32))
+        alone = gymnasium.make("aerofed/Round-v0")
+        alone.reset(seed=4)
+        assert rewards[1] == alone.step(np.ones(14, dtype=np.float32))[1]
+    finally:
+        many.close()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("setpoint", "share"), [("velocity", 0.2), ("acceleration", 0.3)])
+def test_setpoints_go_where_they_say(setpoint: str, share: float) -> None:
+    env = gymnasium.make("aerofed/Setpoint-v0", setpoint=setpoint)
+    for axis, sign in ((0, 1.0), (1, -1.0), (2, 1.0)):
+        _, began = env.reset(seed=1)
+        action = np.zeros(3, dtype=np.float32)
+        action[axis] = sign * share
+        total = 0.0
+        for _ in range(20):
+            observation, reward, over, _, info = env.step(action)
+            total += reward
+        assert not over
+        flown_m = began["offset_m"] - info["offset_m"]
+        assert flown_m.round() @ action > 0.0
+        assert np.abs(np.delete(flown_m, axis)).max() < 1.0
+        assert info["velocity_mps"][axis] * sign > 0.5
+        nearer_m = np.linalg.norm(began["offset_m"]) - np.linalg.norm(info["offset_m"])
+        assert total == pytest.approx(nearer_m)
+        # Belief is not the truth, and what is seen is belief.
+        assert 0.0 < np.abs(observation[:3] - info["offset_m"]).max() < 3.0
+
+
+@pytest.mark.slow
+def test_rewards_may_be_of_ones_own_and_landing_is_the_end() -> None:
+    env = gymnasium.make(
+        "aerofed/Setpoint-v0", reward=lambda before, action, after: before[2] + action[2] - after[2]
+    )
+    env.reset(seed=1)
+    down, over, steps = np.array([0.0, 0.0, -0.5], dtype=np.float32), False, 0
+    while not over and steps < 190:
+        _, reward, over, _, _ = env.step(down)
+        assert -0.9 < reward < -0.4
+        steps += 1
+    assert over
+    assert steps > 80
+
+
+@pytest.mark.parametrize(
+    ("name", "options", "words"),
+    [
+        ("Setpoint", {"setpoint": "place"}, "setpoint = 'place': must be 'velocity' or"),
+        ("Setpoint", {"far_m": 0.0}, "far_m = 0.0: must be more than 0, at most 500"),
+        ("Setpoint", {"wind_mps": -1}, "vehicle.aircraft.wind.speed_mps = -1"),
+        ("Round", {"overrides": {"mission.stepz": 3}}, "mission.stepz"),
+        (
+            "Round",
+            {"overrides": {"mission.altitude_m": [40.0, 80.0]}},
+            r"altitudes_m = \[40.0, 80.0\]: must be None here",
+        ),
+    ],
+)
+def test_options_that_are_refused(name: str, options: dict[str, Any], words: str) -> None:
+    with pytest.raises(aerofed.InputError, match=words):
+        gymnasium.make(f"aerofed/{name}-v0", **options)
+
+
+def test_without_gymnasium_the_import_says_what_to_install_and_nothing_else_needs_it() -> None:
+    program = """
+import sys
+sys.modules["gymnasium"] = None
+import aerofed
+try:
+    import aerofed.gym
+except ImportError as error:
+    print(error)
+"""
+    ended = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, timeout=HANG_S, check=True
+    )
+    words = "aerofed.gym: Gymnasium is not installed: pip install 'aerofed[gym]'\n"
+    assert ended.stdout == words
+
+
+@pytest.mark.slow
+def test_the_example_learns_and_is_put_beside_the_planner() -> None:
+    example = Path(__file__).parents[1] / "examples" / "learned_round.py"
+    command = [
+        sys.executable,
+        str(example),
+        "--generations",
+        "2",
+        "--policies",
+        "6",
+        "--rounds",
+        "2",
+    ]
+    ended = subprocess.run(command, capture_output=True, text=True, timeout=HANG_S, check=True)
+    assert ended.stdout.splitlines()[-1].startswith("30 other rounds: learned ")
