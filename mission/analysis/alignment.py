@@ -101,7 +101,7 @@ def matched(
         place = pos_m[at] + share[:, None] * (pos_m[at + 1] - pos_m[at])
         away_m, _ = polyline.to_segments(place, *left)
         ahead_m, _ = polyline.to_segments(place, *entered)
-        before = (away_m**2).sum(axis=1) < (ahead_m**2).sum(axis=1) - 1e-9  # beyond a corner: alike
+        before = (away_m**2).sum(axis=1) < (ahead_m**2).sum(axis=1) - 1e-9  # beyond, they are alike
         early, late = np.where(before, share, early), np.where(before, late, share)
     t_ns = track.t_ns[at] + (share * np.diff(track.t_ns)[at]).astype(np.int64)
     new = (t_ns > track.t_ns[at]) & (t_ns < track.t_ns[at + 1])
@@ -117,8 +117,8 @@ def matched(
 
 
 def leg_of(fit: Alignment) -> Ints:
-    """(n,) which leg of the plan each sample was matched with, from 0."""
-    found = np.searchsorted(fit.waypoints_at_m, fit.along_m, side="right") - 1
+    """(n,) which leg of the plan each sample was matched with, from 0; past its end the next."""
+    found = np.searchsorted(fit.waypoints_at_m, fit.along_m + 1e-6, side="right") - 1
     return np.clip(found, 0, len(fit.waypoints_at_m) - 2)
 
 
@@ -180,14 +180,15 @@ def _monotone(
     middle_at = (middle * unit).sum(axis=1)
     # By sample, a bit a piece: whether the least sum up to this piece ends in the piece itself.
     ends = np.empty((len(track), math.ceil(len(way) / 8)), dtype=np.uint8)
-    # Of sums that are equal, the one that begins and ends earliest: in the first of several laps.
-    cost = np.arange(len(way)) * 1e-6
+    # Of sums that are equal, the one that stays behind: the first of several laps.
+    behind = np.arange(len(way)) * 1e-9
+    cost = np.zeros(len(way))
     for i, sample in enumerate(track):
         best = np.minimum.accumulate(cost)
         ends[i] = np.packbits(cost == best)
         from_middle = np.abs(unit @ sample - middle_at)
         beyond = np.maximum(from_middle - half, 0.0)
-        cost = best + ((middle - sample) ** 2).sum(axis=1) - from_middle**2 + beyond**2
+        cost = best + ((middle - sample) ** 2).sum(axis=1) - from_middle**2 + beyond**2 + behind
         cost[: first[i]] = math.inf
         cost[last[i] :] = math.inf
     index = np.empty(len(track), dtype=np.intp)

@@ -340,7 +340,7 @@ def _of_what_is_given(
         return fit
     returning = track.t_ns >= returns_ns
     returning[math.floor(_end(track, fit, way, last)) + 1 :] = True
-    returning |= fit.along_m > fit.waypoints_at_m[last]
+    returning |= fit.along_m >= fit.waypoints_at_m[last]
     corners = fit.corners_m < fit.waypoints_at_m[last] - _AT_END_M
     return replace(
         fit,

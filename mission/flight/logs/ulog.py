@@ -1,11 +1,13 @@
 """PX4's ULog as a flight.
 
-A ULog does not hold the mission, only what the navigator was heading for: its position setpoints
-in the mission mode, one after another, are taken for the items, as far as they were flown.
+A ULog of PX4 does not hold the mission, only what the navigator was heading for: its position
+setpoints in the mission mode are taken for the items, as far as they were flown. Ours holds it.
 """
 
 import io
+import json
 import math
+from bisect import bisect
 from collections.abc import Iterator
 from contextlib import redirect_stderr, redirect_stdout
 from pathlib import Path
@@ -19,7 +21,7 @@ from flightdyn.state import GeodeticPoint
 from mission.base.errors import InputError
 from mission.base.user_files import read_bytes
 from mission.flight.logs.flight import MOST_BYTES, Found
-from mission.log.values import FlightData
+from mission.log.values import FlightData, MissionRecord
 from sitl.autopilot.codec.orders import MissionItem
 
 # vehicle_status.nav_state, as ground stations call the modes.
@@ -37,6 +39,7 @@ COMMANDS = {  # of position_setpoint.type
     3: mav.MAV_CMD_NAV_TAKEOFF,
     4: mav.MAV_CMD_NAV_LAND,
 }
+MISSIONS = "aerofed_missions"  # what a ULog of ours holds more
 _LOG_LEVEL = ord("0")  # of a message: a digit
 _SAME = (1e-7, 1e-7, 0.05)  # degrees, metres
 _FIX_3D = 3
@@ -76,7 +79,10 @@ def read_ulog(path: Path) -> FlightData:
     found.wind = list(_rows(wind, "windspeed_east", "windspeed_north"))
     fixes = topics.get("vehicle_gps_position")
     found.fixes = [int(row[0]) for row in _rows(fixes, "fix_type") if row[1] >= _FIX_3D]
-    _heading_for(found, topics.get("position_setpoint_triplet"))
+    for parts in log.msg_info_multiple_dict.get(MISSIONS, ()):
+        t_ns, kind, items = json.loads("".join(parts))
+        found.missions.append(MissionRecord(t_ns, kind, tuple(map(tuple, items))))
+    _heading_for(found, topics)
     found.skipped["message that the end cut off"] += _cut_off(content)
     found.skipped["dropout"] += len(log.dropouts)
     found.skipped["damaged stretch"] += int(log.file_corruption or bool(said.getvalue()))
@@ -156,24 +162,41 @@ def _status(found: Found, data: Columns | None) -> None:
                 found.event(t_ns, "failsafe", "failsafe", severity=4)
 
 
-def _heading_for(found: Found, data: Columns | None) -> None:
-    """The mission, as far as it was flown: what was headed for in the mission mode."""
-    items: dict[int, MissionItem] = {}
-    started: list[int] = []
+def _heading_for(found: Found, topics: dict[str, Columns]) -> None:
+    """The missions, as far as they were flown: what was headed for in the mission mode, while which
+    item was current. What has no place of its own, as a change of speed, is an item left open."""
+    result = topics.get("mission_result", {})
+    known = "mission_id" if "mission_id" in result else "seq_total"  # before PX4 1.15
+    told = list(_rows(result, "seq_current", "finished", known))
+    for t, seq, *_ in told:
+        found.heads_for(int(t), int(seq))
+    if found.missions:
+        return
+    missions: dict[float, dict[int, MissionItem]] = {}
+    since: dict[float, int] = {}
+    modes, at = [t for t, _ in found.modes], [row[0] for row in told]
     names = ("current.valid", "current.type", "current.lat", "current.lon", "current.alt")
-    for t, valid, kind, lat, lon, alt in _rows(data, *names):
-        in_force = [name for since_ns, name in found.modes if since_ns <= t]
-        if not valid or in_force[-1:] != ["MISSION"] or int(kind) not in COMMANDS:
+    for t, valid, kind, lat, lon, alt in _rows(topics.get("position_setpoint_triplet"), *names):
+        mode = found.modes[max(bisect(modes, t) - 1, 0)][1] if modes else ""
+        if not valid or mode != "MISSION" or int(kind) not in COMMANDS:
             continue
-        seq, place = len(items), (lat, lon, float(alt))
-        if items:
-            away = np.abs(
-                np.subtract((items[seq - 1].x, items[seq - 1].y, items[seq - 1].z), place)
-            )
-            if (away < _SAME).all():
+        place = (lat, lon, float(alt))
+        _, current, finished, mission = told[max(bisect(at, t) - 1, 0)] if told else (0, -1, 0, 0)
+        items = missions.setdefault(mission, {})
+        seq = int(current) if told else len(items)
+        if not told:
+            last = (items[seq - 1].x, items[seq - 1].y, items[seq - 1].z) if items else ()
+            if last and (np.abs(np.subtract(last, place)) < _SAME).all():
                 continue
-        items[seq] = MissionItem(seq, COMMANDS[int(kind)], mav.MAV_FRAME_GLOBAL, (0.0,) * 4, *place)
-        started.append(int(t))
-    if items:
-        found.took(started[0], items)
-        found.current = list(zip(started, range(len(items)), strict=True))
+            found.heads_for(int(t), seq)
+        if not finished:  # then it hovers where it is
+            since.setdefault(mission, int(t))
+            command = COMMANDS[int(kind)]
+            items[seq] = MissionItem(seq, command, mav.MAV_FRAME_GLOBAL, (0.0,) * 4, *place)
+    for mission, t_ns in since.items():
+        items = missions[mission]
+        found.took(t_ns, {n: items.get(n, _open(n)) for n in range(max(items) + 1)})
+
+
+def _open(seq: int) -> MissionItem:
+    return MissionItem(seq, 0, mav.MAV_FRAME_MISSION, (0.0,) * 4, 0.0, 0.0, 0.0)

@@ -4,6 +4,7 @@ Topics and fields are those of PX4 1.14 and later, as far as our log knows them:
 know is not in the file. Heights are as in our logs: above sea level, home's and the height over it.
 """
 
+import json
 import math
 from pathlib import Path
 from typing import Any
@@ -16,7 +17,7 @@ from mission.base.arrays import Floats
 from mission.base.errors import InputError
 from mission.base.run_folder import write_atomically
 from mission.flight.logs.items import items_of
-from mission.flight.logs.ulog import COMMANDS, MODES
+from mission.flight.logs.ulog import COMMANDS, MISSIONS, MODES
 from mission.flight.logs.ulog_file import Rows, rows, ulog
 from mission.log import topics
 from mission.log.contents import Contents, load
@@ -27,7 +28,15 @@ from sitl.autopilot.codec.orders import GLOBAL_FRAMES
 from sitl.autopilot.flying.route import item_altitude
 
 _TYPE_OF = {command: kind for kind, command in COMMANDS.items()}
-_NAV_STATES = {name: state for state, name in MODES.items()}
+_NAV_STATES = {
+    **{name: state for state, name in MODES.items()},
+    "RETURN_TO_LAUNCH": 5,
+    "RTL": 5,
+    "AUTO": 3,
+    "ALTCTL": 1,
+    "POSCTL": 2,
+    "FOLLOW_ME": 19,
+}
 _NO_STATE = 255  # a mode of another autopilot
 _DISARMED, _ARMED = 1, 2
 _ROTARY_WING = 1
@@ -83,7 +92,8 @@ def export_ulog(path: Path, target: Path) -> Path:
         truth = _poses(contents, data, topics.TRUE_POSE, topics.TRUE_VELOCITY, "_groundtruth")
         tables.update(truth)
     lines = [(e.t_ns, e.severity, e.text) for e in data.events if e.kind in _SAID]
-    write_atomically(target, ulog(tables, lines))
+    missions = [(MISSIONS, json.dumps((m.t_ns, m.kind, m.items))) for m in data.missions]
+    write_atomically(target, ulog(tables, lines, missions))
     return target
 
 
@@ -216,7 +226,7 @@ def _mission(data: FlightData) -> dict[str, Rows]:
     """The items reached and headed for, and their places where the log has them."""
     reached = [(e.t_ns, e.seq) for e in data.events if e.kind == "reached" and e.seq is not None]
     modes = zip(data.modes.t_ns.tolist(), data.modes.names, strict=True)
-    starts = [(t, -1) for t, name in modes if name == "MISSION"]
+    starts = [(t, -1) for t, name in modes if name == "MISSION" and reached]
     last, found, headed = -1, [], []
     for t_ns, seq in sorted(starts + reached):
         last = seq if seq >= 0 else last
@@ -226,7 +236,8 @@ def _mission(data: FlightData) -> dict[str, Rows]:
         if current in places:
             headed.append((t_ns, *places[current]))
     times, last_ones, currents, totals = np.array(found, dtype=np.int64).reshape(-1, 4).T
-    result = rows(times, seq_reached=last_ones, seq_current=currents, seq_total=totals, valid=True)
+    numbers = {"seq_reached": last_ones, "seq_current": currents, "seq_total": totals}
+    result = rows(times, **numbers, valid=True, finished=last_ones + 1 == totals)
     t_ns_of, lat, lon, alt, kinds = np.array(headed, dtype=np.float64).reshape(-1, 5).T
     t = t_ns_of.astype(np.int64)
     part = rows(t, valid=True, type=kinds.astype(np.uint8), lat=lat, lon=lon, alt=alt)

@@ -36,6 +36,7 @@ _BY_KIND: dict[str, Any] = {"b": "|b1", "u": "|u1", "i": "|u1", "f": "<f4"}
 _PARTS = {"current": "position_setpoint"}  # types of fields that are rows
 _START = b"ULog\x01\x12\x35\x01"
 _HEADER = struct.Struct("<HB")
+_MOST_TEXT = 60_000  # that fits a message
 
 
 def rows(t_ns: Ints, **columns: Any) -> Rows:
@@ -53,8 +54,11 @@ def rows(t_ns: Ints, **columns: Any) -> Rows:
     return table
 
 
-def ulog(topics: Mapping[str, Rows], lines: Sequence[Line]) -> bytes:
-    """A whole file, without the topics that have no rows."""
+def ulog(
+    topics: Mapping[str, Rows], lines: Sequence[Line], told: Sequence[tuple[str, str]] = ()
+) -> bytes:
+    """A whole file, without the topics that have no rows; `told` are names and texts of what no
+    topic is for."""
     topics = {name: table for name, table in topics.items() if len(table)}
     formats: dict[str, str] = {}
     for name, table in topics.items():
@@ -71,6 +75,13 @@ def ulog(topics: Mapping[str, Rows], lines: Sequence[Line]) -> bytes:
     head = [_record("B", bytes(40))]  # no flags
     head += [_record("F", f"{name}:{fields}".encode()) for name, fields in formats.items()]
     head.append(_record("I", b"\x10char[7] sys_nameAerofed"))
+    for name, text in told:
+        for begin in range(0, len(text), _MOST_TEXT):
+            part = text[begin : begin + _MOST_TEXT]
+            key = f"char[{len(part)}] {name}"
+            head.append(
+                _record("M", struct.pack("<BB", begin > 0, len(key)) + (key + part).encode())
+            )
     for number, name in enumerate(topics):
         head.append(_record("A", struct.pack("<BH", 0, number) + name.encode()))
     start_us = struct.pack("<Q", records[0][0] if records else 0)

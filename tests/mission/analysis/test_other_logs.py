@@ -47,6 +47,16 @@ def test_one_flight_in_three_logs_is_one_comparison(tmp_path: Path) -> None:
         assert str(one.total.estimate_rms_m) == "nan"
 
 
+def test_what_px4_adds_to_a_mission_is_no_item(tmp_path: Path) -> None:
+    plain, numbered = (
+        compared(write_ulog(tmp_path / f"{number}.ulg", numbered=number))
+        for number in (False, True)
+    )
+    assert numbered.legs == plain.legs
+    assert [leg.item for leg in numbered.legs] == [0, 1, 2, 3]
+    assert (numbered.total.slots, numbered.total.slots_missed) == (len(CORNERS), 0)
+
+
 @pytest.mark.parametrize("end", KINDS)
 def test_a_return_has_no_errors(tmp_path: Path, end: str) -> None:
     """It cuts the last corner, climbs, and passes earlier legs; one autopilot stays in its mode."""

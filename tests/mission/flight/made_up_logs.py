@@ -77,8 +77,17 @@ def places() -> list[tuple[int, float, float]]:
     return found
 
 
-def write_ulog(path: Path, *, kind: int = 1, off_m: float = 0.0, returns: bool = False) -> Path:
-    """As PX4 writes it: what it headed for, not the mission."""
+def write_ulog(
+    path: Path,
+    *,
+    kind: int = 1,
+    off_m: float = 0.0,
+    returns: bool = False,
+    numbered: bool = False,
+) -> Path:
+    """As PX4 writes it: what it headed for, not the mission. It takes off where it stands, on its
+    way to item 0, and hovers where it is after the last one, which only a log that is `numbered`
+    tells from items."""
     setpoint = "bool current.valid;uint8_t current.type;double current.lat;double current.lon;float current.alt"  # noqa: E501
     topics = {
         "vehicle_global_position": ("double lat;double lon;float alt", "<Qddf"),
@@ -87,6 +96,7 @@ def write_ulog(path: Path, *, kind: int = 1, off_m: float = 0.0, returns: bool =
             "uint8_t nav_state;uint8_t arming_state;bool failsafe;uint8_t vehicle_type", "<QBB?B",
         ),
         "position_setpoint_triplet": (setpoint, "<Q?Bddf"),
+        "mission_result": ("uint32_t mission_id;uint16_t seq_current;bool finished", "<QIH?"),
     }  # fmt: skip
     out = bytearray(b"ULog\x01\x12\x35\x01" + struct.pack("<Q", 0))
 
@@ -106,6 +116,7 @@ def write_ulog(path: Path, *, kind: int = 1, off_m: float = 0.0, returns: bool =
 
     data("home_position", 0.0, HOME.lat_deg, HOME.lon_deg, HOME.alt_msl_m)
     toward = -1
+    up_m = HOME.alt_msl_m + HEIGHT_M
     for s in samples(off_m=off_m, returns=returns):
         data("vehicle_global_position", s.t_s, s.lat_deg, s.lon_deg, s.alt_msl_m)
         data("vehicle_status", s.t_s, 3 if s.mission else 5 if returns else 4, 2, False, kind)
@@ -113,8 +124,16 @@ def write_ulog(path: Path, *, kind: int = 1, off_m: float = 0.0, returns: bool =
             toward = s.toward
             _, lat, lon = places()[toward]
             kind_of = 3 if toward == 0 else 0
-            data("position_setpoint_triplet", s.t_s, True, kind_of, lat, lon,
-                 HOME.alt_msl_m + HEIGHT_M)  # fmt: skip
+            if numbered:
+                data("mission_result", s.t_s, 7, toward, False)
+            if numbered and toward == 0:
+                data("position_setpoint_triplet", s.t_s, True, 3, lat + 1e-5, lon, up_m)
+                kind_of = 0
+            data("position_setpoint_triplet", s.t_s, True, kind_of, lat, lon, up_m)
+        elif numbered and s.t_s > 60.0 and toward == 3:
+            toward = 4
+            data("mission_result", s.t_s, 7, 3, True)
+            data("position_setpoint_triplet", s.t_s, True, 2, lat + 1e-5, lon, up_m)
     message(b"L", b"4" + struct.pack("<Q", 1_000_000) + b"low battery")
     path.write_bytes(out)
     return path
