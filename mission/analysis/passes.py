@@ -14,11 +14,13 @@ from mission.analysis.alignment import Alignment, leg_of, matched
 from mission.base import polyline
 from mission.base.arrays import Bools, Floats, Ints
 from mission.base.errors import InputError
+from mission.flight.fence_zones import drawn
 from mission.flight.logs.items import RETURNS, MissionPath, items_of, mission_path, place_m, returns
 from mission.log.records import UNKNOWN_ROUND, RoundRecord
 from mission.log.values import NS_PER_S, FlightData, PlannedPlaces, PlanRecord, Track
 from sitl.autopilot.codec.orders import MissionItem
 from sitl.autopilot.flying.route import repeats
+from sitl.errors import SitlInputError
 
 PLAN_FILE = "plan file"  # metadata of a log: the file that its mission was read from
 _MISSION = ("MISSION", "AUTO")  # what autopilots call the mode that flies a mission
@@ -109,6 +111,12 @@ def judged(path: object, data: FlightData, given: Plan | None) -> Judged:
             left_out |= Counter(found.path.left_out)
     if not passes:
         raise InputError(f"{path}: no stretch of its mission lasts {_LEAST_S:g} s")
+    lists = [items_of(record) for record in data.missions if record.kind == "fence"]
+    fence = data.fence
+    try:
+        fence = fence or drawn(lists[-1] if lists else (), data.area)
+    except SitlInputError as error:
+        left_out[str(error)] += 1
     places = {
         int(seq): point
         for found in passes
@@ -118,6 +126,7 @@ def judged(path: object, data: FlightData, given: Plan | None) -> Judged:
     passed = {p.seq for found in passes for p in found.passages if not math.isnan(p.t_s)}
     data = replace(
         data,
+        fence=fence,
         plans=tuple(found.plan for found in passes),
         rounds=tuple(found.record for found in passes),
         planned=PlannedPlaces(

@@ -68,15 +68,27 @@ def fence_of(items: Sequence[MissionItem], parameters: Parameters, area: Area) -
     Raises:
         SitlInputError: the items make no fence.
     """
-    fence = compile_fence(items, area.frame)
+    zones = drawn(items, area)
     if parameters["GF_ACTION"] == 0:
         return ()
-    zones = [Zone(_outline(shape, area), keep_in=True) for shape in fence.inclusions]
-    zones += [Zone(_outline(shape, area), keep_in=False) for shape in fence.exclusions]
     if parameters["GF_MAX_HOR_DIST"] > 0:
         about_home = Circle(0.0, 0.0, parameters["GF_MAX_HOR_DIST"])
-        zones.append(Zone(_outline(about_home, area), keep_in=True))
-    return tuple(zones)
+        zones = (*zones, Zone(_outline(about_home, area), keep_in=True))
+    return zones
+
+
+def drawn(items: Sequence[MissionItem], area: Area) -> tuple[Zone, ...]:
+    """The areas of a fence's items, whoever keeps to it.
+
+    Raises:
+        SitlInputError: the items make no fence.
+    """
+    corners = [i for i in items if i.command in _CIRCLES or (i.command in _RINGS and i.params[0])]
+    fence = compile_fence(corners, area.frame)
+    return (
+        *(Zone(_outline(shape, area), keep_in=True) for shape in fence.inclusions),
+        *(Zone(_outline(shape, area), keep_in=False) for shape in fence.exclusions),
+    )
 
 
 def _outline(shape: Polygon | Circle, area: Area) -> Floats:

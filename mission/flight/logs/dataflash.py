@@ -16,8 +16,18 @@ from mission.log.values import FlightData
 from sitl.autopilot.codec.orders import MissionItem
 
 _MAGIC = b"\xa3\x95"
-_READ = ("POS", "MODE", "MSG", "ORGN", "CMD", "MISE", "GPS", "BAT", "XKF2", "ERR", "ARM", "EV")
-_COUNTED = {"RALY": "rally point", "FNCE": "fence point"}
+_MISSION, _RELATIVE = mav.MAV_MISSION_TYPE_MISSION, mav.MAV_FRAME_GLOBAL_RELATIVE_ALT
+_READ = (
+    *("POS", "MODE", "MSG", "ORGN", "CMD", "MISE", "GPS", "BAT", "XKF2", "ERR", "ARM", "EV"),
+    *("FNCE", "RALY"),
+)
+_FENCE = {  # FNCE.Type: AC_PolyFenceType
+    98: mav.MAV_CMD_NAV_FENCE_POLYGON_VERTEX_INCLUSION,
+    97: mav.MAV_CMD_NAV_FENCE_POLYGON_VERTEX_EXCLUSION,
+    **dict.fromkeys((92, 94), mav.MAV_CMD_NAV_FENCE_CIRCLE_INCLUSION),
+    **dict.fromkeys((93, 96), mav.MAV_CMD_NAV_FENCE_CIRCLE_EXCLUSION),
+    95: mav.MAV_CMD_NAV_FENCE_RETURN_POINT,
+}
 _VEHICLES = ("ArduPlane", "ArduRover", "Rover", "ArduSub", "AntennaTracker", "Blimp")
 _FIX_3D = 3
 _ARMED, _DISARMED = 10, 11  # EV
@@ -45,7 +55,7 @@ def read_dataflash(path: Path) -> FlightData:
     with redirect_stderr(said):
         log = DFReader_binary(str(path))
         try:
-            while (row := log.recv_match(type=[*_READ, *_COUNTED])) is not None:
+            while (row := log.recv_match(type=list(_READ))) is not None:
                 reader.take(row)
         finally:
             log.close()
@@ -58,8 +68,7 @@ class _Reader:
 
     def __init__(self, found: Found) -> None:
         self.found = found
-        self._items: dict[int, MissionItem] = {}  # of the list that is being written
-        self._whole = True
+        self._lists: dict[int, dict[int, MissionItem]] = {}  # by MAV_MISSION_TYPE
 
     def take(self, row: Any) -> None:
         """Keep what a row says."""
@@ -75,7 +84,20 @@ class _Reader:
             case "MSG":
                 self._text(t_ns, row.Message)
             case "CMD":
-                self._command(t_ns, row)
+                command = row.CId if row.CNum else 0
+                params = (row.Prm1, row.Prm2, row.Prm3, row.Prm4)
+                frame = getattr(row, "Frame", _RELATIVE)
+                item = MissionItem(row.CNum, command, frame, params, row.Lat, row.Lng, row.Alt)
+                self._listed(t_ns, _MISSION, row.CTot, item)
+            case "FNCE" if row.Type in _FENCE:
+                size = (row.Radius or float(row.Count), 0.0, 0.0, 0.0)
+                where = (_RELATIVE, size, row.Lat, row.Lng, 0.0)
+                item = MissionItem(row.Seq, _FENCE[row.Type], *where)
+                self._listed(t_ns, mav.MAV_MISSION_TYPE_FENCE, row.Tot, item)
+            case "RALY":
+                where = (_RELATIVE, (0.0,) * 4, row.Lat, row.Lng, row.Alt)
+                item = MissionItem(row.Seq, mav.MAV_CMD_NAV_RALLY_POINT, *where)
+                self._listed(t_ns, mav.MAV_MISSION_TYPE_RALLY, row.Tot, item)
             case "MISE":
                 found.heads_for(t_ns, int(row.CNum))
             case "GPS" if row.Status >= _FIX_3D and getattr(row, "I", 0) == 0:
@@ -90,8 +112,6 @@ class _Reader:
                 found.event(t_ns, "failsafe", f"failsafe: {_FAILSAFES[row.Subsys]}", severity=4)
             case "EV" if row.Id in (_ARMED, _DISARMED):
                 found.event(t_ns, "armed", "armed" if row.Id == _ARMED else "disarmed")
-            case _ if kind in _COUNTED:
-                found.skipped[_COUNTED[kind]] += 1
 
     def _text(self, t_ns: int, text: str) -> None:
         vehicle = next((name for name in _VEHICLES if text.startswith(f"{name} ")), None)
@@ -100,23 +120,18 @@ class _Reader:
                 f"{self.found.path}: the log of {vehicle}: only multicopters' are compared"
             )
         if text == "New mission":
-            self._items, self._whole = {}, False
+            self._lists.pop(_MISSION, None)
         self.found.event(t_ns, "status", text)
 
-    def _command(self, t_ns: int, row: Any) -> None:
-        """A row of the mission as it was uploaded; versions before MISE write items carried out as
-        such rows, too."""
-        seq, total = int(row.CNum), int(row.CTot)
-        if seq == 0 and self._whole:
-            self._items, self._whole = {}, False
-        if self._whole:
-            self.found.heads_for(t_ns, seq)
+    def _listed(self, t_ns: int, kind: int, total: int, item: MissionItem) -> None:
+        """A row of a list of a MAV_MISSION_TYPE as it was uploaded; versions before MISE write what
+        is carried out as such rows, too."""
+        items = self._lists.setdefault(kind, {})
+        if item.seq and len(items) == total:
+            self.found.heads_for(t_ns, item.seq)
             return
-        params = (row.Prm1, row.Prm2, row.Prm3, row.Prm4)
-        frame = int(getattr(row, "Frame", mav.MAV_FRAME_GLOBAL_RELATIVE_ALT))
-        # Number 0 is home, not an item.
-        command = int(row.CId) if seq else 0
-        self._items[seq] = MissionItem(seq, command, frame, params, row.Lat, row.Lng, row.Alt)
-        if len(self._items) == total and total > 1:
-            self.found.took(t_ns, self._items)
-            self._whole = True
+        if item.seq == 0:
+            items.clear()
+        items[item.seq] = item
+        if len(items) == total > (kind == _MISSION):  # whose number 0 is home, not an item
+            self.found.took(t_ns, items, kind)

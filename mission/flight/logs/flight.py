@@ -67,11 +67,17 @@ class Found:
         if not self.current or self.current[-1][1] != seq:
             self.current.append((t_ns, seq))
 
-    def took(self, t_ns: int, items: Mapping[int, MissionItem]) -> None:
-        """Note a mission that was uploaded, by number; one that says the same again is none."""
-        ordered = [items[seq] for seq in sorted(items)]
-        record = record_of(t_ns, mav.MAV_MISSION_TYPE_MISSION, ordered)
-        if not self.missions or self.missions[-1].items != record.items:
+    def took(
+        self,
+        t_ns: int,
+        items: Mapping[int, MissionItem],
+        kind: int = mav.MAV_MISSION_TYPE_MISSION,
+    ) -> None:
+        """Note a list of a MAV_MISSION_TYPE that was uploaded, by number; one that says the same
+        again is none."""
+        record = record_of(t_ns, kind, [items[seq] for seq in sorted(items)])
+        before = [mission.items for mission in self.missions if mission.kind == record.kind]
+        if before[-1:] != [record.items]:
             self.missions.append(record)
 
     def flight(self) -> FlightData:

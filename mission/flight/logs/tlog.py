@@ -11,6 +11,7 @@ from pymavlink.mavutil import interpret_px4_mode, mode_mapping_acm
 from mission.base.errors import InputError
 from mission.base.user_files import read_bytes
 from mission.flight.logs.flight import MOST_BYTES, Found
+from mission.flight.logs.items import KINDS
 from mission.log.values import FlightData
 from sitl.autopilot.codec.orders import MissionItem, read_item
 from sitl.firmware.relay import packets
@@ -86,8 +87,8 @@ class _Reader:
         self._found = found
         self._system: int | None = None
         self._ardupilot = False
-        self._items: dict[int, MissionItem] = {}
-        self._count = 0
+        # By MAV_MISSION_TYPE: how many are being transferred, and those that were.
+        self._lists: dict[int, tuple[int, dict[int, MissionItem]]] = {}
         self.clock: list[tuple[int, int]] = []  # the recorder's (us), the vehicle's (ms)
         self.later: list[tuple[int, Any]] = []
 
@@ -144,16 +145,17 @@ class _Reader:
                 found.battery.append((t_ns, volts, amperes, float("nan"), left))
             case "WIND_COV":
                 found.wind.append((t_ns, message.wind_y, message.wind_x))
-            case "MISSION_COUNT" if message.mission_type == mav.MAV_MISSION_TYPE_MISSION:
-                self._items, self._count = {}, message.count
-            case "MISSION_ITEM" | "MISSION_ITEM_INT" if message.mission_type == 0:
+            case "MISSION_COUNT" if message.mission_type in KINDS:
+                self._lists[message.mission_type] = message.count, {}
+            case "MISSION_ITEM" | "MISSION_ITEM_INT" if message.mission_type in self._lists:
                 self._item(t_ns, message)
 
     def _item(self, t_ns: int, message: Any) -> None:
-        item = read_item(message)
-        if self._ardupilot and item.seq == 0:  # home, not an item
-            item = MissionItem(0, 0, item.frame, item.params, item.x, item.y, item.z)
-        self._items[item.seq] = item
-        if len(self._items) == self._count:
-            self._found.took(t_ns, self._items)  # a download says it again
-            self._items, self._count = {}, 0
+        item, kind = read_item(message), message.mission_type
+        if self._ardupilot and item.seq == 0 and kind == mav.MAV_MISSION_TYPE_MISSION:
+            item = MissionItem(0, 0, item.frame, item.params, item.x, item.y, item.z)  # home
+        count, items = self._lists[kind]
+        items[item.seq] = item
+        if len(items) == count:
+            self._found.took(t_ns, items, kind)  # a download says it again
+            del self._lists[kind]

@@ -41,7 +41,7 @@ COMMANDS = {  # of position_setpoint.type
 }
 MISSIONS = "aerofed_missions"  # what a ULog of ours holds more
 _LOG_LEVEL = ord("0")  # of a message: a digit
-_SAME = (1e-7, 1e-7, 0.05)  # degrees, metres
+_MSL = mav.MAV_FRAME_GLOBAL
 _FIX_3D = 3
 _HEADER = 16  # bytes before the first message, which begins with its length and kind: 3 bytes
 
@@ -170,7 +170,7 @@ def _heading_for(found: Found, topics: dict[str, Columns]) -> None:
     told = list(_rows(result, "seq_current", "finished", known))
     for t, seq, *_ in told:
         found.heads_for(int(t), int(seq))
-    if found.missions:
+    if found.missions or not told:
         return
     missions: dict[float, dict[int, MissionItem]] = {}
     since: dict[float, int] = {}
@@ -180,19 +180,11 @@ def _heading_for(found: Found, topics: dict[str, Columns]) -> None:
         mode = found.modes[max(bisect(modes, t) - 1, 0)][1] if modes else ""
         if not valid or mode != "MISSION" or int(kind) not in COMMANDS:
             continue
-        place = (lat, lon, float(alt))
-        _, current, finished, mission = told[max(bisect(at, t) - 1, 0)] if told else (0, -1, 0, 0)
-        items = missions.setdefault(mission, {})
-        seq = int(current) if told else len(items)
-        if not told:
-            last = (items[seq - 1].x, items[seq - 1].y, items[seq - 1].z) if items else ()
-            if last and (np.abs(np.subtract(last, place)) < _SAME).all():
-                continue
-            found.heads_for(int(t), seq)
+        _, seq, finished, mission = told[max(bisect(at, t) - 1, 0)]
         if not finished:  # then it hovers where it is
             since.setdefault(mission, int(t))
-            command = COMMANDS[int(kind)]
-            items[seq] = MissionItem(seq, command, mav.MAV_FRAME_GLOBAL, (0.0,) * 4, *place)
+            items, command, frame = missions.setdefault(mission, {}), COMMANDS[int(kind)], _MSL
+            items[int(seq)] = MissionItem(int(seq), command, frame, (0.0,) * 4, lat, lon, alt)
     for mission, t_ns in since.items():
         items = missions[mission]
         found.took(t_ns, {n: items.get(n, _open(n)) for n in range(max(items) + 1)})

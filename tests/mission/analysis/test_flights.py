@@ -104,13 +104,17 @@ def test_a_log_of_the_vehicle_alone_holds_its_missions_and_setpoints(tmp_path: P
         )
         desk.fly(seconds=1)
 
-    data = read_log(flown(tmp_path, plain(), replace_and_steer))
+    log = flown(tmp_path, plain(), replace_and_steer)
+    data = read_log(log)
     kinds = [(record.kind, len(record.items)) for record in data.missions]
     assert kinds == [("mission", 6), ("mission", 3), ("fence", 1)]
     first, second, fence = data.missions
     assert first.t_ns == data.truth.t_ns[0] or first.t_ns < data.truth.t_ns[0]
     assert second.t_ns == pytest.approx(first.t_ns + 20e9, abs=0.2e9)
     assert fence.items[0][3] == 900.0
+    (zone,) = load_run(log).data.fence
+    away_m = np.linalg.norm(zone.outline_m - data.area.home_m, axis=1)
+    np.testing.assert_allclose(away_m, 900.0, atol=0.1)
     (setpoint,) = data.setpoints
     assert setpoint.message == "SET_POSITION_TARGET_LOCAL_NED"
     assert setpoint.values[3] == 1.5

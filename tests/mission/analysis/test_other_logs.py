@@ -48,13 +48,25 @@ def test_one_flight_in_three_logs_is_one_comparison(tmp_path: Path) -> None:
 
 
 def test_what_px4_adds_to_a_mission_is_no_item(tmp_path: Path) -> None:
-    plain, numbered = (
-        compared(write_ulog(tmp_path / f"{number}.ulg", numbered=number))
-        for number in (False, True)
-    )
-    assert numbered.legs == plain.legs
-    assert [leg.item for leg in numbered.legs] == [0, 1, 2, 3]
-    assert (numbered.total.slots, numbered.total.slots_missed) == (len(CORNERS), 0)
+    found = compared(write_ulog(tmp_path / "x.ulg"))
+    assert [leg.item for leg in found.legs] == [0, 1, 2, 3]
+    assert found.total.corner_cut_max_m < 0.05
+    assert found.total.slots == len(CORNERS)
+
+
+@pytest.mark.parametrize("end", [".bin", ".tlog"])
+def test_a_fence_and_rally_points_are_those_that_were_uploaded(tmp_path: Path, end: str) -> None:
+    data = compared(KINDS[end](tmp_path / f"x{end}")).run.data
+    around, about = data.fence
+    assert (around.keep_in, about.keep_in) == (True, False)
+    home = np.array(data.area.home_m)
+    corners = home + 300.0 * np.array([[-1, -1], [-1, 1], [1, 1], [1, -1]])
+    np.testing.assert_allclose(around.outline_m, corners, atol=0.02)
+    np.testing.assert_allclose(np.linalg.norm(about.outline_m - home, axis=1), 12.5, atol=0.02)
+    assert data.planned is not None
+    np.testing.assert_allclose(data.planned.rally_m, [[*corners[0], 20.0]], atol=0.02)
+    assert [mission.kind for mission in data.missions] == ["mission", "fence", "rally"]
+    assert not data.source.skipped
 
 
 @pytest.mark.parametrize("end", KINDS)

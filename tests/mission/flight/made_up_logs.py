@@ -77,17 +77,20 @@ def places() -> list[tuple[int, float, float]]:
     return found
 
 
-def write_ulog(
-    path: Path,
-    *,
-    kind: int = 1,
-    off_m: float = 0.0,
-    returns: bool = False,
-    numbered: bool = False,
-) -> Path:
+def around() -> list[tuple[int, int]]:
+    """Corners of a fence, in 1e-7 degrees: 300 m from home to the south, west, north and east."""
+    frame = LocalFrame(HOME)
+    corners = (
+        np.array([300.0 * n, 300.0 * e, 0.0]) for n, e in ((-1, -1), (1, -1), (1, 1), (-1, 1))
+    )
+    return [
+        (round(at.lat_deg * 1e7), round(at.lon_deg * 1e7)) for at in map(frame.to_geodetic, corners)
+    ]
+
+
+def write_ulog(path: Path, *, kind: int = 1, off_m: float = 0.0, returns: bool = False) -> Path:
     """As PX4 writes it: what it headed for, not the mission. It takes off where it stands, on its
-    way to item 0, and hovers where it is after the last one, which only a log that is `numbered`
-    tells from items."""
+    way to item 0, and hovers where it is after the last one."""
     setpoint = "bool current.valid;uint8_t current.type;double current.lat;double current.lon;float current.alt"  # noqa: E501
     topics = {
         "vehicle_global_position": ("double lat;double lon;float alt", "<Qddf"),
@@ -123,14 +126,11 @@ def write_ulog(
         if s.mission and s.toward != toward:
             toward = s.toward
             _, lat, lon = places()[toward]
-            kind_of = 3 if toward == 0 else 0
-            if numbered:
-                data("mission_result", s.t_s, 7, toward, False)
-            if numbered and toward == 0:
+            data("mission_result", s.t_s, 7, toward, False)
+            if toward == 0:
                 data("position_setpoint_triplet", s.t_s, True, 3, lat + 1e-5, lon, up_m)
-                kind_of = 0
-            data("position_setpoint_triplet", s.t_s, True, kind_of, lat, lon, up_m)
-        elif numbered and s.t_s > 60.0 and toward == 3:
+            data("position_setpoint_triplet", s.t_s, True, 0, lat, lon, up_m)
+        elif s.t_s > 60.0 and toward == 3:
             toward = 4
             data("mission_result", s.t_s, 7, 3, True)
             data("position_setpoint_triplet", s.t_s, True, 2, lat + 1e-5, lon, up_m)
@@ -147,8 +147,20 @@ _FORMATS = {
     "MSG": (4, "QZ", "TimeUS,Message"),
     "CMD": (5, "QHHHffffLLfB", "TimeUS,CTot,CNum,CId,Prm1,Prm2,Prm3,Prm4,Lat,Lng,Alt,Frame"),
     "MISE": (6, "QHH", "TimeUS,CTot,CNum"),
+    "FNCE": (7, "QBBBLLBf", "TimeUS,Tot,Seq,Type,Lat,Lng,Count,Radius"),
+    "RALY": (8, "QBBLLhB", "TimeUS,Tot,Seq,Lat,Lng,Alt,Flags"),
 }
-_PACKED = {"Q": "Q", "L": "i", "f": "f", "B": "B", "H": "H", "Z": "64s", "n": "4s", "N": "16s"}
+_PACKED = {
+    "Q": "Q",
+    "L": "i",
+    "f": "f",
+    "B": "B",
+    "H": "H",
+    "h": "h",
+    "Z": "64s",
+    "n": "4s",
+    "N": "16s",
+}
 
 
 def write_dataflash(
@@ -176,6 +188,13 @@ def write_dataflash(
         row("CMD", 1000, total, index + 1, command, 0, 0, 0, 0, *where)
     if returns:
         row("CMD", 1000, total, 5, 20, 0, 0, 0, 0, 0, 0, 0, 0)
+    fence = around()
+    row("FNCE", 1000, len(fence) + 2, 0, 95, lat, lon, 0, 0)  # to return to
+    for index, (at_lat, at_lon) in enumerate(fence):
+        row("FNCE", 1000, len(fence) + 2, index + 1, 98, at_lat, at_lon, len(fence), 0)
+    row("FNCE", 1000, len(fence) + 2, len(fence) + 1, 93, lat, lon, 0, 12.5)
+    for at_us in (1000, 9000):
+        row("RALY", at_us, 1, 0, *fence[0], 20, 0)
     mission, toward = None, -1
     for s in samples(off_m=off_m, returns=returns):
         t_us = round(s.t_s * 1e6)
@@ -213,6 +232,14 @@ def write_tlog(
         at = round(lat * 1e7), round(lon * 1e7), HEIGHT_M
         told(0.1, mav.MAVLink_mission_item_int_message(
             1, 1, seq, 3, command, 0, 1, 0, 0, 0, 0, *at, 0), station)  # fmt: skip
+    fence, (lat, lon, _) = around(), home
+    drawn = [(5001, len(fence), *corner) for corner in fence] + [(5004, 12.5, lat, lon)]
+    for kind_of, rows in ((1, drawn), (2, [(5100, 0, *fence[0])])):
+        told(0.2, mav.MAVLink_mission_count_message(1, 1, len(rows), kind_of), station)
+        for seq, (command, size, x, y) in enumerate(rows):
+            told(0.2, mav.MAVLink_mission_item_int_message(
+                1, 1, seq, 3, command, 0, 1, size, 0, 0, 0, x, y, 20, kind_of
+            ), station)  # fmt: skip
     mission, toward = False, -1
     for s in samples(off_m=off_m, returns=returns):
         if s.mission != mission:
