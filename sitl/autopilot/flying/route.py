@@ -192,6 +192,9 @@ class _Compiler:
             case mav.MAV_CMD_NAV_LOITER_TIME:
                 self._go(self._place(item), item.seq, acceptance_m=math.nan, report=False)
                 self._then(Wait(_positive(item.params[0]), item.seq, reports=True))
+            case mav.MAV_CMD_NAV_LOITER_TO_ALT:
+                self._go(self._place(item), item.seq, acceptance_m=math.nan)
+                self.close()  # where it stands at the altitude
             case mav.MAV_CMD_NAV_LOITER_TURNS:
                 self._circle(item)
             case mav.MAV_CMD_NAV_LOITER_UNLIM:

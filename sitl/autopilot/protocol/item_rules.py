@@ -87,6 +87,7 @@ _MISSION: Mapping[int, _Rule] = {
     ),
     mav.MAV_CMD_NAV_LOITER_UNLIM: _LOITER,
     mav.MAV_CMD_NAV_LOITER_TIME: _LOITER,
+    mav.MAV_CMD_NAV_LOITER_TO_ALT: _Rule(ground=True, height=True),
     mav.MAV_CMD_NAV_LOITER_TURNS: _Rule(
         ((ranges.TURNS,), (), _RADIUS), optional=True, ground=True, height=True
     ),

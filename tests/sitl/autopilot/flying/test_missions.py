@@ -101,6 +101,20 @@ def test_hold_times_stop_and_wait_in_simulated_time() -> None:
     assert seconds == pytest.approx([5.0, 5 + 4 + 5 + 3, 19.0, 24.0], abs=0.1)
 
 
+@pytest.mark.parametrize("height_m", [45.0, 18.0])
+def test_loiter_to_altitude_stands_there_before_it_goes_on(height_m: float) -> None:
+    desk = Desk()
+    desk.take_off(30.0)
+    to_alt = item(0, mav.MAV_CMD_NAV_LOITER_TO_ALT, north=50.0, height=height_m)
+    assert desk.upload([to_alt, item(1, WAYPOINT, north=80.0, height=height_m)]) == ACCEPTED
+    start(desk)
+    desk.fly()
+    points = [path.points_ned_m[-1] for path in desk.mass.paths[-2:]]
+    np.testing.assert_allclose(points, [[50, 0, -height_m], [80, 0, -height_m]], atol=0.02)
+    there, _ = desk.recorder.of_kind("reached")
+    assert there.belief.pos_ned_m == pytest.approx([50.0, 0.0, -height_m], abs=0.25)
+
+
 def test_a_mission_from_the_ground_climbs_straight_up_first() -> None:
     desk = Desk()
     desk.upload([item(0, WAYPOINT, north=50.0, height=20.0)])
