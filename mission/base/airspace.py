@@ -291,3 +291,15 @@ def _offset_corners(ring_m: Floats, margin_m: float, *, inner: bool) -> Floats:
             ray = np.array([math.cos(angle), math.sin(angle)])
             points.append(corner + margin_m / math.cos(half) * ray)
     return np.array(points).reshape(-1, 2)
+
+
+def thin(points: Floats, tolerance: float) -> Floats:
+    """Points of a path (n, 2), enough for the others to lie within `tolerance`; without those that
+    have a NaN."""
+    import shapely
+
+    points = points[~np.isnan(points).any(axis=1)]
+    if len(points) < 2:
+        return points
+    line = shapely.simplify(shapely.linestrings(points), tolerance, preserve_topology=False)
+    return np.asarray(shapely.get_coordinates(line))

@@ -7,10 +7,10 @@ import altair as alt
 import numpy as np
 
 from mission.analysis.compare import RunComparison
+from mission.base.airspace import thin
 from mission.base.arrays import Floats, Ints
 from mission.base.palette import community_colour
 from mission.figures.charts import Series, finished, line_chart
-from mission.figures.frame import thin
 from mission.figures.style import BAD, COOL, GOOD, GRID, WARM, Chart, table
 from mission.log.values import FlightData, InnovationTrack, WindTrack
 

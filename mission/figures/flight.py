@@ -7,10 +7,10 @@ import numpy as np
 
 from mission.analysis.compare import RunComparison
 from mission.analysis.spikes import events, spikes
+from mission.base.airspace import thin
 from mission.base.arrays import Floats
 from mission.base.palette import community_colour
 from mission.figures.charts import Series, finished, line_chart
-from mission.figures.frame import thin
 from mission.figures.render import stacked
 from mission.figures.style import BAD, COOL, FLOWN, GOOD, PLANNED, Chart, line_keys, named, table
 from mission.log.values import NS_PER_S
@@ -106,7 +106,8 @@ def timeline_chart(flight: RunComparison, *, alone: bool) -> Chart:
         alt.Chart(lines).mark_line(strokeWidth=1.6).encode(x=x, y=y, color=colour),
         alt.Chart(tops).mark_point(color=BAD, filled=True, size=50).encode(x=x, y=y, tooltip=told),
     ]
-    note = "dashed: something happened; points: spikes, which say what happened then"
+    shown = (("dashed: something happened", happened), ("points: spikes, and why", peaks))
+    note = "; ".join(words for words, there in shown if there)
     title = "Time line" if alone else f"Time line of {flight.run.about}"
     return finished(layers, title=title, note=note)
 

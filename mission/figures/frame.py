@@ -7,6 +7,7 @@ import altair as alt
 import numpy as np
 
 from mission.analysis.load import flown
+from mission.base.airspace import thin
 from mission.base.arrays import Floats
 from mission.figures.style import (
     BAND,
@@ -31,7 +32,7 @@ Lines: TypeAlias = list[tuple[str, int, Floats]]  # kind, round (0: of all), poi
 _STANDING_M = 3.0  # that a position may wander on the ground
 _MARGIN = 0.04  # of the extent, around it
 _FENCE_SHOWN = 2.2  # times the rest: a larger one would make that small
-TOLERANCE_M = 0.15  # what thinning may move a flown path: a tenth of a pixel
+TOLERANCE_M = 0.02  # what thinning may move a flown path: no corner of it is seen on any map
 # Colour, width and dashes of each kind of line, in the order in which they lie.
 _LINES: Mapping[str, tuple[str, float, list[int]]] = {
     "area": (GRID, 1.4, [1, 0]),
@@ -260,27 +261,3 @@ def line_table(lines: Lines) -> Rows:
         x=np.concatenate([points[:, 0] for _, _, points in lines]),
         y=np.concatenate([points[:, 1] for _, _, points in lines]),
     )
-
-
-def thin(points: Floats, tolerance: float) -> Floats:
-    """Ramer-Douglas-Peucker: points of a path, enough for the others to lie within `tolerance`;
-    without those that have a NaN."""
-    points = points[~np.isnan(points).any(axis=1)]
-    keep = np.zeros(len(points), dtype=bool)
-    keep[[0, -1]] = True
-    stack = [(0, len(points) - 1)]
-    while stack:
-        first, last = stack.pop()
-        if last - first < 2:
-            continue
-        between = points[first + 1 : last] - points[first]
-        way = points[last] - points[first]
-        square = float(way @ way)
-        share = np.clip(between @ way / square, 0.0, 1.0) if square else np.zeros(len(between))
-        away = np.linalg.norm(between - share[:, None] * way, axis=1)
-        worst = int(away.argmax())
-        if away[worst] > tolerance:
-            middle = first + 1 + worst
-            keep[middle] = True
-            stack += [(first, middle), (middle, last)]
-    return points[keep]

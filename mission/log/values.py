@@ -258,7 +258,8 @@ _XYZW, _ALONE = (*_XYZ, "w"), ("",)
 class ControlTrack:
     """What the built-in autopilot's control believed and ordered while armed, at
     `vehicle.control_rate_hz`. Axes are those of `map` and `base_link`; setpoints of position and
-    heading are NaN while there are none."""
+    heading are NaN while there are none. Under PX4 and ArduPilot there is no such topic: what their
+    control believes and orders is in their own logs, and the true attitude in `/true/pose`."""
 
     t_ns: Ints  # (n,)
     # (n, as many as names)

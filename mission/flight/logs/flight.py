@@ -28,6 +28,7 @@ from sitl.autopilot.codec.orders import MissionItem
 MOST_BYTES = 1 << 30
 _CLOSEST_NS = 20_000_000  # samples of positions that are kept
 _BACK_NS = 1_000_000_000  # a clock that goes back by more started anew
+_BOUNDS = (9e18, 90.0, 360.0, 1e6)  # of times and places that are some
 _MARGIN_M = 50.0  # around the flight, for the map
 
 
@@ -134,7 +135,7 @@ class Found:
     def _of_one_clock(self, rows: Sequence[tuple[float, ...]]) -> Floats:
         """The rows in order of time, thinned; those of a clock that started anew are refused."""
         table = _rows(rows, 4)
-        finite = np.isfinite(table).all(axis=1)
+        finite = (np.abs(table) < _BOUNDS).all(axis=1)  # and no NaN
         finite &= (np.abs(table[:, 1]) > 1e-9) | (np.abs(table[:, 2]) > 1e-9)
         if not finite.all():
             self.skipped["position without a value"] += int((~finite).sum())

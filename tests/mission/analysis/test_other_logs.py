@@ -17,6 +17,7 @@ from mission.analysis.compare import RunComparison, compare_run
 from mission.analysis.load import load_run
 from mission.base.errors import EXIT_CODES, LIMITS_NOT_MET, LimitsNotMetError
 from mission.cli import call
+from mission.figures.flight import timeline_chart
 from mission.log.values import BatteryTrack
 
 Write = Callable[..., Path]
@@ -67,6 +68,12 @@ def test_a_fence_and_rally_points_are_those_that_were_uploaded(tmp_path: Path, e
     np.testing.assert_allclose(data.planned.rally_m, [[*corners[0], 20.0]], atol=0.02)
     assert [mission.kind for mission in data.missions] == ["mission", "fence", "rally"]
     assert not data.source.skipped
+
+
+@pytest.mark.parametrize("off_m", [0.0, 3.0])
+def test_the_time_line_names_only_what_is_on_it(tmp_path: Path, off_m: float) -> None:
+    chart = timeline_chart(compared(write_ulog(tmp_path / "x.ulg", off_m=off_m)), alone=True)
+    assert ("points: spikes" in str(chart["title"])) is (off_m > 0.0)
 
 
 @pytest.mark.parametrize("end", KINDS)

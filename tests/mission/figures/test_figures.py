@@ -23,13 +23,14 @@ from synthetic_flight import AREA, devices, fly
 from aerofed import first_problem, plan
 from mission.analysis.compare import compare_run
 from mission.analysis.load import flown, load_run
+from mission.base.airspace import thin
 from mission.base.arrays import Floats
 from mission.base.errors import AerofedError, InputError
 from mission.cli import call
 from mission.figures import render
 from mission.figures.charts import Series, line_chart, ticks
 from mission.figures.conditions import along_chart
-from mission.figures.frame import MapFrame, thin
+from mission.figures.frame import MapFrame
 from mission.figures.learning import learning_charts, radio_charts
 from mission.figures.maps import overview, round_map, round_maps
 from mission.figures.plan import plan_picture
