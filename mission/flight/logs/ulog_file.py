@@ -75,6 +75,8 @@ def ulog(
     head = [_record("B", bytes(40))]  # no flags
     head += [_record("F", f"{name}:{fields}".encode()) for name, fields in formats.items()]
     head.append(_record("I", b"\x10char[7] sys_nameAerofed"))
+    # GNSS in degrees and metres, as since PX4 1.14.
+    head.append(_record("I", b"\x18uint32_t ver_data_format" + struct.pack("<I", 2)))
     for name, text in told:
         for begin in range(0, len(text), _MOST_TEXT):
             part = text[begin : begin + _MOST_TEXT]

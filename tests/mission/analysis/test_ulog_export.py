@@ -105,6 +105,10 @@ def test_attitude_and_speed_are_those_of_the_flight(tmp_path: Path) -> None:
             np.testing.assert_allclose(local[field][written], speeds[written], atol=1e-3)
 
 
+def test_flight_review_takes_its_positions_for_degrees_and_metres(exported: Path) -> None:
+    assert ULog(str(exported)).msg_info_dict["ver_data_format"] >= 2
+
+
 def test_pyulog_writes_the_same_again(exported: Path) -> None:
     first, copy = ULog(str(exported)), io.BytesIO()
     first.write_ulog(copy)
