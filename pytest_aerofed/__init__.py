@@ -52,6 +52,30 @@ def vehicles(
         yield made
 
 
+@pytest.fixture
+def px4(vehicles: "Callable[..., list[SimulatedVehicle]]") -> "SimulatedVehicle":
+    """As `vehicle`, flown by the PX4 that AEROFED_PX4 names; without one the test is skipped."""
+    return _of_firmware(vehicles, "px4")
+
+
+@pytest.fixture
+def arducopter(vehicles: "Callable[..., list[SimulatedVehicle]]") -> "SimulatedVehicle":
+    """As `vehicle`, flown by the ArduCopter that AEROFED_ARDUCOPTER names; else skipped."""
+    return _of_firmware(vehicles, "arducopter")
+
+
+def _of_firmware(
+    vehicles: "Callable[..., list[SimulatedVehicle]]", firmware: str
+) -> "SimulatedVehicle":
+    from mission.api.vehicles import NoFirmwareError
+
+    try:
+        (one,) = vehicles(1, firmware=firmware)
+    except NoFirmwareError as error:
+        pytest.skip(str(error))
+    return one
+
+
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_makereport(
     item: pytest.Item,

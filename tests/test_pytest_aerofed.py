@@ -1,5 +1,6 @@
 """The fixtures that others' tests use, in a pytest of their own."""
 
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -10,13 +11,14 @@ from patience import HANG_S
 SURVEY = Path(__file__).parents[1] / "examples" / "survey.plan"
 
 
-def ran(folder: Path, tests: str, *options: str) -> tuple[int, str]:
-    """Exit code and words of pytest on these tests."""
+def ran(folder: Path, tests: str, *options: str, **env: str) -> tuple[int, str]:
+    """Exit code and words of pytest on these tests, with more in the environment."""
     (folder / "test_flights.py").write_text(tests)
     command = [sys.executable, *options, "-m", "pytest", "-q", "--basetemp", str(folder / "kept")]
     ended = subprocess.run(
-        command, cwd=folder, capture_output=True, text=True, timeout=HANG_S, check=False
-    )
+        command, cwd=folder, capture_output=True, text=True, timeout=HANG_S, check=False,
+        env={**os.environ, **env},
+    )  # fmt: skip
     return ended.returncode, ended.stdout + ended.stderr
 
 
@@ -63,3 +65,49 @@ def test_imports():
 """,
     )
     assert code == 0, words
+
+
+@pytest.mark.slow
+def test_without_a_firmware_its_tests_are_skipped_with_the_reason(tmp_path: Path) -> None:
+    code, words = ran(
+        tmp_path,
+        "def test_px4(px4): ...\ndef test_arducopter(arducopter): ...\n",
+        AEROFED_PX4="",
+        AEROFED_ARDUCOPTER="",
+        PYTEST_ADDOPTS="-rs",
+    )
+    assert code == 0, words
+    assert "2 skipped" in words
+    for name, variable in (("px4", "AEROFED_PX4"), ("arducopter", "AEROFED_ARDUCOPTER")):
+        assert f"firmware = '{name}': {variable} names no binary" in words
+
+
+@pytest.mark.slow
+def test_a_binary_that_is_not_there_is_no_reason_to_skip(tmp_path: Path) -> None:
+    code, words = ran(tmp_path, "def test_px4(px4): ...", AEROFED_PX4="nowhere/px4")
+    assert code == 1, words
+    assert "nowhere/px4: no such file" in words
+
+
+@pytest.mark.real
+@pytest.mark.parametrize("fixture", ["px4", "arducopter"])
+def test_a_real_firmware_flies_in_a_fixture(tmp_path: Path, fixture: str) -> None:
+    variable = f"AEROFED_{fixture.upper()}"
+    if not os.environ.get(variable):
+        pytest.skip(f"needs a real binary in {variable}")
+    code, words = ran(
+        tmp_path,
+        f"""
+import pytest
+
+@pytest.mark.aerofed(wind_mps=3, home={str(SURVEY)!r})
+def test_a_survey({fixture}):
+    {fixture}.fly({str(SURVEY)!r})
+    {fixture}.compare().check(straight_max_m=3)
+    {fixture}.compare({str(SURVEY)!r}).check(straight_max_m=0.01)
+""",
+    )
+    assert code == 1, words
+    assert "straight_max_m = " in words
+    _, _, after = words.partition("flight logs")
+    assert Path(after.splitlines()[1]).is_file(), words

@@ -16,7 +16,7 @@ from mission.api.configuring import Source
 from mission.api.vehicles import vehicle_config
 from mission.base.arrays import Floats
 from mission.base.errors import FlightError, InputError
-from mission.flight.serve.hosted import enu
+from mission.flight.serve.hosts import enu
 from mission.flight.serve.vehicle import make_vehicles
 from mission.scenario.limits import guidance_of
 

@@ -1,6 +1,7 @@
 """Simulated vehicles for tests, and flights of plan files."""
 
 import math
+import os
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
@@ -14,10 +15,21 @@ if TYPE_CHECKING:
     from mission.api.simulated_vehicle import SimulatedVehicle
     from mission.base.console import RunConsole
     from mission.config.models import RunConfig
+    from mission.flight.serve.hosts import Host
     from sitl.pace import Runs
 
 Pace: TypeAlias = Literal["steps", "moving"] | float
 Home: TypeAlias = tuple[float, float, float] | Path | str
+Firmware: TypeAlias = Literal["px4", "arducopter"]
+
+_FIRMWARES = {
+    "px4": ("px4", "AEROFED_PX4"),
+    "arducopter": ("ardupilot", "AEROFED_ARDUCOPTER"),
+}
+
+
+class NoFirmwareError(InputError):
+    """No binary of a firmware is known here."""
 
 
 @contextmanager
@@ -28,6 +40,7 @@ def vehicle(
     wind_mps: float | None = None,
     seed: int | None = None,
     home: "Home | None" = None,
+    firmware: "Firmware | None" = None,
     pace: Pace = "steps",
     logs: Path | str | None = None,
 ) -> "Iterator[SimulatedVehicle]":
@@ -41,6 +54,9 @@ def vehicle(
         seed: sets the seed, of gusts and of what the sensors add.
         home: degrees north, degrees east, metres above mean sea level; or a plan file, for its
             planned home. Default: where PX4's simulators stand.
+        firmware: "px4" or "arducopter" flies it, the binary that AEROFED_PX4 or
+            AEROFED_ARDUCOPTER names; overrides of vehicle.autopilot and vehicle.firmware.path do
+            the same. Default: the built-in autopilot.
         pace: "steps": simulated time passes in `step`, `until` and `fly` only. "moving": it
             passes by itself, as fast as it can, while a manoeuvre is under way. A number: always,
             at that many times real time, for scripts that wait in wall time.
@@ -51,8 +67,9 @@ def vehicle(
         LinkLostError: no port can be had.
     """
     with vehicles(
-        1, overrides, source=source, wind_mps=wind_mps, seed=seed, home=home, pace=pace, logs=logs
-    ) as (one,):
+        1, overrides, source=source, wind_mps=wind_mps, seed=seed, home=home, firmware=firmware,
+        pace=pace, logs=logs,
+    ) as (one,):  # fmt: skip
         yield one
 
 
@@ -65,31 +82,56 @@ def vehicles(
     wind_mps: float | None = None,
     seed: int | None = None,
     home: "Home | None" = None,
+    firmware: "Firmware | None" = None,
     pace: Pace = "steps",
     logs: Path | str | None = None,
 ) -> "Iterator[list[SimulatedVehicle]]":
     """Several of them side by side, 5 m apart towards the east, with system ids 1, 2, ...
 
-    Each has a time of its own; arguments and errors are those of `vehicle`.
+    Each has a time of its own; arguments and errors are those of `vehicle`. A firmware flies one.
     """
     speed = pace if isinstance(pace, int | float) else math.inf
     if pace not in ("steps", "moving") and not 0.0 < speed <= 1000.0:
         raise InputError(
             f"pace = {pace!r}: 'steps', 'moving', or times real time: more than 0, at most 1000"
         )
+    if firmware is not None:
+        overrides = {**_firmware_keys(firmware), **(overrides or {})}
     resolved = vehicle_config(overrides, source=source, wind_mps=wind_mps, seed=seed, home=home)
     # Only now, so that wrong input is answered at once.
     from mission.api.simulated_vehicle import SimulatedVehicle
+    from mission.flight.serve.hosts import BuiltIn
     from mission.flight.serve.vehicle import make_vehicles
 
     folder = None if logs is None else as_path(logs, "logs")
-    made = make_vehicles(resolved, count=count, udp=(), logs=folder, in_step=pace == "steps")
     runs: Runs = "ordered" if pace == "steps" else "moving" if pace == "moving" else "always"
+    hosts: list[Host]
+    if resolved.vehicle.autopilot == "built-in":
+        made = make_vehicles(resolved, count=count, udp=(), logs=folder, in_step=pace == "steps")
+        hosts = [BuiltIn(served, speed=speed, runs=runs) for served in made]
+    elif count == 1:
+        from mission.flight.serve.hosted_firmware import FirmwareHost
+
+        hosts = [FirmwareHost(resolved, logs=folder, speed=speed, runs=runs)]
+    else:
+        raise InputError(f"count = {count}: a firmware flies one vehicle")
     with ExitStack() as opened:
-        yield [
-            opened.enter_context(SimulatedVehicle(served, speed=speed, runs=runs))
-            for served in made
-        ]
+        yield [opened.enter_context(SimulatedVehicle(host)) for host in hosts]
+
+
+def _firmware_keys(firmware: Firmware) -> dict[str, object]:
+    """The keys that have a firmware fly.
+
+    Raises:
+        NoFirmwareError: no binary of it is known.
+        InputError: there is no such firmware.
+    """
+    if firmware not in _FIRMWARES:
+        raise InputError(f"firmware = {firmware!r}: must be 'px4' or 'arducopter'")
+    autopilot, variable = _FIRMWARES[firmware]
+    if not (path := os.environ.get(variable)):
+        raise NoFirmwareError(f"firmware = {firmware!r}: {variable} names no binary")
+    return {"vehicle.autopilot": autopilot, "vehicle.firmware.path": path}
 
 
 def vehicle_config(

@@ -7,12 +7,13 @@ in. Terms: ArduPilot's libraries/SITL/SIM_JSON.
 """
 
 import logging
+import select
 import socket
 
 from flightdyn.physics.atmosphere import altitude_m
 from flightdyn.plant import Plant
 from sitl.errors import FirmwareRestartedError
-from sitl.firmware.bridge import bound, give_up_soon, sensors_of
+from sitl.firmware.bridge import LOOK_S, bound, give_up_soon, sensors_of
 from sitl.firmware.native.library import (
     RESTARTED,
     Json,
@@ -89,9 +90,10 @@ class ArduPilotBridge:
 
     def rest(self) -> None:
         # It repeats itself each second while nobody answers: one of these is answered later.
-        came = json_wait(self._stepped.at)
-        self._check(came)
-        self._json.asked |= came
+        if select.select([self._json.socket], [], [], LOOK_S / 10)[0]:
+            came = json_wait(self._stepped.at)
+            self._check(came)
+            self._json.asked |= came
 
     def close(self) -> None:
         if self._socket is not None:

@@ -132,6 +132,8 @@ class FirmwareClock:
         self._may_run = threading.Event()
         self._stopped = False
         self._thread = threading.Thread(target=self._turn, name="firmware clock", daemon=True)
+        self._until_ns: float = math.inf
+        self.answers = False  # whether time goes on at wall pace while somebody is answered
         self.error: BaseException | None = None
 
     def start(self) -> None:
@@ -146,8 +148,9 @@ class FirmwareClock:
             self._thread.join()
         self._bridge.close()
 
-    def run(self) -> None:
-        """Let simulated time go on."""
+    def run(self, until_ns: float = math.inf) -> None:
+        """Let simulated time go on, up to an instant."""
+        self._until_ns = until_ns
         self._may_run.set()
 
     def rest(self) -> None:
@@ -199,7 +202,9 @@ class FirmwareClock:
         bridge, plant, run = self._bridge, self.plant, self._bridge.run
         asked_s = paced_s = heard_s = time.monotonic()
         while not self._stopped:
-            if not self._may_run.is_set():
+            answers = self.answers and time.monotonic() < self._slow_until
+            left_ns = max(0.0, self._until_ns - plant.t_ns) if self._may_run.is_set() else 0.0
+            if not left_ns and not answers:
                 bridge.rest()
                 asked_s = paced_s = heard_s = time.monotonic()
                 continue
@@ -216,7 +221,10 @@ class FirmwareClock:
                 continue
             heard_s = time.monotonic()
             speed = self._speed if asked_s >= self._slow_until else min(self._speed, 1.0)
-            if ticks := run(_MOST if math.isinf(speed) else plant.interval):
+            most = _MOST if math.isinf(speed) else plant.interval
+            if not answers and left_ns < most * plant.dt_ns:
+                most = math.ceil(left_ns / plant.dt_ns)
+            if ticks := run(most):
                 self._truth.keep_battery()
                 asked_s = time.monotonic()
                 paced_s = self._keep_pace(ticks, speed, paced_s, asked_s)

@@ -24,8 +24,19 @@ from sitl.links import Link
 Hear: TypeAlias = Callable[[str, Fields], None]
 
 HEARTBEAT = mav.MAVLINK_MSG_ID_HEARTBEAT
-# What a ground station says again and again, whatever it wants.
-CHATTER = frozenset({HEARTBEAT, mav.MAVLINK_MSG_ID_PING, mav.MAVLINK_MSG_ID_TIMESYNC})
+# What a ground station says again and again, and expects no answer to.
+CHATTER = frozenset(
+    {
+        HEARTBEAT,
+        mav.MAVLINK_MSG_ID_PING,
+        mav.MAVLINK_MSG_ID_TIMESYNC,
+        mav.MAVLINK_MSG_ID_MANUAL_CONTROL,
+        mav.MAVLINK_MSG_ID_RC_CHANNELS_OVERRIDE,
+        mav.MAVLINK_MSG_ID_SET_ATTITUDE_TARGET,
+        mav.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED,
+        mav.MAVLINK_MSG_ID_SET_POSITION_TARGET_GLOBAL_INT,
+    }
+)
 _EVENT = 410  # of the events interface, not in this dialect
 # Of these each one counts; of all others the newest.
 EACH_COUNTS = frozenset(
@@ -168,7 +179,7 @@ class Relay:
             opened.callback(self._socket.close)
             for link in self._links:
                 opened.callback(link.close)
-                link.open(self._from_stations)
+                link.open(self.take_orders)
             await opened.enter_async_context(following(self._flush_for_ever(), name="relay"))
             self._open = opened.pop_all()
         return self
@@ -217,7 +228,8 @@ class Relay:
         self._vehicle_heartbeat = packet.data
         self.to_firmware(self._station_heartbeat + self._each_second())
 
-    def _from_stations(self) -> None:
+    def take_orders(self) -> None:
+        """Hand on what ground stations have sent."""
         for link in self._links:
             for data in link.receive():
                 for packet in packets(data):
@@ -235,7 +247,7 @@ class Relay:
     async def _flush_for_ever(self) -> None:
         loop = asyncio.get_running_loop()
         while True:
-            self._from_stations()
+            self.take_orders()
             self._from_firmware()
             newest, self._newest = list(self._newest.values()), {}
             now = loop.time()

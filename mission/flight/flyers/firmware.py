@@ -161,7 +161,7 @@ class FirmwareFlyers(Flyers):
             config.vehicle,
             self.plant,
             attached.folder / FOLDER,
-            [raw_link, *station_links(config.link)],
+            [raw_link, *attached.links, *station_links(config.link)],
             mission_speed_mps=config.mission.speed_mps,
             speed=math.inf if config.link.speed == "max" else config.link.speed,
             hear=messages.hear,

@@ -19,6 +19,7 @@ from mission.flight.fence_zones import airspace_zones
 from mission.flight.flight_plan import Demand
 from mission.flight.flyers.flyer import Flyer
 from mission.log.values import Zone
+from sitl.links import Link
 from sitl.observer import VehicleObserver
 
 if TYPE_CHECKING:  # who flies nothing needs no MAVSDK
@@ -39,11 +40,12 @@ class Task:
 
 @dataclass(frozen=True)
 class Attached:
-    """Observers, folder and messages of a flight."""
+    """Observers, folder, messages and links of a flight."""
 
     observers: Sequence[VehicleObserver]
     folder: Path  # of the run
     say: Say  # hears what people should know of another autopilot than ours
+    links: tuple[Link, ...] = ()  # of clients beside those of `link.gcs`; of a firmware
 
 
 @dataclass(frozen=True)

@@ -8,25 +8,19 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, Self, TypeVar
 
-import numpy as np
 from pymavlink.dialects.v20 import common as mav
 
 from mission.base.arrays import Floats
 from mission.base.errors import AerofedError, InputError, LinkLostError
 from mission.flight.failures import of_a_vehicle
-from mission.flight.ground_stations import station_links
 from mission.flight.pilot.connection import connect
-from mission.flight.plan_file import PlanFile, read_plan_file
+from mission.flight.plan_file import read_plan_file
 from mission.flight.plan_path import placed, planned_path
-from mission.flight.serve.vehicle import Served
-from sitl.links import RawLink, UdpLink
-from sitl.observer import VehicleEvent, VehicleSample
-from sitl.pace import Runs, Simulation
+from mission.flight.serve.hosts import LOOK_S, Host, State, enu
 
 T = TypeVar("T")
 
 _GREETING_S = 10.0  # wall time in which the vehicle must have answered a new client
-_LOOK_S = 0.1  # simulated time between looks at a condition
 
 
 class NotInTimeError(AerofedError, TimeoutError):
@@ -36,26 +30,14 @@ class NotInTimeError(AerofedError, TimeoutError):
 class HostedVehicle:
     """A context manager that runs a vehicle; inside it is used from one thread.
 
-    It is heard and answered at `url` at any time. With `runs="ordered"` simulated time passes in
-    `step`, `until` and `fly` only, so that what comes out does not depend on how fast the machine
-    is: what was sent before a step is taken before it. Positions are metres: x east and y north of
-    home, height above home.
+    It is heard and answered at `url` at any time. Where its host's time is ordered, simulated time
+    passes in `step`, `until` and `fly` only, so that what comes out does not depend on how fast the
+    machine is: what was sent before a step is taken before it. Positions are metres: x east and y
+    north of home, height above home.
     """
 
-    def __init__(self, served: Served, *, speed: float, runs: Runs) -> None:
-        self._vehicle, self._logs = served.vehicle, served.logs
-        self._area, self._guidance = served.area, served.guidance
-        self._raw, self._port = RawLink(), UdpLink("udpin://127.0.0.1:0")
-        self._simulation = Simulation(
-            served.vehicle,
-            self._raw,
-            self._port,
-            *station_links(served.link, served.urls),
-            speed=speed,
-            runs=runs,
-        )
-        self._track = _Track()
-        served.vehicle.add_observer(self._track)
+    def __init__(self, host: Host) -> None:
+        self._host = host
         self._clients = ExitStack()
         self._loop = asyncio.new_event_loop()
         self._thread = threading.Thread(target=self._loop.run_forever, name="vehicle", daemon=True)
@@ -75,8 +57,6 @@ class HostedVehicle:
         except BaseException:
             self._stop()
             raise
-        while self._simulation.runs == "ordered" and self._look(lambda: self._vehicle.moving):
-            self.step(_LOOK_S)  # it starts up
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -91,8 +71,8 @@ class HostedVehicle:
             self._life.result()
         finally:
             self._stop()
-            if self._logs is not None:
-                self._logs.close()
+            if self._host.logs is not None:
+                self._host.logs.close()
 
     def _stop(self) -> None:
         self._loop.call_soon_threadsafe(self._loop.stop)
@@ -104,7 +84,7 @@ class HostedVehicle:
         self._living = asyncio.current_task()
         try:
             with of_a_vehicle():
-                async with self._simulation:
+                async with self._host.alive():
                     opened.set_result(None)
                     await self._ended.wait()
         except AerofedError as error:
@@ -137,22 +117,26 @@ class HostedVehicle:
     @property
     def url(self) -> str:
         """Where MAVSDK connects to; pymavlink has `udpout:` for `udpout://`."""
-        return f"udpout://127.0.0.1:{self._port.port}"
+        return f"udpout://127.0.0.1:{self._host.port.port}"
+
+    @property
+    def _state(self) -> State:
+        return self._look(lambda: self._host.state)
 
     @property
     def t_s(self) -> float:
         """Simulated seconds since the vehicle was switched on."""
-        return self._look(lambda: self._vehicle.t_ns) * 1e-9
+        return self._state.truth.t_ns * 1e-9
 
     @property
     def position_m(self) -> Floats:
         """(3,) where it truly is: x, y, height."""
-        return self._look(lambda: enu(self._vehicle.aircraft.truth.pos_ned_m))
+        return enu(self._state.truth.pos_ned_m)
 
     @property
     def velocity_mps(self) -> Floats:
         """(3,) how fast it truly is: east, north, up."""
-        return self._look(lambda: enu(self._vehicle.aircraft.truth.vel_ned_mps))
+        return enu(self._state.truth.vel_ned_mps)
 
     @property
     def height_m(self) -> float:
@@ -162,17 +146,18 @@ class HostedVehicle:
     @property
     def armed(self) -> bool:
         """Whether the motors may run."""
-        return self._look(lambda: self._vehicle.aircraft.armed)
+        return self._state.armed
 
     @property
     def mode(self) -> str:
-        """The flight mode, by PX4's names: "HOLD", "MISSION", "OFFBOARD" ..."""
-        return self._look(lambda: self._vehicle.autopilot.mode).name
+        """The flight mode: of the built-in autopilot by PX4's names, "HOLD", "MISSION" ..., of a
+        firmware by MAVSDK's."""
+        return self._state.mode
 
     @property
     def battery(self) -> float:
         """Charge that is left, 0 to 1."""
-        return self._look(lambda: self._vehicle.aircraft.battery.remaining)
+        return self._state.battery
 
     def step(self, seconds: float) -> None:
         """Let simulated time pass, as fast as the machine can.
@@ -183,12 +168,9 @@ class HostedVehicle:
         """
         if not 0.0 < seconds < 1e6:
             raise InputError(f"step({seconds!r}): simulated seconds, more than 0")
-        if self._simulation.runs != "ordered":
+        if self._host.runs != "ordered":
             raise InputError("step: time passes by itself here; it waits with pace='steps' only")
-        self._do(self._step(seconds))
-
-    async def _step(self, seconds: float) -> None:
-        await self._simulation.run_to(self._vehicle.t_ns + round(seconds * 1e9))
+        self._do(self._host.run_for(seconds))
 
     def until(self, met: Callable[["HostedVehicle"], object], *, timeout_s: float = 60.0) -> None:
         """Let simulated time pass until `met(vehicle)` is true; it is asked each 0.1 s.
@@ -206,7 +188,7 @@ class HostedVehicle:
                     f"{self.mode}, {'armed' if self.armed else 'disarmed'}, at x = {x:.1f} m, "
                     f"y = {y:.1f} m, height {height:.1f} m"
                 )
-            self.step(_LOOK_S)
+            self.step(LOOK_S)
 
     def fly(self, plan: Path) -> None:
         """Fly a plan file from the ground to the ground, by MAVSDK, as `aerofed fly` does.
@@ -218,19 +200,10 @@ class HostedVehicle:
         file = read_plan_file(plan)
         if self.armed:
             raise InputError(f"fly({file.path}): the vehicle is armed; a plan begins on the ground")
-        home = self._area.home
+        home, host = self._host.area.home, self._host
         file = replace(file, items=placed(file.items, home))
-        parameters = self._vehicle.autopilot.parameters
-        path = planned_path(file, home, parameters=parameters, limits=self._guidance)
-        self._do(self._fly(file, returns=path.returns))
-
-    async def _fly(self, plan: PlanFile, *, returns: bool) -> None:
-        runs, self._simulation.runs = self._simulation.runs, "moving"
-        try:
-            async with connect("raw://", raw_link=self._raw) as pilot:
-                await pilot.fly_plan(plan, returns=returns)
-        finally:
-            self._simulation.runs = runs
+        path = planned_path(file, home, parameters=host.parameters, limits=host.guidance)
+        self._do(host.fly(file, path))
 
     def mavlink(self) -> Any:
         """A pymavlink connection that has heard the vehicle; closed with it.
@@ -261,8 +234,9 @@ class HostedVehicle:
 
     @property
     def track(self) -> list[tuple[float, float, float, float]]:
-        """Seconds, x, y and height of the truth, ten times a simulated second."""
-        return self._look(lambda: list(self._track.rows))
+        """Seconds, x, y and height of the truth, ten times a simulated second; under a firmware at
+        each position that it tells."""
+        return self._look(lambda: list(self._host.track.rows))
 
     @property
     def log(self) -> Path:
@@ -271,7 +245,7 @@ class HostedVehicle:
         Raises:
             InputError: there is none, or no folder for logs.
         """
-        logs = [] if self._logs is None else self._logs.written
+        logs = [] if self._host.logs is None else self._host.logs.written
         if not logs:
             raise InputError(
                 "no flight is logged: a log goes from arming to disarming, and needs logs=FOLDER"
@@ -281,23 +255,3 @@ class HostedVehicle:
 
 async def _result(future: "asyncio.Future[T]") -> T:
     return await future
-
-
-class _Track:
-    """Keeps where the vehicle was: 10 samples a simulated second."""
-
-    def __init__(self) -> None:
-        self.rows: list[tuple[float, float, float, float]] = []
-
-    def sampled(self, sample: VehicleSample) -> None:
-        x, y, height = enu(sample.truth.pos_ned_m).tolist()
-        self.rows.append((sample.t_ns * 1e-9, x, y, height))
-
-    def happened(self, event: VehicleEvent) -> None:
-        pass
-
-
-def enu(ned: Floats) -> Floats:
-    """(3,) north, east, down -> east, north, up."""
-    north, east, down = ned
-    return np.array([east, north, -down])

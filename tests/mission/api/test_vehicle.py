@@ -3,6 +3,7 @@
 import asyncio
 import gc
 import math
+import os
 import socket
 import time
 from pathlib import Path
@@ -21,6 +22,7 @@ pytestmark = pytest.mark.slow
 
 SURVEY = Path(__file__).parents[3] / "examples" / "survey.plan"
 OFFBOARD = (mav.MAV_CMD_DO_SET_MODE, 129.0, 6.0)  # PX4's main mode
+UNDER_PX4 = {"vehicle.autopilot": "px4", "vehicle.firmware.path": "nowhere/px4"}
 ONLY_VELOCITY = 0b0000_1101_1100_0111
 
 
@@ -175,6 +177,9 @@ def test_time_passes_by_itself_at_other_paces() -> None:
         ({"home": "nowhere.plan"}, "nowhere.plan"),
         ({"wind_mps": -1.0}, "vehicle.aircraft.wind.speed_mps = -1.0"),
         ({"overrides": {"vehicle.spedd": 1}}, "vehicle.spedd"),
+        ({"firmware": "betaflight"}, "firmware = 'betaflight': must be 'px4' or 'arducopter'"),
+        ({"overrides": UNDER_PX4, "pace": "moving"}, "pace = 'moving': of a firmware time passes"),
+        ({"overrides": UNDER_PX4}, "nowhere/px4: no such file"),
     ],
 )
 def test_options_that_are_refused(options: dict[str, Any], words: str) -> None:
@@ -212,7 +217,7 @@ def test_an_aircraft_that_leaves_its_physics_ends_a_step(
     def flown() -> None:
         with aerofed.vehicle() as vehicle:
             assert {vehicle.armed for _ in range(20)} == {False}
-            monkeypatch.setattr(vehicle._vehicle, "stride", fail)
+            monkeypatch.setattr(vehicle._host.__dict__["_vehicle"], "stride", fail)
             vehicle.step(1.0)
 
     with pytest.raises(FlightError, match="left its physics"):
@@ -238,3 +243,44 @@ def test_flown_as_by_the_command(tmp_path: Path) -> None:
     run = aerofed.fly(SURVEY, {"vehicle.aircraft.wind.speed_mps": 4.0}, out=tmp_path / "flown")
     assert run.status == "finished"
     aerofed.compare(run).check(cross_track_rms_m=1.0)
+
+
+@pytest.mark.real
+@pytest.mark.parametrize("firmware", ["px4", "arducopter"])
+def test_a_real_firmware_stands_still_but_for_steps_and_answers(firmware: Any) -> None:
+    if not os.environ.get(f"AEROFED_{firmware.upper()}"):
+        pytest.skip(f"needs a real binary in AEROFED_{firmware.upper()}")
+
+    async def fly() -> None:
+        from mavsdk.asyncio.plugins.action import ActionAsync
+
+        async with vehicle.mavsdk() as system:
+            action = ActionAsync(system)
+            await action.set_takeoff_altitude(8.0)
+            await action.arm()
+            await action.takeoff()
+            vehicle.until(lambda v: v.height_m > 7.5)
+            assert vehicle.armed
+            await action.land()
+            vehicle.until(lambda v: not v.armed)
+
+    with aerofed.vehicle(firmware=firmware) as vehicle:
+        vehicle.step(1.0)
+        began_s = vehicle.t_s
+        time.sleep(1.0)
+        assert vehicle.t_s == began_s
+        vehicle.step(2.0)
+        assert vehicle.t_s - began_s == pytest.approx(2.0, abs=0.02)
+        client = vehicle.mavlink()
+        assert client.recv_match(type="HEARTBEAT", blocking=True).get_srcSystem() == 1
+        asyncio.run(fly())
+        assert vehicle.truth().height_m.max() > 7.5
+    with (
+        pytest.raises(aerofed.InputError, match="count = 2: a firmware flies one vehicle"),
+        aerofed.vehicles(2, firmware=firmware),
+    ):
+        pass
+    with aerofed.vehicle(firmware=firmware, pace=5.0) as vehicle:
+        began_s, limit = vehicle.t_s, time.monotonic() + HANG_S
+        while vehicle.t_s < began_s + 1.0:
+            assert time.monotonic() < limit

@@ -58,3 +58,21 @@ def test_telemetry_that_stops_for_good_is_an_error_and_no_hole() -> None:
     until(lambda: clock.error is not None)
     clock.stop()
     assert "no telemetry for 0.1 s: the newest is of t 2.00 s" in str(clock.error)
+
+
+def test_time_goes_as_far_as_ordered_and_beyond_only_to_answer() -> None:
+    clock = eager(patience_s=60.0)
+    for ordered_ns in (70_000_000, 72_000_000, 3_000_000_000):
+        clock.run(ordered_ns)
+        until(lambda least_ns=ordered_ns: clock.plant.t_ns >= least_ns)  # type: ignore[misc]
+        time.sleep(0.02)
+        assert clock.plant.t_ns < ordered_ns + clock.plant.dt_ns
+    clock.at_wall_pace(0.1)
+    time.sleep(0.02)
+    assert clock.plant.t_ns < ordered_ns + clock.plant.dt_ns
+    clock.answers = True
+    clock.at_wall_pace(0.1)
+    until(lambda: clock.plant.t_ns > ordered_ns + 50_000_000)
+    clock.stop()
+    assert clock.error is None
+    assert clock.plant.t_ns < ordered_ns + 500_000_000

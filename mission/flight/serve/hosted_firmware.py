@@ -1,0 +1,103 @@
+"""A real firmware on the simulated aircraft, for whoever runs a vehicle."""
+
+import asyncio
+import math
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager, nullcontext
+from pathlib import Path
+from tempfile import TemporaryDirectory, mkdtemp
+
+from pymavlink.dialects.v20 import common as mav
+
+from flightdyn.random import RandomStreams
+from mission.base.errors import InputError
+from mission.config.models import RunConfig
+from mission.flight.failures import of_settings
+from mission.flight.flight_plan import Demand
+from mission.flight.flyers.firmware import FirmwareFlyers
+from mission.flight.flyers.flyers import Attached, Task
+from mission.flight.plan_file import PlanFile
+from mission.flight.plan_path import PlannedPath
+from mission.flight.serve.flight_logs import FlightLogs
+from mission.flight.serve.hosts import Host, State
+from mission.scenario.limits import guidance_of
+from sitl.autopilot.parameters import Parameters, parameters_of
+from sitl.pace import Runs
+
+_POLL_S = 0.001  # wall time
+_ANYTHING = Demand(speed_mps=0.0, altitude_m=0.0, distance_m=0.0, acceptance_m=math.inf)
+
+
+class FirmwareHost(Host):
+    """PX4 or ArduCopter. Where time is ordered it also goes on, no faster than wall time, while a
+    client is being answered: a firmware answers in its own time."""
+
+    def __init__(self, config: RunConfig, *, logs: Path | None, speed: float, runs: Runs) -> None:
+        """`speed` times real time; as `aerofed.vehicle` has the rest.
+
+        Raises:
+            InputError: there is no such firmware, or a setting is refused.
+        """
+        if runs == "moving":
+            raise InputError(
+                "pace = 'moving': of a firmware time passes in 'steps', or at a number of times "
+                "real time"
+            )
+        area, ordered = config.area.build(), runs == "ordered"
+        recorder = None if logs is None else FlightLogs(logs, area=area)
+        super().__init__(area, guidance_of(config.vehicle), recorder, runs)
+        link = config.link.model_copy(update={"speed": "max" if ordered else speed})
+        config = config.model_copy(update={"link": link})
+        with of_settings():
+            self._parameters = parameters_of(config.vehicle)
+        self._flyers = FirmwareFlyers.of(Task(config, area, RandomStreams(config.seed), _ANYTHING))
+        self._flyers.check()
+        self._folder = logs
+
+    @asynccontextmanager
+    async def alive(self) -> AsyncIterator[None]:
+        observers = (self.track, *(() if self.logs is None else (self.logs,)))
+        said: list[str] = []  # what people are told of it is in its log, too
+        with (
+            TemporaryDirectory(prefix="aerofed-")
+            if self._folder is None
+            else nullcontext(mkdtemp(prefix="firmware-", dir=self._folder))
+        ) as home:
+            attached = Attached(observers, Path(home), said.append, (self.port,))
+            async with self._flyers.open(attached) as self._flyer:
+                clock = self._flyer.vehicle.clock
+                with clock.going():
+                    await self._flyer.ready()
+                clock.answers = self.runs == "ordered"
+                self._go_on()
+                yield
+
+    def _go_on(self) -> None:
+        if self.runs == "always":
+            self._flyer.vehicle.clock.run()
+
+    @property
+    def state(self) -> State:
+        now, flyer = self._flyer.vehicle.clock.now, self._flyer
+        return State(now.kinematics, self.track.mode, flyer.pilot.armed, now.battery.remaining)
+
+    @property
+    def parameters(self) -> Parameters:
+        return self._parameters
+
+    async def run_for(self, seconds: float) -> None:
+        vehicle = self._flyer.vehicle
+        until_ns = vehicle.plant.t_ns + round(seconds * 1e9)
+        vehicle.relay.take_orders()
+        vehicle.clock.run(until_ns)
+        while vehicle.plant.t_ns < until_ns:  # noqa: ASYNC110  in another thread
+            await asyncio.sleep(_POLL_S)
+        vehicle.clock.rest()
+
+    async def fly(self, plan: PlanFile, path: PlannedPath) -> None:
+        if self.logs is not None:
+            self.logs.took(self._flyer.t_ns, mav.MAV_MISSION_TYPE_MISSION, plan.items)
+        try:
+            await self._flyer.carry_out(plan, path, begins=lambda: None)
+        finally:
+            self._go_on()

@@ -1,0 +1,133 @@
+"""Vehicles in an event loop, for whoever runs one: who flies, and how simulated time passes."""
+
+from abc import ABC, abstractmethod
+from collections.abc import AsyncIterator
+from contextlib import AbstractAsyncContextManager, asynccontextmanager
+from typing import NamedTuple
+
+import numpy as np
+
+from flightdyn.config import LimitsConfig
+from flightdyn.state import Kinematics
+from mission.base.area import Area
+from mission.base.arrays import Floats
+from mission.flight.ground_stations import station_links
+from mission.flight.pilot.connection import connect
+from mission.flight.plan_file import PlanFile
+from mission.flight.plan_path import PlannedPath
+from mission.flight.serve.flight_logs import FlightLogs
+from mission.flight.serve.vehicle import Served
+from sitl.autopilot.parameters import Parameters
+from sitl.links import Link, RawLink, UdpLink
+from sitl.observer import VehicleEvent, VehicleSample
+from sitl.pace import Runs, Simulation
+
+LOOK_S = 0.1  # simulated time between looks at a condition
+
+
+class State(NamedTuple):
+    """What there is to see of a vehicle; truth and charge are those of the simulated world."""
+
+    truth: Kinematics
+    mode: str
+    armed: bool
+    battery: float  # charge that is left, 0 to 1
+
+
+class Host(ABC):
+    """A vehicle with a link for clients, a log and a track."""
+
+    def __init__(
+        self, area: Area, guidance: LimitsConfig, logs: FlightLogs | None, runs: Runs
+    ) -> None:
+        """Home is the area's; paths are planned with `guidance`."""
+        self.area, self.guidance, self.logs, self.runs = area, guidance, logs, runs
+        self.port = UdpLink("udpin://127.0.0.1:0")
+        self.track = Track()
+
+    @abstractmethod
+    def alive(self) -> AbstractAsyncContextManager[None]:
+        """It lives inside, ready to be armed.
+
+        Raises:
+            LinkError, AerofedError: it cannot be had, or ends by itself.
+        """
+
+    @property
+    @abstractmethod
+    def state(self) -> State:
+        """How it is now."""
+
+    @property
+    @abstractmethod
+    def parameters(self) -> Parameters:
+        """The built-in autopilot's, by which paths are planned."""
+
+    @abstractmethod
+    async def run_for(self, seconds: float) -> None:
+        """Let so much simulated time pass; what was sent before is taken before."""
+
+    @abstractmethod
+    async def fly(self, plan: PlanFile, path: PlannedPath) -> None:
+        """Carry out a plan that lies around home, from the ground to the ground."""
+
+
+class BuiltIn(Host):
+    """The built-in autopilot."""
+
+    def __init__(self, served: Served, *, speed: float, runs: Runs) -> None:
+        super().__init__(served.area, served.guidance, served.logs, runs)
+        self._vehicle, self._raw = served.vehicle, RawLink()
+        links: list[Link] = [self._raw, self.port, *station_links(served.link, served.urls)]
+        self._simulation = Simulation(served.vehicle, *links, speed=speed, runs=runs)
+        served.vehicle.add_observer(self.track)
+
+    @asynccontextmanager
+    async def alive(self) -> AsyncIterator[None]:
+        async with self._simulation:
+            while self.runs == "ordered" and self._vehicle.moving:
+                await self.run_for(LOOK_S)  # it starts up
+            yield
+
+    @property
+    def state(self) -> State:
+        aircraft, mode = self._vehicle.aircraft, self._vehicle.autopilot.mode.name
+        return State(aircraft.truth, mode, aircraft.armed, aircraft.battery.remaining)
+
+    @property
+    def parameters(self) -> Parameters:
+        return self._vehicle.autopilot.parameters
+
+    async def run_for(self, seconds: float) -> None:
+        await self._simulation.run_to(self._vehicle.t_ns + round(seconds * 1e9))
+
+    async def fly(self, plan: PlanFile, path: PlannedPath) -> None:
+        self._simulation.runs = "moving"
+        try:
+            async with connect("raw://", raw_link=self._raw) as pilot:
+                await pilot.fly_plan(plan, returns=path.returns)
+        finally:
+            self._simulation.runs = self.runs
+
+
+class Track:
+    """Keeps where a vehicle was, and the last mode that it told: each sample, ten a second of the
+    built-in autopilot."""
+
+    def __init__(self) -> None:
+        self.rows: list[tuple[float, float, float, float]] = []
+        self.mode = ""
+
+    def sampled(self, sample: VehicleSample) -> None:
+        x, y, height = enu(sample.truth.pos_ned_m).tolist()
+        self.rows.append((sample.t_ns * 1e-9, x, y, height))
+        self.mode = sample.mode
+
+    def happened(self, event: VehicleEvent) -> None:
+        pass
+
+
+def enu(ned: Floats) -> Floats:
+    """(3,) north, east, down -> east, north, up."""
+    north, east, down = ned
+    return np.array([east, north, -down])
