@@ -135,14 +135,6 @@ def leg_numbers(at_m: Floats, ends: Bools) -> Ints:
     return np.array(numbers, dtype=np.int64)
 
 
-def closest_approach(track_m: Floats, point_m: Floats) -> float:
-    """Least distance from a point to a flown track (n, 2), straight between its samples."""
-    if len(track_m) == 1:
-        return float(np.linalg.norm(track_m[0] - point_m))
-    away_m, _ = polyline.to_segments(point_m[None], track_m[:-1], track_m[1:])
-    return float(np.linalg.norm(away_m, axis=1).min())
-
-
 def _distinct(points: Floats) -> Floats:
     moved = polyline.legs(points) > 1e-6
     return points[np.concatenate(([True], moved))]

@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from mission.analysis.alignment import Alignment, closest_approach, leg_numbers, leg_of, matched
+from mission.analysis.alignment import Alignment, leg_numbers, leg_of, matched
 from mission.analysis.load import flown
+from mission.base import polyline
 from mission.base.arrays import Floats, Ints
 from mission.base.errors import InputError
 from mission.log.records import LATE, RoundRecord, UplinkRecord, flat
@@ -149,7 +150,11 @@ def _measured(
     t_s = truth.t_ns / NS_PER_S
     velocity = np.gradient(xy, t_s, axis=0) if len(t_s) > 1 else np.zeros((1, 2))
     from_corner = np.abs(fit.along_m[:, None] - fit.corners_m)
-    near = from_corner <= CORNER_M
+    near, following = from_corner <= CORNER_M, np.vstack((xy[1:], xy[-1:]))
+    reach_m = [
+        np.linalg.norm(polyline.to_segments(corner, xy[here], following[here])[0], axis=1)
+        for here, corner in zip(near.T, fit.corner_points_m, strict=True)
+    ]
     happened = [e for e in run.events if start_ns <= e.t_ns <= end_ns]
     events = Counter(e.kind for e in happened if not e.text.startswith(_FAULT_ENDS))
     gaps_s = [end_s - begin_s for begin_s, end_s in gnss_gaps(run, start_ns, end_ns)]
@@ -171,12 +176,7 @@ def _measured(
         pieces=pieces,
         leg=pieces[leg_of(fit)],
         straight=np.where(near.any(axis=1), math.nan, fit.cross_m),
-        corner_cut_m=np.array(
-            [
-                closest_approach(xy[here], corner) if here.any() else math.nan
-                for here, corner in zip(near.T, fit.corner_points_m, strict=True)
-            ]
-        ),
+        corner_cut_m=np.array([reach.min() if len(reach) else math.nan for reach in reach_m]),
         speed_mps=np.linalg.norm(velocity, axis=1),
         wind_mps=np.linalg.norm(run.wind.vel_mps[blows, :2], axis=1),
         estimate_m=np.linalg.norm(error[:, :2], axis=1),

@@ -6,7 +6,7 @@ A pass is for a flight what a round is for a run: a plan, the track that belongs
 import math
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -75,9 +75,9 @@ class Judged:
     """What of a flight was matched with its plan, and what was not, in words."""
 
     data: FlightData
-    passes: tuple[Pass, ...] = ()
-    apart: Mapping[str, float] = field(default_factory=dict)  # seconds in the air, by mode
-    left_out: Mapping[str, int] = field(default_factory=dict)  # items of no path, by command
+    passes: tuple[Pass, ...]
+    apart: Mapping[str, float]  # seconds in the air, by mode
+    left_out: Mapping[str, int]  # items of no path, by command
 
 
 def judged(path: object, data: FlightData, given: Plan | None) -> Judged:
@@ -411,10 +411,7 @@ def _passages(way: MissionPath, fit: Alignment, track: Track) -> Iterator[Passag
 def _apart(
     data: FlightData, passes: Sequence[Pass], start_ns: int, end_ns: int
 ) -> Mapping[str, float]:
-    """Seconds in the air that no pass has, by mode; not those of standing before and after."""
-    before = data.truth.between(start_ns, int(passes[0].track.t_ns[0]))
-    if len(before.t_ns) and np.ptp(before.pos_m, axis=0).max() < _STANDING_M:
-        start_ns = int(before.t_ns[-1])
+    """Seconds in the air that no pass has, by mode; not those of standing afterwards."""
     after = data.truth.between(int(passes[-1].track.t_ns[-1]), end_ns)
     if len(after.t_ns) and np.ptp(after.pos_m, axis=0).max() < _STANDING_M:
         end_ns = int(after.t_ns[0])

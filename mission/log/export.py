@@ -1,5 +1,6 @@
 """A log for other programs: as CSV or Parquet tables, as KML 2.2 (OGC 07-147r2), its files."""
 
+import itertools
 import json
 import math
 import shutil
@@ -290,20 +291,16 @@ def _feature(data: FlightData, points_m: Floats, **properties: object) -> dict[s
 
 def _pieces(data: FlightData) -> Iterable[tuple[str, Track]]:
     """The true track, cut at the starts and ends of the rounds."""
-    at = 0
+    cuts = [("", 0)]
     for record in data.rounds:
-        start = round(record.start_t_s * 1e9)
-        end = round((record.start_t_s + record.duration_s) * 1e9)
-        before = data.truth.between(at, start)
-        if len(before.t_ns) > 1:
-            yield f"to round {record.round}", before
-        piece = data.truth.between(start, end)
+        cuts.append((f"to round {record.round}", round(record.start_t_s * 1e9)))
+        end_s = record.start_t_s + record.duration_s
+        cuts.append((f"round {record.round}", round(end_s * 1e9)))
+    cuts.append(("after the last round", int(data.truth.t_ns.max(initial=0))))
+    for (_, start_ns), (name, end_ns) in itertools.pairwise(cuts):
+        piece = data.truth.between(start_ns, end_ns)
         if len(piece.t_ns) > 1:
-            yield f"round {record.round}", piece
-        at = end
-    rest = data.truth.between(at, int(data.truth.t_ns[-1]) if len(data.truth.t_ns) else 0)
-    if len(rest.t_ns) > 1:
-        yield "after the last round", rest
+            yield name, piece
 
 
 def _coordinates(data: FlightData, points_m: Floats) -> str:

@@ -28,6 +28,7 @@ from sitl.autopilot.codec.orders import MissionItem
 MOST_BYTES = 1 << 30
 _CLOSEST_NS = 20_000_000  # samples of positions that are kept
 _BACK_NS = 1_000_000_000  # a clock that goes back by more started anew
+_MISSION = mav.MAV_MISSION_TYPE_MISSION
 _BOUNDS = (9e18, 90.0, 360.0, 1e6)  # of times and places that are some
 _MARGIN_M = 50.0  # around the flight, for the map
 
@@ -68,12 +69,7 @@ class Found:
         if not self.current or self.current[-1][1] != seq:
             self.current.append((t_ns, seq))
 
-    def took(
-        self,
-        t_ns: int,
-        items: Mapping[int, MissionItem],
-        kind: int = mav.MAV_MISSION_TYPE_MISSION,
-    ) -> None:
+    def took(self, t_ns: int, items: Mapping[int, MissionItem], kind: int = _MISSION) -> None:
         """Note a list of a MAV_MISSION_TYPE that was uploaded, by number; one that says the same
         again is none."""
         record = record_of(t_ns, kind, [items[seq] for seq in sorted(items)])
@@ -100,9 +96,7 @@ class Found:
         believed_only = len(self.truth) < 2
         if not believed_only:
             at_ns, true_ned = _ned(self._of_one_clock(self.truth), home)
-            true_m = area.xyz(true_ned)
-            along = [np.interp(t_ns, at_ns, true_m[:, axis]) for axis in range(3)]
-            truth = Track(t_ns, np.column_stack(along))
+            truth = Track(at_ns, area.xyz(true_ned)).at(t_ns)
         battery, wind = _rows(self.battery, 5), _rows(self.wind, 3)
         if not wind[:, 1:].any():  # a filter that estimates none writes zeros
             wind = wind[:0]
@@ -147,11 +141,7 @@ class Found:
                 f"{self.path}: its clock goes back from {before:.1f} to {after:.1f} s: the vehicle "
                 "started anew, or two logs were joined; cut it there"
             )
-        kept, last = [], -np.inf
-        for index, t_ns in enumerate(table[:, 0].tolist()):
-            if t_ns - last >= _CLOSEST_NS - 1_000_000:
-                kept.append(index)
-                last = t_ns
+        _, kept = np.unique(np.round(table[:, 0] / _CLOSEST_NS), return_index=True)
         return table[kept]
 
 

@@ -10,6 +10,7 @@ import math
 from bisect import bisect
 from collections.abc import Iterator
 from contextlib import redirect_stderr, redirect_stdout
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -172,8 +173,7 @@ def _heading_for(found: Found, topics: dict[str, Columns]) -> None:
         found.heads_for(int(t), int(seq))
     if found.missions or not told:
         return
-    missions: dict[float, dict[int, MissionItem]] = {}
-    since: dict[float, int] = {}
+    missions: dict[float, dict[int, MissionItem]] = {row[3]: {} for row in told}
     modes, at = [t for t, _ in found.modes], [row[0] for row in told]
     names = ("current.valid", "current.type", "current.lat", "current.lon", "current.alt")
     for t, valid, kind, lat, lon, alt in _rows(topics.get("position_setpoint_triplet"), *names):
@@ -182,13 +182,11 @@ def _heading_for(found: Found, topics: dict[str, Columns]) -> None:
             continue
         _, seq, finished, mission = told[max(bisect(at, t) - 1, 0)]
         if not finished:  # then it hovers where it is
-            since.setdefault(mission, int(t))
-            items, command, frame = missions.setdefault(mission, {}), COMMANDS[int(kind)], _MSL
-            items[int(seq)] = MissionItem(int(seq), command, frame, (0.0,) * 4, lat, lon, alt)
-    for mission, t_ns in since.items():
-        items = missions[mission]
-        found.took(t_ns, {n: items.get(n, _open(n)) for n in range(max(items) + 1)})
-
-
-def _open(seq: int) -> MissionItem:
-    return MissionItem(seq, 0, mav.MAV_FRAME_MISSION, (0.0,) * 4, 0.0, 0.0, 0.0)
+            item = MissionItem(int(seq), COMMANDS[int(kind)], _MSL, (0.0,) * 4, lat, lon, alt)
+            missions[mission][int(seq)] = item
+    nowhere = MissionItem(0, 0, mav.MAV_FRAME_MISSION, (0.0,) * 4, 0.0, 0.0, 0.0)
+    for mission, items in missions.items():
+        since_ns = next(int(row[0]) for row in told if row[3] == mission)
+        numbers = range(max(items, default=-1) + 1)
+        if items:
+            found.took(since_ns, {n: items.get(n, replace(nowhere, seq=n)) for n in numbers})

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mission.analysis.alignment import align, closest_approach, leg_numbers, leg_of, matched
+from mission.analysis.alignment import align, leg_numbers, leg_of, matched
 from mission.log.values import Track
 
 
@@ -89,12 +89,6 @@ def test_never_nearer_than_the_nearest_point_of_the_path(path, track) -> None:
     assert fit.length_m == pytest.approx(sum(np.linalg.norm(b - a) for a, b in legs), abs=1e-3)
     first = align(flown[:1], waypoints)  # a single sample is free to take the nearest
     assert first.cross_m[0] <= nearest[0] + 0.26
-
-
-def test_closest_approach_lies_between_samples() -> None:
-    track = np.array([[0.0, 1.0], [10.0, 1.0]])
-    assert closest_approach(track, np.array([5.0, 4.0])) == pytest.approx(3.0)
-    assert closest_approach(track[:1], np.array([3.0, 5.0])) == pytest.approx(5.0)
 
 
 def test_a_long_flight_needs_little_memory() -> None:
