@@ -75,17 +75,24 @@ _data = App(
     help="Fetch the data sets from where they are published, and check a folder.",
     default_parameter=_PARAMETER,
 )
+_firmware = App(
+    name="firmware",
+    help="Fetch an autopilot's firmware from where its project publishes it, list what is here.",
+    default_parameter=_PARAMETER,
+)
 # By their paths, so that a command is imported when it is called.
 for _app, _names in (
     (app, "init run compare report plan link_budget sitl world fly sweep"),
     (_log, "info check recover export diff"),
     (_data, "fetch check"),
+    (_firmware, "fetch list_"),
 ):
     for _name in _names.split():
         _module = _name if _app is app else _app.name[0]
-        _app.command(f"mission.commands.{_module}:{_name}", name=_name.replace("_", "-"))
+        _app.command(f"mission.commands.{_module}:{_name}", name=_name.strip("_").replace("_", "-"))
 app.command(_log)
 app.command(_data)
+app.command(_firmware)
 
 
 @app.command
@@ -118,8 +125,13 @@ def call(tokens: Sequence[str] | None = None) -> int:
     Terminal.failure, Terminal.stream = None, sys.stdout
     try:
         given = sys.argv[1:] if tokens is None else tokens
-        if not given or given[-1] in ("--help", "-h", *_log.name, *_data.name):
-            for listing in (app, _log, _data):  # what is not imported has nothing to say there
+        if not given or given[-1] in ("--help", "-h", *_log.name, *_data.name, *_firmware.name):
+            for listing in (
+                app,
+                _log,
+                _data,
+                _firmware,
+            ):  # what is not imported has nothing to say there
                 for name in listing:
                     listing[name]
         # What code of users' own prints is none of our output, which may be JSON.

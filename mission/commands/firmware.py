@@ -1,0 +1,120 @@
+"""`aerofed firmware`: fetch a firmware from where its project publishes it, list what is here."""
+
+import hashlib
+import os
+import re
+from pathlib import Path
+from typing import Literal
+
+from mission.base.errors import InputError, LinkLostError
+from mission.base.terminal import PLAIN, Terminal
+
+_SITE = "https://firmware.ardupilot.org"
+_BUILD = "Copter/{}/SITL_x86_64_linux_gnu/arducopter"
+_SUM = ".sha256"
+
+
+def fetch(
+    firmware: Literal["arducopter"],
+    *,
+    version: str = "stable",
+    sha256: str | None = None,
+    site: str | None = None,
+    folder: Path | None = None,
+) -> int:
+    """Download ArduCopter as its project builds it for simulations, for Linux on x86-64.
+
+    A version that is here already is not fetched again.
+
+    Example: aerofed firmware fetch arducopter --version 4.6.3
+
+    Parameters
+    ----------
+    firmware
+        arducopter. PX4 publishes no program that is known to fly on another's aircraft: build it.
+    version
+        Such as 4.6.3; stable, beta or latest for the newest of those.
+    sha256
+        Checksum that the file must have. Its project publishes none; without this, the one that the
+        first download had counts from then on.
+    site
+        Where it is published. Default: AEROFED_FIRMWARE_SITE, or the project's own server.
+    folder
+        Where to put it. Default: aerofed/firmware in XDG_CACHE_HOME, or in ~/.cache.
+    """
+    if not re.fullmatch(r"\d+(\.\d+)+|stable|beta|latest", version):
+        raise InputError(f"--version {version}: such as 4.6.3, or stable, beta, latest")
+    if sha256 is not None and not re.fullmatch(r"[0-9a-f]{64}", sha256):
+        raise InputError(f"--sha256 {sha256}: must be 64 hexadecimal digits, in small letters")
+    path = _folder(folder) / f"{firmware}-{version}" / firmware
+    wanted = sha256 or _first_sum(path)
+    if not path.is_file() or wanted not in (None, _sum_of(path)):
+        _download(path, version, wanted, site or os.environ.get("AEROFED_FIRMWARE_SITE") or _SITE)
+    Terminal(**PLAIN).print(f"sha256 {_sum_of(path)}\nexport AEROFED_ARDUCOPTER={path}")
+    return 0
+
+
+def list_(*, folder: Path | None = None) -> int:
+    """List the firmware that was fetched, and whether each file is as it was then.
+
+    Example: aerofed firmware list
+
+    Parameters
+    ----------
+    folder
+        Where it is. Default: as of aerofed firmware fetch.
+    """
+    console, found = Terminal(**PLAIN), sorted(_folder(folder).glob("*/arducopter"))
+    for path in found:
+        whole = (
+            "as fetched" if _sum_of(path) == _first_sum(path) else "changed since it was fetched"
+        )
+        console.print(f"{path.parent.name}: {path}: {whole}")
+    if not found:
+        raise InputError(
+            f"{_folder(folder)}: holds no firmware; aerofed firmware fetch arducopter downloads it"
+        )
+    return 0
+
+
+def _download(path: Path, version: str, wanted: str | None, site: str) -> None:
+    """Put the file in place, and its checksum beside it.
+
+    Raises:
+        LinkLostError: it cannot be had.
+        InputError: it is no ArduCopter, or cannot be kept here.
+    """
+    from fl.data.fetch import download
+    from fl.errors import FetchError
+    from sitl.errors import FirmwareSilentError
+    from sitl.firmware.ardupilot_launch import check_arducopter
+
+    published = version if version.isalpha() else f"stable-{version}"
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        url = f"{site.rstrip('/')}/{_BUILD.format(published)}"
+        download(url, path, checksum=wanted, sum_of=_sum_of, mode=0o755)
+        check_arducopter(path)
+        path.with_suffix(_SUM).write_text(f"{_sum_of(path)}  {path.name}\n")
+    except FetchError as error:
+        raise LinkLostError(str(error)) from None
+    except FirmwareSilentError:
+        path.unlink()
+        raise InputError(f"{url}: what is there is not ArduCopter") from None
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written: {error.strerror}") from None
+
+
+def _folder(given: Path | None) -> Path:
+    cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+    return (given or cache / "aerofed" / "firmware").absolute()
+
+
+def _sum_of(path: Path) -> str:
+    return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+def _first_sum(path: Path) -> str | None:
+    """The checksum that the file had when it was fetched; None where it never was."""
+    kept = path.with_suffix(_SUM)
+    return kept.read_text().partition(" ")[0] if kept.is_file() else None
