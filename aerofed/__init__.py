@@ -17,7 +17,7 @@ from fl.data.partition import Partition, PartitionTask
 from fl.federation.algorithms import Algorithm, StaleStart, Update
 from fl.federation.rounds import RoundLearning
 from fl.radio.channel import Channel
-from fl.radio.uplink import Radio
+from fl.radio.place import Radio
 from fl.training.custom_trainer import DeviceData, Trainer, TrainingDevice
 from fl.training.local import LocalResult, LocalSettings
 from mission.api.comparing import compare

@@ -9,8 +9,9 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, field_validat
 from fl.errors import did_you_mean
 from fl.plugin_code import checked_name
 from fl.radio.channel import CHANNEL_PRESETS, DEFAULT_PRESET, Channel, constants_model
-from fl.radio.uplink import GATES
+from fl.radio.uplink import Gate
 
+RADIOS = ("channel", "buildings")
 BUILT_IN_NETWORKS = ("lenet", "mcmahan", "convnet")
 ALGORITHMS = ("fedprox", "fedavg", "fedavgm", "fedadam", "scaffold")
 WEIGHED_PARTITIONS = ("labels", "dirichlet", "iid")
@@ -48,11 +49,10 @@ class _NamedChannel(_Frozen):
     extra_gain_db: float = Field(
         0.0, ge=-100.0, le=100.0, description="added to the preset's transmit power"
     )
-    gate: Annotated[str, one_of(GATES)] = Field(
+    gate: Gate = Field(
         "average",
-        description="lose packets with the 'average' PER, draw segment and shadowing of each "
-        "('instantaneous'), or have a radio of your own give the PER, as "
-        "'package.module:factory'; plans are made with the channel in any case",
+        description="lose packets with the 'average' PER of radio.truth, or draw segment and "
+        "shadowing of each on the channel ('instantaneous')",
     )
     upload_rate_bps: Positive | None = Field(
         None,
@@ -92,6 +92,47 @@ class ChannelConfig(_Constants):
             changes["altitude_m"] = altitude_m
         changed = replace(base, **changes)
         return replace(changed, tx_power_db=changed.tx_power_db + self.extra_gain_db)
+
+
+class RadioConfig(_Frozen):
+    """What decides whether a packet arrives. Plans are made with the channel in any case."""
+
+    truth: Annotated[str, one_of(RADIOS)] = Field(
+        "channel",
+        description="the 'channel', which is an average over places; 'buildings' that stand in the "
+        "way, those of the area; or a radio of your own that gives the PER, as "
+        "'package.module:factory'",
+    )
+    environment: Literal["UMi", "UMa"] = Field(
+        "UMi",
+        description="buildings: path loss, shadowing and its correlation of 3GPP's street canyons "
+        "(UMi) or of its larger cells (UMa)",
+    )
+    carrier_hz: float = Field(2.4e9, ge=5e8, le=1e11, description="buildings: carrier frequency")
+    device_height_m: float = Field(
+        1.5, ge=0.1, le=100.0, description="buildings: of the devices' antennas above the ground"
+    )
+    shadowing: bool = Field(
+        True,
+        description="buildings: add shadowing, a normal field over the places of the aircraft that "
+        "is the same in every round",
+    )
+    indoors: Literal["entry-loss", "refused"] = Field(
+        "entry-loss",
+        description="buildings: a device within one pays the way through a wall, or is refused",
+    )
+    tx_power_dbm: float = Field(0.0, ge=-100.0, le=60.0, description="power that devices send")
+    bandwidth_hz: float = Field(1e6, ge=1.0, le=1e10, description="width of the band")
+    noise_figure_db: float = Field(7.0, ge=0.0, le=50.0, description="of the aircraft's receiver")
+    snr_threshold_db: float = Field(
+        10.0, ge=-50.0, le=60.0, description="SNR under which a packet is lost"
+    )
+    fading_db: float = Field(
+        3.0,
+        gt=0.0,
+        le=30.0,
+        description="standard deviation of the SNR about that of the place, from packet to packet",
+    )
 
 
 class ConvNetConfig(_Frozen):

@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -11,17 +10,20 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from fl.radio.uplink import deliver
+from fl.radio.place import AverageRadio, Radio
+from fl.radio.uplink import Gate, deliver
 from flightdyn.random import RandomStreams
 from mission.api.configuring import Source, config, folder
 from mission.base import polyline
+from mission.base.area import Area
 from mission.base.arrays import Bools, Floats
 from mission.base.errors import InputError
+from mission.config.models import RunConfig
 from mission.planner.evaluate import check_problem, in_time, objective, path_through
 from mission.planner.flyable import foresee_round, share_of
 from mission.planner.performance import WITHIN_ROUNDING
 from mission.planner.problem import RoundPlan, RoundProblem
-from mission.scenario.scenario import build_scenario, device_places
+from mission.scenario.scenario import build_scenario, device_places, radio_of
 
 Observation: TypeAlias = dict[str, NDArray[Any]]
 
@@ -42,7 +44,8 @@ class RoundEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
     stops, metres, time and energy that are left (1 where there is no limit).
 
     The reward is the importance of the updates that arrive, drawn as a run draws them. Its mean is
-    `expected` in the step's information, of which the sum is the value of `plan`.
+    `expected` in the step's information; where the channel decides what arrives, the sum of that is
+    the value of `plan`.
     """
 
     def __init__(
@@ -59,14 +62,16 @@ class RoundEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         Raises:
             InputError: the problem or the configuration is refused.
         """
-        self._draws, self._deliver = None, deliver
+        self._draws: tuple[RunConfig, Area] | None = None
+        self._gate: Gate = "average"
+        self._radio: Radio
         if problem is None:
             scenario = build_scenario(
                 config(source, overrides), data_dir=folder(data_dir, "data_dir")
             )
             problem, size_m = scenario.first_problem(), scenario.area.size_m
             self._draws = scenario.config, scenario.area
-            self._deliver = partial(deliver, radio=scenario.radio, gate=scenario.gate)
+            self._gate = scenario.config.channel.gate
         check_problem(problem)
         if problem.altitudes_m is not None:
             raise InputError(
@@ -112,7 +117,12 @@ class RoundEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         super().reset(seed=seed, options=options)
         if self._draws is not None:
             streams = RandomStreams(int(self.np_random.integers(2**31)))
-            self._problem = replace(self._problem, devices_m=device_places(*self._draws, streams))
+            devices_m = device_places(*self._draws, streams)
+            self._problem = replace(self._problem, devices_m=devices_m)
+            asked, area = self._draws
+            self._radio = radio_of(asked, self._problem.channel, area, devices_m, streams)
+        else:
+            self._radio = AverageRadio(self._problem.channel, self._problem.devices_m)
         problem, count = self._problem, len(self._problem.devices_m)
         self._n, self._flown_m = 0, 0.0
         self._waypoints_m = np.tile(problem.start_m, (problem.steps, 1))
@@ -127,12 +137,13 @@ class RoundEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         """Send, draw what arrives, and go on to the next stop."""
         problem, given = self._problem, np.asarray(action, dtype=np.float64)
         sends = self._send(given[2:])
-        arrivals = self._deliver(
-            problem.channel,
-            np.hypot(*(problem.devices_m - self._waypoints_m[self._n]).T),
-            height_m=np.full(len(sends), problem.channel.altitude_m),
+        here_m = (*self._waypoints_m[self._n], problem.channel.altitude_m)
+        arrivals = deliver(
+            self._radio,
+            np.tile(here_m, (len(sends), 1)),
             transmitted=sends,
             rng=self.np_random,
+            gate=self._gate,
         )
         self._heard |= arrivals.delivered
         self._n += 1

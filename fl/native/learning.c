@@ -6,6 +6,8 @@
 SIZE_OF(Network);
 SIZE_OF(Images);
 SIZE_OF(Rates);
+SIZE_OF(City);
+SIZE_OF(Field);
 SIZE_OF(Learning);
 
 EXPORTED const Learning *at_level(int level)

@@ -3,6 +3,7 @@
 #define LEARNING_H
 
 #include "channel.h"
+#include "city.h"
 #include <stdint.h>
 
 enum { MOST_BLOCKS = 8, MOST_LAYERS = 8 };
@@ -45,6 +46,12 @@ typedef struct {
     /* The average packet error rate (count,) at horizontal distances and heights. */
     int (*average_per)(const Channel *, int64_t count, const double *distance, const double *height,
                        double *per);
+    /* The gain (count,) from senders, by their numbers, to places (count, 3), and whether they see
+       each other. */
+    int (*gains)(const City *, int64_t count, const int64_t *sender, const double (*places)[3],
+                 double *gain, uint8_t *seen);
+    /* The share (count,) of the normal distribution under each value. */
+    int (*normal_shares)(int64_t count, const double *value, double *share);
 } Learning;
 
 extern const Learning learning_baseline, learning_avx2, learning_avx512;

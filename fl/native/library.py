@@ -12,6 +12,7 @@ from native.loading import address, check_sizes, functions, load
 
 MOST_BLOCKS = MOST_LAYERS = 8
 KERNELS = (3, 5)
+WAVES = 200  # of a field of shadowing
 
 _POINTER, _INT, _FLOAT = ctypes.c_void_p, ctypes.c_int64, ctypes.c_float
 
@@ -43,6 +44,21 @@ class _Functions(ctypes.Structure):
         ("train", ctypes.CFUNCTYPE(ctypes.c_int, *[_POINTER] * 3, _INT, _INT, *[_POINTER] * 5)),
         ("count_correct", ctypes.CFUNCTYPE(ctypes.c_int, *[_POINTER] * 4)),
         ("average_per", ctypes.CFUNCTYPE(ctypes.c_int, _POINTER, _INT, *[_POINTER] * 3)),
+        ("gains", ctypes.CFUNCTYPE(ctypes.c_int, _POINTER, _INT, *[_POINTER] * 4)),
+        ("normal_shares", ctypes.CFUNCTYPE(ctypes.c_int, _INT, *[_POINTER] * 2)),
+    )
+
+
+class _Field(ctypes.Structure):
+    _fields_ = tuple((name, ctypes.c_double * WAVES) for name in ("east", "north", "phase"))
+
+
+class _City(ctypes.Structure):
+    _fields_ = (
+        *((name, _POINTER) for name in ("devices", "fields")),
+        ("count", _INT),  # and what follows: `Buildings`
+        *((name, _POINTER) for name in ("walls", "first", "boxes", "roofs")),
+        *(("carrier", ctypes.c_double), ("macro", _INT)),
     )
 
 
@@ -126,7 +142,10 @@ class Images:
 
 
 _LIBRARY = load(library("learning"))
-check_sizes(_LIBRARY, Network=_Network, Images=_Images, Rates=_Rates, Learning=_Functions)
+check_sizes(
+    _LIBRARY, Network=_Network, Images=_Images, Rates=_Rates, Learning=_Functions,
+    City=_City, Field=_Field,
+)  # fmt: skip
 _FUNCTIONS = functions(_LIBRARY, _Functions)
 
 
@@ -220,3 +239,75 @@ def average_per(
         per.ctypes.data,
     )
     return per
+
+
+def normal_shares(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The share of the normal distribution under each of values (n,)."""
+    shares = np.empty(values.shape)
+    at = address(values, np.float64, values.shape)
+    _FUNCTIONS.normal_shares(values.size, at, shares.ctypes.data)
+    return shares
+
+
+class City:
+    """Devices among buildings, and the gains of paths from them; see `city.h`."""
+
+    def __init__(
+        self,
+        outlines: Sequence[Sequence[NDArray[np.float64]]],
+        roofs: NDArray[np.float64],
+        *,
+        devices: NDArray[np.float64],
+        fields: NDArray[np.float64] | None,
+        carrier_ghz: float,
+        macro: bool,
+    ) -> None:
+        """Outlines (n, 2) of each building and heights (B,) of their roofs; `devices` (K, 3);
+        `fields` (K, 2, 3, WAVES) of their shadowing.
+
+        Raises:
+            ValueError: arrays that do not fit together.
+        """
+        each = [
+            np.vstack([np.hstack((ring, np.roll(ring, -1, axis=0))) for ring in rings])
+            for rings in outlines
+        ]
+        walls, first = np.vstack([np.empty((0, 4)), *each]), np.cumsum([0, *map(len, each)])
+        boxes = np.empty((len(each), 4))
+        for box, of in zip(boxes, each, strict=True):
+            box[:2], box[2:] = of[:, :2].min(axis=0), of[:, :2].max(axis=0)
+        self._kept = devices, fields, walls, first, boxes, roofs  # C has their addresses only
+        count = len(each)
+        self._as_c = _City(
+            address(devices, np.float64, (len(devices), 3)),
+            fields if fields is None else address(fields, np.float64, (len(devices), 2, 3, WAVES)),
+            count,
+            address(walls, np.float64, (len(walls), 4)),
+            address(first, np.int64, (count + 1,)),
+            address(boxes, np.float64, (count, 4)),
+            address(roofs, np.float64, (count,)),
+            carrier_ghz,
+            macro,
+        )
+
+    def gains(
+        self, device: Indices, places: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+        """Of the paths from devices (n,) to places (n, 3), in dB, and whether these see each other.
+
+        Raises:
+            ValueError: arrays that do not fit together, or no such device.
+        """
+        count = len(device)
+        if count and not 0 <= device.min() <= device.max() < len(self._kept[0]):
+            raise ValueError(f"device must be from 0 to {len(self._kept[0]) - 1}")
+        gain, seen = np.empty(count), np.empty(count, dtype=np.bool_)
+        _FUNCTIONS.gains(
+            ctypes.byref(self._as_c),
+            count,
+            address(device, np.int64, (count,)),
+            address(places, np.float64, (count, 3)),
+            gain.ctypes.data,
+            seen.ctypes.data,
+        )
+        return gain, seen

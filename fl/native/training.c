@@ -101,4 +101,18 @@ static int average_per(const Channel *channel, int64_t count, const double *dist
     return 0;
 }
 
-const Learning NAMED(learning) = {train, count_correct, average_per};
+static int gains(const City *city, int64_t count, const int64_t *sender,
+                 const double (*places)[3], double *gain, uint8_t *seen)
+{
+    for (int64_t i = 0; i < count; i++)
+        gain[i] = gain_at(city, sender[i], places[i], seen + i);
+    return 0;
+}
+
+static int normal_shares(int64_t count, const double *value, double *share)
+{
+    for (int64_t i = 0; i < count; i++) share[i] = normal_share(value[i]);
+    return 0;
+}
+
+const Learning NAMED(learning) = {train, count_correct, average_per, gains, normal_shares};

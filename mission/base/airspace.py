@@ -6,6 +6,7 @@ here over points about the outlines' corners, at the margin from them.
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -254,6 +255,16 @@ class Airspace:
 
 
 OPEN = Airspace()
+
+
+def triangles(rings_m: Sequence[Floats]) -> Floats:
+    """(T, 3, 2) that fill the first outline (n, 2), without the others, which lie within."""
+    import shapely
+
+    area = shapely.Polygon(rings_m[0], rings_m[1:])
+    found = shapely.get_parts(shapely.constrained_delaunay_triangles(area))
+    corners: Floats = shapely.get_coordinates(found).reshape(-1, 4, 2)[:, :3]
+    return corners
 
 
 def crossing(ring_m: Floats) -> bool:

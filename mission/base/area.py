@@ -9,6 +9,7 @@ from typing import Self
 
 import numpy as np
 
+from fl.radio.city import Building
 from flightdyn.frames import LocalFrame
 from flightdyn.state import GeodeticPoint
 from mission.base.airspace import OPEN, Airspace
@@ -23,6 +24,7 @@ class Area:
     home_m: tuple[float, float]
     home: GeodeticPoint
     airspace: Airspace = field(default=OPEN, compare=False)  # where in it may be flown
+    buildings: tuple[Building, ...] = field(default=(), compare=False)
 
     @classmethod
     def around(cls, home: GeodeticPoint, pos_ned_m: Floats, *, margin_m: float) -> Self:

@@ -44,6 +44,7 @@ class Ring:
 
     where: str
     corners_deg: tuple[Pair, ...]  # latitude, longitude; the last joins the first
+    holes_deg: tuple[tuple[Pair, ...], ...]
     properties: Mapping[str, object]
 
 
@@ -64,8 +65,8 @@ def read_places(path: Path) -> tuple[Place, ...]:
     return places
 
 
-def read_rings(path: Path) -> tuple[Ring, ...]:
-    """The outlines in a GeoJSON file; a MultiPolygon is several.
+def read_rings(path: Path, *, holes: bool = False) -> tuple[Ring, ...]:
+    """The outlines in a GeoJSON file; a MultiPolygon is several. `holes`: they may have some.
 
     Raises:
         InputError: it cannot be read, or something in it is no area.
@@ -73,7 +74,7 @@ def read_rings(path: Path) -> tuple[Ring, ...]:
     rings = tuple(
         ring
         for where, kind, coordinates, properties in _features(path)
-        for ring in _rings(where, kind, coordinates, properties)
+        for ring in _rings(where, kind, coordinates, properties, holes=holes)
     )
     if not rings:
         raise InputError(f"{path}: holds no area; it must hold {_HOLDS_AREAS}")
@@ -234,26 +235,36 @@ def _position(where: str, coordinates: object) -> Pair:
 
 
 def _rings(
-    where: str, kind: object, coordinates: object, properties: Mapping[str, object]
+    where: str,
+    kind: object,
+    coordinates: object,
+    properties: Mapping[str, object],
+    *,
+    holes: bool,
 ) -> Iterator[Ring]:
     if kind not in ("Polygon", "MultiPolygon"):
         raise InputError(f"{where}: geometry is {shown(kind)}: must be 'Polygon' or 'MultiPolygon'")
     polygons = [coordinates] if kind == "Polygon" else coordinates
     for rings in polygons if isinstance(polygons, list) else [None]:
-        if not isinstance(rings, list) or not rings or not isinstance(rings[0], list):
+        if not isinstance(rings, list) or not rings or not all(isinstance(r, list) for r in rings):
             raise InputError(f"{where}: coordinates = {shown(rings)}: must be a list of rings")
-        if len(rings) > 1:
-            holes = count(len(rings) - 1, "hole")
-            raise InputError(f"{where}: has {holes}: an area must have none")
-        if len(rings[0]) > MOST_CORNERS + 1:
-            raise InputError(
-                f"{where}: a ring of {len(rings[0])} positions: an area has {MOST_CORNERS} corners "
-                "at most; simplify it"
-            )
-        corners = [_position(where, position) for position in rings[0]]
-        if len(corners) < 4 or corners[0] != corners[-1]:
-            raise InputError(
-                f"{where}: a ring of {len(corners)} positions: there must be 4 at least, the last "
-                "the same as the first"
-            )
-        yield Ring(where, tuple(corners[:-1]), properties)
+        if len(rings) > 1 and not holes:
+            found = count(len(rings) - 1, "hole")
+            raise InputError(f"{where}: has {found}: an area must have none")
+        outline, *inner = [_corners(where, ring) for ring in rings]
+        yield Ring(where, outline, tuple(inner), properties)
+
+
+def _corners(where: str, ring: list[object]) -> tuple[Pair, ...]:
+    if len(ring) > MOST_CORNERS + 1:
+        raise InputError(
+            f"{where}: a ring of {len(ring)} positions: an area has {MOST_CORNERS} corners "
+            "at most; simplify it"
+        )
+    corners = [_position(where, position) for position in ring]
+    if len(corners) < 4 or corners[0] != corners[-1]:
+        raise InputError(
+            f"{where}: a ring of {len(corners)} positions: there must be 4 at least, the last "
+            "the same as the first"
+        )
+    return tuple(corners[:-1])

@@ -27,6 +27,7 @@ _ROLES = (
 )
 LIGHT = {role: colour for role, colour, _ in _ROLES}
 DARK = {role: colour for role, _, colour in _ROLES}
+WALL, ROOF = "#8C97A3", "#BCC8D4"  # of buildings
 PLANNED, FLOWN, FENCE = LIGHT["planned"], LIGHT["flown"], LIGHT["fence"]
 
 

@@ -9,7 +9,7 @@ from mission.base.terminal import PLAIN, Terminal
 
 
 def init(
-    name: Literal["quickstart", "paper", "paper-sweep", "apart", "town"] = "quickstart",
+    name: Literal["quickstart", "paper", "paper-sweep", "apart", "town", "city"] = "quickstart",
     *,
     out: Path = Path(),
 ) -> int:

@@ -61,6 +61,7 @@ def plan_problems(
                 communities=communities,
                 size_m=None if area is None else area.size_m,
                 no_fly=() if area is None else [zone.model_dump() for zone in area.no_fly],
+                buildings=() if area is None else area.build().buildings,
             )
             for made in plans
         }

@@ -24,7 +24,14 @@ _PATHS = (
     ("vehicle", "parameter_file"),
     ("link", "signing_key"),
 )
-SHIPPED = ("quickstart", "paper", "paper-sweep", "apart", "town")  # names that stand for a file
+SHIPPED = (
+    "quickstart",
+    "paper",
+    "paper-sweep",
+    "apart",
+    "town",
+    "city",
+)  # names that stand for a file
 
 
 def builtin_config(name: str) -> Path:

@@ -17,8 +17,16 @@ from pydantic import (
     model_validator,
 )
 
-from fl.config import ChannelConfig, CommunityConfig, LearningConfig, PluginName, one_of
+from fl.config import (
+    ChannelConfig,
+    CommunityConfig,
+    LearningConfig,
+    PluginName,
+    RadioConfig,
+    one_of,
+)
 from fl.plugin_code import label_of
+from fl.radio.city import Building
 from flightdyn.state import GeodeticPoint
 from mission.base.airspace import Airspace, crossing
 from mission.base.area import Area
@@ -71,6 +79,20 @@ class NoFlyConfig(_Model):
         return self.from_m - HEIGHT_MARGIN_M < highest_m and lowest_m < top + HEIGHT_MARGIN_M
 
 
+class BuildingConfig(_Model):
+    """A building: radio does not pass it, and flights as low as its roof keep out of it."""
+
+    polygon_m: Corners = Field(description="its corners in area coordinates")
+    holes_m: tuple[Corners, ...] = Field((), description="corners of each courtyard")
+    height_m: float = Field(gt=0, le=1000, description="of its roof above home")
+
+    @model_validator(mode="after")
+    def _an_area(self) -> Self:
+        if any(crossing(np.array(ring)) for ring in (self.polygon_m, *self.holes_m)):
+            raise ValueError("its outline crosses itself, or has no area")
+        return self
+
+
 class AreaConfig(_Model):
     """The ground that the devices stand on. x points east, y north, from the south-west corner."""
 
@@ -88,6 +110,17 @@ class AreaConfig(_Model):
         None,
         description="the same as GeoJSON polygons, with properties name, from_m and to_m. Beside "
         "the configuration, or an absolute path",
+    )
+    buildings: tuple[BuildingConfig, ...] = Field(
+        (), max_length=20_000, description="what stands on the ground"
+    )
+    buildings_file: str | None = Field(
+        None,
+        description="the same as GeoJSON polygons, as OpenStreetMap exports them, with properties "
+        "height (metres) or building:levels (3 m each)",
+    )
+    building_height_m: float | None = Field(
+        None, gt=0, le=1000, description="of those that say nothing; none: the file is refused"
     )
     fence_m: Corners | None = Field(
         None, description="corners of the area that flights stay within, in area coordinates"
@@ -108,15 +141,30 @@ class AreaConfig(_Model):
             raise ValueError("fence_m crosses itself, or has no area")
         return self
 
+    @property
+    def zones(self) -> tuple[NoFlyConfig, ...]:
+        """What must not be flown: the areas that are said to be so, and the buildings."""
+        return *self.no_fly, *(
+            NoFlyConfig(
+                name=f"building {index}", polygon_m=building.polygon_m, to_m=building.height_m
+            )
+            for index, building in enumerate(self.buildings)
+        )
+
     def build(self, heights_m: tuple[float, float] | None = None) -> Area:
         """The area with its local frame, and where in it may be flown at all heights above home
         from one to another; everywhere, where nothing is flown."""
         home = GeodeticPoint(self.home_lat_deg, self.home_lon_deg, self.home_alt_msl_m)
+        buildings = tuple(
+            Building(tuple(map(np.array, (one.polygon_m, *one.holes_m))), one.height_m)
+            for one in self.buildings
+        )
         if heights_m is None:
-            return Area(self.size_m, self.home_m, home)
-        rings = [np.array(zone.polygon_m) for zone in self.no_fly if zone.counts_at(*heights_m)]
+            return Area(self.size_m, self.home_m, home, buildings=buildings)
+        rings = [np.array(zone.polygon_m) for zone in self.zones if zone.counts_at(*heights_m)]
         fence = None if self.fence_m is None else np.array(self.fence_m)
-        return Area(self.size_m, self.home_m, home, Airspace(tuple(rings), fence, self.margin_m))
+        space = Airspace(tuple(rings), fence, self.margin_m)
+        return Area(self.size_m, self.home_m, home, space, buildings)
 
 
 class MissionConfig(_Model):
@@ -324,6 +372,7 @@ class RunConfig(_Model):
     mission: MissionConfig = Field(default_factory=MissionConfig)
     planner: PlannerConfig = Field(default_factory=PlannerConfig)
     channel: ChannelConfig = Field(default_factory=ChannelConfig)
+    radio: RadioConfig = Field(default_factory=RadioConfig)
     communities: tuple[CommunityConfig, ...] = Field(min_length=1, max_length=100)
     learning: LearningConfig = Field(default_factory=LearningConfig)
     vehicle: VehicleConfig = Field(default_factory=VehicleConfig)
@@ -375,6 +424,22 @@ class RunConfig(_Model):
         names = [community.name for community in self.communities]
         if len(set(names)) < len(names):
             raise ValueError(f"community names must differ, got {names}")
+        return self
+
+    @model_validator(mode="after")
+    def _something_stands_in_the_way(self) -> Self:
+        area = self.area
+        if self.radio.truth == "buildings" and not area.buildings and area.buildings_file is None:
+            raise ValueError("radio.truth = 'buildings' needs area.buildings_file, which has them")
+        return self
+
+    @model_validator(mode="after")
+    def _drawn_on_the_channel(self) -> Self:
+        if self.channel.gate == "instantaneous" and self.radio.truth != "channel":
+            raise ValueError(
+                "channel.gate = 'instantaneous' draws packets on the channel, so it needs "
+                f"radio.truth = 'channel', not {self.radio.truth!r}"
+            )
         return self
 
     @model_validator(mode="after")

@@ -8,13 +8,12 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from fl.config import ALGORITHMS, BUILT_IN_NETWORKS, PARTITIONS, TASKS, CommunityConfig
+from fl.config import ALGORITHMS, BUILT_IN_NETWORKS, PARTITIONS, RADIOS, TASKS, CommunityConfig
 from fl.data.load import CLASSES, load, needs_files
 from fl.data.partition import check_owners
 from fl.errors import DataMissingError, SettingError
 from fl.plugin_code import digest_of, is_plugin
 from fl.plugins import needs_torch, problem_of
-from fl.radio.uplink import GATES
 from mission.base.errors import InputError
 from mission.base.explain import WrongKey
 from mission.base.user_code import errors_of_learning
@@ -56,7 +55,7 @@ def own_code(config: "RunConfig", *, told: bool = True) -> Iterator[tuple[str, s
         ("mission.strategy", config.mission.strategy, STRATEGIES),
         ("learning.algorithm", config.learning.algorithm, ALGORITHMS),
         ("learning.trainer", config.learning.trainer, ()),
-        ("channel.gate", config.channel.gate, GATES),
+        ("radio.truth", config.radio.truth, RADIOS),
         ("planner.factory", config.planner.factory, ()),
         *((f"callbacks.{index}", name, ()) for index, name in callbacks),
     ]

@@ -5,6 +5,7 @@ in area coordinates only.
 """
 
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -14,15 +15,23 @@ from fl.config import WEIGHED_PARTITIONS, CommunityConfig
 from mission.base.airspace import Airspace, crossing
 from mission.base.arrays import Floats
 from mission.base.errors import InputError
-from mission.base.explain import Blame, explained, refusal
+from mission.base.explain import Blame, explained, refusal, shown
 from mission.base.geo_file import MOST_CORNERS, Pair, Place, Ring, read_places, read_rings
 from mission.base.user_files import whole_path
-from mission.config.models import HEIGHT_MARGIN_M, AreaConfig, NoFlyConfig, RunConfig
+from mission.config.models import (
+    HEIGHT_MARGIN_M,
+    AreaConfig,
+    BuildingConfig,
+    NoFlyConfig,
+    RunConfig,
+)
 
 _MARGIN = 0.1  # around the extent of all places, as a share of its longer side
 _LEAST_MARGIN_M = 50.0
 _FAR_M = 100_000.0  # from home, at most
 _LARGEST_M = 100_000.0
+_FILES = ("area.no_fly_file", "area.buildings_file")
+_LEVEL_M = 3.0  # of a building that tells its levels only
 _HOME = ("area.home_m", "area.home_lat_deg", "area.home_lon_deg")
 
 _Found = TypeVar("_Found")
@@ -49,7 +58,7 @@ def with_world(config: RunConfig, blame: Blame) -> RunConfig:
         _placed(community, found[index], area) if index in found else community
         for index, community in enumerate(config.communities)
     )
-    area = _with_rings(area, blame)
+    area = _with_rings(area, blame, config.mission.heights_m)
     placed = config.model_copy(update={"area": area, "communities": communities})
     given = {"size_m", "home_lat_deg"} & config.area.model_fields_set
     _check_inside(placed, found, blame.source, fixed=bool(given))
@@ -71,14 +80,14 @@ def check_start(config: RunConfig) -> None:
         f"move it, or move home (area.home_m; where a GeoJSON file has it, area.home_lat_deg = "
         f"{area.home_lat_deg:.7g} and home_lon_deg = {area.home_lon_deg:.7g})"
     )
-    for index, zone in enumerate(area.no_fly):
+    for index, zone in enumerate(area.zones):
         if zone.from_m - HEIGHT_MARGIN_M >= heights_m[1]:
             continue  # overhead
         space = Airspace((np.array(zone.polygon_m),), None, area.margin_m)
         if not space.free(home)[0]:
             where = "lies inside" if not space.allows(home)[0] else _nearer(area)
             raise config.contradiction(
-                (*_HOME, f"area.no_fly.{index}", "area.no_fly_file", "area.margin_m"),
+                (*_HOME, f"area.no_fly.{index}", *_FILES, "area.margin_m"),
                 f"{start} {where} the area {zone.name!r}, which must not be flown; {way_out}",
             )
     space = area.build(heights_m).airspace
@@ -94,13 +103,19 @@ def _nearer(area: AreaConfig) -> str:
     return f"lies nearer than area.margin_m = {area.margin_m:g} m to"
 
 
-def _with_rings(area: AreaConfig, blame: Blame) -> AreaConfig:
-    """The area with the polygons of its files."""
+def _with_rings(area: AreaConfig, blame: Blame, heights_m: tuple[float, float]) -> AreaConfig:
+    """The area with the polygons of its files; flights are between two heights."""
     known: dict[str, object] = {}
     if area.no_fly_file is not None:
         rings = _rings(area, "no_fly_file", blame)
         zones = tuple(_zone(area, ring, blame) for ring in rings)
         known |= {"no_fly": (*area.no_fly, *zones), "no_fly_file": None}
+    if area.buildings_file is not None:
+        key = "area.buildings_file"
+        found = _read(partial(read_rings, holes=True), key, area.buildings_file, blame)
+        buildings = tuple(_building(area, ring, blame) for ring in found)
+        _check_beside(area, buildings, blame)
+        known |= {"buildings": (*area.buildings, *buildings), "buildings_file": None}
     if area.fence_file is not None:
         rings = _rings(area, "fence_file", blame)
         if len(rings) > 1:
@@ -111,12 +126,14 @@ def _with_rings(area: AreaConfig, blame: Blame) -> AreaConfig:
             raise InputError(f"{blame.source}: {rings[0].where}: crosses itself, or has no area")
         known |= {"fence_m": corners, "fence_file": None}
     whole = area.model_copy(update=known) if known else area
-    outlines = [*(zone.polygon_m for zone in whole.no_fly), whole.fence_m or ()]
+    tall = [zone for zone in whole.zones[len(whole.no_fly) :] if zone.counts_at(*heights_m)]
+    outlines = [*(zone.polygon_m for zone in (*whole.no_fly, *tall)), whole.fence_m or ()]
     corners_in_all = sum(map(len, outlines))
     if corners_in_all > MOST_CORNERS:
         raise InputError(
-            f"{blame.source}: area: the areas and the fence have {corners_in_all} corners; "
-            f"{MOST_CORNERS} at most, as paths are led around every one of them: simplify them"
+            f"{blame.source}: area: the areas, buildings as high as the flight and the fence have "
+            f"{corners_in_all} corners; {MOST_CORNERS} at most, as paths are led around every one "
+            "of them: simplify them"
         )
     return whole
 
@@ -142,8 +159,58 @@ def _zone(area: AreaConfig, ring: Ring, blame: Blame) -> NoFlyConfig:
         return NoFlyConfig.model_validate(values, strict=True)
 
 
+def _check_beside(area: AreaConfig, buildings: Sequence[BuildingConfig], blame: Blame) -> None:
+    """Refuse buildings of another place: none of them in the area."""
+    size = np.array(area.size_m)
+    apart = [
+        np.maximum(np.maximum(-ring.max(axis=0), ring.min(axis=0) - size), 0.0)
+        for ring in (np.array(one.polygon_m) for one in buildings)
+    ]
+    nearest = float(np.hypot(*np.array(apart).T).min())
+    if nearest > 0.0:
+        reason = (
+            f"none of its {len(buildings)} buildings stands in the area; the nearest is "
+            f"{nearest:.0f} m away. {_home(area).capitalize()} lies at area.home_m = "
+            f"{list(area.home_m)}"
+        )
+        raise InputError(refusal("area.buildings_file", area.buildings_file, reason, blame))
+
+
+def _building(area: AreaConfig, ring: Ring, blame: Blame) -> BuildingConfig:
+    told, source = ring.properties, Blame(f"{blame.source}: {ring.where}")
+    height, levels = told.get("height"), told.get("building:levels")
+    if height is None and levels is None:
+        if area.building_height_m is None:
+            raise InputError(
+                f"{blame.source}: {ring.where}: has neither height nor building:levels; give it "
+                "one, or set area.building_height_m, the height of those that have none"
+            )
+        height_m: object = area.building_height_m
+    else:  # OpenStreetMap has text, metres where no unit stands there
+        name, value = ("height", height) if height is not None else ("building:levels", levels)
+        try:
+            height_m = float(str(value).removesuffix("m")) * (1.0 if name == "height" else _LEVEL_M)
+        except ValueError:
+            raise InputError(
+                f"{blame.source}: {ring.where}: {name} = {shown(value)}: must be a number"
+            ) from None
+    values = {
+        "polygon_m": _corners(area, ring, blame),
+        "holes_m": tuple(_on_map(area, ring.where, hole, blame) for hole in ring.holes_deg),
+        "height_m": height_m,
+    }
+    with explained(BuildingConfig, values, source):
+        return BuildingConfig.model_validate(values, strict=True)
+
+
 def _corners(area: AreaConfig, ring: Ring, blame: Blame) -> tuple[Pair, ...]:
-    places = [Place(ring.where, corner, geodetic=True) for corner in ring.corners_deg]
+    return _on_map(area, ring.where, ring.corners_deg, blame)
+
+
+def _on_map(
+    area: AreaConfig, where: str, corners_deg: Sequence[Pair], blame: Blame
+) -> tuple[Pair, ...]:
+    places = [Place(where, corner, geodetic=True) for corner in corners_deg]
     corners = np.array([_on_ground(place, area) for place in places])
     _check_near(places, corners - np.array(area.home_m), blame.source, _home(area))
     return tuple((round(x, 3), round(y, 3)) for x, y in corners.tolist())

@@ -6,6 +6,7 @@ from typing import Any, Self, TypeAlias
 import altair as alt
 import numpy as np
 
+from fl.radio.city import Building
 from mission.analysis.load import flown
 from mission.base.airspace import thin
 from mission.base.arrays import Floats
@@ -130,6 +131,31 @@ class MapFrame:
         )
         return made
 
+    def buildings(self, some: Sequence[Building]) -> list[alt.Chart]:
+        """What stands on the ground, the darker the higher; a courtyard is open ground."""
+        tallest = max((building.height_m for building in some), default=1.0)
+        houses = [(b.outlines_m[0], 0.12 + 0.5 * b.height_m / tallest) for b in some]
+        courts = [(ring, 1.0) for building in some for ring in building.outlines_m[1:]]
+        found = []
+        for rings, fill in ((houses, SOFT), (courts, PAPER)):
+            lines = [("building", 0, np.vstack((ring, ring[:1]))) for ring, _ in rings]
+            if not lines:
+                continue
+            data = line_table(lines)
+            for row in data["values"]:
+                row["dark"] = round(rings[row["part"]][1], 3)
+            found.append(
+                alt.Chart(data)
+                .mark_line(clip=True, strokeWidth=0, fill=fill)
+                .encode(
+                    *self._axes(),
+                    alt.Order("step:Q"),
+                    alt.Detail("part:N"),
+                    fillOpacity=alt.FillOpacity("dark:Q", scale=None, legend=None),
+                )
+            )
+        return found
+
     def areas(self, rings: Sequence[Floats], zones: Sequence[NoFly]) -> list[alt.Chart]:
         """What must not be flown, filled, and those of `zones` that are flown above or below,
         dashed.
@@ -231,6 +257,16 @@ def zones_of(run: FlightData) -> tuple[list[Floats], list[NoFly]]:
     """The outlines that a run keeps out of, and all areas of its configuration."""
     rings = [zone.outline_m for zone in run.fence if not zone.keep_in]
     return rings, list(run.config.get("area", {}).get("no_fly", ()))
+
+
+def buildings_of(run: FlightData) -> tuple[Building, ...]:
+    """What stands in a run's area, by its configuration."""
+    return tuple(
+        Building(
+            tuple(np.array(r) for r in (one["polygon_m"], *one.get("holes_m", ()))), one["height_m"]
+        )
+        for one in run.config.get("area", {}).get("buildings", ())
+    )
 
 
 def named_areas(

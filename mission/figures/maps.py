@@ -8,7 +8,14 @@ import numpy as np
 
 from mission.base import polyline
 from mission.base.arrays import Floats
-from mission.figures.frame import MapFrame, line_table, run_frame, run_lines, zones_of
+from mission.figures.frame import (
+    MapFrame,
+    buildings_of,
+    line_table,
+    run_frame,
+    run_lines,
+    zones_of,
+)
 from mission.figures.marks import NOT_SERVED, RoundMarks, Scene, Sent, layers
 from mission.figures.places import item_numbers, places
 from mission.figures.style import (
@@ -43,6 +50,7 @@ def overview(run: FlightData, about: str) -> Chart:
         [RoundMarks(0, np.mean([plan.importance for plan in run.plans], axis=0), {})],
         rings,
         zones,
+        buildings_of(run),
         [(kind, 0, points) for kind, _, points in lines],
         np.array(run.area.home_m),
         names=[(NAME, _ends(flights) if few else []), (NAME, [_home(run)])],
@@ -96,6 +104,7 @@ def round_map(
         rounds,
         rings,
         zones,
+        buildings_of(run),
         [*run_lines(run, []), *(("planned", plan.round, plan.route_m) for plan in plans)],
         np.array(run.area.home_m),
         names=names,

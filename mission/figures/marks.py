@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import altair as alt
 import numpy as np
 
+from fl.radio.city import Building
 from mission.base.airspace import Airspace
 from mission.base.arrays import Floats
 from mission.base.palette import community_colour
@@ -74,6 +75,7 @@ class Scene:
     rounds: Sequence[RoundMarks]
     rings: Sequence[Floats]  # outlines of what must not be flown
     zones: Sequence[NoFly]  # all areas, those that are flown over too
+    buildings: Sequence[Building]
     lines: Lines  # that no word should cover
     home_m: Floats  # (2,) of the mark of home, or of the start
     names: Sequence[tuple[Look, Sequence[Word]]] = ()  # beside those of devices and areas
@@ -90,6 +92,7 @@ class Scene:
 def layers(frame: MapFrame, scene: Scene, between: Sequence[alt.Chart]) -> list[alt.Chart]:
     """The layers of a map, with those `between` the links and the devices."""
     return [
+        *frame.buildings(scene.buildings),
         *frame.areas(scene.rings, scene.zones),
         *_links(frame, scene),
         *between,

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from fl.radio.city import Building
 from mission.figures.frame import MapFrame, NoFly, edges
 from mission.figures.marks import NOT_SERVED, RoundMarks, Scene, Sent, layers
 from mission.figures.style import Chart, heading
@@ -24,11 +25,13 @@ def plan_picture(
     communities: Sequence[str] = (),
     size_m: tuple[float, float] | None = None,
     no_fly: Sequence[NoFly] = (),
+    buildings: Sequence[Building] = (),
 ) -> Chart:
     """The path with its slots, and the devices; one that is not served stays hollow.
 
     Where they are known, `about` says whose plan it is, `communities` (K,) each device's, `size_m`
-    how large its area is, and `no_fly` the names of areas that must not be flown.
+    how large its area is, `no_fly` the names of areas that must not be flown, and which `buildings`
+    stand there.
     """
     gap = f", gap {plan.gap:.2%}" if np.isfinite(plan.upper_bound) else ""
     height = "" if plan.altitude_m is None else f", {plan.altitude_m:.1f} m above home"
@@ -56,6 +59,7 @@ def plan_picture(
         [RoundMarks(0, problem.importance, sent)],
         space.keep_out,
         no_fly,
+        buildings,
         lines,
         start_m,
         names=[(NAME, [Word("start", tuple(start_m))])],

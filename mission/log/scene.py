@@ -7,6 +7,7 @@ import numpy as np
 from foxglove import messages as fox
 
 from mission.base import palette
+from mission.base.airspace import triangles
 from mission.base.area import Area
 from mission.base.arrays import Floats
 from mission.log.messages import encoded, geojson, timestamp
@@ -53,6 +54,30 @@ def _zone(t_ns: int, name: str, zone: Zone) -> object:
         texts=[_label(x, y, 8.0, "fence" if zone.keep_in else "no-fly area")],
         metadata=[fox.KeyValuePair(key="keep", value="in" if zone.keep_in else "out")],
     )
+
+
+def buildings(t_ns: int, area: Area) -> bytes:
+    """SceneUpdate of what stands in the area: walls and flat roofs."""
+    wall, roof = (_colour(palette.rgb(colour), 1.0) for colour in (palette.WALL, palette.ROOF))
+    walls: list[Floats] = []
+    roofs: list[Floats] = []
+    for building in area.buildings:
+        for ring in building.outlines_m:
+            foot = np.column_stack((ring, np.zeros(len(ring))))
+            top = np.column_stack((ring, np.full(len(ring), building.height_m)))
+            foot2, top2 = np.roll(foot, -1, axis=0), np.roll(top, -1, axis=0)
+            walls += [np.stack((foot, foot2, top2, foot, top2, top), axis=1).reshape(-1, 3)]
+        flat = triangles(building.outlines_m).reshape(-1, 2)
+        roofs += [np.column_stack((flat, np.full(len(flat), building.height_m)))]
+    parts = [
+        fox.TriangleListPrimitive(
+            pose=_at(0.0, 0.0, 0.0),
+            points=[fox.Point3(x=x, y=y, z=z) for x, y, z in np.vstack(corners).tolist()],
+            color=colour,
+        )
+        for corners, colour in ((walls, wall), (roofs, roof))
+    ]
+    return _update([_entity(t_ns, "buildings", triangles=parts)])
 
 
 def devices(t_ns: int, world: Devices, importance: Floats) -> bytes:

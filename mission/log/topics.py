@@ -120,6 +120,9 @@ PLAN_MAP = _foxglove(
 SCENE_GROUND = _foxglove(
     "/scene/ground", fox.SceneUpdate, "edge of the area, take-off point, fence", latched=True
 )
+SCENE_BUILDINGS = _foxglove(
+    "/scene/buildings", fox.SceneUpdate, "what stands in the area, once", latched=True
+)
 SCENE_DEVICES = _foxglove(
     "/scene/devices",
     fox.SceneUpdate,
@@ -154,7 +157,8 @@ SETPOINT = _json("/setpoint", "aerofed.Setpoint", SetpointRecord)
 
 TOPICS: tuple[Topic, ...] = (
     *(TF, TRUE_POSE, EST_POSE, TRUE_VELOCITY, EST_VELOCITY, TRUE_LOCATION, GNSS),
-    *(PLAN_PATH, FLOWN_PATH, PLAN_MAP, SCENE_GROUND, SCENE_DEVICES, SCENE_LINKS, LOG),
+    *(PLAN_PATH, FLOWN_PATH, PLAN_MAP, SCENE_GROUND, SCENE_BUILDINGS),
+    *(SCENE_DEVICES, SCENE_LINKS, LOG),
     *(DEVICES, PLAN, ROUNDS, UPLINKS, LEARNING, BATTERY, MODE, EVENTS),
     *(TRUE_WIND, CONTROL, INNOVATIONS, FENCE, MISSION, SETPOINT),
 )

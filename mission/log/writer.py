@@ -70,6 +70,8 @@ class FlightLog:
         self._now_ns = self._flushed_ns = start_ns
         self._mcap.metadata("aerofed", {"format": topics.FORMAT_VERSION, **area_to_text(area)})
         self._write_world(start_ns)
+        if area.buildings:
+            self._write(topics.SCENE_BUILDINGS, start_ns, scene.buildings(start_ns, area))
         self.attach(LAYOUT, "application/json", layout(area, devices.communities))
 
     def sampled(self, sample: VehicleSample) -> None:

@@ -165,7 +165,7 @@ class FlownExperiment(Experiment):
             area=scenario.area,
             community_of=scenario.community_of,
             radio=scenario.radio,
-            gate=scenario.gate,
+            gate=scenario.config.channel.gate,
             rng=scenario.streams.generator(f"uplink/{number}"),
             work=self.work if scenario.device_times else None,
         )

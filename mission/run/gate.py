@@ -7,10 +7,10 @@ from dataclasses import asdict
 import numpy as np
 
 from fl.federation.device_work import DeviceWork
-from fl.radio.channel import Channel
-from fl.radio.uplink import CustomRadio, Gate, deliver
+from fl.radio.place import AverageRadio, Radio
+from fl.radio.uplink import Gate, deliver
 from mission.base.area import Area
-from mission.base.arrays import Bools, Floats
+from mission.base.arrays import Bools
 from mission.flight.flight_plan import FlightPlan
 from mission.flight.track import Flight, Passage
 from mission.log.records import TimedUplinkRecord, UplinkRecord
@@ -73,46 +73,37 @@ def uplinks(
     *,
     area: Area,
     community_of: Sequence[str],
-    radio: Channel | CustomRadio,
+    radio: Radio,
     rng: np.random.Generator,
     gate: Gate = "average",
     work: DeviceWork | None = None,
 ) -> tuple[UplinkRecord, ...]:
     """One record per scheduled device, in order of step and device; `passages` by device.
 
-    Updates are drawn at the true positions, where `radio` gives the rates; `rng` is this round's
-    own stream. `work` is what the devices are at, where they take time: some are late then, and
-    send nothing.
+    Updates are drawn at the true positions, where `radio` gives the rates; planned and believed
+    rates are those of the problem's channel. `rng` is this round's own stream. `work` is what the
+    devices are at, where they take time: some are late then, and send nothing.
     """
-    true_m = {device: _place(area, passage.true_ned_m) for device, passage in passages.items()}
     count = len(problem.devices_m)
-    horizontal, height = np.zeros(count), np.zeros(count)
+    true_m = np.full((count, 3), math.nan)
     late, sends = np.zeros(count, dtype=bool), np.zeros(count, dtype=bool)
-    for device, (x, y, height[device]) in true_m.items():
-        horizontal[device] = math.dist((x, y), problem.devices_m[device])
-        late[device] = work is not None and passages[device].t_ns < work.ready_ns[device]
+    for device, passed in passages.items():
+        true_m[device] = area.xyz(passed.true_ned_m)
+        late[device] = work is not None and passed.t_ns < work.ready_ns[device]
         sends[device] = not late[device]
-    channel = problem.channel
-    arrivals = deliver(
-        channel,
-        horizontal,
-        height_m=height,
-        transmitted=sends,
-        rng=rng,
-        radio=radio,
-        gate=gate,
-    )
+    arrivals = deliver(radio, true_m, transmitted=sends, rng=rng, gate=gate)
+    channel, belief = problem.channel, AverageRadio(problem.channel, problem.devices_m)
 
     records = []
     for step, device in np.argwhere(plan.schedule).tolist():
         passage = passages.get(device)
-        where, ground = plan.waypoints_m[step], problem.devices_m[device]
+        where = plan.waypoints_m[step]
         t_s = est_per = math.nan
-        est = true = (math.nan, math.nan, math.nan)
+        est, true = (math.nan, math.nan, math.nan), true_m[device].tolist()
         if passage is not None:
             t_s = passage.t_ns / 1e9
-            est, true = _place(area, passage.est_ned_m), true_m[device]
-            est_per = 1.0 if late[device] else _per(radio, ground, est)
+            est = tuple(area.xyz(passage.est_ned_m).tolist())
+            est_per = 1.0 if late[device] else _per(belief, device, est)
         record = UplinkRecord(
             round=round_number,
             device=device,
@@ -127,7 +118,7 @@ def uplinks(
             true_x_m=true[0],
             true_y_m=true[1],
             true_alt_m=true[2],
-            plan_per=_per(channel, ground, (*where, channel.altitude_m)),
+            plan_per=_per(belief, device, (*where, channel.altitude_m)),
             est_per=est_per,
             true_per=float(arrivals.per[device]),
             importance=float(problem.importance[device]),
@@ -137,11 +128,6 @@ def uplinks(
             record = _timed(record, work, late=late, upload_s=_upload_s(problem, device))
         records.append(record)
     return tuple(records)
-
-
-def _place(area: Area, pos_ned_m: Floats) -> tuple[float, float, float]:
-    x, y = area.from_ned(pos_ned_m)
-    return float(x), float(y), -float(pos_ned_m[2])
 
 
 def _timed(
@@ -156,6 +142,5 @@ def _timed(
     )
 
 
-def _per(radio: Channel | CustomRadio, device_m: Floats, at: tuple[float, float, float]) -> float:
-    horizontal = math.hypot(at[0] - device_m[0], at[1] - device_m[1])
-    return float(radio.per(np.array([horizontal]), np.array([at[2]]))[0])
+def _per(radio: AverageRadio, device: int, at_m: Sequence[float]) -> float:
+    return float(radio.per(np.array([device]), np.array([at_m]))[0])

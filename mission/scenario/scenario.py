@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
+from fl.config import RADIOS
 from fl.errors import FETCHED
 from fl.federation import fairness
 from fl.federation import rounds as learning
@@ -18,7 +19,8 @@ from fl.federation.community import Community, Federation, build_federation
 from fl.federation.device_work import DeviceWork
 from fl.plugin_code import is_plugin
 from fl.radio.channel import Channel, LinkBudget, link_budget
-from fl.radio.uplink import CustomRadio, Gate, make_radio
+from fl.radio.city import City
+from fl.radio.place import AverageRadio, CustomRadio, LinkTerms, PlacedRadio, Radio
 from flightdyn.random import RandomStreams
 from mission.base.area import Area
 from mission.base.arrays import Floats, Ints
@@ -61,7 +63,7 @@ class Scenario:
     area: Area
     devices_m: Floats  # (K, 2) area coordinates
     channel: Channel  # that rounds are planned with, at the mission's lowest altitude
-    radio: Channel | CustomRadio  # that decides whose update arrives
+    radio: Radio  # that decides whose update arrives
     federation: Federation
     performance: Performance  # how rounds will be flown, before a vehicle is asked
     budget: Budget  # of the run
@@ -80,12 +82,6 @@ class Scenario:
             for c in self.config.communities
             for value in (c.compute_s, c.compute_times_s, c.compute_s_per_sample)
         )
-
-    @property
-    def gate(self) -> Gate:
-        """How packets are drawn against the rates of the radio."""
-        gate = self.config.channel.gate
-        return "instantaneous" if gate == "instantaneous" else "average"
 
     @property
     def upload_s(self) -> Floats | None:
@@ -307,6 +303,48 @@ def _too_slow(config: RunConfig, bits: Floats) -> Iterator[WrongKey]:
         )
 
 
+def radio_of(
+    config: RunConfig, channel: Channel, area: Area, devices_m: Floats, streams: RandomStreams
+) -> Radio:
+    """What decides whose update arrives, of devices at places (K, 2).
+
+    Raises:
+        InputError: a device stands where it must not.
+        PluginError: a radio of one's own cannot be made.
+    """
+    radio = config.radio
+    if radio.truth == "channel":
+        return AverageRadio(channel, devices_m)
+    if radio.truth not in RADIOS:
+        return CustomRadio.made(radio.truth, channel, devices_m)
+    city = City(
+        area.buildings,
+        devices_m,
+        device_height_m=radio.device_height_m,
+        carrier_hz=radio.carrier_hz,
+        environment=radio.environment,
+        rng=streams.generator("shadowing") if radio.shadowing else None,
+    )
+    if radio.indoors == "refused" and city.indoors.any():
+        device = int(np.argmax(city.indoors))
+        x, y = devices_m[device].tolist()
+        reason = (
+            f"device {device} at x = {x:.1f}, y = {y:.1f} m stands within a building; move it, or "
+            "let it pay for the way through the wall: 'entry-loss'"
+        )
+        config.refuse([("radio.indoors", radio.indoors, reason)])
+    return PlacedRadio(
+        city,
+        LinkTerms(
+            radio.tx_power_dbm,
+            radio.bandwidth_hz,
+            radio.noise_figure_db,
+            radio.snr_threshold_db,
+            radio.fading_db,
+        ),
+    )
+
+
 def build_scenario(config: RunConfig, *, data_dir: Path | None) -> Scenario:
     """Place the devices, read the data and deal it out, and set up the strategy.
 
@@ -322,7 +360,7 @@ def build_scenario(config: RunConfig, *, data_dir: Path | None) -> Scenario:
     devices_m = device_places(config, area, streams)
     with errors_of_learning():
         channel = config.channel.channel(altitude_m=config.mission.heights_m[0])
-        radio = make_radio(config.channel.gate, channel)
+        radio = radio_of(config, channel, area, devices_m, streams)
         federation = build_federation(
             config.communities, config.learning, data_dir=data_dir, stream=streams.generator
         )

@@ -49,18 +49,18 @@ class BadMomentum(Algorithm):
     momentum = 3.0
 
 class Radio:
-    def __init__(self, channel): pass
-    def per(self, distance_m, height_m): return distance_m / 1e6
+    def __init__(self, channel, devices_m): pass
+    def per(self, device, place_m): return device / 1e6
 
 class RadioFails(Radio):
-    def per(self, distance_m, height_m):
-        return self.table[distance_m]  # radio's slip
+    def per(self, device, place_m):
+        return self.table[device]  # radio's slip
 
 class RadioOver(Radio):
-    def per(self, distance_m, height_m): return 1.5 + 0.0 * distance_m
+    def per(self, device, place_m): return 1.5 + 0.0 * device
 
 class RadioShort(Radio):
-    def per(self, distance_m, height_m): return 0.5
+    def per(self, device, place_m): return 0.5
 
 class Net(torch.nn.Module):
     def __init__(self):
@@ -127,8 +127,8 @@ class TrainerNaN(TrainerFails):
 class TrainerEndless(TrainerFails):
     def train(self, device, model, data, rng): return LocalResult(model, 1, float("inf"))
 
-def nothing(anything): return object()
-def broken(anything): return undefined_name
+def nothing(*anything): return object()
+def broken(*anything): return undefined_name
 """
 
 SMALL = {
@@ -144,7 +144,7 @@ SMALL = {
 KEYS = {
     "trainer": "learning.trainer",
     "algorithm": "learning.algorithm",
-    "gate": "channel.gate",
+    "gate": "radio.truth",
     "network": "communities.0.network",
     "task": "communities.0.task",
     "partition": "communities.0.partition",
@@ -204,7 +204,7 @@ def refused(kind: str, name: str) -> aerofed.AerofedError:
             "TrainerEndless",
             "the loss that train() of device 0 in round 1 gives is inf: must be finite",
         ),
-        ("gate", "nothing", "channel.gate = 'mine:nothing': gives an object without per"),
+        ("gate", "nothing", "radio.truth = 'mine:nothing': gives an object without per"),
         ("gate", "RadioOver", "what per() gives holds 1.5 at [0]: must be from 0 to 1"),
         ("gate", "RadioShort", "what per() gives is of shape (), not ("),
         (
@@ -366,8 +366,8 @@ class Trainer:
         return LocalResult(model, 1, 0.5)
 
 class Radio:
-    def __init__(self, channel): pass
-    def per(self, distance_m, height_m): scribble(distance_m, height_m); return 0 * distance_m
+    def __init__(self, channel, devices_m): pass
+    def per(self, device, place_m): scribble(device, place_m); return 0 * device
 
 class Callback:
     def __init__(self, context): pass
@@ -395,7 +395,7 @@ def split(task):
 """
 EVERY_POINT = {
     "mission.strategy": "Strategy", "planner.factory": "Planner",
-    "learning.algorithm": "Algorithm", "learning.trainer": "Trainer", "channel.gate": "Radio",
+    "learning.algorithm": "Algorithm", "learning.trainer": "Trainer", "radio.truth": "Radio",
     "communities.0.network": "Net", "communities.0.task": "data",
     "communities.0.partition": "split", "callbacks": "Callback",
 }  # fmt: skip
@@ -478,10 +478,10 @@ def test_workers_get_the_objects_that_stand_for_names(engine: Any) -> None:
 TALKS = """
 print("imported")
 class Radio:
-    def __init__(self, channel): pass
-    def per(self, distance_m, height_m):
+    def __init__(self, channel, devices_m): pass
+    def per(self, device, place_m):
         print("in a round")
-        return 0 * distance_m
+        return 0 * device
 """
 
 
@@ -489,7 +489,7 @@ class Radio:
 @pytest.mark.parametrize("command", ["run", "sweep"])
 def test_what_code_of_ones_own_prints_goes_to_standard_error(command: str) -> None:
     Path("talks.py").write_text(TALKS)
-    own = {**SMALL, "channel.gate": "talks:Radio"}
+    own = {**SMALL, "radio.truth": "talks:Radio"}
     sets = [f"--set={key}={value}" for key, value in own.items() if key != "mission.rounds"]
     sweep = ["quickstart", "--strategies=cov", "--seeds=1", "--jobs=1", "--no-run-figures"]
     more = sweep if command == "sweep" else []
@@ -580,7 +580,7 @@ def test_a_module_that_is_not_there_is_found_out_at_once(kind: str) -> None:
     [
         ("learning.algorithm", "must be one of 'fedprox', .* did you mean fedavg?"),
         ("learning.trainer", "must be an import path"),
-        ("channel.gate", "must be one of 'average', 'instantaneous' or the import path"),
+        ("radio.truth", "must be one of 'channel', 'buildings' or the import path"),
         ("communities.0.task", "must be one of 'digits', "),
         ("communities.0.partition", "must be one of 'labels', "),
         ("communities.0.network", "must be one of 'lenet', 'mcmahan', 'convnet' or the import"),

@@ -58,7 +58,7 @@ def plain(tmp_path_factory: pytest.TempPathFactory) -> aerofed.Run:
 
 @pytest.mark.parametrize("path", sorted(EXAMPLES.glob("*.py")), ids=lambda path: path.name)
 def test_an_example_is_short(path: Path) -> None:
-    assert len(path.read_text().splitlines()) < 60
+    assert len(path.read_text().splitlines()) < 90
 
 
 @pytest.mark.slow
@@ -67,7 +67,7 @@ def test_an_example_is_short(path: Path) -> None:
     [
         {"learning.algorithm": "examples.fednova:make"},
         {"learning.algorithm": "examples.fedbuff:make"},
-        {"channel.gate": "examples.rician:make"},
+        {"radio.truth": "examples.rician:make"},
         {"communities.0.network": "examples.batch_norm:Net"},
         {"communities.0.network": "examples.batch_norm:Net", "communities.0.buffers": "local"},
         {"communities.0.network": "examples.batch_norm:Net", "learning.algorithm": "scaffold"},
@@ -110,7 +110,7 @@ def test_everything_at_once_resumes_to_the_same_bytes(
 ) -> None:
     more = {
         "learning.algorithm": "examples.fedbuff:make",
-        "channel.gate": "examples.rician:make",
+        "radio.truth": "examples.rician:make",
         "communities.0.task": "examples.writers:load",
         "communities.0.partition": "owners",
         "communities.0.network": "examples.batch_norm:Net",
@@ -229,8 +229,10 @@ def test_late_updates_weigh_less_and_move_from_where_they_began() -> None:
 
 def test_rician_against_drawn_channels() -> None:
     channel = aerofed.channel("suburban")
-    radio = rician.make(channel)
+    ground = np.zeros((1, 2))
+    radio = rician.make(channel, ground)
     distance, height = np.array([0.0, 600.0, 1500.0]), np.full(3, 60.0)
+    flown = np.zeros(3, dtype=np.int64), np.column_stack((0 * distance, distance, height))
     rng = np.random.default_rng(1)
     gains = (
         np.abs(
@@ -243,9 +245,9 @@ def test_rician_against_drawn_channels() -> None:
     mean = 10 ** ((channel.tx_power_db + channel.beta_los_db - channel.noise_db) / 10)
     snr = mean * slant**-channel.alpha_los
     drawn = [(gains * mean_snr < channel.snr_threshold).mean() for mean_snr in snr]
-    assert radio.per(distance, height) == pytest.approx(drawn, abs=4e-3)
-    assert np.ptp(radio.per(distance, height)) > 0.3
-    rayleigh = rician.Rician(channel, 0.0).per(distance, height)
+    assert radio.per(*flown) == pytest.approx(drawn, abs=4e-3)
+    assert np.ptp(radio.per(*flown)) > 0.3
+    rayleigh = rician.Rician(channel, ground, 0.0).per(*flown)
     assert rayleigh == pytest.approx(1.0 - np.exp(-channel.snr_threshold / snr))
 
 
@@ -253,10 +255,12 @@ def test_a_measured_table(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> No
     monkeypatch.chdir(tmp_path)
     rows = ["distance_m,height_m,per", "0,60,0.1", "100,60,0.5", "0,30,0.2", "100,30,0.9"]
     (tmp_path / "measured_per.csv").write_text("\n".join(rows))
-    radio = measured_radio.make(aerofed.channel())
-    given = radio.per(np.array([0.0, 50.0, 50.0, 999.0]), np.array([60.0, 60.0, 45.0, 0.0]))
+    radio = measured_radio.make(aerofed.channel(), np.array([[9.0, 1.0]]))
+    east, height = np.array([0.0, 50.0, 50.0, 999.0]), np.array([60.0, 60.0, 45.0, 0.0])
+    places = np.column_stack((9.0 + east, np.ones(4), height))
+    given = radio.per(np.zeros(4, dtype=np.int64), places)
     assert given == pytest.approx([0.1, 0.3, 0.425, 0.9])
-    run = flown_as(tmp_path / "out", channel__gate="examples.measured_radio:make")
+    run = flown_as(tmp_path / "out", radio__truth="examples.measured_radio:make")
     for item in run.uplinks.itertuples():
         assert 0.1 <= item.true_per <= 0.9
         assert item.plan_per != item.true_per

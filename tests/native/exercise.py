@@ -10,6 +10,8 @@ import numpy as np
 from fl.config import ConvNetConfig
 from fl.data.dataset import Split
 from fl.radio.channel import CHANNEL_PRESETS
+from fl.radio.city import Building, City
+from fl.radio.place import LinkTerms, PlacedRadio
 from fl.training.local import LocalSettings, LocalTask, scaling_of
 from fl.training.networks import make_network
 from flightdyn.config import LimitsConfig
@@ -84,6 +86,20 @@ def plan_within_limits(**more):
     digest.update(np.array([made.value, *taken.arrived_s, taken.energy_j]).tobytes())
     verdict = problem.as_judged.judged(made.as_flown)
     digest.update(np.array([verdict.share, *verdict.begins_s]).tobytes())
+
+
+def radio(environment):
+    """Gains of paths among buildings, and the packet error rates that follow."""
+    corners = np.array([[0.0, 0.0], [40.0, 0.0], [40.0, 30.0], [0.0, 30.0]])
+    houses = [Building((corners + at,), float(h)) for *at, h in rng.uniform(5.0, 90.0, (30, 3)) * 8]
+    city = City(
+        houses, rng.uniform(0.0, 800.0, (6, 2)), device_height_m=1.5, carrier_hz=2.4e9,
+        environment=environment, rng=rng,
+    )  # fmt: skip
+    device, places = rng.integers(0, 6, 500), rng.uniform(0.0, 800.0, (500, 3)) / (1.0, 1.0, 8.0)
+    digest.update(city.gain_db(device, places).tobytes())
+    placed = PlacedRadio(city, LinkTerms(10.0, 1e6, 7.0, 10.0, 3.0))
+    digest.update(placed.per(device, places).tobytes())
 
 
 def hil(ticks):
@@ -203,5 +219,7 @@ plan_within_limits(airspace=Airspace((np.array([[450.0, 300.0], [500, 300], [500
 for channel in CHANNEL_PRESETS.values():
     digest.update(channel.per(np.r_[np.linspace(0.0, 4e3, 4001), np.inf]).tobytes())
     digest.update(channel.per(30.0, np.array([-1.0, 0.0, 0.5, 4e3])).tobytes())
+for environment in ("UMi", "UMa"):
+    radio(environment)
 fly()
 sys.stdout.write(digest.hexdigest())

@@ -3,10 +3,17 @@
 import numpy as np
 import pytest
 
+from fl.arrays import Floats
 from fl.radio.channel import CHANNEL_PRESETS, average_per
+from fl.radio.place import AverageRadio
 from fl.radio.uplink import Gate, deliver
 
 CHANNEL = CHANNEL_PRESETS["suburban"]
+
+
+def above(r: Floats, h: Floats) -> tuple[AverageRadio, Floats]:
+    """A radio of devices at the origin, and places so far east of them and so high."""
+    return AverageRadio(CHANNEL, np.zeros((len(r), 2))), np.column_stack((r, 0.0 * r, h))
 
 
 def rng(seed: int) -> np.random.Generator:
@@ -19,7 +26,7 @@ def test_share_of_arrivals_is_one_minus_per(gate: Gate) -> None:
     r = np.tile([120.0, 170.0, 200.0, 260.0], n // 4)
     h = np.tile([60.0, 60.0, 80.0, 40.0], n // 4)
     sent = np.ones(n, dtype=bool)
-    arrivals = deliver(CHANNEL, r, height_m=h, transmitted=sent, rng=rng(1), gate=gate)
+    arrivals = deliver(*above(r, h), transmitted=sent, rng=rng(1), gate=gate)
     for i in range(4):
         expected = 1.0 - average_per(CHANNEL, r[i], height_m=h[i])
         assert arrivals.delivered[i::4].mean() == pytest.approx(float(expected), abs=0.01)
@@ -33,11 +40,9 @@ def test_silent_devices_lose_and_change_nobodys_luck(gate: Gate) -> None:
     everybody = np.ones(12, dtype=bool)
     some = np.arange(12) % 3 == 0
     for seed in range(20):
-        all_sent = deliver(CHANNEL, r, height_m=h, transmitted=everybody, rng=rng(seed), gate=gate)
+        all_sent = deliver(*above(r, h), transmitted=everybody, rng=rng(seed), gate=gate)
         few_sent = deliver(
-            CHANNEL,
-            np.where(some, r, np.nan),
-            height_m=np.where(some, h, np.nan),
+            *above(np.where(some, r, np.nan), np.where(some, h, np.nan)),
             transmitted=some,
             rng=rng(seed),
             gate=gate,
@@ -50,5 +55,5 @@ def test_silent_devices_lose_and_change_nobodys_luck(gate: Gate) -> None:
 def test_certain_and_hopeless_packets() -> None:
     r, h = np.array([0.0, 5000.0]), np.full(2, 60.0)
     for seed in range(50):
-        got = deliver(CHANNEL, r, height_m=h, transmitted=np.ones(2, dtype=bool), rng=rng(seed))
+        got = deliver(*above(r, h), transmitted=np.ones(2, dtype=bool), rng=rng(seed))
         assert got.delivered.tolist() == [True, False]

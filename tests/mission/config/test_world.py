@@ -513,3 +513,110 @@ def test_paths_stand_beside_the_configuration_and_may_begin_at_home(
     assert load_config(folder / "c.toml").vehicle.firmware.path == tmp_path / "bin/px4"
     again = load_config(load_config(folder / "c.toml"))
     assert again.vehicle.firmware.path == tmp_path / "bin/px4"
+
+
+TALL = {"height": "61.5 m", "building:levels": "3", "name": "Town hall"}
+PLACED = BASE + "positions_m = [[0, 0]]\n[area]\nsize_m = [900, 900]\nhome_m = [400, 300]\n"
+PLACED += "home_lat_deg = 43.580\nhome_lon_deg = 7.120\nbuildings_file = 'b.geojson'\n"
+
+
+def houses(*found: dict[str, Any]) -> str:
+    """The school as so many buildings, the first with a courtyard."""
+    document = json.loads(zones(*((properties, SCHOOL) for properties in found)))
+    middle = np.mean(SCHOOL, axis=0)
+    court = [[*reversed((middle + 0.2 * (np.array(at) - middle)).tolist())] for at in SCHOOL]
+    document["features"][0]["geometry"]["coordinates"].append([*court, court[0]])
+    return json.dumps(document)
+
+
+def test_buildings_out_of_a_map_of_the_streets(load, tmp_path: Path) -> None:
+    (tmp_path / "b.geojson").write_text(houses(TALL, {"building:levels": "4"}))
+    config = load(PLACED)
+    first, second = config.area.buildings
+    assert (first.height_m, second.height_m) == (61.5, 12.0)
+    assert (len(first.holes_m), len(second.holes_m)) == (1, 0)
+    school = [(x, y) for x, y in first.polygon_m]
+    for (lat, lon), (x, y) in zip(SCHOOL, school, strict=True):
+        east, north, _ = pymap3d.geodetic2enu(lat, lon, 130.0, 43.580, 7.120, 130.0)
+        assert (x, y) == pytest.approx((400.0 + east, 300.0 + north), abs=1e-3)
+    assert load(config.to_toml()) == config
+    flown = config.area.build((60.0, 60.0))
+    assert [ring.tolist() for ring in flown.airspace.keep_out] == [list(map(list, school))]
+    assert config.area.build((120.0, 120.0)).airspace.is_open
+    assert len(flown.buildings) == len(config.area.build().buildings) == 2
+
+
+BAD_HOUSES = {
+    "{}": "features[0]: has neither height nor building:levels; give it one, or set area.building",
+    '{"height": "two"}': "features[0]: height = 'two': must be a number",
+    '{"building:levels": [3]}': "features[0]: building:levels = [3]: must be a number",
+    '{"height": -3}': "features[0]: height_m = -3.0: must be greater than 0",
+    '{"height": "nan"}': "features[0]: height_m = nan: must be",
+}
+
+
+@pytest.mark.parametrize("properties", BAD_HOUSES)
+def test_buildings_without_a_height_are_refused(load, tmp_path: Path, properties: str) -> None:
+    (tmp_path / "b.geojson").write_text(houses(json.loads(properties)))
+    with pytest.raises(InputError) as error:
+        load(PLACED)
+    assert BAD_HOUSES[properties] in str(error.value)
+    assert "\n" not in str(error.value)
+
+
+def test_what_says_no_height_may_have_one_of_all(load, tmp_path: Path) -> None:
+    (tmp_path / "b.geojson").write_text(houses({}, TALL))
+    heights = [b.height_m for b in load(PLACED + "building_height_m = 7\n").area.buildings]
+    assert heights == [7.0, 61.5]
+
+
+def test_buildings_of_another_place_are_refused(load, tmp_path: Path) -> None:
+    (tmp_path / "b.geojson").write_text(houses(TALL, TALL))
+    with pytest.raises(
+        InputError, match=r"none of its 2 buildings stands in the area; the nearest"
+    ):
+        load(PLACED.replace("43.580", "43.680"))
+
+
+def test_buildings_that_flights_go_around_have_few_corners(load) -> None:
+    tower = "{polygon_m = [[1, 1], [2, 1], [2, 2]], height_m = 80}, "
+    with pytest.raises(
+        InputError, match=r"buildings as high as the flight.* have 501 corners; 500"
+    ):
+        load(BASE + f"[area]\nbuildings = [{tower * 167}]\n")
+    low = tower.replace("80", "40")
+    assert len(load(BASE + f"[area]\nbuildings = [{low * 167}]\n").area.buildings) == 167
+
+
+def test_a_start_among_buildings_is_refused(load) -> None:
+    hall = "buildings = [{polygon_m = [[390, 390], [395, 390], [395, 410]], height_m = 12}]\n"
+    with pytest.raises(InputError, match=r"lies nearer than area.margin_m = 15 m to .*building 0"):
+        build_scenario(load(BASE + "[area]\n" + hall), data_dir=None)
+
+
+HALL = "buildings = [{polygon_m = [[90, 90], [110, 90], [110, 110], [90, 110]], height_m = 12}]\n"
+CITY = BASE + "positions_m = [[700, 700], [100, 100]]\n[area]\nsize_m = [800, 800]\n" + HALL
+
+
+def test_a_device_indoors_pays_or_is_refused(load) -> None:
+    text = CITY + "[radio]\ntruth = 'buildings'\n"
+    above = np.array([1]), np.array([[100.0, 100.0, 60.0]])
+    elsewhere = {"area.buildings.0.polygon_m": [[0, 0], [9, 0], [9, 9]]}
+    outdoors, indoors = (
+        float(np.asarray(build_scenario(load(text, **more), data_dir=None).radio.per(*above))[0])
+        for more in (elsewhere, {})
+    )
+    assert outdoors < 0.1 < 0.5 < indoors
+    with pytest.raises(
+        InputError, match=r"device 1 at x = 100.0, y = 100.0 m stands within a buil"
+    ):
+        build_scenario(load(text + "indoors = 'refused'\n"), data_dir=None)
+
+
+def test_a_radio_among_buildings_needs_some_and_draws_by_their_rates(load) -> None:
+    with pytest.raises(InputError, match=r"'buildings' needs area.buildings_file, which has them"):
+        load(BASE + "[radio]\ntruth = 'buildings'\n")
+    with pytest.raises(
+        InputError, match=r"draws packets on the channel, so it needs radio.truth ="
+    ):
+        load(CITY + "[radio]\ntruth = 'buildings'\n[channel]\ngate = 'instantaneous'\n")

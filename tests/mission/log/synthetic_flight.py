@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fl.radio.channel import CHANNEL_PRESETS, average_per
+from fl.radio.city import Building
 from flightdyn.state import BatteryState, GeodeticPoint, GnssFix, Innovation, Kinematics
 from mission.base.area import Area
 from mission.log.records import UNKNOWN_ROUND, RoundRecord, UplinkRecord
@@ -21,7 +22,9 @@ from sitl.observer import VehicleEvent, VehicleSample
 
 Floats = NDArray[np.float64]
 
-AREA = Area((800.0, 800.0), (400.0, 300.0), GeodeticPoint(43.6145, 7.0715, 130.0))
+HALL = Building((np.array([[90.0, 90.0], [110.0, 90.0], [110.0, 110.0]]),), 12.0)
+HOME = GeodeticPoint(43.6145, 7.0715, 130.0)
+AREA = Area((800.0, 800.0), (400.0, 300.0), HOME, buildings=(HALL,))
 CHANNEL = CHANNEL_PRESETS["suburban"]
 SPEED_MPS = 20.0
 CONFIG = b"seed = 1\n[vehicle.aircraft.wind]\nspeed_mps = 4.5\n"

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from fl.radio.channel import CHANNEL_PRESETS, average_per
+from fl.radio.place import AverageRadio
 from flightdyn.random import RandomStreams
 from flightdyn.state import GeodeticPoint
 from mission.base.area import Area
@@ -53,7 +54,8 @@ def served(
     given: RoundProblem, plan: RoundPlan, seen: dict[int, Passage], rng: np.random.Generator
 ) -> tuple[UplinkRecord, ...]:
     names = ["a"] * len(given.devices_m)
-    return uplinks(0, given, plan, seen, area=AREA, community_of=names, radio=CHANNEL, rng=rng)
+    radio = AverageRadio(CHANNEL, given.devices_m)
+    return uplinks(0, given, plan, seen, area=AREA, community_of=names, radio=radio, rng=rng)
 
 
 def test_waypoints_that_coincide_become_one_stop() -> None:

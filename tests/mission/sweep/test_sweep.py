@@ -415,7 +415,7 @@ def test_wrong_input_is_one_line(
 
 
 def test_a_run_of_code_that_was_edited_meanwhile_is_not_flown(tmp_path: Path) -> None:
-    config = load(None, ("channel.gate=examples.rician:make",))
+    config = load(None, ("radio.truth=examples.rician:make",))
     began = {"examples.rician:make": "0" * 64}
     end = execute(RunOrder("a", config, tmp_path / "a", None, tmp_path, plugins=began))
     assert end.exit_code == 2

@@ -1,0 +1,99 @@
+"""The radio by place: how surely a packet of a device reaches the aircraft where that is."""
+
+import math
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from fl.arrays import Floats, Ints
+from fl.native import library
+from fl.plugins import PlugIn
+from fl.radio.channel import Channel, average_per
+
+THERMAL_NOISE_DBM_HZ = -174.0  # at 290 K
+
+
+class Radio(Protocol):
+    """Packet error rates of devices at places: what is true, or what a plan believes."""
+
+    def per(self, device: Ints, place_m: Floats) -> ArrayLike:
+        """Packet error rates, (n,), each in [0, 1].
+
+        `device` (n,): whose packet, by its number from 0. `place_m` (n, 3): where the aircraft is
+        as it is sent, in area coordinates: x east, y north, height above home (0 or less on the
+        ground). The answer may depend on the arguments alone, so that a run can be resumed.
+        """
+
+
+@dataclass(frozen=True)
+class AverageRadio:
+    """The channel's average over all that may stand between; it knows distance and height only."""
+
+    channel: Channel
+    devices_m: Floats  # (K, 2)
+
+    def distance_m(self, device: Ints, place_m: Floats) -> Floats:
+        """(n,) horizontal, from devices to places (n, 2) or (n, 3)."""
+        away = place_m[:, :2] - self.devices_m[device]
+        return np.asarray(np.hypot(away[:, 0], away[:, 1]))
+
+    def per(self, device: Ints, place_m: Floats) -> Floats:
+        """As `Radio.per`."""
+        height_m = place_m[:, 2]
+        return average_per(self.channel, self.distance_m(device, place_m), height_m=height_m)
+
+
+class CustomRadio(PlugIn):
+    """A researcher's own radio, whose rates are checked."""
+
+    setting = "radio.truth"
+    members = ("per",)
+
+    def per(self, device: Ints, place_m: Floats) -> Floats:
+        """As `Radio.per`."""
+        rates = self.ask("per", device, place_m)
+        return self.array(rates, "what per() gives", shape=device.shape, low=0, high=1)
+
+
+class Gains(Protocol):
+    """What is left of the power on the way."""
+
+    def gain_db(self, device: Ints, place_m: Floats) -> Floats:
+        """(n,) gain of the path from devices (n,) to places (n, 3), in dB, below 0."""
+
+
+@dataclass(frozen=True)
+class LinkTerms:
+    """What is sent and what is needed, beside the gain of the path."""
+
+    tx_power_dbm: float
+    bandwidth_hz: float
+    noise_figure_db: float
+    snr_threshold_db: float  # under it a packet is lost
+    fading_db: float  # standard deviation of what no map knows
+
+    @property
+    def noise_dbm(self) -> float:
+        """Power of the receiver's noise."""
+        width_db = 10.0 * math.log10(self.bandwidth_hz)
+        return THERMAL_NOISE_DBM_HZ + width_db + self.noise_figure_db
+
+
+@dataclass(frozen=True)
+class PlacedRadio:
+    """A radio whose every path has its own gain."""
+
+    gains: Gains
+    terms: LinkTerms
+
+    def snr_db(self, device: Ints, place_m: Floats) -> Floats:
+        """(n,) signal to noise ratio, its median over the fading."""
+        sent = self.terms.tx_power_dbm - self.terms.noise_dbm
+        return sent + self.gains.gain_db(device, place_m)
+
+    def per(self, device: Ints, place_m: Floats) -> Floats:
+        """As `Radio.per`: the probability that fading takes the SNR under the threshold."""
+        lacking = self.terms.snr_threshold_db - self.snr_db(device, place_m)
+        return library.normal_shares(lacking / self.terms.fading_db)

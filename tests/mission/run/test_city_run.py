@@ -1,0 +1,74 @@
+"""A run whose radio is decided by buildings, in its tables, its log and its pictures."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from described import described, tables
+from mcap.reader import make_reader
+from mcap_protobuf.decoder import DecoderFactory
+
+import aerofed
+from mission.figures.maps import overview
+
+# Between the devices stands a wall of houses; the fourth is a tower, which is flown around.
+WALLS = [
+    {"polygon_m": [[x, 180.0], [x + 60.0, 180.0], [x + 60.0, 200.0], [x, 200.0]], "height_m": h}
+    for x, h in ((20.0, 30.0), (100.0, 40.0), (180.0, 45.0), (300.0, 90.0))
+]
+COURT = {
+    "polygon_m": [[20, 300], [90, 300], [90, 370], [20, 370]],
+    "holes_m": [[[40, 320], [70, 320], [70, 350], [40, 350]]],
+    "height_m": 20,
+}
+SETTINGS = {
+    "area.size_m": [400, 400],
+    "area.home_m": [200, 60],
+    "area.buildings": [*WALLS, COURT],
+    "radio.truth": "buildings",
+    "mission.flight": "none",
+    "mission.rounds": 2,
+    "mission.steps": 4,
+    "mission.path_budget_m": 500,
+    "learning.local_epochs": 1,
+}
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> aerofed.Run:
+    return aerofed.run("quickstart", SETTINGS, out=tmp_path_factory.mktemp("city") / "run")
+
+
+def test_what_is_true_is_not_what_was_planned(run: aerofed.Run) -> None:
+    told = run.uplinks
+    assert (told.plan_per - told.est_per).abs().max() < 0.02  # both are believed
+    assert (told.true_per - told.plan_per).abs().max() > 0.2
+
+
+def test_the_same_again_has_the_same_bytes(run: aerofed.Run, tmp_path: Path) -> None:
+    again = aerofed.run("quickstart", SETTINGS, out=tmp_path / "again")
+    for name in ("rounds.csv", "uplinks.csv", "flight.mcap"):
+        assert (again.path / name).read_bytes() == (run.path / name).read_bytes()
+
+
+def test_the_log_has_walls_and_roofs(run: aerofed.Run) -> None:
+    with (run.path / "flight.mcap").open("rb") as stream:
+        reader = make_reader(stream, decoder_factories=[DecoderFactory()])
+        (found,) = [m for *_, m in reader.iter_decoded_messages(["/scene/buildings"])]
+    walls, roofs = (
+        np.array([(p.x, p.y, p.z) for p in part.points]).reshape(-1, 3, 3)
+        for part in found.entities[0].triangles
+    )
+    assert len(walls) == 2 * 4 * (len(WALLS) + 2)
+    assert set(roofs[:, :, 2].flat) == {20.0, 30.0, 40.0, 45.0, 90.0}
+    flat = roofs[:, :, :2]
+    a, b = flat[:, 1] - flat[:, 0], flat[:, 2] - flat[:, 0]
+    sizes = abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]) / 2.0
+    assert sizes.sum() == pytest.approx(4 * 60 * 20 + 70 * 70 - 30 * 30)
+
+
+def test_maps_show_them_the_darker_the_higher(run: aerofed.Run) -> None:
+    (houses,) = tables(described(overview(run._loaded.data, "run")), "dark", "part")[:1]
+    dark = {row["part"]: row["dark"] for row in houses}
+    assert [*dark] == [0, 1, 2, 3, 4]
+    assert dark[3] == 0.62 > dark[2] > dark[1] > dark[0] > dark[4]
