@@ -286,7 +286,7 @@ def _pass(
     track = track.at(np.round(np.interp(kept, rows, track.t_ns)).astype(np.int64))
     numbers = {name: np.interp(kept, rows, getattr(fit, name)) for name in _BY_SAMPLE}
     fit = replace(fit, **numbers)
-    fit = _of_what_is_given(track, fit, way, returns_ns)
+    fit = _of_what_is_given(track, fit, way, sure_ns)
     start_ns, end_ns = int(track.t_ns[0]), int(track.t_ns[-1])
     plan = PlanRecord.of_flight(number, start_ns, way.points_m, duration_s=foreseen_s)
     duration_s = (end_ns - start_ns) / NS_PER_S
