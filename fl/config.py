@@ -1,7 +1,7 @@
 """Settings of the radio, the communities and the learning, as the user writes them."""
 
 from dataclasses import replace
-from pathlib import PurePath
+from pathlib import Path, PurePath
 from typing import TYPE_CHECKING, Annotated, Literal, Self
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, field_validator, model_validator
@@ -11,7 +11,7 @@ from fl.plugin_code import checked_name
 from fl.radio.channel import CHANNEL_PRESETS, DEFAULT_PRESET, Channel, constants_model
 from fl.radio.uplink import Gate
 
-RADIOS = ("channel", "buildings")
+RADIOS = ("channel", "buildings", "map")
 BUILT_IN_NETWORKS = ("lenet", "mcmahan", "convnet")
 ALGORITHMS = ("fedprox", "fedavg", "fedavgm", "fedadam", "scaffold")
 WEIGHED_PARTITIONS = ("labels", "dirichlet", "iid")
@@ -100,8 +100,17 @@ class RadioConfig(_Frozen):
     truth: Annotated[str, one_of(RADIOS)] = Field(
         "channel",
         description="the 'channel', which is an average over places; 'buildings' that stand in the "
-        "way, those of the area; or a radio of your own that gives the PER, as "
+        "way, those of the area; a 'map' of gains; or a radio of your own that gives the PER, as "
         "'package.module:factory'",
+    )
+    map_file: Path | None = Field(
+        None,
+        description="map: the file, as `aerofed radio-map` writes it",
+    )
+    map_sha256: str | None = Field(
+        None,
+        pattern="^[0-9a-f]{64}$",
+        description="map: of the file's bytes, which a run notes: it is repeated with no other",
     )
     environment: Literal["UMi", "UMa"] = Field(
         "UMi",

@@ -82,7 +82,7 @@ _firmware = App(
 )
 # By their paths, so that a command is imported when it is called.
 for _app, _names in (
-    (app, "init run compare report plan link_budget sitl world fly sweep"),
+    (app, "init run compare report plan link_budget radio_map sitl world fly sweep"),
     (_log, "info check recover export diff"),
     (_data, "fetch check"),
     (_firmware, "fetch list_"),

@@ -23,7 +23,8 @@ from mission.planner.evaluate import check_problem, in_time, objective, path_thr
 from mission.planner.flyable import foresee_round, share_of
 from mission.planner.performance import WITHIN_ROUNDING
 from mission.planner.problem import RoundPlan, RoundProblem
-from mission.scenario.scenario import build_scenario, device_places, radio_of
+from mission.scenario.radios import radio_of
+from mission.scenario.scenario import build_scenario, device_places
 
 Observation: TypeAlias = dict[str, NDArray[Any]]
 

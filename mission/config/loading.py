@@ -23,6 +23,7 @@ _PATHS = (
     ("vehicle", "firmware", "path"),
     ("vehicle", "parameter_file"),
     ("link", "signing_key"),
+    ("radio", "map_file"),
 )
 SHIPPED = (
     "quickstart",

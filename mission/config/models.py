@@ -431,6 +431,8 @@ class RunConfig(_Model):
         area = self.area
         if self.radio.truth == "buildings" and not area.buildings and area.buildings_file is None:
             raise ValueError("radio.truth = 'buildings' needs area.buildings_file, which has them")
+        if (self.radio.truth == "map") != (self.radio.map_file is not None):
+            raise ValueError("radio.truth = 'map' and radio.map_file: both, or none of them")
         return self
 
     @model_validator(mode="after")

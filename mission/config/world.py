@@ -4,6 +4,7 @@ So a run's own `config.toml` needs no other file, and all that reads a configura
 in area coordinates only.
 """
 
+import hashlib
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
@@ -11,13 +12,13 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from fl.config import WEIGHED_PARTITIONS, CommunityConfig
+from fl.config import WEIGHED_PARTITIONS, CommunityConfig, RadioConfig
 from mission.base.airspace import Airspace, crossing
 from mission.base.arrays import Floats
 from mission.base.errors import InputError
 from mission.base.explain import Blame, explained, refusal, shown
 from mission.base.geo_file import MOST_CORNERS, Pair, Place, Ring, read_places, read_rings
-from mission.base.user_files import whole_path
+from mission.base.user_files import read_bytes, whole_path
 from mission.config.models import (
     HEIGHT_MARGIN_M,
     AreaConfig,
@@ -31,6 +32,7 @@ _LEAST_MARGIN_M = 50.0
 _FAR_M = 100_000.0  # from home, at most
 _LARGEST_M = 100_000.0
 _FILES = ("area.no_fly_file", "area.buildings_file")
+MOST_BYTES = 1 << 30  # of a radio map
 _LEVEL_M = 3.0  # of a building that tells its levels only
 _HOME = ("area.home_m", "area.home_lat_deg", "area.home_lon_deg")
 
@@ -59,10 +61,22 @@ def with_world(config: RunConfig, blame: Blame) -> RunConfig:
         for index, community in enumerate(config.communities)
     )
     area = _with_rings(area, blame, config.mission.heights_m)
-    placed = config.model_copy(update={"area": area, "communities": communities})
+    known = {"area": area, "communities": communities, "radio": _known_map(config.radio, blame)}
+    placed = config.model_copy(update=known)
     given = {"size_m", "home_lat_deg"} & config.area.model_fields_set
     _check_inside(placed, found, blame.source, fixed=bool(given))
     return placed
+
+
+def _known_map(radio: RadioConfig, blame: Blame) -> RadioConfig:
+    """With the digest of the map's file; another file than that of the digest is refused."""
+    if radio.map_file is None:
+        return radio
+    found = hashlib.sha256(read_bytes(radio.map_file, most=MOST_BYTES)).hexdigest()
+    if radio.map_sha256 not in (None, found):
+        reason = f"{radio.map_file} has {found}: it is another map than that of the configuration"
+        raise InputError(refusal("radio.map_sha256", radio.map_sha256, reason, blame))
+    return radio.model_copy(update={"map_sha256": found})
 
 
 def check_start(config: RunConfig) -> None:

@@ -11,7 +11,6 @@ from pathlib import Path
 
 import numpy as np
 
-from fl.config import RADIOS
 from fl.errors import FETCHED
 from fl.federation import fairness
 from fl.federation import rounds as learning
@@ -19,8 +18,7 @@ from fl.federation.community import Community, Federation, build_federation
 from fl.federation.device_work import DeviceWork
 from fl.plugin_code import is_plugin
 from fl.radio.channel import Channel, LinkBudget, link_budget
-from fl.radio.city import City
-from fl.radio.place import AverageRadio, CustomRadio, LinkTerms, PlacedRadio, Radio
+from fl.radio.place import Radio
 from flightdyn.random import RandomStreams
 from mission.base.area import Area
 from mission.base.arrays import Floats, Ints
@@ -49,6 +47,7 @@ from mission.scenario.limits import (
     round_limits,
     unflyable,
 )
+from mission.scenario.radios import radio_of
 from mission.scenario.strategies import Strategy, make_strategy
 
 _LONGEST_UPLOAD_S = 3600.0  # no aircraft hovers as long
@@ -301,48 +300,6 @@ def _too_slow(config: RunConfig, bits: Floats) -> Iterator[WrongKey]:
             f"send; {_LONGEST_UPLOAD_S:g} s at most are allowed, so at least "
             f"{math.ceil(bits.max() / _LONGEST_UPLOAD_S)} bits a second",
         )
-
-
-def radio_of(
-    config: RunConfig, channel: Channel, area: Area, devices_m: Floats, streams: RandomStreams
-) -> Radio:
-    """What decides whose update arrives, of devices at places (K, 2).
-
-    Raises:
-        InputError: a device stands where it must not.
-        PluginError: a radio of one's own cannot be made.
-    """
-    radio = config.radio
-    if radio.truth == "channel":
-        return AverageRadio(channel, devices_m)
-    if radio.truth not in RADIOS:
-        return CustomRadio.made(radio.truth, channel, devices_m)
-    city = City(
-        area.buildings,
-        devices_m,
-        device_height_m=radio.device_height_m,
-        carrier_hz=radio.carrier_hz,
-        environment=radio.environment,
-        rng=streams.generator("shadowing") if radio.shadowing else None,
-    )
-    if radio.indoors == "refused" and city.indoors.any():
-        device = int(np.argmax(city.indoors))
-        x, y = devices_m[device].tolist()
-        reason = (
-            f"device {device} at x = {x:.1f}, y = {y:.1f} m stands within a building; move it, or "
-            "let it pay for the way through the wall: 'entry-loss'"
-        )
-        config.refuse([("radio.indoors", radio.indoors, reason)])
-    return PlacedRadio(
-        city,
-        LinkTerms(
-            radio.tx_power_dbm,
-            radio.bandwidth_hz,
-            radio.noise_figure_db,
-            radio.snr_threshold_db,
-            radio.fading_db,
-        ),
-    )
 
 
 def build_scenario(config: RunConfig, *, data_dir: Path | None) -> Scenario:

@@ -1,0 +1,83 @@
+"""`aerofed radio-map`."""
+
+import math
+from importlib.metadata import version
+from pathlib import Path
+
+from mission.base.errors import InputError
+from mission.base.terminal import PLAIN, Terminal
+from mission.commands.options import Overrides, load
+
+_STEP_M = 5.0  # between heights
+_MOST_CELLS = 50_000_000
+
+
+def radio_map(
+    config: Path,
+    *,
+    out: Path,
+    cell: float = 5.0,
+    set_: Overrides = (),
+) -> int:
+    """Write the gains of all paths from the devices to the places of the aircraft, as a file.
+
+    Example: aerofed radio-map city --out city.nc
+
+    Parameters
+    ----------
+    config
+        TOML file whose devices and buildings are mapped, at the mission's altitude; of two, at
+        heights 5 m apart between them.
+    out
+        NetCDF file for the map: what radio.map_file takes, and xarray opens.
+    cell
+        Side of a cell in metres.
+    set_
+        Override any key: --set radio.environment=UMa
+    """
+    resolved = load(config, set_)
+    size_m, (low_m, high_m) = resolved.area.size_m, resolved.mission.heights_m
+    if not 0.5 <= cell <= min(size_m):
+        raise InputError(f"--cell {cell:g}: must be from 0.5 m to the area's {min(size_m):g} m")
+    if not resolved.area.buildings:
+        raise InputError(f"{config}: area.buildings_file: missing; a map is made of buildings")
+    import numpy as np
+
+    from fl.radio.radio_map import RadioMap
+    from flightdyn.random import RandomStreams
+    from mission.scenario.radio_maps import write_map
+    from mission.scenario.radios import city_of
+    from mission.scenario.scenario import device_places
+
+    heights_m = np.arange(low_m, max(high_m, low_m + 0.5 * _STEP_M), _STEP_M)
+    heights_m = np.unique(np.append(heights_m, high_m))
+    streams, area = RandomStreams(resolved.seed), resolved.area.build()
+    devices_m = device_places(resolved, area, streams)
+    cells = len(devices_m) * len(heights_m) * math.prod(math.ceil(side / cell) for side in size_m)
+    if cells > _MOST_CELLS:
+        raise InputError(
+            f"--cell {cell:g}: makes {cells} cells, {_MOST_CELLS} are allowed; take larger ones"
+        )
+    radio = resolved.radio
+    made = RadioMap.of(
+        city_of(resolved, area, devices_m, streams),
+        devices_m,
+        size_m=size_m,
+        height_m=heights_m,
+        cell_m=cell,
+        origin={
+            "title": f"path gain over {resolved.name}, by buildings",
+            "source": f"aerofed {version('aerofed')}, seed {resolved.seed}, {radio.environment}, "
+            f"{len(area.buildings)} buildings",
+            "carrier_hz": radio.carrier_hz,
+            "home_lat_deg": area.home.lat_deg,
+            "home_lon_deg": area.home.lon_deg,
+            "home_alt_msl_m": area.home.alt_msl_m,
+            "home_x_m": area.home_m[0],
+            "home_y_m": area.home_m[1],
+        },
+    )
+    write_map(out, made)
+    sizes = " x ".join(str(size) for size in made.path_gain_db.shape)
+    Terminal(**PLAIN).print(f"{out}: path gain of {sizes} (device, height, north, east)")
+    return 0

@@ -1,0 +1,101 @@
+"""The radio of a run: what decides whose update arrives."""
+
+import numpy as np
+
+from fl.config import RADIOS
+from fl.radio.channel import Channel
+from fl.radio.city import City
+from fl.radio.place import AverageRadio, CustomRadio, LinkTerms, PlacedRadio, Radio
+from fl.radio.radio_map import RadioMap
+from flightdyn.random import RandomStreams
+from mission.base.area import Area
+from mission.base.arrays import Floats
+from mission.config.models import HEIGHT_MARGIN_M, RunConfig
+from mission.scenario.radio_maps import read_map
+
+_SAME_PLACE_M = 1.0
+
+
+def radio_of(
+    config: RunConfig, channel: Channel, area: Area, devices_m: Floats, streams: RandomStreams
+) -> Radio:
+    """What decides whose update arrives, of devices at places (K, 2).
+
+    Raises:
+        InputError: a device stands where it must not, or the map is not of this run.
+        PluginError: a radio of one's own cannot be made.
+    """
+    radio = config.radio
+    if radio.truth == "channel":
+        return AverageRadio(channel, devices_m)
+    if radio.truth not in RADIOS:
+        return CustomRadio.made(radio.truth, channel, devices_m)
+    gains = (
+        city_of(config, area, devices_m, streams)
+        if radio.truth == "buildings"
+        else _map_of(config, devices_m)
+    )
+    terms = LinkTerms(
+        radio.tx_power_dbm,
+        radio.bandwidth_hz,
+        radio.noise_figure_db,
+        radio.snr_threshold_db,
+        radio.fading_db,
+    )
+    return PlacedRadio(gains, terms)
+
+
+def city_of(config: RunConfig, area: Area, devices_m: Floats, streams: RandomStreams) -> City:
+    """The gains from devices (K, 2) among the buildings of the area.
+
+    Raises:
+        InputError: a device stands within one, and must not.
+    """
+    radio = config.radio
+    city = City(
+        area.buildings,
+        devices_m,
+        device_height_m=radio.device_height_m,
+        carrier_hz=radio.carrier_hz,
+        environment=radio.environment,
+        rng=streams.generator("shadowing") if radio.shadowing else None,
+    )
+    if radio.indoors == "refused" and city.indoors.any():
+        device = int(np.argmax(city.indoors))
+        x, y = devices_m[device].tolist()
+        reason = (
+            f"device {device} at x = {x:.1f}, y = {y:.1f} m stands within a building; move it, or "
+            "let it pay for the way through the wall: 'entry-loss'"
+        )
+        config.refuse([("radio.indoors", radio.indoors, reason)])
+    return city
+
+
+def _map_of(config: RunConfig, devices_m: Floats) -> RadioMap:
+    """The map that the configuration names, once it is sure to be one of this run."""
+    name = config.radio.map_file
+    assert name is not None
+    made = read_map(name)
+    config.refuse(("radio.map_file", str(name), why) for why in _misfits(made, config, devices_m))
+    return made
+
+
+def _misfits(made: RadioMap, config: RunConfig, devices_m: Floats) -> list[str]:
+    """Why a map cannot be used in a run."""
+    if made.devices_m.shape != devices_m.shape:
+        return [f"is of {len(made.devices_m)} devices; the run has {len(devices_m)}"]
+    away = np.hypot(*(made.devices_m - devices_m).T)
+    device = int(away.argmax())
+    if away[device] > _SAME_PLACE_M:
+        return [f"has device {device} {away[device]:.0f} m from where it stands in the run"]
+    axes = (("x", made.x_m, config.area.size_m[0]), ("y", made.y_m, config.area.size_m[1]))
+    for name, line, size in axes:
+        cell = float(line[1] - line[0]) if len(line) > 1 else 0.0
+        if line[0] > cell or line[-1] < size - cell:
+            return [f"covers {name} from {line[0]:g} to {line[-1]:g} m; the area has 0 to {size:g}"]
+    low, high = made.height_m[0] - HEIGHT_MARGIN_M, made.height_m[-1] + HEIGHT_MARGIN_M
+    flown = config.mission.heights_m
+    if not low <= flown[0] <= flown[1] <= high:
+        heights = ", ".join(f"{height:g}" for height in made.height_m)
+        return [f"is of {heights} m above home; mission.altitude_m is not within 5 m of that"]
+    return []

@@ -1,0 +1,151 @@
+"""`aerofed radio-map`, and runs on what it writes."""
+
+import io
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.io import netcdf_file
+
+from mission.cli import call
+
+HALL = "[{polygon_m = [[90, 90], [110, 90], [110, 110], [90, 110]], height_m = 40}]"
+WORLD = f"""
+[area]
+size_m = [300, 200]
+home_m = [20, 20]
+buildings = {HALL}
+[mission]
+flight = "none"
+rounds = 1
+steps = 3
+path_budget_m = 400
+[radio]
+tx_power_dbm = 0.0
+[[communities]]
+name = "a"
+task = "digits"
+partition = "iid"
+subset = 0.1
+positions_m = [[80, 100], [200, 150]]
+"""
+
+
+@pytest.fixture(autouse=True)
+def _world(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("w.toml").write_text(WORLD)
+
+
+def mapped(*more: str) -> Path:
+    assert call(["radio-map", "w.toml", "--out", "w.nc", "--cell=10", *more]) == 0
+    return Path("w.nc")
+
+
+def uplinks(name: str, *more: str) -> str:
+    assert call(["run", "w.toml", "--out", name, "--quiet", "--no-report", *more]) == 0
+    return Path(name, "uplinks.csv").read_text()
+
+
+ON_MAP = ("--set=radio.truth=map", "--set=radio.map_file=w.nc")
+
+
+def test_the_map_says_what_it_is_of_and_what_it_is_in(capsys) -> None:
+    content = mapped().read_bytes()
+    told = capsys.readouterr().out
+    assert told == "w.nc: path gain of 2 x 1 x 20 x 30 (device, height, north, east)\n"
+    file = netcdf_file(io.BytesIO(content), mmap=False)
+    gain = file.variables["path_gain"]
+    assert (gain.dimensions, gain.units) == (("device", "height", "y", "x"), b"dB")
+    assert file.variables["height"][:].tolist() == [60.0]
+    assert file.variables["device_x"][:].tolist() == [80.0, 200.0]
+    assert file.source.startswith(b"aerofed ")
+    assert b"UMi, 1 buildings" in file.source
+    assert file.home_lat_deg == pytest.approx(43.6145)
+    assert mapped().read_bytes() == content
+    mapped("--set=mission.altitude_m=[50,62]")
+    assert netcdf_file("w.nc", mmap=False).variables["height"][:].tolist() == [50, 55, 60, 62]
+
+
+def test_xarray_opens_it() -> None:
+    xarray = pytest.importorskip("xarray")
+    found = xarray.open_dataset(mapped(), engine="scipy").path_gain
+    assert found.sel(x=85.0, y=105.0, device=0) > found.sel(x=295.0, y=5.0, device=0)
+
+
+def test_a_run_on_the_map_is_nearly_one_among_the_buildings() -> None:
+    mapped()
+    told = [
+        np.loadtxt(io.StringIO(text), delimiter=",", skiprows=1, usecols=15)
+        for text in (uplinks("a", *ON_MAP), uplinks("b", "--set=radio.truth=buildings"))
+    ]
+    assert np.abs(told[0] - told[1]).max() < 0.2
+    assert uplinks("c", "--set=radio.truth=channel") not in (uplinks("d", *ON_MAP),)
+
+
+def test_a_run_is_repeated_with_the_same_map_only(capsys) -> None:
+    mapped()
+    first = uplinks("a", *ON_MAP)
+    assert call(["run", "a/config.toml", "--out", "b", "--quiet", "--no-report"]) == 0
+    assert Path("b/uplinks.csv").read_text() == first
+    mapped("--set=seed=2")
+    assert call(["run", "a/config.toml", "--out", "c", "--quiet", "--no-report"]) == 2
+    line = capsys.readouterr().err.strip()
+    assert "radio.map_sha256" in line
+    assert "it is another map than that of the configuration" in line
+
+
+BAD_MAPS = {
+    "area.size_m=[600,200]": "covers x from 5 to 295 m; the area has 0 to 600",
+    "communities.0.positions_m=[[80,100]]": "is of 2 devices; the run has 1",
+    "communities.0.positions_m=[[80,100],[200,50]]": "has device 1 100 m from where it stands",
+    "mission.altitude_m=80": "is of 60 m above home; mission.altitude_m is not within 5 m",
+}
+
+
+@pytest.mark.parametrize("change", BAD_MAPS)
+def test_a_map_of_something_else_is_refused(capsys, change: str) -> None:
+    mapped()
+    assert call(["run", "w.toml", *ON_MAP, "--set", change, "--out=x", "--quiet"]) == 2
+    line = capsys.readouterr().err
+    assert BAD_MAPS[change] in line
+    assert line.count("\n") == 1
+
+
+@pytest.mark.parametrize("content", [b"", b"CDF\x02", b"PK\x03\x04" * 50])
+def test_what_is_no_map_is_refused(capsys, content: bytes) -> None:
+    Path("w.nc").write_bytes(content)
+    assert call(["run", "w.toml", *ON_MAP, "--out=x", "--quiet"]) == 2
+    assert "w.nc: no radio map: NetCDF (classic) with path_gain" in capsys.readouterr().err
+
+
+def test_cut_and_damaged_maps_never_end_in_a_traceback(capsys) -> None:
+    whole, rng = mapped().read_bytes(), np.random.default_rng(1)
+    for _ in range(30):
+        wrong = bytearray(whole[: rng.integers(4, len(whole))])
+        for at in rng.integers(0, min(len(wrong), 900), 3):
+            wrong[at] = rng.integers(256)
+        Path("w.nc").write_bytes(wrong)
+        assert call(["run", "w.toml", *ON_MAP, "--out=x", "--quiet", "--no-report"]) in (0, 2)
+        assert "Traceback" not in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("more", "words"),
+    [
+        (["--cell=0.1"], "--cell 0.1: must be from 0.5 m to the area's 200 m"),
+        (["--set=area.buildings=[]"], "area.buildings_file: missing; a map is made of buildings"),
+        (["none/w.nc"], "none/w.nc: cannot write: No such file or directory"),
+        (["--cell=0.5", "--set=area.size_m=[9e4,9e4]"], "50000000 are allowed; take larger ones"),
+    ],
+)
+def test_what_cannot_be_mapped_is_refused(capsys, more, words: str) -> None:
+    *more, out = more if more[-1].endswith(".nc") else [*more, "w.nc"]
+    assert call(["radio-map", "w.toml", "--out", out, *more]) == 2
+    assert words in capsys.readouterr().err
+
+
+def test_a_map_needs_a_file_and_a_file_its_use(capsys) -> None:
+    for alone in (ON_MAP[0], "--set=radio.map_file=w.nc"):
+        assert call(["run", "w.toml", alone, "--out=x", "--quiet"]) == 2
+        assert "radio.truth = 'map' and radio.map_file: both" in capsys.readouterr().err
