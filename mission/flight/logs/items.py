@@ -32,7 +32,7 @@ _LEADS = (  # straight to their place
     mav.MAV_CMD_NAV_LOITER_TO_ALT,
     mav.MAV_CMD_NAV_PAYLOAD_PLACE,
 )
-_WITHOUT_PLACE = (mav.MAV_CMD_NAV_DELAY, mav.MAV_CMD_NAV_GUIDED_ENABLE, mav.MAV_CMD_NAV_LAST)
+_WITHOUT_PLACE = (0, mav.MAV_CMD_NAV_DELAY, mav.MAV_CMD_NAV_GUIDED_ENABLE, mav.MAV_CMD_NAV_LAST)
 _CORNERS = 24  # of a circle
 _MOST_LAPS = 50.0
 _NOWHERE: Floats = np.full(3, math.nan)

@@ -44,13 +44,15 @@ def test_one_flight_in_three_logs_is_one_comparison(tmp_path: Path) -> None:
     for one in found:
         assert one.total.slots == len(CORNERS)
         assert one.total.slots_missed == 0
+        assert one.run.judged is not None
+        assert not one.run.judged.left_out
         assert one.run.data.source.only == "believed"
         assert str(one.total.estimate_rms_m) == "nan"
 
 
 def test_what_px4_adds_to_a_mission_is_no_item(tmp_path: Path) -> None:
     found = compared(write_ulog(tmp_path / "x.ulg"))
-    assert [leg.item for leg in found.legs] == [0, 1, 2, 3]
+    assert [leg.item for leg in found.legs] == [0, 1, 3, 4]
     assert found.total.corner_cut_max_m < 0.05
     assert found.total.slots == len(CORNERS)
 

@@ -126,13 +126,13 @@ def write_ulog(path: Path, *, kind: int = 1, off_m: float = 0.0, returns: bool =
         if s.mission and s.toward != toward:
             toward = s.toward
             _, lat, lon = places()[toward]
-            data("mission_result", s.t_s, 7, toward, False)
+            data("mission_result", s.t_s, 7, toward + (toward > 1), False)  # 2 has no place
             if toward == 0:
                 data("position_setpoint_triplet", s.t_s, True, 3, lat + 1e-5, lon, up_m)
             data("position_setpoint_triplet", s.t_s, True, 0, lat, lon, up_m)
         elif s.t_s > 60.0 and toward == 3:
             toward = 4
-            data("mission_result", s.t_s, 7, 3, True)
+            data("mission_result", s.t_s, 7, 4, True)
             data("position_setpoint_triplet", s.t_s, True, 2, lat + 1e-5, lon, up_m)
     message(b"L", b"4" + struct.pack("<Q", 1_000_000) + b"low battery")
     path.write_bytes(out)
