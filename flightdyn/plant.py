@@ -11,6 +11,7 @@ from flightdyn.clock import SimClock
 from flightdyn.config import AircraftConfig
 from flightdyn.faults import Fault
 from flightdyn.frames import LocalFrame, frozen
+from flightdyn.obstacles import Obstacles
 from flightdyn.physics.battery import Battery
 from flightdyn.physics.fault_state import FaultState
 from flightdyn.physics.multirotor import Multirotor
@@ -52,11 +53,13 @@ class Plant:
         )
         self._battery = Battery(config.battery)
         self.battery = self._battery.state()  # voltage, current, charge
+        self._obstacles = Obstacles(config.obstacles)
         self._gusty = bool(config.wind.gusts or config.faults)
         self._watch_ground(near=True)
         self._slow = _SLOW * self.interval  # ticks
         self.due = self._after(clock.tick)  # the tick of the next look around
         self.impact_mps: float | None = None  # with which it crashed
+        self.hit = ""  # what
 
     def _after(self, tick: int) -> int:
         every = self.interval if self._gusty else self._slow
@@ -91,11 +94,21 @@ class Plant:
         self.vehicle.run()
         speed = self.vehicle.impact_mps()
         if speed > self.vehicle.airframe.impact_limit_mps:
-            self.impact_mps = speed
-            self.vehicle.arm(False)
-            self.vehicle.wreck()
-            self._watch_ground(near=False)
+            self._wreck(speed, "the ground")
         return True
+
+    def _wreck(self, speed_mps: float, hit: str) -> None:
+        self.impact_mps, self.hit = speed_mps, hit
+        self.vehicle.arm(False)
+        self.vehicle.wreck()
+        self._watch_ground(near=False)
+
+    def _feel_obstacles(self) -> None:
+        """A wreck from the look on at which it is within one: two metres at most at 20 m/s."""
+        here = self.truth
+        north, east, down = here.pos_ned_m.tolist()
+        if self._obstacles.hold(north, east, -down):
+            self._wreck(math.dist(here.vel_ned_mps, (0.0, 0.0, 0.0)), "a building")
 
     def _update_surroundings(self) -> None:
         """Update the gusts, and every few times battery, ground and faults."""
@@ -112,6 +125,8 @@ class Plant:
             self.battery = self._battery.state()
             self.vehicle.set_battery_voltage(volts)
             self._watch_ground(near=self.vehicle.watch_ground() and not self.crashed)
+            if self.config.obstacles and not self.crashed:
+                self._feel_obstacles()
             self._faults.update(self.clock.t_ns)
 
     @property

@@ -184,7 +184,7 @@ class FirmwareVehicle:
             return error
         if self.plant.impact_mps is not None:
             return FirmwareError(
-                f"the aircraft is lost: it hit the ground at {self.plant.impact_mps:.1f} m/s"
+                f"the aircraft is lost: it hit {self.plant.hit} at {self.plant.impact_mps:.1f} m/s"
             )
         if died:
             return FirmwareSilentError(self.with_last_words(died))

@@ -194,7 +194,7 @@ class Flight:
         impact_mps = self._aircraft.impact_mps
         if impact_mps is not None and not self._wrecked:
             self._wrecked = True
-            said = f"Crashed: hit the ground at {impact_mps:.1f} m/s"
+            said = f"Crashed: hit {self._aircraft.hit} at {impact_mps:.1f} m/s"
             self._report.say(said, mav.MAV_SEVERITY_CRITICAL)
             self._settling = False
             self._stop_motors()

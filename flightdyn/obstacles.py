@@ -1,0 +1,32 @@
+"""What stands on the ground and wrecks whoever flies into it."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+# Outlines of a building and its courtyards, corners north and east of home; its roof above home.
+Prism = tuple[tuple[tuple[tuple[float, float], ...], ...], float]
+
+
+class Obstacles:
+    """Prisms with flat roofs; in metres north and east of home, and above it."""
+
+    def __init__(self, prisms: Sequence[Prism]) -> None:
+        corners = [np.array(ring) for rings, _ in prisms for ring in rings]
+        walls = [np.hstack((ring, np.roll(ring, -1, axis=0))) for ring in corners]
+        counts = [sum(map(len, rings)) for rings, _ in prisms]
+        self._whose = np.repeat(np.arange(len(prisms)), counts)
+        self._walls = np.vstack([np.empty((0, 4)), *walls])
+        self._roofs = np.array([roof for _, roof in prisms])
+        self._highest = float(self._roofs.max(initial=-np.inf))
+
+    def hold(self, north: float, east: float, up: float) -> bool:
+        """Whether a place is within one: of the walls to its north an odd number is its."""
+        if up >= self._highest:
+            return False
+        n1, e1, n2, e2 = self._walls.T
+        beside = (e1 > east) != (e2 > east)
+        with np.errstate(divide="ignore", invalid="ignore"):  # of walls that are not beside it
+            cross = n1 + (east - e1) / (e2 - e1) * (n2 - n1)
+        met = np.bincount(self._whose[beside & (cross > north)], minlength=len(self._roofs))
+        return bool(((met % 2 == 1) & (up < self._roofs)).any())
