@@ -38,7 +38,8 @@ def collected(folders: Sequence[Path]) -> pd.DataFrame:
         for given in folders
         for path in (sorted(given.glob("*.csv")) if given.is_dir() else [given])
     ]
-    return pd.concat([pd.read_csv(path) for path in files], ignore_index=True)
+    every = pd.concat([pd.read_csv(path) for path in files], ignore_index=True)
+    return every.drop_duplicates(ignore_index=True)  # a run may be in a folder and a table
 
 
 def ends(runs: Sequence[pd.DataFrame], way: str) -> list[int]:

@@ -1,14 +1,16 @@
-"""Runs where communities live apart: who learns what, not flown, small data.
+"""Runs where communities live apart: who learns what; all but those of stage 3 not flown, on small
+data.
 
     python docs/apart_runs.py 2a --data-dir DATA --out RUNS --jobs 2 [--cells 3]
     python docs/apart_runs.py 2b --data-dir DATA --out FACTORS --jobs 2
     python docs/apart_runs.py 2c --data-dir DATA --out WEIGHTS --jobs 2
+    python docs/apart_runs.py 3 --data-dir DATA --out FLOWN --jobs 2
 
 DATA holds MNIST and CIFAR-10; a tenth of each is used. CIFAR-10 is best unpacked: half of a run is
 reading it from an archive. `--out` gets a table a run, with a row a round. Runs that are there
 already are kept, so the command goes on where it was cut off; so are those of `--known TABLE`, such
 as docs/data/apart-runs/rounds.csv.gz. What is run, in which order and why, was written before:
-docs/data/PLAN.md, stage 2.
+docs/data/PLAN.md, stages 2 and 3. A run of stage 3 is flown, on all data, and takes minutes.
 """
 
 import argparse
@@ -34,6 +36,7 @@ from mission.sweep.results import read_run
 
 SEEDS = range(201, 217)
 FACTOR_SEEDS = range(201, 209)
+JUDGING_SEEDS = range(301, 313)
 ONLY = "cifar10_only"  # the ceiling of weights: all importance is CIFAR-10's
 STRATEGIES = ("cov", "no_cov", ONLY, "ideal")
 WEIGHTS = {
@@ -65,6 +68,10 @@ CELLS = (
     Cell("corners", 2, 2), Cell("halves", 2, 4), Cell("corners", 3, 2), Cell("clusters", 3, 2),
     Cell("halves", 3, 2), Cell("corners", 4, 2),
 )  # fmt: skip
+
+
+# Those of the largest lower end of H3's interval among all whose ceiling is at least 3 %.
+JUDGED = (Cell("corners", 2, 3), Cell("corners", 3, 2))
 
 
 @dataclass(frozen=True)
@@ -130,6 +137,7 @@ class Task:
     strategy: str
     seed: int
     levels: tuple[int, ...] | None = None
+    planner: str | None = None  # of a run of stage 3: flown, all data
 
     @property
     def point(self) -> Point:
@@ -139,29 +147,33 @@ class Task:
             ("N", self.cell.steps),
             ("K_bar", self.cell.per_step),
             *factors(self.levels).items(),
+            *([] if self.planner is None else [("planner", self.planner)]),
         )
         return Point(self.strategy, self.seed, settings)
 
     @property
     def values(self) -> tuple[object, ...]:
-        """What tells the run from the others: `KEYS`, and in stage 2b `FACTORS`."""
+        """What tells the run from the others: `KEYS`, then `FACTORS` or the planner."""
         cell = self.cell.layout, self.cell.steps, self.cell.per_step
-        return self.strategy, self.seed, *cell, *factors(self.levels).values()
+        planner = () if self.planner is None else (self.planner,)
+        return self.strategy, self.seed, *cell, *factors(self.levels).values(), *planner
 
     def config(self) -> aerofed.RunConfig:
-        """`paper-sweep` on a tenth of the data, with the devices where the layout has them."""
+        """`paper-sweep` with the devices where the layout has them."""
         places = apart.positions_m(self.cell.layout, self.seed).round(3).tolist()
         strategy = {ONLY: f"apart_runs:{ONLY}", **WEIGHTS}.get(self.strategy, self.strategy)
+        flown = self.planner is not None
         return aerofed.config(
             "paper-sweep",
             {
                 "seed": self.seed,
                 "mission.strategy": strategy,
-                "mission.flight": "none",
+                "mission.flight": "flown" if flown else "none",
+                "planner.kind": self.planner or "certified",
                 "mission.steps": self.cell.steps,
                 "mission.devices_per_step": self.cell.per_step,
-                "communities.0.subset": 0.1,
-                "communities.1.subset": 0.1,
+                "communities.0.subset": 1.0 if flown else 0.1,
+                "communities.1.subset": 1.0 if flown else 0.1,
                 "communities.0.positions_m": places[: apart.EACH],
                 "communities.1.positions_m": places[apart.EACH :],
                 **{
@@ -192,6 +204,16 @@ def weight_tasks() -> Iterator[Task]:
         yield Task(CELLS[0], strategy, seed)
 
 
+def judging_tasks() -> Iterator[Task]:
+    """The runs of stage 3: all of a seed before the next. The ideal knows no cell."""
+    for seed in JUDGING_SEEDS:
+        for cell, strategy in product(JUDGED, ("cov", "no_cov", "rectangular", "barycenter")):
+            yield Task(cell, strategy, seed, planner="certified")
+        yield Task(JUDGED[0], "ideal", seed, planner="certified")
+        for strategy in ("cov", "no_cov"):
+            yield Task(JUDGED[0], strategy, seed, planner="paper")
+
+
 def run(task: Task, data_dir: Path) -> pd.DataFrame:
     """The rounds of a run.
 
@@ -219,7 +241,7 @@ def known(tables: Sequence[Path]) -> set[tuple[object, ...]]:
     """The values that tell runs apart, of all runs in the tables of `apart_gains.py`."""
     found: set[tuple[object, ...]] = set()
     for table in map(pd.read_csv, tables):
-        keys = [name for name in (*KEYS, *FACTORS) if name in table]
+        keys = [name for name in (*KEYS, *FACTORS, "planner") if name in table]
         found |= set(table[keys].drop_duplicates().itertuples(index=False, name=None))
     return found
 
@@ -232,7 +254,7 @@ def _made(task: Task, data_dir: Path, path: Path) -> str:
 def main() -> None:
     """Run what was not yet."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("stage", choices=("2a", "2b", "2c"))
+    parser.add_argument("stage", choices=("2a", "2b", "2c", "3"))
     parser.add_argument("--data-dir", type=Path, required=True, metavar="DATA")
     parser.add_argument("--out", type=Path, required=True, metavar="DIR")
     parser.add_argument("--known", type=Path, nargs="+", default=[], metavar="TABLE")
@@ -241,7 +263,12 @@ def main() -> None:
     options = parser.parse_args()
     options.out.mkdir(parents=True, exist_ok=True)
     os.environ.update(ENVIRONMENT)
-    stages = {"2a": tasks(options.cells), "2b": factor_tasks(), "2c": weight_tasks()}
+    stages = {
+        "2a": tasks(options.cells),
+        "2b": factor_tasks(),
+        "2c": weight_tasks(),
+        "3": judging_tasks(),
+    }
     done = known(options.known)
     with ProcessPoolExecutor(options.jobs) as pool:
         for task in stages[options.stage]:

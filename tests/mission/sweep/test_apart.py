@@ -208,3 +208,22 @@ def test_runs_of_a_table_are_known(tmp_path: Path) -> None:
 
 def lacking() -> apart_runs.Task:
     return apart_runs.Task(apart_runs.CELLS[0], "no_cov", 203, apart_runs.treatments()[5])
+
+
+def test_a_run_in_a_folder_and_a_table_counts_once(tmp_path: Path) -> None:
+    made = pd.DataFrame({"strategy": "cov", "seed": 201, "round": [1, 2], "accuracy": [0.1, 0.2]})
+    (tmp_path / "runs").mkdir()
+    made.to_csv(tmp_path / "runs" / "one.csv", index=False)
+    made.to_csv(tmp_path / "table.csv.gz", index=False)
+    found = apart_gains.collected([tmp_path / "runs", tmp_path / "table.csv.gz"])
+    assert found.equals(made)
+
+
+def test_what_judges_is_flown_on_all_data_and_seeds_that_chose_nothing() -> None:
+    tasks = list(apart_runs.judging_tasks())
+    assert len(tasks) == len({task.values for task in tasks}) == 12 * (2 * 4 + 1 + 2)
+    assert {task.seed for task in tasks}.isdisjoint({*apart.SEEDS, *apart_runs.SEEDS})
+    paper = next(task for task in tasks if task.planner == "paper").config()
+    assert (paper.planner.kind, paper.mission.flight, paper.communities[0].subset) == (
+        "paper", "flown", 1.0,
+    )  # fmt: skip
