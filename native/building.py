@@ -80,6 +80,7 @@ class Library:
 LIBRARIES = (
     Library("learning", ROOT / "fl" / "native", "training.c", "learning.c"),
     Library("planner", ROOT / "mission" / "planner" / "native", "planning.c", "planner.c"),
+    Library("airspace", ROOT / "mission" / "base" / "native", None, "airspace.c"),
     Library("bridge", ROOT / "sitl" / "firmware" / "native", None, "bridge.c"),
     Library("flight", ROOT / "flightdyn" / "native", "core.c", "flight.c"),
 )

@@ -19,7 +19,7 @@ from mission.base.area import Area
 from mission.base.arrays import Bools, Floats
 from mission.base.errors import InputError
 from mission.config.models import RunConfig
-from mission.planner.evaluate import check_problem, in_time, objective, path_through
+from mission.planner.evaluate import check_problem, in_time, objective
 from mission.planner.flyable import foresee_round, share_of
 from mission.planner.performance import WITHIN_ROUNDING
 from mission.planner.problem import RoundPlan, RoundProblem
@@ -174,7 +174,7 @@ class RoundEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
     def _go(self, place_m: Floats) -> None:
         """Fly towards a place (2,), as far as may be."""
         here = self._waypoints_m[self._n - 1]
-        way, _ = path_through(self._problem, np.stack((here, place_m)))
+        way, _ = self._problem.airspace.route(np.stack((here, place_m)))
         along_m = polyline.along(way)
 
         def fits(metres: float) -> bool:

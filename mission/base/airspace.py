@@ -2,24 +2,25 @@
 
 Everything keeps a margin from the outlines, since nobody flies exactly where the plan has it. The
 shortest way between two places leads over corners (de Berg et al., Computational Geometry, 15):
-here over points about the outlines' corners, at the margin from them.
+here over points about the outlines' corners, at the margin from them. The work is done in C
+(`native/include/airspace.h`), which the planner calls, too.
 """
 
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
-from mission.base.arrays import Bools, Floats
+from mission.base.arrays import Bools, Floats, Ints, given_alone
+
+if TYPE_CHECKING:  # which loads a library
+    from mission.base.native.library import Outlines
 
 _SLACK_M = 1e-6  # of the margin: what is at the margin is free
 _TURN = math.pi / 3  # of an outline's corner that one point leads around
-_CACHED_WAYS = 10_000  # ways
-_TRIED_AT_ONCE = 50  # places that may be free
 _REACHES = np.linspace(0.25, 8.0, 32)  # how far around a point is looked, in margins
 _DIRECTIONS = np.linspace(0.0, 2.0 * math.pi, 32, endpoint=False)
 _RAYS = np.column_stack((np.cos(_DIRECTIONS), np.sin(_DIRECTIONS)))
@@ -34,18 +35,12 @@ class Airspace:
     keep_in: Floats | None = None
     margin_m: float = 1.0
 
+    __getstate__ = given_alone
+
     @property
     def is_open(self) -> bool:
         """Whether everywhere may be flown."""
         return not self.keep_out and self.keep_in is None
-
-    @cached_property
-    def _edges(self) -> tuple[Floats, Floats]:
-        """(E, 2) the two ends of every outline's every edge, the free side on its left."""
-        return (
-            np.vstack(self._rings),
-            np.vstack([np.roll(ring, -1, axis=0) for ring in self._rings]),
-        )
 
     @cached_property
     def _rings(self) -> list[Floats]:
@@ -54,64 +49,23 @@ class Airspace:
         fence = [] if self.keep_in is None else [_oriented(self.keep_in, clockwise=False)]
         return rings + fence
 
-    @property
-    def _beside_m(self) -> float:
-        """A little more than the margin, so that rounding leaves what lies there free."""
-        return self.margin_m + 2 * _SLACK_M
-
     @cached_property
-    def _vertices(self) -> Floats:
-        """(V, 2) vertices of the visibility graph: free points about the outlines' corners."""
-        return self._about_corners(inner=False)
+    def outlines(self) -> "Outlines":
+        """The outlines as C has them, where not everywhere may be flown."""
+        # Imported here, as most runs have no areas.
+        from mission.base.native.library import Outlines
 
-    @cached_property
-    def _concave_vertices(self) -> Floats:
-        """(V, 2) free points at the margin from both edges that meet in an inner corner."""
-        return self._about_corners(inner=True)
-
-    def _about_corners(self, *, inner: bool) -> Floats:
-        every = [_offset_corners(ring, self._beside_m, inner=inner) for ring in self._rings]
-        points = np.vstack(every)
-        return points[self.free(points)]
-
-    @cached_property
-    def _visibility_graph(self) -> tuple[Floats, NDArray[np.int32]]:
-        """Visibility graph: (V, V) lengths of shortest paths between vertices, and predecessors."""
-        # Imported here: few ask, and every configuration is read by way of this module.
-        from scipy.sparse.csgraph import shortest_path
-
-        corners, count = self._vertices, len(self._vertices)
-        i, j = np.triu_indices(count, 1)
-        seen = self.clear(corners[i], corners[j])
-        direct = np.full((count, count), np.inf)
-        apart = np.hypot(*(corners[i] - corners[j]).T)
-        direct[i[seen], j[seen]] = direct[j[seen], i[seen]] = apart[seen]
-        lengths, before = shortest_path(direct, directed=False, return_predecessors=True)
-        return np.asarray(lengths), np.asarray(before)
-
-    @cached_property
-    def _outlines(self) -> Any:
-        """Every outline as one Shapely geometry, from which distances are measured."""
-        # Imported here, as in `allows`: most runs have no areas.
-        import shapely
-
-        outlines = shapely.multilinestrings([shapely.linearrings(ring) for ring in self._rings])
-        shapely.prepare(outlines)
-        return outlines
-
-    @cached_property
-    def _areas(self) -> tuple[Any, Any]:
-        """(A, 1) the areas to keep out of, (B, 1) those to keep within."""
-        import shapely
-
-        fences = () if self.keep_in is None else (self.keep_in,)
-        both = [
-            np.array([shapely.polygons(ring) for ring in rings], dtype=object)[:, None]
-            for rings in (self.keep_out, fences)
-        ]
-        for areas in both:
-            shapely.prepare(areas)
-        return both[0], both[1]
+        # A little more than the margin, so that rounding leaves what lies there free.
+        beside_m, rings = self.margin_m + 2 * _SLACK_M, self._rings
+        vertices_m, places_m = (
+            np.vstack([_offset_corners(ring, beside_m, inner=inner) for ring in rings])
+            for inner in (False, True)
+        )
+        margins_m = self.margin_m - _SLACK_M, _SLACK_M, beside_m
+        return Outlines(
+            rings, fenced=self.keep_in is not None, margins_m=margins_m, vertices_m=vertices_m,
+            places_m=places_m, shifts=_RINGS,
+        )  # fmt: skip
 
     def allows(self, points_m: Floats) -> Bools:
         """(P,) whether points (P, 2) lie outside all areas to keep out of, and within the fence.
@@ -120,12 +74,7 @@ class Airspace:
         """
         if self.is_open:
             return np.ones(len(points_m), dtype=bool)
-        import shapely
-
-        x, y = points_m.T
-        keep_out, keep_in = self._areas
-        forbidden = shapely.intersects_xy(keep_out, x, y).any(axis=0)
-        return np.asarray(~forbidden & shapely.contains_xy(keep_in, x, y).all(axis=0))
+        return self.outlines.allow(points_m)
 
     def outside(self, points_m: Floats) -> Bools:
         """(P,) whether points (P, 2) are allowed, and on no outline."""
@@ -146,12 +95,7 @@ class Airspace:
     def _keeps(self, from_m: Floats, to_m: Floats, away_m: float) -> Bools:
         if self.is_open:
             return np.ones(len(from_m), dtype=bool)
-        import shapely
-
-        legs = shapely.linestrings(np.stack((from_m, to_m), axis=1))
-        still = (from_m == to_m).all(axis=1)  # lines without a length are nowhere, to Shapely
-        legs[still] = shapely.points(from_m[still])
-        return np.asarray(~shapely.dwithin(self._outlines, legs, away_m))
+        return self.outlines.keep(from_m, to_m, away_m)
 
     def moved(self, points_m: Floats) -> Floats:
         """(P, 2) the points; one that is not free is at a place close to it that is.
@@ -161,41 +105,7 @@ class Airspace:
         Raises:
             ValueError: nowhere is free.
         """
-        places = np.array(points_m, dtype=np.float64)
-        for index in np.flatnonzero(~self.free(places)):
-            places[index] = self._nearest(places[index])
-        return places
-
-    def _nearest(self, point_m: Floats) -> Floats:
-        start, end = self._edges
-        along = end - start
-        length = np.hypot(*along.T)
-        share = np.clip(((point_m - start) * along).sum(axis=1) / length**2, 0.0, 1.0)
-        left = np.column_stack((-along[:, 1], along[:, 0])) / length[:, None]
-        feet = start + share[:, None] * along
-        away = point_m - feet
-        far = np.maximum(np.hypot(*away.T), _SLACK_M)[:, None]
-        beside = self._beside_m
-        # Where the margins of two outlines meet, the nearest place is at neither's side.
-        places = np.vstack(
-            (
-                feet + beside * left,
-                feet + beside * away / far,
-                self._vertices,
-                self._concave_vertices,
-                point_m + beside * _RINGS,
-            )
-        )
-        places = places[np.hypot(*(places - point_m).T).argsort(kind="stable")]
-        outside = self.outside(point_m[None])[0]
-        for first in range(0, len(places), _TRIED_AT_ONCE):
-            some = places[first : first + _TRIED_AT_ONCE]
-            some = some[self.free(some)]
-            if outside:
-                some = some[~self.crosses(np.broadcast_to(point_m, some.shape), some)]
-            if len(some):
-                return np.asarray(some[0])
-        raise ValueError("nowhere is free")
+        return np.array(points_m) if self.is_open else self.outlines.moved(points_m)
 
     def way(self, from_m: Floats, to_m: Floats) -> Floats:
         """(P, 2) the shortest way, both ends among its points.
@@ -205,53 +115,24 @@ class Airspace:
         Raises:
             ValueError: there is no way.
         """
-        key = (from_m.tobytes(), to_m.tobytes())
-        if key not in self._ways:
-            if len(self._ways) >= _CACHED_WAYS:
-                self._ways.clear()
-            self._ways[key] = self._way(from_m, to_m)
-        return self._ways[key]
-
-    @cached_property
-    def _ways(self) -> dict[tuple[bytes, bytes], Floats]:
-        """Ways found so far, by their ends: paths that a planner tries share most legs."""
-        return {}
-
-    def _way(self, from_m: Floats, to_m: Floats) -> Floats:
-        if bool(self.clear(from_m[None], to_m[None])[0]):
-            return np.array([from_m, to_m])
-        corners, (lengths, before) = self._vertices, self._visibility_graph
-        ends = self._visible(np.array([from_m, to_m]), corners)
-        # From where nothing is seen it may have to get out first.
-        if not np.isfinite(ends[0]).any() and not self.free(from_m[None])[0]:
-            out = self._nearest(from_m)
-            return np.vstack((from_m[None], self.way(out, to_m)))
-        total = ends[0][:, None] + lengths + ends[1][None, :] if len(corners) else np.empty((0, 0))
-        if not total.size or not np.isfinite(total.min()):
+        way, _ = self.route(np.array([from_m, to_m], dtype=np.float64))
+        if (way[-1] != to_m).any():
             raise ValueError("there is no way")
-        first, last = (int(index) for index in np.unravel_index(total.argmin(), total.shape))
-        chain = [last]
-        while chain[-1] != first:
-            chain.append(int(before[first, chain[-1]]))
-        return np.vstack((from_m[None], corners[chain[::-1]], to_m[None]))
+        return way
 
-    def _visible(self, points_m: Floats, corners: Floats) -> Floats:
-        """(P, V) distances of points (P, 2) to vertices that are visible; infinity to others."""
-        from_m, to_m = (
-            np.repeat(points_m, len(corners), axis=0),
-            np.tile(corners, (len(points_m), 1)),
-        )
-        far = np.where(self.clear(from_m, to_m), np.hypot(*(to_m - from_m).T), np.inf)
-        return far.reshape(len(points_m), len(corners))
+    def route(self, waypoints_m: Floats) -> tuple[Floats, Ints]:
+        """(P, 2) the route through waypoints (N, 2), which are moved to where may be flown, and
+        around areas, and (N,) which of its points they are.
+
+        The start stays. A waypoint to which no way leads is where the one before it is.
+        """
+        if self.is_open:
+            return np.ascontiguousarray(waypoints_m), np.arange(len(waypoints_m))
+        return self.outlines.route(waypoints_m)
 
     def away(self, points_m: Floats) -> Floats:
         """(P,) metres from points (P, 2) to where may be flown, margin or not."""
-        import shapely
-
-        if self.is_open:
-            return np.zeros(len(points_m))
-        far_m = shapely.distance(self._outlines, shapely.points(points_m))
-        return np.where(self.allows(points_m), 0.0, far_m)
+        return np.zeros(len(points_m)) if self.is_open else self.outlines.away(points_m)
 
 
 OPEN = Airspace()

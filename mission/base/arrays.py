@@ -1,8 +1,10 @@
-"""Arrays by what they hold; their shapes stand where they are used. Statistics of what is known."""
+"""Arrays by what they hold; their shapes stand where they are used. Statistics of what is known,
+and what is pickled of values that keep something for C."""
 
 import math
 from collections.abc import Callable
-from typing import TypeAlias
+from dataclasses import fields
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,6 +12,11 @@ from numpy.typing import NDArray
 Floats: TypeAlias = NDArray[np.float64]
 Ints: TypeAlias = NDArray[np.int64]
 Bools: TypeAlias = NDArray[np.bool_]
+
+
+def given_alone(item: Any) -> dict[str, Any]:
+    """The state that is pickled of a dataclass: without what it keeps for C."""
+    return {given.name: getattr(item, given.name) for given in fields(item)}
 
 
 def _known(reduce: Callable[[Floats], float]) -> Callable[[Floats], float]:

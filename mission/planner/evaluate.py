@@ -7,13 +7,12 @@ import math
 from dataclasses import replace
 from itertools import pairwise
 from numbers import Integral, Real
-from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from fl.radio.channel import Channel, average_per
-from mission.base.arrays import Bools, Floats, Ints
+from mission.base.arrays import Bools, Floats
 from mission.base.explain import shown
 from mission.planner.errors import PlanInputError
 from mission.planner.native import library
@@ -26,9 +25,6 @@ ALTITUDE_STEP_M, ALTITUDE_DIGITS = 0.1, 1
 # Success at a distance is tabled to this share (`mission.planner.reward`).
 TABLED = 1e-4
 LENGTH_TOLERANCE_M = 1e-3  # of a plan's length, and of where it starts
-
-
-Path: TypeAlias = tuple[Floats, Ints]  # (P, 2) waypoints and corners, (N,) which the waypoints are
 
 
 def distances(problem: RoundProblem, waypoints_m: Floats) -> Floats:
@@ -138,9 +134,8 @@ def finish(
 
 def plan_along(problem: RoundProblem, waypoints_m: Floats, *, hold_s: float = 0.0) -> RoundPlan:
     """What `finish` gives for finite waypoints, also where it refuses them."""
-    path = path_through(problem, waypoints_m)
     if problem.altitudes_m is None:
-        return scheduled(problem, path, hold_s=hold_s)
+        return scheduled(problem, waypoints_m, hold_s=hold_s)
     # As many altitudes over all of them, then about the best one, ever nearer to it.
     low_m, high_m = problem.altitudes_m
     best_m, reach_m, tried = (
@@ -152,7 +147,7 @@ def plan_along(problem: RoundProblem, waypoints_m: Floats, *, hold_s: float = 0.
         around = np.linspace(best_m - reach_m, best_m + reach_m, ALTITUDES)
         for height_m in np.clip(np.round(around, ALTITUDE_DIGITS), low_m, high_m).tolist():
             if height_m not in tried:
-                tried[height_m] = scheduled(problem.at(height_m), path, hold_s=hold_s)
+                tried[height_m] = scheduled(problem.at(height_m), waypoints_m, hold_s=hold_s)
         best_m = max(tried, key=lambda height_m: tried[height_m].value)
         reach_m /= (ALTITUDES - 1) / 2.0
     return replace(tried[best_m], altitude_m=best_m)
@@ -192,13 +187,13 @@ def bounded(problem: RoundProblem, plan: RoundPlan, bound: float, nodes: int) ->
     return replace(plan, upper_bound=max(bound, plan.value), nodes=nodes)
 
 
-def scheduled(problem: RoundProblem, path: Path, *, hold_s: float = 0.0) -> RoundPlan:
-    """The plan along a path, at one altitude, with the best schedule; where devices have to get
+def scheduled(problem: RoundProblem, waypoints_m: Floats, *, hold_s: float = 0.0) -> RoundPlan:
+    """The plan along waypoints, at one altitude, with the best schedule; where devices have to get
     ready, with one that waits for nobody but by hovers. Among areas it ends where the budget
     does."""
     round_ = problem.judged_with(hold_s=hold_s) if hold_s else problem.as_judged
     metres = math.inf if problem.airspace.is_open else problem.path_budget_m
-    found = round_.fitted(*path, metres, above=-math.inf, limited=False)
+    found = round_.fitted(waypoints_m, metres, above=-math.inf, limited=False)
     assert found is not None
     return planned(problem, found)
 
@@ -212,27 +207,6 @@ def planned(problem: RoundProblem, flown: Flown) -> RoundPlan:
         return RoundPlan(route, schedule, value)
     via = tuple(route[before + 1 : here] for before, here in pairwise(at.tolist()))
     return RoundPlan(route[at], schedule, value, via_m=via)
-
-
-def path_through(problem: RoundProblem, waypoints_m: Floats) -> Path:
-    """The path through waypoints (N, 2), which are moved to where may be flown, and around areas.
-
-    The start stays. A waypoint to which no way leads is where the one before it is.
-    """
-    space = problem.airspace
-    if space.is_open:
-        return np.ascontiguousarray(waypoints_m), np.arange(len(waypoints_m))
-    places = np.vstack((waypoints_m[:1], space.moved(waypoints_m[1:])))
-    straight, ways, at = space.clear(places[:-1], places[1:]), [places[:1]], [0]
-    for n, place in enumerate(places[1:]):
-        try:
-            here, is_there = ways[-1][-1], (ways[-1][-1] == places[n]).all()
-            way = places[n : n + 2] if is_there and straight[n] else space.way(here, place)
-        except ValueError:
-            way = ways[-1][[-1, -1]]
-        ways.append(way[1:])
-        at.append(at[-1] + len(way) - 1)
-    return np.vstack(ways), np.array(at)
 
 
 def plan_without_moving(problem: RoundProblem) -> RoundPlan | None:

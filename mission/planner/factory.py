@@ -8,6 +8,8 @@ from mission.planner.errors import InfeasiblePlanError
 from mission.planner.limited import LimitedPlanner
 from mission.planner.problem import Planner, RoundPlan, RoundProblem
 
+_STARTS, _TRIES = 16, 8  # of paths that are only begun with
+
 
 def make_planner(config: PlannerConfig) -> Planner:
     """The planner of that kind, which keeps to where may be flown and to a round's limits. Its
@@ -24,7 +26,8 @@ def make_planner(config: PlannerConfig) -> Planner:
     from mission.planner.certified import CertifiedPlanner, ExploringPlanner
 
     certified = CertifiedPlanner(gap=config.gap, max_nodes=config.max_nodes)
-    return LimitedPlanner(CertifiedAltitudes(certified), ExploringPlanner(), certified.goal)
+    drawing = ExploringPlanner(starts=_STARTS, tries=_TRIES)
+    return LimitedPlanner(CertifiedAltitudes(certified), drawing, certified.goal)
 
 
 def _of_kind(config: PlannerConfig) -> Planner:

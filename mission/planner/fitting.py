@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from mission.base.arrays import Floats
-from mission.planner.evaluate import fit_budget, path_through, plan_along, planned
+from mission.planner.evaluate import fit_budget, plan_along, planned
 from mission.planner.problem import RoundPlan, RoundProblem
 
 
@@ -40,18 +40,23 @@ def fitted(
         altitude_m = plan_along(problem, within).altitude_m
         plan = fitted(problem.at(altitude_m), waypoints_m, above=above)
         return plan and replace(plan, altitude_m=altitude_m)
-    if not problem.airspace.is_open:  # ways around areas take most of the work
-        steps = np.arange(problem.steps)
-        free = problem.unlimited.as_judged
-        if not free.fitted(waypoints_m, steps, np.inf, above=above, limited=False):
-            return None
     found = problem.as_judged.fitted(
-        *path_through(problem, waypoints_m),
-        problem.most_m,
-        above=above,
-        limited=problem.limits is not None,
+        waypoints_m, problem.most_m, above=above, limited=problem.limits is not None
     )
     return None if found is None else planned(problem, found)
+
+
+def varied(
+    problem: RoundProblem, plan: RoundPlan, changes: int, *, tolerance: float = 0.0, seed: int = 0
+) -> RoundPlan:
+    """The best plan that so many changes at random lead to: a waypoint moved, put near a device, or
+    elsewhere in the order; a stretch reversed. Those are kept that make the present plan worth
+    more, or less by a share of `tolerance`, which falls to nothing."""
+    problem, limited = problem.at(plan.altitude_m), problem.limits is not None
+    found = problem.as_judged.varied(
+        plan.as_flown, problem.most_m, changes, tolerance=tolerance, seed=seed, limited=limited
+    )
+    return replace(planned(problem, found), altitude_m=plan.altitude_m)
 
 
 def standing(problem: RoundProblem) -> RoundPlan:

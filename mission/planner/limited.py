@@ -2,9 +2,8 @@
 
 What is best with as many metres as the limits allow without any corner, and with nothing in the
 way, is a bound for what can be had: every flight that keeps to them is no longer. The plan is the
-best of several paths, each cut to what its own flight may take and improved: by sequential
-quadratic programs (`mission.planner.sqp`), and by changes at random, of which those are kept that
-make it worth more.
+best of several paths, each cut to what its own flight may take and improved by changes at random
+(`native/variation.h`).
 """
 
 import math
@@ -16,7 +15,7 @@ import numpy as np
 
 from mission.base.arrays import Floats
 from mission.planner.evaluate import bounded, success_bounds
-from mission.planner.fitting import fitted, standing
+from mission.planner.fitting import fitted, standing, varied
 from mission.planner.flyable import foresee_round
 from mission.planner.problem import Planner, RoundPlan, RoundProblem
 
@@ -27,12 +26,10 @@ if TYPE_CHECKING:  # which makes ready to search
 _SHARES = (1.0, 0.95, 0.9, 0.85, 0.8, 0.75, 0.7, 0.6, 0.5, 0.4)
 _UPLOAD_SHARES = (0.9, 0.75, 0.6, 0.45, 0.3)
 _PRICES = (0.2, 0.4, 0.6)  # shares of the devices that are worth less a second
-_ROUGH_TRIED, _TRIED = 8, 3  # paths that are improved a little, and wholly
-_ROUGH_STEPS = 8  # of programs
-_ROUGH_TRIES, _TRIES, _SEED = 100, 1000, 1  # changes at random
-_DEARER = 3  # times the work of one, around areas
-_WIDEST_M = 256.0  # twice what a waypoint is moved by at most
-_ROUNDS, _WORTH = 3, 5e-4  # of programs and changes; the gain for which there is another
+_CHANGES, _USUAL = 40_000, 120  # that are tried at random, for so many devices times steps
+_FEWEST, _PAIRS = 200, 100  # of them; of outlines and vertices, whose ways take as long as a look
+# How many plans are improved, by which share of the changes, and what they may lose on the way.
+_STAGES = ((30, 0.2, 0.02), (4, 1.0, 0.01), (1, 2.0, 0.01), (1, 1.0, 0.0))
 _ALIKE = 0.003  # of the value: plans that differ by less are taken for one
 _LOOSE = "its bound leaves out part of the time that corners and ways around areas take"
 _GAIN = 1e-6  # of the value: less is no improvement
@@ -69,14 +66,12 @@ class LimitedPlanner:
         if best is None or best.value < ideal.value * (1.0 - _GAIN):
             tried = [standing(fixed), *([] if best is None else [best])]
             tried += [plan for path in self._paths(fixed) if (plan := fitted(fixed, path))]
-            chosen = _best(tried, _ROUGH_TRIED)
+            enough = bound * (1.0 - self.goal.gap) if self.goal else math.inf
+            best = _improved(fixed, tried, enough)
             if self.goal is not None:
                 from mission.planner.timed import timed_bound
 
-                timed, relaxed = timed_bound(problem, chosen[0].value, self.goal)
-                bound = min(bound, timed)
-                chosen += [plan for path in relaxed if (plan := fitted(fixed, path))]
-            best = _improved(fixed, chosen)
+                bound = min(bound, timed_bound(problem, best.value, self.goal))
         if problem.altitudes_m is not None:
             higher = fitted(problem, best.waypoints_m, above=best.value)
             best = higher or replace(best, altitude_m=ideal.altitude_m)
@@ -118,25 +113,34 @@ def servable(problem: RoundProblem) -> Floats:
     return np.where(problem.ready_in_s <= problem.longest_s, problem.importance, 0.0)
 
 
-def _improved(problem: RoundProblem, plans: list[RoundPlan]) -> RoundPlan:
-    """The best that can be made of plans: all improved a little, the best of those wholly."""
-    from mission.planner.sqp import ascended
-
-    some = [ascended(problem, plan, _ROUGH_STEPS) for plan in plans]
-    rough = [varied(problem, plan, _ROUGH_TRIES) for plan in some]
-    return max((improved(problem, plan) for plan in _best(rough, _TRIED)), key=_value)
-
-
-def improved(problem: RoundProblem, plan: RoundPlan) -> RoundPlan:
-    """The plan after programs and changes at random by turns, as long as that helps."""
-    from mission.planner.sqp import ascended
-
-    tries = _TRIES if problem.airspace.is_open else _TRIES // _DEARER
-    for _ in range(_ROUNDS):
-        before, plan = plan, varied(problem, ascended(problem, plan), tries)
-        if plan.value <= before.value * (1.0 + _WORTH):
+def _improved(problem: RoundProblem, plans: list[RoundPlan], enough: float) -> RoundPlan:
+    """The best that can be made of plans: all improved a little, the best of those further, until
+    one is worth `enough`."""
+    changes, some = _changes(problem), plans
+    for most, share, tolerance in _STAGES:
+        if max(map(_value, some)) >= enough:
             break
-    return ascended(problem, plan)
+        some = [
+            varied(problem, plan, int(share * changes), tolerance=tolerance, seed=seed)
+            for seed, plan in enumerate(_best(some, most))
+        ]
+    return max(some, key=_value)
+
+
+def _changes(problem: RoundProblem) -> int:
+    """How many are tried: less where a look at one takes longer."""
+    work, energy = 1, problem.limits is not None and math.isfinite(problem.limits.energy_j)
+    if problem.ready_in_s is not None:
+        work += 2
+    if energy:
+        work += 2
+    if not problem.airspace.is_open:
+        ways = 1 + problem.airspace.outlines.pairs // _PAIRS
+        work += (2 if problem.limits is None else 4) * ways
+    if problem.upload_s is not None:
+        work += 22 if energy else 6
+    size = max(1.0, problem.steps * len(problem.devices_m) / _USUAL)
+    return max(_FEWEST, int(_CHANGES / (work * math.sqrt(size))))
 
 
 def _value(plan: RoundPlan) -> float:
@@ -161,26 +165,3 @@ def reach_bound(problem: RoundProblem) -> float:
     near_m = np.maximum(0.0, np.minimum(near_m, from_start))
     worth = np.sort(problem.importance * success_bounds(problem, near_m).max(axis=0))[::-1]
     return float(worth[: problem.steps * problem.per_step].sum())
-
-
-def varied(problem: RoundProblem, plan: RoundPlan, tries: int) -> RoundPlan:
-    """The plan after so many changes at random, of which those are kept that make it worth more: a
-    waypoint moved, put near a device, or elsewhere in the order; a stretch reversed."""
-    rng, devices = np.random.default_rng(_SEED), problem.devices_m[problem.importance > 0.0]
-    for _ in range(tries if problem.steps > 1 and len(devices) else 0):
-        way = plan.waypoints_m.copy()
-        n, m = rng.integers(1, problem.steps, 2).tolist()
-        device, nearness = devices[rng.integers(len(devices))], rng.random() * rng.random()
-        match rng.integers(5):
-            case 0:
-                way[n] += (rng.random(2) - 0.5) * math.ldexp(_WIDEST_M, -int(rng.integers(8)))
-            case 1:
-                way[n] = device + nearness * (way[n] - device)
-            case 2:
-                first, end = min(m, n), max(m, n) + 1
-                way[first:end] = way[first:end][::-1].copy()
-            case change:
-                moved = way[n] if change == 3 else device + nearness * (way[m - 1] - device)
-                way = np.insert(np.delete(way, n, axis=0), m, moved, axis=0)
-        plan = fitted(problem, way, above=plan.value) or plan
-    return plan

@@ -2,9 +2,8 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
@@ -12,7 +11,7 @@ from flightdyn.config import LimitsConfig
 from flightdyn.foresight import SETTLING_S, least_duration, least_energy, longest_within
 from flightdyn.guidance.path_plan import steering_of
 from flightdyn.physics.power import air_of, power_w
-from mission.base.arrays import Floats
+from mission.base.arrays import Floats, given_alone
 from mission.planner.native import rounds
 
 WITHIN_ROUNDING = 1.0 + 1e-9
@@ -30,11 +29,6 @@ class Foreseen:
     arrived_s: Floats  # (S,) at each of its stops
     duration_s: float
     energy_j: float  # electrical, of the simulated aircraft
-
-
-def given_alone(item: Any) -> dict[str, Any]:
-    """The state that is pickled of a dataclass: without what it keeps for C."""
-    return {given.name: getattr(item, given.name) for given in fields(item)}
 
 
 @dataclass(frozen=True)

@@ -12,12 +12,12 @@ from numpy.typing import ArrayLike, DTypeLike, NDArray
 from fl.radio.channel import Channel
 from mission.base import polyline
 from mission.base.airspace import OPEN, Airspace
-from mission.base.arrays import Bools, Floats, Ints
+from mission.base.arrays import Bools, Floats, Ints, given_alone
 from mission.base.errors import PlanError
 from mission.base.explain import shown
 from mission.planner.errors import PlanInputError
 from mission.planner.native.rounds import Flown, Round
-from mission.planner.performance import Foreseen, RoundLimits, acceptance_radii, given_alone
+from mission.planner.performance import Foreseen, RoundLimits, acceptance_radii
 
 _SLOWER = 1.1  # times what legs take that each begin and end at rest: no round lasts longer
 
@@ -103,7 +103,7 @@ class RoundProblem:
         return Round(
             self.devices_m, self.importance, steps=self.steps, per_step=self.per_step,
             channel=self.channel.constants, altitude_m=self.channel.altitude_m,
-            is_open=self.airspace.is_open, radii_m=acceptance_radii(widest_m),
+            airspace=self.airspace, radii_m=acceptance_radii(widest_m),
             flying=None if limits is None else limits.flying, upload_s=self.upload_s,
             ready_in_s=self.ready_in_s, hold_s=hold_s,
         )  # fmt: skip

@@ -21,8 +21,7 @@ from mission.planner.performance import AHEAD_S, AHEAD_SHARE
 from mission.planner.problem import RoundProblem
 
 _PARTS = 4  # of altitudes that are open
-_SHARED_NODES = 24_000  # looked into, divided by the devices, for each altitude and limit
-_EARLIER = (0.03, 0.2)  # of the nodes, after which a relaxed path is looked at, too
+_SHARED_NODES = 24_000  # looked into, divided by the devices, for each limit
 _LEGS_M = np.linspace(0.0, 200.0, 401)  # whose joules are compared with those of a stop
 _FAR_M = 1e4
 _BRAKES_M = np.linspace(0.0, 100.0, 101)
@@ -38,9 +37,8 @@ class Metres:
     stop: float = 0.0  # of a stop at least, and from a leg of another length on, as many more
     brake: float = 0.0
 
-    def search(self, case: Case, worth: Floats, value: float, goal: Goal) -> Found:
-        """A bound of what plans earn with devices that are `worth` something (K,), and the relaxed
-        path that it was last lowered by."""
+    def search(self, case: Case, worth: Floats, value: float, goal: Goal) -> float:
+        """A bound of what plans earn with devices that are `worth` something (K,)."""
         hover, after = (np.ascontiguousarray(m[worth > 0.0]) for m in (self.hover, self.after))
         devices = replace(case.devices, hover=hover, after=after)
         limits = replace(
@@ -50,35 +48,30 @@ class Metres:
         found = Found(value, np.zeros((limits.steps, 2)), nobody, math.inf)
         effort = goal.effort(found, goal.max_nodes)
         if effort is None:
-            return found
-        return search_orders(devices, limits, case.relaxation, plan=found, effort=effort)
+            return math.inf
+        return search_orders(devices, limits, case.relaxation, plan=found, effort=effort).bound
 
 
-def timed_bound(problem: RoundProblem, value: float, goal: Goal) -> tuple[float, list[Floats]]:
+def timed_bound(problem: RoundProblem, value: float, goal: Goal) -> float:
     """What no plan is worth more than, hovers and turns included; infinity where none is proven.
 
-    `value` is that of the best plan so far. And relaxed paths (N, 2) that such a plan may be near.
+    `value` is that of the best plan so far.
     """
     count = int(np.count_nonzero(problem.importance))
     timed = problem.limits is not None and (problem.upload_s is not None or _late(problem).any())
     if not (timed and 0 < count <= MOST_DEVICES and problem.steps > 1 and problem.most_m > 0.0):
-        return math.inf, []
-    most_nodes, bound = min(goal.max_nodes, _SHARED_NODES // count), math.inf
-    paths: list[Floats] = []
-    for metres in _limits(problem):
-        if not metres.whole > 0.0:
-            continue
-        found = [
-            metres.search(case, problem.importance, value, replace(goal, max_nodes=most_nodes))
-            for case in _cases(problem)
-        ]
-        bound = min(bound, max(one.bound for one in found))
-        case = next(_cases(problem))
-        for share in _EARLIER:
-            less = replace(goal, max_nodes=int(share * most_nodes))
-            found.append(metres.search(case, problem.importance, value, less))
-        paths += [problem.start_m + one.way for one in (found[0], *found[-len(_EARLIER) :])]
-    return bound, paths
+        return math.inf
+    most_nodes = _SHARED_NODES // count // (1 if problem.altitudes_m is None else _PARTS)
+    goal, worst = replace(goal, max_nodes=min(goal.max_nodes, most_nodes)), 0.0
+    limits = [metres for metres in _limits(problem) if metres.whole > 0.0]
+    for case in _cases(problem):
+        bound = math.inf
+        for metres in limits:
+            if bound > worst:  # what is no more than elsewhere need not be lowered further
+                enough = max(value, worst * (1.0 - goal.gap))
+                bound = min(bound, metres.search(case, problem.importance, enough, goal))
+        worst = max(worst, bound)
+    return worst
 
 
 def _cases(problem: RoundProblem) -> Iterator[Case]:

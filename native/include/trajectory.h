@@ -298,10 +298,9 @@ static inline const Piece *piece_at(const Trajectory *path, double t)
     return path->pieces + (low ? low - 1 : 0);
 }
 
-/* Before averaging: the integral of position, position and velocity. */
-static inline void unsmoothed(const Trajectory *path, double t, double area[3], double p[3], double v[3])
+/* Before averaging: the integral of position, position and velocity, on the instant's piece. */
+static inline void drawn_at(const Piece *piece, double t, double area[3], double p[3], double v[3])
 {
-    const Piece *piece = piece_at(path, t);
     const double s = t - piece->t0, s2 = s * s / 2, s3 = s2 * s / 3;
     for (int i = 0; i < 3; i++) {
         const double a = s < 0 ? 0 : piece->a[i]; /* before the first piece: at its speed */
@@ -309,6 +308,11 @@ static inline void unsmoothed(const Trajectory *path, double t, double area[3], 
         p[i] = piece->p[i] + piece->v[i] * s + a * s2;
         v[i] = piece->v[i] + a * s;
     }
+}
+
+static inline void unsmoothed(const Trajectory *path, double t, double area[3], double p[3], double v[3])
+{
+    drawn_at(piece_at(path, t), t, area, p, v);
 }
 
 /* Watts of the whole aircraft at a speed through the air and a size of acceleration.
@@ -332,12 +336,16 @@ static inline double joules_of(const Trajectory *path, const Air *air)
     const double moving = path->end - path->start, h = path->half;
     const int64_t count = (int64_t)ceil(moving / SAMPLE_S);
     const double step = moving / (double)count;
+    const Piece *at[2] = {path->pieces, path->pieces}, *last = path->pieces + path->count - 1;
     double total = 0;
     for (int64_t n = 0; n <= count; n++) {
         const double t = n < count ? path->start + step * (double)n : path->end;
         double area[3], p[2][3], v[2][3], flown[3], accel[3];
-        unsmoothed(path, t - h, area, p[0], v[0]);
-        unsmoothed(path, t + h, area, p[1], v[1]);
+        for (int side = 0; side < 2; side++) {
+            const double here = side ? t + h : t - h;
+            while (at[side] < last && at[side][1].t0 <= here) at[side]++;
+            drawn_at(at[side], here, area, p[side], v[side]);
+        }
         for (int i = 0; i < 3; i++) {
             flown[i] = (p[1][i] - p[0][i]) / (2 * h) - air->wind[i];
             accel[i] = (v[1][i] - v[0][i]) / (2 * h);

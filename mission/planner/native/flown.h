@@ -14,6 +14,8 @@ static const double FILLED = 1.05;     /* of a limit: a device that seems to tak
 static const double FULL = 0.999;      /* of a limit, to which a path is cut */
 static const double LEAST_RATE = 0.3;  /* of the whole path's share a metre: less at its end is a corner's
                                           doing */
+static const double WITHIN = 1e-9; /* of a value: what sums of it differ by at most */
+enum { ROWS = 1024 };
 enum { CUTS = 6 };  /* of a path that is too long */
 enum { ANEW = 3 }; /* a schedule whose hovers let more devices get ready is made anew at most so often */
 
@@ -37,6 +39,8 @@ typedef struct {
     Drawing run; /* (P + 1,) */
     double *passed; /* (P + 1,) */
     double *chances, *worth; /* (N, K) of success, (K, N) */
+    double *row;             /* (ROWS,) of success at 0, 1, 2, ... m */
+    int64_t rows;            /* that are filled in: those that may be relied on */
     double *best;            /* (K,) */
     int64_t *assigned, *chosen, *order, *spare; /* (K,) */
     Turn *turns;             /* (K,) */
@@ -61,6 +65,8 @@ static void lay_out_desk(Desk *desk, Arena *arena, const Round *round, int64_t p
     desk->passed = claim(arena, run, sizeof(double));
     desk->chances = claim(arena, n * k, sizeof(double));
     desk->worth = claim(arena, n * k, sizeof(double));
+    desk->row = claim(arena, ROWS, sizeof(double));
+    desk->rows = 0;
     desk->best = claim(arena, k, sizeof(double));
     desk->assigned = claim(arena, k, sizeof(int64_t));
     desk->chosen = claim(arena, k, sizeof(int64_t));
@@ -212,6 +218,14 @@ static void cut_corners(const Flown *plan, double radius, Desk *desk)
     }
 }
 
+/* Of success at a distance: exactly, or between the desk's rows. */
+static double chance_at(const Round *round, double far, const Desk *desk)
+{
+    const int64_t i = far < ROWS ? (int64_t)far : ROWS;
+    if (i + 1 >= desk->rows) return 1.0 - per_at(round->channel, far, round->altitude);
+    return desk->row[i] + (desk->row[i + 1] - desk->row[i]) * (far - (double)i);
+}
+
 /* The widest acceptance radius of the round's that costs a plan 1 % of its value at most; where none
    does, the narrowest. */
 static double radius_of(const Round *round, const Flown *plan, Desk *desk)
@@ -223,7 +237,7 @@ static double radius_of(const Round *round, const Flown *plan, Desk *desk)
             for (int64_t k = 0; k < round->devices; k++) {
                 if (!plan->schedule[n * round->devices + k]) continue;
                 const double far = between(desk->cut[desk->stop[plan->at[n]]], round->at[k]);
-                flown += (1.0 - per_at(round->channel, far, round->altitude)) * round->importance[k];
+                flown += chance_at(round, far, desk) * round->importance[k];
             }
         if (flown >= (1.0 - MOST_LOST) * plan->value) return round->radius[i];
     }
@@ -236,7 +250,7 @@ static void set_chances(const Round *round, const Flown *plan, Desk *desk)
     for (int64_t n = 0; n < round->steps; n++)
         for (int64_t k = 0; k < round->devices; k++) {
             const double far = between(plan->route[plan->at[n]], round->at[k]);
-            *chance++ = 1.0 - per_at(round->channel, far, round->altitude);
+            *chance++ = chance_at(round, far, desk);
         }
 }
 
@@ -294,6 +308,45 @@ static void leave_late(const Round *round, Flown *plan, Desk *desk)
             if (plan->schedule[i]) plan->value += desk->chances[i] * round->importance[k];
 }
 
+/* Seconds of hovers that a flight of so many metres leaves at most. */
+static double left_to_hover(const Flying *flying, double length)
+{
+    const Air *air = &flying->air;
+    const double wind = size3(air->wind[0], air->wind[1], 0.0), hover_w = power_at(wind, 0.0, air);
+    double per_metre = INFINITY;
+    for (int64_t v = 1; v < air->rows; v++)
+        per_metre = least(per_metre, power_at((double)v, 0.0, air) / ((double)(v + 1) + wind));
+    const double left_s = flying->duration - length / flying->speed * flying->pace;
+    return least(left_s, (flying->energy - length * per_metre) / hover_w);
+}
+
+/* What a path of so many metres is worth at most: each device from the nearest step, the hovers for them
+   within what the flight leaves. */
+static double promised(const Round *round, const Flown *plan, double length, Desk *desk)
+{
+    double total = 0.0;
+    for (int64_t k = 0; k < round->devices; k++) {
+        double square = INFINITY;
+        for (int64_t n = 0; n < round->steps; n++)
+            square = least(square, square_between(plan->route[plan->at[n]], round->at[k]));
+        desk->worth[k] = chance_at(round, sqrt(square), desk) * round->importance[k];
+        total += desk->worth[k];
+    }
+    if (!round->upload || !round->flying) return total;
+    double room = left_to_hover(round->flying, length);
+    if (!(room > 0.0)) return total; /* it will be cut */
+    for (int64_t k = 0; k < round->devices; k++)
+        desk->best[k] = desk->worth[k] / most(round->upload[k], 1e-9);
+    const int64_t *order = descending(desk->best, round->devices, desk->order, desk->spare);
+    total = 0.0;
+    for (int64_t i = 0; i < round->devices && room > 0.0; i++) {
+        const int64_t k = order[i];
+        total += desk->worth[k] * least(1.0, room / most(round->upload[k], 1e-9));
+        room -= round->upload[k];
+    }
+    return total;
+}
+
 /* The best schedule along a path; where devices have to get ready, one that waits for nobody but by
    hovers: while those of the plan send, others get ready. */
 static void schedule_steps(const Round *round, Flown *plan, Desk *desk)
@@ -333,9 +386,10 @@ static double serve_chosen(const Round *round, Flown *plan, int64_t count, Desk 
 }
 
 /* Leave out the devices whose sending takes a plan beyond the limits, least worth a second first; it
-   may still not fit, if the path alone does not. Its chances are worked out. Returns the share of the
-   limits that it takes. */
-static double serve_fewer(const Round *round, Flown *plan, Desk *desk)
+   may still not fit, if the path alone does not, and is worth nothing where it seems that it would be
+   worth no more than `above`. Its chances are worked out. Returns the share of the limits that it
+   takes. */
+static double serve_fewer(const Round *round, Flown *plan, double above, Desk *desk)
 {
     const double whole = share_of(round, plan, radius_of(round, plan, desk), desk);
     if (whole <= 1.0 || !round->upload) return whole;
@@ -348,6 +402,7 @@ static double serve_fewer(const Round *round, Flown *plan, Desk *desk)
                 seconds += round->upload[k];
             }
     double taken = serve_chosen(round, plan, 0, desk);
+    if (taken > 1.0) return taken;
     /* What one of them takes, about: its stop's braking goes with the seconds of its hover. */
     for (int64_t i = 0; i < served; i++) {
         Turn *turn = desk->turns + i;
@@ -357,6 +412,16 @@ static double serve_fewer(const Round *round, Flown *plan, Desk *desk)
                         most(turn->taken, 1e-9);
     }
     const int64_t *order = descending(desk->best, served, desk->order, desk->spare);
+    double room = FILLED - taken, worth = 0.0;
+    for (int64_t i = 0; i < served && room > 0.0; i++) {
+        const double more = least(room, desk->turns[order[i]].taken);
+        worth += more * desk->best[order[i]];
+        room -= more;
+    }
+    if (!(worth > above)) {
+        plan->value = 0.0;
+        return taken;
+    }
     for (int64_t i = 0; i < served; i++)
         if (taken + desk->turns[order[i]].taken <= 1.0) {
             taken += desk->turns[order[i]].taken;
@@ -386,7 +451,7 @@ static double cut_path(const Round *round, const Flown *whole, double metres, Fl
     memcpy(plan->at, whole->at, (size_t)round->steps * sizeof(int64_t));
     memcpy(plan->route, whole->route, (size_t)whole->points * sizeof(Point));
     for (int64_t p = 1; p < whole->points; p++) along += between(whole->route[p - 1], whole->route[p]);
-    if (round->open && along > metres) {
+    if (!round->space && along > metres) {
         const Point start = whole->route[0];
         /* One part in 1e12 keeps rounding from putting the path over the budget again. */
         const double scale = metres / along * (1.0 - 1e-12);
@@ -427,10 +492,11 @@ static int fit_path(const Round *round, Flown *plan, double metres, double above
     memcpy(whole->route, plan->route, (size_t)plan->points * sizeof(Point));
     for (int cut = 0; cut < CUTS; cut++) {
         const double length = cut_path(round, whole, metres, plan);
+        if (!(promised(round, plan, length, desk) * (1.0 + WITHIN) > above)) return 0;
         schedule_steps(round, plan, desk);
         if (!(plan->value > above)) return 0;
         if (!limited) return 1;
-        const double taken = serve_fewer(round, plan, desk);
+        const double taken = serve_fewer(round, plan, above, desk);
         if (taken <= 1.0) return plan->value > above;
         /* By the last two cuts: what the rest of the path takes, corners included. */
         double rate = taken / most(length, 1e-9);

@@ -51,7 +51,10 @@ class _Functions(ctypes.Structure):
             _POINTER)),
         ("assign", ctypes.CFUNCTYPE(ctypes.c_int, _INT, _INT, _INT, _POINTER, _POINTER)),
         ("fit", ctypes.CFUNCTYPE(
-            ctypes.c_int, _POINTER, _POINTER, ctypes.c_int, _DOUBLE, _DOUBLE, ctypes.c_int)),
+            ctypes.c_int, _POINTER, _POINTER, _POINTER, _DOUBLE, _DOUBLE, ctypes.c_int)),
+        ("vary", ctypes.CFUNCTYPE(
+            ctypes.c_int, _POINTER, _POINTER, _DOUBLE, _INT, _DOUBLE, _INT, ctypes.c_int)),
+        ("leave_out", ctypes.CFUNCTYPE(ctypes.c_int, _POINTER, _POINTER)),
         ("judge", ctypes.CFUNCTYPE(ctypes.c_int, _POINTER, _POINTER, _POINTER)),
         ("foresee", ctypes.CFUNCTYPE(
             _DOUBLE, _POINTER, _INT, _POINTER, _POINTER, _DOUBLE, _POINTER, _POINTER)),

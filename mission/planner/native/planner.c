@@ -3,6 +3,7 @@
 #include "planner.h"
 #include "levels.h"
 
+SIZE_OF(Airspace);
 SIZE_OF(Devices);
 SIZE_OF(Limits);
 SIZE_OF(Relaxation);

@@ -2,12 +2,9 @@
 #ifndef PLANNER_H
 #define PLANNER_H
 
+#include "airspace.h"
 #include "channel.h"
 #include "trajectory.h"
-
-typedef struct {
-    double x, y;
-} Point;
 
 /* The devices worth something, in coordinates with the start at the origin. */
 typedef struct {
@@ -62,7 +59,7 @@ typedef struct {
     const double *upload, *ready;     /* (K,) seconds, or NULL */
     const Channel *channel;
     double altitude;
-    int64_t open;  /* whether everywhere may be flown */
+    const Airspace *space; /* NULL: everywhere may be flown */
     int64_t radii;
     const double *radius;  /* (radii,) acceptance radii, the widest first */
     double hold;           /* seconds of hover at every stop */
@@ -117,10 +114,16 @@ typedef struct {
     int (*assign)(int64_t devices, int64_t steps, int64_t per_step, const double *worth,
                   int64_t *assigned);
 
-    /* The plan along a route, `cut` to so many metres and, if `limited`, to what fits; or, where not
-       cut, the plan without devices for which there is no time. 0 where it is worth no more than
-       `above`, 1 otherwise, -1 where memory is short. */
-    int (*fit)(const Round *, Flown *, int cut, double metres, double above, int limited);
+    /* The plan along the way through `waypoint` (N,), cut to so many metres and, if `limited`, to what
+       fits; 0 where it is worth no more than `above`, 1 otherwise, -1 where memory is short. Its route
+       has room for N (V + 2) points. */
+    int (*fit)(const Round *, const Point *waypoint, Flown *, double metres, double above, int limited);
+    /* The best plan that so many changes at random lead to, of which those are kept that make the present
+       one worth more, or less by a share of `tolerance` that falls to nothing: 0, or -1. */
+    int (*vary)(const Round *, Flown *, double metres, int64_t changes, double tolerance, int64_t seed,
+                int limited);
+    /* The plan without devices for which there is no time: 0, or -1. */
+    int (*leave_out)(const Round *, Flown *);
     /* What is asked of a plan's flight: 0, or -1. */
     int (*judge)(const Round *, const Flown *, Verdict *);
     /* When each of `count` stops is reached, and the joules; returns seconds. */

@@ -1,9 +1,8 @@
 /* Planning, compiled once for every kind of processor, as LEVEL names it. */
 
-#include "exploration.h"
-#include "flown.h"
 #include "levelled.h"
 #include "space.h"
+#include "variation.h"
 
 static double explore(
     const Devices *devices, const Limits *limits, int64_t starts, int64_t tries, Point *way,
@@ -137,20 +136,29 @@ static double conjugate(const Relaxation *relaxation, int64_t row, double s)
     return conjugate_at(s, row, relaxation).h;
 }
 
-static int fit(const Round *round, Flown *plan, int cut, double metres, double above, int limited)
+static int fit(
+    const Round *round, const Point *waypoint, Flown *plan, double metres, double above, int limited)
+{
+    Arena arena = {0};
+    Desk desk;
+    double *ways;
+    lay_out_planning(&desk, &ways, &arena, round);
+    if (!provide(&arena)) return -1;
+    lay_out_planning(&desk, &ways, &arena, round);
+    const int fits = fit_way(round, waypoint, plan, metres, above, limited, &desk, ways);
+    release(&arena);
+    return fits;
+}
+
+static int leave_out(const Round *round, Flown *plan)
 {
     Arena arena;
     Desk desk;
-    int fits = 1;
     if (!open_desk(&desk, &arena, round, plan->points)) return -1;
-    if (cut) {
-        fits = fit_path(round, plan, metres, above, limited, &desk);
-    } else {
-        set_chances(round, plan, &desk);
-        serve_fewer(round, plan, &desk);
-    }
+    set_chances(round, plan, &desk);
+    serve_fewer(round, plan, -INFINITY, &desk);
     release(&arena);
-    return fits;
+    return 0;
 }
 
 static int judge(const Round *round, const Flown *plan, Verdict *verdict)
@@ -192,5 +200,5 @@ static double foresee(
 }
 
 const Planner NAMED(planner) = {
-    explore, search_orders, search_places, assign,       fit,      judge,
-    foresee, match_devices, order_bound,   square_bound, conjugate};
+    explore, search_orders, search_places, assign,      fit,          vary,     leave_out,
+    judge,   foresee,       match_devices, order_bound, square_bound, conjugate};

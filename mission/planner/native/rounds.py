@@ -7,7 +7,9 @@ from typing import NamedTuple
 import numpy as np
 
 from flightdyn.native.library import Air, Steering
+from mission.base.airspace import OPEN, Airspace
 from mission.base.arrays import Bools, Floats, Ints
+from mission.base.native.library import Structure
 from mission.planner.native.library import FUNCTIONS, LIBRARY
 from native.loading import address, check_sizes
 
@@ -29,7 +31,7 @@ class _Round(ctypes.Structure):
     _fields_ = (
         ("devices", _INT), ("steps", _INT), ("per_step", _INT), ("at", _POINTER),
         ("importance", _POINTER), ("upload", _POINTER), ("ready", _POINTER),
-        ("channel", _POINTER), ("altitude", _DOUBLE), ("open", _INT), ("radii", _INT),
+        ("channel", _POINTER), ("altitude", _DOUBLE), ("space", _POINTER), ("radii", _INT),
         ("radius", _POINTER), ("hold", _DOUBLE), ("flying", _POINTER),
     )  # fmt: skip
 
@@ -48,7 +50,9 @@ class _Verdict(ctypes.Structure):
     )  # fmt: skip
 
 
-check_sizes(LIBRARY, Flying=Flying, Round=_Round, Flown=_Flown, Verdict=_Verdict)
+check_sizes(
+    LIBRARY, Airspace=Structure, Flying=Flying, Round=_Round, Flown=_Flown, Verdict=_Verdict
+)
 
 
 class Flown(NamedTuple):
@@ -83,7 +87,7 @@ class Round:
         per_step: int,
         channel: Floats | None = None,
         altitude_m: float = 0.0,
-        is_open: bool = True,
+        airspace: Airspace = OPEN,
         radii_m: Floats = _NO_RADII,
         flying: Flying | None = None,
         upload_s: Floats | None = None,
@@ -96,12 +100,15 @@ class Round:
         Raises:
             ValueError: arrays that do not fit together.
         """
-        self._size = steps, len(devices_m)
+        self._size, self._room = (
+            (steps, len(devices_m)),
+            steps * (1 if airspace.is_open else airspace.outlines.corners + 1),
+        )
         kept = [
             None if values is None else np.ascontiguousarray(values, dtype=np.float64)
             for values in (devices_m, importance, upload_s, ready_in_s)
         ]
-        self._kept = *kept, channel, radii_m, flying
+        self._kept = *kept, channel, radii_m, flying, airspace
         shapes = ((self._size[1], 2), *[(self._size[1],)] * 3)
         where = [
             None if values is None else address(values, np.float64, shape)
@@ -109,27 +116,62 @@ class Round:
         ]
         self._round = _Round(
             self._size[1], steps, per_step, *where,
-            None if channel is None else address(channel, np.float64, (9,)), altitude_m, is_open,
+            None if channel is None else address(channel, np.float64, (9,)), altitude_m,
+            None if airspace.is_open else airspace.outlines.at,
             len(radii_m), address(radii_m, np.float64, (len(radii_m),)), hold_s,
             None if flying is None else ctypes.addressof(flying),
         )  # fmt: skip
         self.at = ctypes.addressof(self._round)
 
     def fitted(
-        self, route_m: Floats, at: Ints, metres: float, *, above: float, limited: bool
+        self, waypoints_m: Floats, metres: float, *, above: float, limited: bool
     ) -> Flown | None:
-        """The plan along a route, as far as `metres` and, if `limited`, the limits allow; None
-        where it is worth no more than `above`, or where a few cuts do not find how far.
+        """The plan along the way through waypoints (N, 2), as far as `metres` and, if `limited`,
+        the limits allow; None where it is worth no more than `above`, or where a few cuts do not
+        find how far.
 
         Raises:
             MemoryError: there is too little memory.
         """
-        plan = Flown(route_m.copy(), at.copy(), np.zeros(self._size, dtype=np.bool_), 0.0)
+        steps = self._size[0]
+        waypoints_m = np.ascontiguousarray(waypoints_m, dtype=np.float64)
+        plan = self._with_room(
+            np.zeros((0, 2)), np.zeros(steps, np.int64), np.zeros(self._size, np.bool_), 0.0
+        )
         given = self._as_c(plan)
-        found = FUNCTIONS.fit(self.at, ctypes.addressof(given), 1, metres, above, limited)
-        if not _checked(found):
-            return None
-        return Flown(plan.route[: given.points], plan.at, plan.schedule, given.value)
+        found = FUNCTIONS.fit(
+            self.at, address(waypoints_m, np.float64, (steps, 2)), ctypes.addressof(given), metres,
+            above, limited,
+        )  # fmt: skip
+        return self._made(plan, given) if _checked(found) else None
+
+    def varied(
+        self,
+        plan: Flown,
+        metres: float,
+        changes: int,
+        *,
+        tolerance: float,
+        seed: int,
+        limited: bool,
+    ) -> Flown:
+        """The best plan that so many changes at random lead to, of which those are kept that make
+        the present one worth more, or less by a share of `tolerance`, which falls to nothing;
+        `metres` and `limited` as before.
+
+        Raises:
+            MemoryError: there is too little memory.
+        """
+        other = self._with_room(*plan)
+        given = self._as_c(other, len(plan.route))
+        at = ctypes.addressof(given)
+        _checked(FUNCTIONS.vary(self.at, at, metres, changes, tolerance, seed, limited))
+        return self._made(other, given)
+
+    def _with_room(self, route: Floats, at: Ints, schedule: Bools, value: float) -> Flown:
+        longest = np.empty((self._room, 2))
+        longest[: len(route)] = route
+        return Flown(longest, at.copy(), schedule.copy(), value)
 
     def serving_fewer(self, plan: Flown) -> Flown:
         """The plan without devices for whose sending there is no time.
@@ -139,7 +181,7 @@ class Round:
         """
         plan = plan._replace(schedule=plan.schedule.copy())
         given = self._as_c(plan)
-        _checked(FUNCTIONS.fit(self.at, ctypes.addressof(given), 0, 0.0, 0.0, 1))
+        _checked(FUNCTIONS.leave_out(self.at, ctypes.addressof(given)))
         return plan._replace(value=given.value)
 
     def judged(self, plan: Flown) -> Verdict:
@@ -155,15 +197,18 @@ class Round:
         _checked(FUNCTIONS.judge(self.at, ctypes.addressof(given), ctypes.addressof(found)))
         return Verdict(found.radius, found.share, *kept)
 
-    def _as_c(self, plan: Flown) -> _Flown:
-        points = len(plan.route)
+    def _as_c(self, plan: Flown, points: int | None = None) -> _Flown:
+        room = len(plan.route)
         return _Flown(
-            points,
-            address(plan.route, np.float64, (points, 2)),
+            room if points is None else points,
+            address(plan.route, np.float64, (room, 2)),
             address(plan.at, np.int64, self._size[:1]),
             address(plan.schedule, np.bool_, self._size),
             plan.value,
         )
+
+    def _made(self, plan: Flown, given: _Flown) -> Flown:
+        return plan._replace(route=plan.route[: given.points].copy(), value=given.value)
 
 
 def foresee(

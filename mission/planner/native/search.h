@@ -212,19 +212,8 @@ static void weigh_turns(Node *node, const Path *path, const Problem *problem)
     if (at >= 0) node->wait[at] += STRICTER;
 }
 
-/* Let the plan go along the node's relaxed path. */
-static void keep_path(Search *all, const Problem *problem, Plan *plan)
-{
-    Point *points = all->polish.draft;
-    int64_t count = all->node.size + 1;
-    memcpy(points, all->path.points, (size_t)count * sizeof(Point));
-    while (count > problem->limits.steps) merge_nearest(points, count--);
-    fill_spare(points, count, problem->limits.steps, &problem->devices, &all->polish.spare);
-    memcpy(plan->way, points, (size_t)problem->limits.steps * sizeof(Point));
-}
-
-/* Put the node's relaxed path to use; 1 if the plan is better than before. Where hovers count it is
-   a path to begin with at best: the plan keeps the last, and its value. */
+/* Put the node's relaxed path to use; 1 if the plan is better than before. Where hovers count it only
+   shows what to branch on. */
 static int improve(Search *all, const Problem *problem, const Goal *goal, Plan *plan)
 {
     if (problem->limits.timed) {
@@ -234,7 +223,6 @@ static int improve(Search *all, const Problem *problem, const Goal *goal, Plan *
             if (all->node.size > 0) tighten(&all->node, goal, &all->children->solver);
         }
         recover(&all->node, problem, &all->path);
-        keep_path(all, problem, plan);
         return 0;
     }
     if (recover(&all->node, problem, &all->path) <= plan->value) return 0;

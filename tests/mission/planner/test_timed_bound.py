@@ -10,18 +10,14 @@ import pytest
 from fl.radio.channel import CHANNEL_PRESETS, average_per
 from flightdyn.config import LimitsConfig
 from mission.base.arrays import Floats
-from mission.planner import timed
 from mission.planner.certified import Goal
 from mission.planner.fitting import fitted
 from mission.planner.performance import AHEAD_S, AHEAD_SHARE, Performance, RoundLimits
 from mission.planner.problem import RoundProblem
+from mission.planner.timed import timed_bound
 
 FLYING = Performance(20.0, 5.0, LimitsConfig())
 GOAL = Goal(0.001, 60_000)
-
-
-def timed_bound(given: RoundProblem, value: float, goal: Goal) -> float:
-    return timed.timed_bound(given, value, goal)[0]
 
 
 def problem(seed: int, *, devices: int, steps: int, duration_s: float, **more) -> RoundProblem:

@@ -1,0 +1,1 @@
+"""Where may be flown, in C: legs, places and ways."""

@@ -1,0 +1,138 @@
+"""The C interface of an airspace (`native/include/airspace.h`)."""
+
+import ctypes
+from collections.abc import Callable, Sequence
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mission.base.arrays import Bools, Floats, Ints
+from native.building import library
+from native.loading import address, check_sizes, load
+
+_POINTER, _INT, _DOUBLE = ctypes.c_void_p, ctypes.c_int64, ctypes.c_double
+
+
+class Structure(ctypes.Structure):
+    """Outlines and what is known of them; see `airspace.h`."""
+
+    _fields_ = (
+        ("outlines", _INT), ("fenced", _INT), ("first", _POINTER), ("corner", _POINTER),
+        ("low", _POINTER), ("high", _POINTER), ("clear", _DOUBLE), ("touching", _DOUBLE),
+        ("beside", _DOUBLE), ("vertices", _INT), ("places", _INT), ("vertex", _POINTER),
+        ("shifts", _INT), ("shift", _POINTER), ("length", _POINTER), ("before", _POINTER),
+    )  # fmt: skip
+
+
+_LIBRARY = load(library("airspace"))
+check_sizes(_LIBRARY, Airspace=Structure)
+_keep = ctypes.CFUNCTYPE(None, _POINTER, _INT, _POINTER, _POINTER, _DOUBLE, _POINTER)
+_ask = ctypes.CFUNCTYPE(None, _POINTER, _INT, _POINTER, _POINTER)
+_keep_away, _allow = _keep(("keep_away", _LIBRARY)), _ask(("allow", _LIBRARY))
+_measure_away = _ask(("measure_away", _LIBRARY))
+_move_all = ctypes.CFUNCTYPE(_INT, _POINTER, _INT, _POINTER)(("move_all", _LIBRARY))
+_find_ways = ctypes.CFUNCTYPE(None, _POINTER)(("find_ways", _LIBRARY))
+_find_route = ctypes.CFUNCTYPE(_INT, _POINTER, _INT, *[_POINTER] * 4)(("find_route", _LIBRARY))
+
+
+class Outlines:
+    """Outlines (n, 2) in metres, the free side on the left of their edges, and the places and ways
+    beside them."""
+
+    def __init__(
+        self,
+        rings: Sequence[Floats],
+        *,
+        fenced: bool,
+        margins_m: tuple[float, float, float],
+        vertices_m: Floats,
+        places_m: Floats,
+        shifts: Floats,
+    ) -> None:
+        """`fenced`: the last one is a fence. `margins_m`: what is free from an outline, what is on
+        it, and where a place is that is moved to its side; `shifts` (S, 2), by the last of these,
+        are tried about a place that is not free. Ways lead over those of the vertices (V, 2) that
+        are free."""
+        first = np.cumsum([0, *map(len, rings)])
+        self._kept = [first, np.vstack(rings), *(
+            np.array([end(ring, axis=0) for ring in rings]) for end in (np.min, np.max)
+        ), shifts]  # fmt: skip
+        at = [array.ctypes.data for array in self._kept]
+        self._space = Structure(len(rings), fenced, *at[:4], *margins_m)
+        self._at = ctypes.addressof(self._space)
+        vertices_m, places_m = (points[self.free(points)] for points in (vertices_m, places_m))
+        vertices = np.vstack((vertices_m, places_m))
+        self._kept.append(vertices)
+        self._space.vertices, self._space.places = len(vertices_m), len(places_m)
+        self._space.vertex = vertices.ctypes.data
+        self._space.shifts, self._space.shift = len(shifts), at[4]
+
+    @cached_property
+    def at(self) -> int:
+        """Where C has it, with the shortest ways between its vertices."""
+        count = self._space.vertices
+        self._kept += [np.empty((count, count)), np.empty((count, count), np.int32)]
+        self._space.length, self._space.before = (m.ctypes.data for m in self._kept[-2:])
+        _find_ways(self._at)
+        return self._at
+
+    def keep(self, from_m: Floats, to_m: Floats, away_m: float) -> Bools:
+        """(S,) which legs (S, 2) -> (S, 2) are further away from every outline."""
+        count, kept = len(to_m), np.empty(len(to_m), np.bool_)
+        ends = [np.ascontiguousarray(points_m, dtype=np.float64) for points_m in (from_m, to_m)]
+        at = [address(points_m, np.float64, (count, 2)) for points_m in ends]
+        _keep_away(self._at, count, *at, away_m, kept.ctypes.data)
+        return kept
+
+    def allow(self, points_m: Floats) -> Bools:
+        """(P,) which points (P, 2) lie where may be flown, on no outline."""
+        allowed = np.empty(len(points_m), np.bool_)
+        _call(_allow, self._at, points_m, allowed)
+        return allowed
+
+    def free(self, points_m: Floats) -> Bools:
+        """(P,) which points (P, 2) lie there, and at the margin from every outline."""
+        return self.keep(points_m, points_m, self._space.clear) & self.allow(points_m)
+
+    def away(self, points_m: Floats) -> Floats:
+        """(P,) metres from points (P, 2) to where may be flown, margin or not."""
+        metres = np.empty(len(points_m))
+        _call(_measure_away, self._at, points_m, metres)
+        return metres
+
+    def moved(self, points_m: Floats) -> Floats:
+        """(P, 2) the nearest free places.
+
+        Raises:
+            ValueError: nowhere is free.
+        """
+        moved = np.array(points_m, dtype=np.float64)
+        if _call(_move_all, self._at, moved) < len(moved):
+            raise ValueError("nowhere is free")
+        return moved
+
+    def route(self, waypoints_m: Floats) -> tuple[Floats, Ints]:
+        """(P, 2) the route through waypoints (N, 2), and (N,) which of its points they are."""
+        steps, spare = len(waypoints_m), np.empty(2 * self.corners)
+        route, at = np.empty((steps * (self.corners + 1), 2)), np.empty(steps, np.int64)
+        points = _call(_find_route, self.at, waypoints_m, route, at, spare)
+        return route[:points].copy(), at
+
+    @property
+    def pairs(self) -> int:
+        """Of outlines and vertices: what has to be looked at for a way."""
+        return int(self._space.outlines * self._space.vertices)
+
+    @property
+    def corners(self) -> int:
+        """That a way has at most, one beside a start that is not free included."""
+        return int(self._space.vertices) + 1
+
+
+def _call(function: Callable[..., Any], space: int, points_m: Floats, *arrays: NDArray[Any]) -> int:
+    points_m = np.ascontiguousarray(points_m, dtype=np.float64)
+    where = address(points_m, np.float64, (len(points_m), 2))
+    called: int = function(space, len(points_m), where, *(array.ctypes.data for array in arrays))
+    return called

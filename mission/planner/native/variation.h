@@ -1,0 +1,128 @@
+/* Plans along ways through waypoints, and what changes at random make of them: those are kept that make
+   the present plan worth more, or less by a tolerance that falls to nothing (threshold accepting, Dueck
+   and Scheuer 1990). */
+#ifndef VARIATION_H
+#define VARIATION_H
+
+#include "exploration.h"
+#include "flown.h"
+
+static const double WIDEST_M = 256.0; /* twice what a waypoint is moved by at most */
+enum { NARROWER = 8 };                /* halvings of that */
+static const double TABLED = 1e-4; /* of a value: what it may be more, exactly */
+
+/* Points that the route through a round's waypoints has at most. */
+static int64_t room_of(const Round *round)
+{
+    return round->steps * (round->space ? round->space->vertices + 2 : 1);
+}
+
+/* The desk of a round, with memory for ways among its areas. */
+static void lay_out_planning(Desk *desk, double **ways, Arena *arena, const Round *round)
+{
+    lay_out_desk(desk, arena, round, room_of(round));
+    *ways = claim(arena, round->space ? 2 * round->space->vertices : 0, sizeof(double));
+}
+
+/* Make the plan along the way through waypoints, as `fit_path` does. */
+static int fit_way(
+    const Round *round, const Point *waypoint, Flown *plan, double metres, double above, int limited,
+    Desk *desk, double *ways)
+{
+    plan->points = round->steps;
+    if (round->space)
+        plan->points = route_through(round->space, round->steps, waypoint, plan->route, plan->at, ways);
+    else
+        for (int64_t n = 0; n < round->steps; n++) plan->route[plan->at[n] = n] = waypoint[n];
+    return fit_path(round, plan, metres, above, limited, desk);
+}
+
+/* A whole number under a limit. */
+static int64_t draw_under(int64_t limit, uint64_t *state)
+{
+    return (int64_t)(next_random(state) * (double)limit);
+}
+
+static Point between_at(Point from, Point to, double share)
+{
+    return (Point){from.x + share * (to.x - from.x), from.y + share * (to.y - from.y)};
+}
+
+/* Move a waypoint (of N, the first stays), put one near a device, elsewhere in the order, or to the one
+   before it, or reverse a stretch. */
+static void change_way(int64_t steps, Point *way, Point device, uint64_t *state)
+{
+    const int64_t n = 1 + draw_under(steps - 1, state), m = 1 + draw_under(steps - 1, state);
+    const int64_t kind = draw_under(6, state);
+    const double x = next_random(state), y = next_random(state), nearness = x * y;
+    if (kind == 0) {
+        const double widest = WIDEST_M / (double)(1 << draw_under(NARROWER, state));
+        way[n] = (Point){way[n].x + (x - 0.5) * widest, way[n].y + (y - 0.5) * widest};
+    } else if (kind == 1) {
+        way[n] = between_at(device, way[n], nearness);
+    } else if (kind == 2) {
+        for (int64_t i = fewer(n, m), j = n + m - i; i < j; i++, j--) {
+            const Point other = way[i];
+            way[i] = way[j];
+            way[j] = other;
+        }
+    } else {
+        Point put = kind == 3 ? way[n] : way[m - 1];
+        if (kind == 4) put = between_at(device, put, nearness);
+        for (int64_t i = n; i < m; i++) way[i] = way[i + 1];
+        for (int64_t i = n; i > m; i--) way[i] = way[i - 1];
+        way[m] = put;
+    }
+}
+
+/* See `planner.h`. */
+static int vary(
+    const Round *round, Flown *plan, double metres, int64_t changes, double tolerance, int64_t seed,
+    int limited)
+{
+    const int64_t steps = round->steps;
+    uint64_t state = 0x9E3779B97F4A7C15u ^ (uint64_t)seed;
+    int64_t *worth, count = 0;
+    double *ways, value = plan->value;
+    Point *now, *way;
+    Flown other;
+    Desk desk;
+    Arena arena = {0};
+    for (int pass = 0; pass < 2; pass++) {
+        lay_out_planning(&desk, &ways, &arena, round);
+        other.route = claim(&arena, room_of(round), sizeof(Point));
+        other.at = claim(&arena, steps, sizeof(int64_t));
+        other.schedule = claim(&arena, steps * round->devices, 1);
+        now = claim(&arena, steps, sizeof(Point));
+        way = claim(&arena, steps, sizeof(Point));
+        worth = claim(&arena, round->devices, sizeof(int64_t));
+        if (pass == 0 && !provide(&arena)) return -1;
+    }
+    for (int64_t i = 0; i < ROWS; i++) desk.row[i] = chance_at(round, (double)i, &desk);
+    for (int64_t n = 0; n < steps; n++) now[n] = plan->route[plan->at[n]];
+    for (int64_t k = 0; k < round->devices; k++)
+        if (round->importance[k] > 0.0) worth[count++] = k;
+    for (int64_t i = 0; i < changes && count && steps > 1; i++) {
+        const double left = 1.0 - (double)i / (double)changes;
+        const double above = value * (1.0 - tolerance * left * next_random(&state));
+        memcpy(way, now, (size_t)steps * sizeof(Point));
+        change_way(steps, way, round->at[worth[draw_under(count, &state)]], &state);
+        desk.rows = ROWS;
+        if (!fit_way(round, way, &other, metres, above, limited, &desk, ways)) continue;
+        desk.rows = 0;
+        value = other.value;
+        for (int64_t n = 0; n < steps; n++) now[n] = other.route[other.at[n]];
+        if (!(value > plan->value * (1.0 - TABLED)) ||
+            !fit_way(round, way, &other, metres, plan->value, limited, &desk, ways))
+            continue;
+        memcpy(plan->route, other.route, (size_t)other.points * sizeof(Point));
+        memcpy(plan->at, other.at, (size_t)steps * sizeof(int64_t));
+        memcpy(plan->schedule, other.schedule, (size_t)(steps * round->devices));
+        plan->points = other.points;
+        plan->value = other.value;
+    }
+    release(&arena);
+    return 0;
+}
+
+#endif
