@@ -1,4 +1,4 @@
-"""Makes configs/district.geojson, the made-up district that configs/city.toml flies over.
+"""Makes configs/city-buildings.geojson, the made-up district that configs/city.toml flies over.
 
     python docs/district.py [FILE]
 
@@ -77,7 +77,7 @@ def feature(area: Area, rings: list[np.ndarray], height_m: float) -> dict[str, o
 
 def main() -> None:
     """Write the file."""
-    out = Path(sys.argv[1] if len(sys.argv) > 1 else "configs/district.geojson")
+    out = Path(sys.argv[1] if len(sys.argv) > 1 else "configs/city-buildings.geojson")
     found = buildings(np.random.default_rng(5))
     print(len(found), "buildings")
     area = AreaConfig(home_m=(255.0, 175.0)).build()  # as in city.toml

@@ -35,7 +35,7 @@ def _read(kind: Any, tokens: Sequence[Token]) -> Any:
 def _default(value: object) -> str | None:
     """A default as the help says it; not that of a flag, or of what may be given several times."""
     if isinstance(value, tuple):
-        value = ", ".join(value)
+        value = ", ".join(map(str, value))
     return str(value) if value else None
 
 

@@ -1,7 +1,6 @@
 """A radio map: the gain from each device to a grid of places of the aircraft."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
@@ -20,7 +19,6 @@ class RadioMap:
     y_m: Floats  # (Y,) north in the area
     x_m: Floats  # (X,) east
     devices_m: Floats  # (K, 2)
-    origin: Mapping[str, str | float] = field(default_factory=dict)  # by whom it was made, and how
 
     @classmethod
     def of(
@@ -31,7 +29,6 @@ class RadioMap:
         size_m: tuple[float, float],
         height_m: Floats,
         cell_m: float,
-        origin: Mapping[str, str | float],
     ) -> Self:
         """A map over an area of that size, in square cells."""
         x_m, y_m = (np.arange(0.5 * cell_m, side + 0.5 * cell_m, cell_m) for side in size_m)
@@ -41,7 +38,7 @@ class RadioMap:
             gains.gain_db(np.full(len(place_m), device), place_m).reshape(places[0].shape)
             for device in range(len(devices_m))
         ]
-        return cls(np.array(every), height_m, y_m, x_m, devices_m, origin)
+        return cls(np.array(every), height_m, y_m, x_m, devices_m)
 
     def gain_db(self, device: Ints, place_m: Floats) -> Floats:
         """As `Gains.gain_db`."""

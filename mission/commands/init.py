@@ -23,7 +23,8 @@ def init(
     name
         quickstart: two small communities, with data that come with Aerofed; paper: the paper's
         experiment on MNIST and CIFAR-10; paper-sweep: the same for aerofed sweep; apart: two
-        communities in opposite corners; town: devices and no-fly areas from GeoJSON files.
+        communities in opposite corners; town: devices and no-fly areas from GeoJSON files; city:
+        buildings from one, which decide what reaches the aircraft.
     out
         Folder for the files, made if it is missing. Existing files are not replaced.
     """
@@ -50,7 +51,7 @@ def init(
 
 def _next(config: Path) -> str:
     """What to do with a configuration that was written."""
-    if config.name in ("quickstart.toml", "apart.toml", "town.toml"):
+    if config.name in ("quickstart.toml", "apart.toml", "town.toml", "city.toml"):
         return f"aerofed run {config}"
     verb = "sweep" if config.name == "paper-sweep.toml" else "run"
     return f"aerofed data fetch data && aerofed {verb} {config} --data-dir data"

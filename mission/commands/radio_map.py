@@ -3,6 +3,7 @@
 import math
 from importlib.metadata import version
 from pathlib import Path
+from typing import Literal
 
 from mission.base.errors import InputError
 from mission.base.terminal import PLAIN, Terminal
@@ -17,21 +18,32 @@ def radio_map(
     *,
     out: Path,
     cell: float = 5.0,
+    engine: Literal["buildings", "sionna"] = "buildings",
+    scene: str = "munich",
+    middle: tuple[float, float] = (0.0, 0.0),
     set_: Overrides = (),
 ) -> int:
     """Write the gains of all paths from the devices to the places of the aircraft, as a file.
 
     Example: aerofed radio-map city --out city.nc
 
+    Example: aerofed radio-map quickstart --engine sionna --scene munich --out munich.nc
+
     Parameters
     ----------
     config
-        TOML file whose devices and buildings are mapped, at the mission's altitude; of two, at
-        heights 5 m apart between them.
+        TOML file whose devices are mapped, at the mission's altitude; of two, at heights 5 m apart
+        between them.
     out
         NetCDF file for the map: what radio.map_file takes, and xarray opens.
     cell
         Side of a cell in metres.
+    engine
+        buildings: those of the configuration; sionna: ray tracing, an extra.
+    scene
+        sionna: munich, florence, san_francisco, etoile and others that come with it, or FILE.xml.
+    middle
+        sionna: where in the scene the middle of the area lies, metres east and north.
     set_
         Override any key: --set radio.environment=UMa
     """
@@ -39,7 +51,7 @@ def radio_map(
     size_m, (low_m, high_m) = resolved.area.size_m, resolved.mission.heights_m
     if not 0.5 <= cell <= min(size_m):
         raise InputError(f"--cell {cell:g}: must be from 0.5 m to the area's {min(size_m):g} m")
-    if not resolved.area.buildings:
+    if engine == "buildings" and not resolved.area.buildings:
         raise InputError(f"{config}: area.buildings_file: missing; a map is made of buildings")
     import numpy as np
 
@@ -48,36 +60,46 @@ def radio_map(
     from mission.scenario.radio_maps import write_map
     from mission.scenario.radios import city_of
     from mission.scenario.scenario import device_places
+    from mission.scenario.traced_map import traced_map
 
     heights_m = np.arange(low_m, max(high_m, low_m + 0.5 * _STEP_M), _STEP_M)
     heights_m = np.unique(np.append(heights_m, high_m))
-    streams, area = RandomStreams(resolved.seed), resolved.area.build()
+    streams, area, radio = RandomStreams(resolved.seed), resolved.area.build(), resolved.radio
     devices_m = device_places(resolved, area, streams)
     cells = len(devices_m) * len(heights_m) * math.prod(math.ceil(side / cell) for side in size_m)
     if cells > _MOST_CELLS:
         raise InputError(
             f"--cell {cell:g}: makes {cells} cells, {_MOST_CELLS} are allowed; take larger ones"
         )
-    radio = resolved.radio
-    made = RadioMap.of(
-        city_of(resolved, area, devices_m, streams),
-        devices_m,
-        size_m=size_m,
-        height_m=heights_m,
-        cell_m=cell,
-        origin={
-            "title": f"path gain over {resolved.name}, by buildings",
-            "source": f"aerofed {version('aerofed')}, seed {resolved.seed}, {radio.environment}, "
-            f"{len(area.buildings)} buildings",
-            "carrier_hz": radio.carrier_hz,
-            "home_lat_deg": area.home.lat_deg,
-            "home_lon_deg": area.home.lon_deg,
-            "home_alt_msl_m": area.home.alt_msl_m,
-            "home_x_m": area.home_m[0],
-            "home_y_m": area.home_m[1],
-        },
-    )
-    write_map(out, made)
+    if engine == "buildings":
+        city = city_of(resolved, area, devices_m, streams)
+        made = RadioMap.of(city, devices_m, size_m=size_m, height_m=heights_m, cell_m=cell)
+        source = f"{len(area.buildings)} buildings, {radio.environment}, seed {resolved.seed}"
+    else:
+        made = traced_map(
+            scene,
+            devices_m,
+            middle_m=middle,
+            size_m=size_m,
+            height_m=heights_m,
+            cell_m=cell,
+            device_height_m=radio.device_height_m,
+            carrier_hz=radio.carrier_hz,
+            seed=resolved.seed,
+        )
+        x, y = middle
+        source = f"{scene} about ({x:g}, {y:g}), Sionna RT {version('sionna-rt')}"
+    origin: dict[str, str | float] = {
+        "title": f"path gain over {resolved.name}",
+        "source": f"{source}; aerofed {version('aerofed')}",
+        "carrier_hz": radio.carrier_hz,
+        "home_lat_deg": area.home.lat_deg,
+        "home_lon_deg": area.home.lon_deg,
+        "home_alt_msl_m": area.home.alt_msl_m,
+        "home_x_m": area.home_m[0],
+        "home_y_m": area.home_m[1],
+    }
+    write_map(out, made, origin)
     sizes = " x ".join(str(size) for size in made.path_gain_db.shape)
     Terminal(**PLAIN).print(f"{out}: path gain of {sizes} (device, height, north, east)")
     return 0

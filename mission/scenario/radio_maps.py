@@ -1,6 +1,7 @@
 """Radio maps as files: NetCDF (classic), as xarray, QGIS and MATLAB read it."""
 
 import io
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -17,8 +18,8 @@ _NAMED = {"height": "above home", "y": "north of the area's corner", "x": "east 
 _WRONG = "no radio map: NetCDF (classic) with path_gain(device, height, y, x) in dB is wanted"
 
 
-def write_map(path: Path, made: RadioMap) -> None:
-    """Write a map; the same map gives the same bytes.
+def write_map(path: Path, made: RadioMap, origin: Mapping[str, str | float]) -> None:
+    """Write a map; the same map gives the same bytes. `origin`: by whom it was made, and of what.
 
     Raises:
         InputError: the file cannot be written.
@@ -27,7 +28,7 @@ def write_map(path: Path, made: RadioMap) -> None:
 
     stream = io.BytesIO()
     file = netcdf_file(stream, "w", version=2)
-    for name, value in {"Conventions": "CF-1.8", **made.origin}.items():
+    for name, value in {"Conventions": "CF-1.8", **origin}.items():
         setattr(file, name, value)
     for name, size in zip(_AXES, made.path_gain_db.shape, strict=True):
         file.createDimension(name, size)

@@ -43,9 +43,7 @@ def test_a_map_is_made_at_the_middles_of_cells() -> None:
         def gain_db(self, device, place_m):
             return plane(device, place_m)
 
-    found = RadioMap.of(
-        Plane(), DEVICES, size_m=(30.0, 20.0), height_m=H, cell_m=10.0, origin={"title": "t"}
-    )
+    found = RadioMap.of(Plane(), DEVICES, size_m=(30.0, 20.0), height_m=H, cell_m=10.0)
     assert found.x_m.tolist() == [5.0, 15.0, 25.0]
     assert found.y_m.tolist() == [5.0, 15.0]
     place_m = np.array([[25.0, 5.0, 60.0]])

@@ -1,13 +1,19 @@
 """`aerofed radio-map`, and runs on what it writes."""
 
 import io
+import sys
 from pathlib import Path
+from types import ModuleType, SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 from scipy.io import netcdf_file
 
 from mission.cli import call
+from mission.commands import radio_map
+from mission.scenario import traced_map
+from mission.scenario.radio_maps import read_map
 
 HALL = "[{polygon_m = [[90, 90], [110, 90], [110, 110], [90, 110]], height_m = 40}]"
 WORLD = f"""
@@ -38,7 +44,8 @@ def _world(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def mapped(*more: str) -> Path:
-    assert call(["radio-map", "w.toml", "--out", "w.nc", "--cell=10", *more]) == 0
+    more = more if any(one.startswith("--cell") for one in more) else ("--cell=10", *more)
+    assert call(["radio-map", "w.toml", "--out", "w.nc", *more]) == 0
     return Path("w.nc")
 
 
@@ -59,8 +66,7 @@ def test_the_map_says_what_it_is_of_and_what_it_is_in(capsys) -> None:
     assert (gain.dimensions, gain.units) == (("device", "height", "y", "x"), b"dB")
     assert file.variables["height"][:].tolist() == [60.0]
     assert file.variables["device_x"][:].tolist() == [80.0, 200.0]
-    assert file.source.startswith(b"aerofed ")
-    assert b"UMi, 1 buildings" in file.source
+    assert file.source.startswith(b"1 buildings, UMi, seed 1; aerofed ")
     assert file.home_lat_deg == pytest.approx(43.6145)
     assert mapped().read_bytes() == content
     mapped("--set=mission.altitude_m=[50,62]")
@@ -149,3 +155,80 @@ def test_a_map_needs_a_file_and_a_file_its_use(capsys) -> None:
     for alone in (ON_MAP[0], "--set=radio.map_file=w.nc"):
         assert call(["run", "w.toml", alone, "--out=x", "--quiet"]) == 2
         assert "radio.truth = 'map' and radio.map_file: both" in capsys.readouterr().err
+
+
+class TracedRadio:
+    """What of Sionna RT is called; its gains say where they are of."""
+
+    scene = SimpleNamespace(munich="/scenes/munich.xml", NAMES="no scene")
+    PlanarArray = Transmitter = staticmethod(lambda *name, **known: (name, known))
+
+    @staticmethod
+    def load_scene(path: str) -> SimpleNamespace:
+        assert path == "/scenes/munich.xml"
+        senders: list[Any] = []
+        return SimpleNamespace(senders=senders, add=senders.append)
+
+    class RadioMapSolver:
+        def __call__(self, world, *, cell_size, center, size, **_: object) -> SimpleNamespace:
+            x, y = (
+                middle - side / 2.0 + step * np.arange(0.5, round(side / step))
+                for middle, side, step in zip(center, size, cell_size, strict=False)
+            )
+            gain = np.zeros((len(world.senders), len(y), len(x)))
+            for device, (_, known) in enumerate(world.senders):
+                away = np.hypot(y[:, None] - known["position"][1], x - known["position"][0])
+                gain[device] = np.where(away < 200.0, 10.0 ** (-away / 10.0), 0.0)
+            return SimpleNamespace(path_gain=gain)
+
+
+@pytest.fixture
+def _sionna(monkeypatch: pytest.MonkeyPatch) -> None:
+    package = ModuleType("sionna")
+    package.rt = TracedRadio  # type: ignore[attr-defined]
+    monkeypatch.setattr(traced_map, "find_spec", lambda name: name)
+    monkeypatch.setitem(sys.modules, "sionna", package)
+    monkeypatch.setitem(sys.modules, "sionna.rt", TracedRadio)
+
+
+TRACED = ("--engine=sionna", "--scene=munich", "--middle", "1000", "-500")
+
+
+@pytest.mark.usefixtures("_sionna")
+def test_a_traced_map_lies_where_the_area_does(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(radio_map, "version", lambda name: f"1 of {name}")
+    made = read_map(mapped(*TRACED))
+    away = np.hypot(made.y_m[:, None] - 150.0, made.x_m - 200.0)
+    expected = np.where(away < 200.0, -away, -250.0)
+    assert made.path_gain_db[1, 0] == pytest.approx(expected, abs=1e-4)
+    assert netcdf_file("w.nc", mmap=False).source.startswith(
+        b"munich about (1000, -500), Sionna RT"
+    )
+
+
+SCENES = {
+    "munch": "--scene munch: must be one of munich, or a Mitsuba scene, FILE.xml; did you mean mun",
+    "none.xml": "none.xml: cannot be read: No such file or directory",
+    "w.xml": "--engine sionna --scene w.xml: AssertionError: ",
+}
+
+
+@pytest.mark.usefixtures("_sionna")
+@pytest.mark.parametrize("scene", SCENES)
+def test_a_scene_that_is_none_is_refused(capsys, scene: str) -> None:
+    Path("w.xml").write_text("<scene")
+    assert call(["radio-map", "w.toml", "--out=w.nc", "--engine=sionna", "--scene", scene]) == 2
+    assert SCENES[scene] in capsys.readouterr().err
+
+
+def test_a_missing_extra_is_named(monkeypatch: pytest.MonkeyPatch, capsys) -> None:
+    monkeypatch.setattr(traced_map, "find_spec", lambda _: None)
+    assert call(["radio-map", "w.toml", "--out=w.nc", *TRACED]) == 2
+    assert "an extra and not installed: pip install 'aerofed[sionna]'" in capsys.readouterr().err
+
+
+def test_sionna_itself_traces_a_map() -> None:
+    pytest.importorskip("sionna", reason="needs sionna-rt: pip install 'aerofed[sionna]', and LLVM")
+    made = read_map(mapped("--engine=sionna", "--scene=simple_street_canyon", "--cell=50"))
+    assert made.path_gain_db.max() < -40.0
+    assert made.path_gain_db.max() > made.path_gain_db.min()
