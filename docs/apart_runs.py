@@ -71,7 +71,7 @@ CELLS = (
 
 
 # Those of the largest lower end of H3's interval among all whose ceiling is at least 3 %.
-JUDGED = (Cell("corners", 2, 3), Cell("corners", 3, 2))
+JUDGED = (Cell("corners", 2, 3), Cell("corners", 2, 2))
 
 
 @dataclass(frozen=True)
