@@ -138,6 +138,13 @@ class Airspace:
 OPEN = Airspace()
 
 
+def apart_within(outline_m: Floats, holes_m: Sequence[Floats]) -> bool:
+    """Whether holes (n, 2) lie within an outline, and apart from each other."""
+    import shapely
+
+    return bool(shapely.Polygon(outline_m, holes_m).is_valid)
+
+
 def triangles(rings_m: Sequence[Floats]) -> Floats:
     """(T, 3, 2) that fill the first outline (n, 2), without the others, which lie within."""
     import shapely

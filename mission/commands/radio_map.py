@@ -47,6 +47,8 @@ def radio_map(
     set_
         Override any key: --set radio.environment=UMa
     """
+    if out.exists():
+        raise InputError(f"{out}: exists already; give another name")
     resolved = load(config, set_)
     size_m, (low_m, high_m) = resolved.area.size_m, resolved.mission.heights_m
     if not 0.5 <= cell <= min(size_m):

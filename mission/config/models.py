@@ -28,7 +28,7 @@ from fl.config import (
 from fl.plugin_code import label_of
 from fl.radio.city import Building
 from flightdyn.state import GeodeticPoint
-from mission.base.airspace import Airspace, crossing
+from mission.base.airspace import Airspace, apart_within, crossing
 from mission.base.area import Area
 from mission.base.errors import InputError
 from mission.base.explain import Blame, WrongKey, refusal
@@ -90,6 +90,10 @@ class BuildingConfig(_Model):
     def _an_area(self) -> Self:
         if any(crossing(np.array(ring)) for ring in (self.polygon_m, *self.holes_m)):
             raise ValueError("its outline crosses itself, or has no area")
+        if self.holes_m and not apart_within(
+            np.array(self.polygon_m), list(map(np.array, self.holes_m))
+        ):
+            raise ValueError("its holes must lie within its outline, and apart from each other")
         return self
 
 
@@ -427,12 +431,14 @@ class RunConfig(_Model):
         return self
 
     @model_validator(mode="after")
-    def _something_stands_in_the_way(self) -> Self:
+    def _radio_has_what_it_needs(self) -> Self:
         area = self.area
         if self.radio.truth == "buildings" and not area.buildings and area.buildings_file is None:
-            raise ValueError("radio.truth = 'buildings' needs area.buildings_file, which has them")
+            raise ValueError(
+                "radio.truth = 'buildings' needs area.buildings, or area.buildings_file"
+            )
         if (self.radio.truth == "map") != (self.radio.map_file is not None):
-            raise ValueError("radio.truth = 'map' and radio.map_file: both, or none of them")
+            raise ValueError("radio.truth = 'map' and radio.map_file need each other")
         return self
 
     @model_validator(mode="after")

@@ -5,6 +5,7 @@ in area coordinates only.
 """
 
 import hashlib
+import math
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
@@ -32,7 +33,6 @@ _MARGIN = 0.1  # around the extent of all places, as a share of its longer side
 _LEAST_MARGIN_M = 50.0
 _FAR_M = 100_000.0  # from home, at most
 _LARGEST_M = 100_000.0
-_FILES = ("area.no_fly_file", "area.buildings_file")
 MOST_BYTES = 1 << 30  # of a radio map
 _LEVEL_M = 3.0  # of a building that tells its levels only
 _HOME = ("area.home_m", "area.home_lat_deg", "area.home_lon_deg")
@@ -88,7 +88,10 @@ def _known_map(radio: RadioConfig, blame: Blame) -> RadioConfig:
     """With the digest of the map's file; another file than that of the digest is refused."""
     if radio.map_file is None:
         return radio
-    found = hashlib.sha256(read_bytes(radio.map_file, most=MOST_BYTES)).hexdigest()
+    content = _read(
+        partial(read_bytes, most=MOST_BYTES), "radio.map_file", str(radio.map_file), blame
+    )
+    found = hashlib.sha256(content).hexdigest()
     if radio.map_sha256 not in (None, found):
         reason = f"{radio.map_file} has {found}: it is another map than that of the configuration"
         raise InputError(refusal("radio.map_sha256", radio.map_sha256, reason, blame))
@@ -111,13 +114,16 @@ def check_start(config: RunConfig) -> None:
         f"{area.home_lat_deg:.7g} and home_lon_deg = {area.home_lon_deg:.7g})"
     )
     for index, zone in enumerate(area.zones):
+        among, first = (
+            ("no_fly", 0) if index < len(area.no_fly) else ("buildings", len(area.no_fly))
+        )
         if zone.from_m - HEIGHT_MARGIN_M >= heights_m[1]:
             continue  # overhead
         space = Airspace((np.array(zone.polygon_m),), None, area.margin_m)
         if not space.free(home)[0]:
             where = "lies inside" if not space.allows(home)[0] else _nearer(area)
             raise config.contradiction(
-                (*_HOME, f"area.no_fly.{index}", *_FILES, "area.margin_m"),
+                (*_HOME, f"area.{among}.{index - first}", f"area.{among}_file", "area.margin_m"),
                 f"{start} {where} the area {zone.name!r}, which must not be flown; {way_out}",
             )
     space = area.build(heights_m).airspace
@@ -144,7 +150,6 @@ def _with_rings(area: AreaConfig, blame: Blame, heights_m: tuple[float, float]) 
         key = "area.buildings_file"
         found = _read(partial(read_rings, holes=True), key, area.buildings_file, blame)
         buildings = tuple(_building(area, ring, blame) for ring in found)
-        _check_beside(area, buildings, blame)
         known |= {"buildings": (*area.buildings, *buildings), "buildings_file": None}
     if area.fence_file is not None:
         rings = _rings(area, "fence_file", blame)
@@ -156,6 +161,7 @@ def _with_rings(area: AreaConfig, blame: Blame, heights_m: tuple[float, float]) 
             raise InputError(f"{blame.source}: {rings[0].where}: crosses itself, or has no area")
         known |= {"fence_m": corners, "fence_file": None}
     whole = area.model_copy(update=known) if known else area
+    _check_beside(area, whole.buildings, blame)
     tall = [zone for zone in whole.zones[len(whole.no_fly) :] if zone.counts_at(*heights_m)]
     outlines = [*(zone.polygon_m for zone in (*whole.no_fly, *tall)), whole.fence_m or ()]
     corners_in_all = sum(map(len, outlines))
@@ -191,6 +197,8 @@ def _zone(area: AreaConfig, ring: Ring, blame: Blame) -> NoFlyConfig:
 
 def _check_beside(area: AreaConfig, buildings: Sequence[BuildingConfig], blame: Blame) -> None:
     """Refuse buildings of another place: none of them in the area."""
+    if not buildings:
+        return
     size = np.array(area.size_m)
     apart = [
         np.maximum(np.maximum(-ring.max(axis=0), ring.min(axis=0) - size), 0.0)
@@ -199,37 +207,40 @@ def _check_beside(area: AreaConfig, buildings: Sequence[BuildingConfig], blame: 
     nearest = float(np.hypot(*np.array(apart).T).min())
     if nearest > 0.0:
         reason = (
-            f"none of its {len(buildings)} buildings stands in the area; the nearest is "
+            f"none of {len(buildings)} buildings stands in the area; the nearest is "
             f"{nearest:.0f} m away. {_home(area).capitalize()} lies at area.home_m = "
             f"{list(area.home_m)}"
         )
-        raise InputError(refusal("area.buildings_file", area.buildings_file, reason, blame))
+        name = "area.buildings" if area.buildings_file is None else "area.buildings_file"
+        raise InputError(f"{blame.on(name)}: {name}: {reason}")
 
 
 def _building(area: AreaConfig, ring: Ring, blame: Blame) -> BuildingConfig:
-    told, source = ring.properties, Blame(f"{blame.source}: {ring.where}")
+    key = "area.buildings_file"
+    told, source = ring.properties, f"{blame.on(key)}: {key}: {ring.where}"
     height, levels = told.get("height"), told.get("building:levels")
     if height is None and levels is None:
         if area.building_height_m is None:
             raise InputError(
-                f"{blame.source}: {ring.where}: has neither height nor building:levels; give it "
-                "one, or set area.building_height_m, the height of those that have none"
+                f"{source}: has neither height nor building:levels; give it one, or set "
+                "area.building_height_m, the height of those that have none"
             )
-        height_m: object = area.building_height_m
+        height_m = area.building_height_m
     else:  # OpenStreetMap has text, metres where no unit stands there
         name, value = ("height", height) if height is not None else ("building:levels", levels)
         try:
             height_m = float(str(value).removesuffix("m")) * (1.0 if name == "height" else _LEVEL_M)
         except ValueError:
-            raise InputError(
-                f"{blame.source}: {ring.where}: {name} = {shown(value)}: must be a number"
-            ) from None
+            height_m = math.nan
+        if math.isnan(height_m):
+            wanted = "a number of metres" if name == "height" else "a number"
+            raise InputError(f"{source}: {name} = {shown(value)}: must be {wanted}")
     values = {
         "polygon_m": _corners(area, ring, blame),
         "holes_m": tuple(_on_map(area, ring.where, hole, blame) for hole in ring.holes_deg),
         "height_m": height_m,
     }
-    with explained(BuildingConfig, values, source):
+    with explained(BuildingConfig, values, Blame(source)):
         return BuildingConfig.model_validate(values, strict=True)
 
 

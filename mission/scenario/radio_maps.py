@@ -15,7 +15,10 @@ from mission.config.world import MOST_BYTES
 
 _AXES = ("device", "height", "y", "x")
 _NAMED = {"height": "above home", "y": "north of the area's corner", "x": "east of it"}
-_WRONG = "no radio map: NetCDF (classic) with path_gain(device, height, y, x) in dB is wanted"
+_WRONG = (
+    "no radio map: NetCDF (classic) is wanted with path_gain(device, height, y, x) in dB, and "
+    "height, y, x, device_x, device_y in metres"
+)
 
 
 def write_map(path: Path, made: RadioMap, origin: Mapping[str, str | float]) -> None:
@@ -78,6 +81,11 @@ def read_map(path: Path) -> RadioMap:
     for name, values in zip(names, (gain, *lines), strict=True):
         if not np.isfinite(values).all():
             raise InputError(f"{path}: {name} holds a number that is not finite")
+    if gain.max() > 0.0:
+        raise InputError(
+            f"{path}: path_gain holds {gain.max():g}: must be 0 or less: power received over power "
+            "sent, in dB (10 log10 of the linear gain)"
+        )
     for name, line in zip(names[1:4], lines, strict=False):
         if (np.diff(line) <= 0.0).any():
             raise InputError(f"{path}: {name} must ascend")

@@ -76,26 +76,30 @@ def _map_of(config: RunConfig, devices_m: Floats) -> RadioMap:
     name = config.radio.map_file
     assert name is not None
     made = read_map(name)
-    config.refuse(("radio.map_file", str(name), why) for why in _misfits(made, config, devices_m))
+    if (why := _misfit(made, config, devices_m)) is not None:
+        config.refuse([("radio.map_file", str(name), why)])
     return made
 
 
-def _misfits(made: RadioMap, config: RunConfig, devices_m: Floats) -> list[str]:
-    """Why a map cannot be used in a run."""
+def _misfit(made: RadioMap, config: RunConfig, devices_m: Floats) -> str | None:
+    """Why a map cannot be used in a run; None where it can."""
     if made.devices_m.shape != devices_m.shape:
-        return [f"is of {len(made.devices_m)} devices; the run has {len(devices_m)}"]
+        return f"is of {len(made.devices_m)} devices; the run has {len(devices_m)}"
     away = np.hypot(*(made.devices_m - devices_m).T)
     device = int(away.argmax())
     if away[device] > _SAME_PLACE_M:
-        return [f"has device {device} {away[device]:.0f} m from where it stands in the run"]
+        return f"has device {device} {away[device]:.0f} m from where it stands in the run"
     axes = (("x", made.x_m, config.area.size_m[0]), ("y", made.y_m, config.area.size_m[1]))
     for name, line, size in axes:
         cell = float(line[1] - line[0]) if len(line) > 1 else 0.0
         if line[0] > cell or line[-1] < size - cell:
-            return [f"covers {name} from {line[0]:g} to {line[-1]:g} m; the area has 0 to {size:g}"]
+            return f"covers {name} from {line[0]:g} to {line[-1]:g} m; the area has 0 to {size:g}"
     low, high = made.height_m[0] - HEIGHT_MARGIN_M, made.height_m[-1] + HEIGHT_MARGIN_M
     flown = config.mission.heights_m
     if not low <= flown[0] <= flown[1] <= high:
         heights = ", ".join(f"{height:g}" for height in made.height_m)
-        return [f"is of {heights} m above home; mission.altitude_m is not within 5 m of that"]
-    return []
+        return (
+            f"is of {heights} m above home; mission.altitude_m is not within {HEIGHT_MARGIN_M:g} m "
+            "of that"
+        )
+    return None

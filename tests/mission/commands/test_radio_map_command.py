@@ -2,6 +2,7 @@
 
 import io
 import sys
+from dataclasses import replace
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
 from typing import Any
@@ -13,7 +14,7 @@ from scipy.io import netcdf_file
 from mission.cli import call
 from mission.commands import radio_map
 from mission.scenario import traced_map
-from mission.scenario.radio_maps import read_map
+from mission.scenario.radio_maps import read_map, write_map
 
 HALL = "[{polygon_m = [[90, 90], [110, 90], [110, 110], [90, 110]], height_m = 40}]"
 WORLD = f"""
@@ -44,6 +45,7 @@ def _world(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def mapped(*more: str) -> Path:
+    Path("w.nc").unlink(missing_ok=True)
     more = more if any(one.startswith("--cell") for one in more) else ("--cell=10", *more)
     assert call(["radio-map", "w.toml", "--out", "w.nc", *more]) == 0
     return Path("w.nc")
@@ -122,7 +124,9 @@ def test_a_map_of_something_else_is_refused(capsys, change: str) -> None:
 def test_what_is_no_map_is_refused(capsys, content: bytes) -> None:
     Path("w.nc").write_bytes(content)
     assert call(["run", "w.toml", *ON_MAP, "--out=x", "--quiet"]) == 2
-    assert "w.nc: no radio map: NetCDF (classic) with path_gain" in capsys.readouterr().err
+    assert (
+        "w.nc: no radio map: NetCDF (classic) is wanted with path_gain" in capsys.readouterr().err
+    )
 
 
 def test_cut_and_damaged_maps_never_end_in_a_traceback(capsys) -> None:
@@ -134,6 +138,20 @@ def test_cut_and_damaged_maps_never_end_in_a_traceback(capsys) -> None:
         Path("w.nc").write_bytes(wrong)
         assert call(["run", "w.toml", *ON_MAP, "--out=x", "--quiet", "--no-report"]) in (0, 2)
         assert "Traceback" not in capsys.readouterr().err
+
+
+def test_a_linear_map_a_map_that_is_gone_and_one_that_is_there(capsys) -> None:
+    made = read_map(mapped())
+    Path("w.nc").unlink()
+    assert call(["run", "w.toml", *ON_MAP, "--out=x", "--quiet"]) == 2
+    assert "radio.map_file: " in (line := capsys.readouterr().err)
+    assert "w.nc: cannot be read: No such file or directory" in line
+    write_map(Path("w.nc"), replace(made, path_gain_db=10.0 ** (made.path_gain_db / 10.0)), {})
+    assert call(["run", "w.toml", *ON_MAP, "--out=x", "--quiet"]) == 2
+    assert "must be 0 or less: power received over power sent, in dB" in capsys.readouterr().err
+    assert call(["radio-map", "w.toml", "--out=w.toml"]) == 2
+    assert "w.toml: exists already; give another name" in capsys.readouterr().err
+    assert Path("w.toml").read_text() == WORLD
 
 
 @pytest.mark.parametrize(
@@ -154,7 +172,7 @@ def test_what_cannot_be_mapped_is_refused(capsys, more, words: str) -> None:
 def test_a_map_needs_a_file_and_a_file_its_use(capsys) -> None:
     for alone in (ON_MAP[0], "--set=radio.map_file=w.nc"):
         assert call(["run", "w.toml", alone, "--out=x", "--quiet"]) == 2
-        assert "radio.truth = 'map' and radio.map_file: both" in capsys.readouterr().err
+        assert "radio.truth = 'map' and radio.map_file need each other" in capsys.readouterr().err
 
 
 class TracedRadio:

@@ -551,7 +551,8 @@ BAD_HOUSES = {
     '{"height": "two"}': "features[0]: height = 'two': must be a number",
     '{"building:levels": [3]}': "features[0]: building:levels = [3]: must be a number",
     '{"height": -3}': "features[0]: height_m = -3.0: must be greater than 0",
-    '{"height": "nan"}': "features[0]: height_m = nan: must be",
+    '{"height": "nan"}': "area.buildings_file: ",
+    '{"height": "40 ft"}': "features[0]: height = '40 ft': must be a number of metres",
 }
 
 
@@ -572,9 +573,7 @@ def test_what_says_no_height_may_have_one_of_all(load, tmp_path: Path) -> None:
 
 def test_buildings_of_another_place_are_refused(load, tmp_path: Path) -> None:
     (tmp_path / "b.geojson").write_text(houses(TALL, TALL))
-    with pytest.raises(
-        InputError, match=r"none of its 2 buildings stands in the area; the nearest"
-    ):
+    with pytest.raises(InputError, match=r"none of 2 buildings stands in the area; the nearest"):
         load(PLACED.replace("43.580", "43.680"))
 
 
@@ -592,6 +591,13 @@ def test_a_start_among_buildings_is_refused(load) -> None:
     hall = "buildings = [{polygon_m = [[390, 390], [395, 390], [395, 410]], height_m = 12}]\n"
     with pytest.raises(InputError, match=r"lies nearer than area.margin_m = 15 m to .*building 0"):
         build_scenario(load(BASE + "[area]\n" + hall), data_dir=None)
+
+
+@pytest.mark.parametrize("hole", ["[[5,5],[50,5],[50,9]]", "[[60,5],[70,5],[70,9]]"])
+def test_a_courtyard_outside_its_building_is_refused(load, hole: str) -> None:
+    square = "polygon_m = [[0, 0], [40, 0], [40, 40], [0, 40]], height_m = 9"
+    with pytest.raises(InputError, match="its holes must lie within its outline, and apart from"):
+        load(BASE + f"[area]\nbuildings = [{{{square}, holes_m = [{hole}]}}]\n")
 
 
 HALL = "buildings = [{polygon_m = [[90, 90], [110, 90], [110, 110], [90, 110]], height_m = 12}]\n"
@@ -614,7 +620,7 @@ def test_a_device_indoors_pays_or_is_refused(load) -> None:
 
 
 def test_a_radio_among_buildings_needs_some_and_draws_by_their_rates(load) -> None:
-    with pytest.raises(InputError, match=r"'buildings' needs area.buildings_file, which has them"):
+    with pytest.raises(InputError, match=r"'buildings' needs area.buildings, or area"):
         load(BASE + "[radio]\ntruth = 'buildings'\n")
     with pytest.raises(
         InputError, match=r"draws packets on the channel, so it needs radio.truth ="
