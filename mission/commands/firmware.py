@@ -24,7 +24,7 @@ def fetch(
 ) -> int:
     """Download ArduCopter as its project builds it for simulations, for Linux on x86-64.
 
-    A version that is here already is not fetched again.
+    A numbered version that is here already is not fetched again; stable, beta and latest are.
 
     Example: aerofed firmware fetch arducopter --version 4.6.3
 
@@ -36,7 +36,7 @@ def fetch(
         Such as 4.6.3; stable, beta or latest for the newest of those.
     sha256
         Checksum that the file must have. Its project publishes none; without this, the one that the
-        first download had counts from then on.
+        first download of a numbered version had counts from then on.
     site
         Where it is published. Default: AEROFED_FIRMWARE_SITE, or the project's own server.
     folder
@@ -47,9 +47,15 @@ def fetch(
     if sha256 is not None and not re.fullmatch(r"[0-9a-f]{64}", sha256):
         raise InputError(f"--sha256 {sha256}: must be 64 hexadecimal digits, in small letters")
     path = _folder(folder) / f"{firmware}-{version}" / firmware
-    wanted = sha256 or _first_sum(path)
-    if not path.is_file() or wanted not in (None, _sum_of(path)):
-        _download(path, version, wanted, site or os.environ.get("AEROFED_FIRMWARE_SITE") or _SITE)
+    site = site or os.environ.get("AEROFED_FIRMWARE_SITE") or _SITE
+    if not site.startswith(("http://", "https://")):
+        raise InputError(
+            f"--site (AEROFED_FIRMWARE_SITE) {site}: must begin with https:// or http://"
+        )
+    moving = version.isalpha()
+    wanted = sha256 or (None if moving else _first_sum(path))
+    if moving or not path.is_file() or wanted not in (None, _sum_of(path)):
+        _download(path, version, wanted, site)
     Terminal(**PLAIN).print(f"sha256 {_sum_of(path)}\nexport AEROFED_ARDUCOPTER={path}")
     return 0
 
@@ -117,4 +123,4 @@ def _sum_of(path: Path) -> str:
 def _first_sum(path: Path) -> str | None:
     """The checksum that the file had when it was fetched; None where it never was."""
     kept = path.with_suffix(_SUM)
-    return kept.read_text().partition(" ")[0] if kept.is_file() else None
+    return kept.read_text(errors="replace").partition(" ")[0] if kept.is_file() else None

@@ -129,3 +129,25 @@ def test_a_full_disk_and_a_file_in_the_way_are_said(
 def test_nothing_fetched_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert call(["firmware", "list", "--folder", str(tmp_path)]) == 2
     assert "holds no firmware; aerofed firmware fetch arducopter" in capsys.readouterr().err
+
+
+def test_what_is_stable_is_the_newest_of_that(site: Path, tmp_path: Path) -> None:
+    published = site.parents[1] / "stable" / site.name
+    published.mkdir(parents=True)
+    path = tmp_path / "cache" / "aerofed" / "firmware" / "arducopter-stable" / "arducopter"
+    for newer in (CONTENT, CONTENT + b"!"):
+        (published / "arducopter").write_bytes(newer)
+        assert call(["firmware", "fetch", "arducopter"]) == 0
+        assert path.read_bytes() == newer
+
+
+@pytest.mark.usefixtures("site")
+def test_a_site_that_is_no_address_and_a_checksum_that_is_no_text(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert fetch("--site", "nonsense") == 2
+    assert "nonsense: must begin with https:// or http://" in capsys.readouterr().err
+    assert fetch() == 0
+    (tmp_path / "cache/aerofed/firmware/arducopter-4.6.3/arducopter.sha256").write_bytes(b"\xff")
+    assert call(["firmware", "list"]) == 0
+    assert "changed since it was fetched" in capsys.readouterr().out
