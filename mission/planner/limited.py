@@ -27,7 +27,7 @@ _SHARES = (1.0, 0.95, 0.9, 0.85, 0.8, 0.75, 0.7, 0.6, 0.5, 0.4)
 _UPLOAD_SHARES = (0.9, 0.75, 0.6, 0.45, 0.3)
 _PRICES = (0.2, 0.4, 0.6)  # shares of the devices that are worth less a second
 _CHANGES, _USUAL = 40_000, 120  # that are tried at random, for so many devices times steps
-_FEWEST, _PAIRS = 200, 100  # of them; of outlines and vertices, whose ways take as long as a look
+_FEWEST, _PAIRS = 200, 250  # of them; of outlines and vertices, whose ways take as long as a look
 # How many plans are improved, by which share of the changes, and what they may lose on the way.
 _STAGES = ((30, 0.2, 0.02), (4, 1.0, 0.01), (1, 2.0, 0.01), (1, 1.0, 0.0))
 _ALIKE = 0.003  # of the value: plans that differ by less are taken for one
@@ -138,7 +138,7 @@ def _changes(problem: RoundProblem) -> int:
         ways = 1 + problem.airspace.outlines.pairs // _PAIRS
         work += (2 if problem.limits is None else 4) * ways
     if problem.upload_s is not None:
-        work += 22 if energy else 6
+        work += 26 if energy else 6
     size = max(1.0, problem.steps * len(problem.devices_m) / _USUAL)
     return max(_FEWEST, int(_CHANGES / (work * math.sqrt(size))))
 
