@@ -15,7 +15,6 @@ if TYPE_CHECKING:
     from mission.api.simulated_vehicle import SimulatedVehicle
     from mission.base.console import RunConsole
     from mission.config.models import RunConfig
-    from mission.flight.serve.hosts import Host
     from sitl.pace import Runs
 
 Pace: TypeAlias = Literal["steps", "moving"] | float
@@ -100,18 +99,17 @@ def vehicles(
     resolved = vehicle_config(overrides, source=source, wind_mps=wind_mps, seed=seed, home=home)
     # Only now, so that wrong input is answered at once.
     from mission.api.simulated_vehicle import SimulatedVehicle
+    from mission.flight.serve.hosted_firmware import FirmwareHost
     from mission.flight.serve.hosts import BuiltIn
     from mission.flight.serve.vehicle import make_vehicles
 
     folder = None if logs is None else as_path(logs, "logs")
     runs: Runs = "ordered" if pace == "steps" else "moving" if pace == "moving" else "always"
-    hosts: list[Host]
+    hosts: list[BuiltIn] | list[FirmwareHost]
     if resolved.vehicle.autopilot == "built-in":
         made = make_vehicles(resolved, count=count, udp=(), logs=folder, in_step=pace == "steps")
         hosts = [BuiltIn(served, speed=speed, runs=runs) for served in made]
     elif count == 1:
-        from mission.flight.serve.hosted_firmware import FirmwareHost
-
         hosts = [FirmwareHost(resolved, logs=folder, speed=speed, runs=runs)]
     else:
         raise InputError(f"count = {count}: a firmware flies one vehicle")

@@ -16,7 +16,8 @@ from mission.flight.failures import of_a_vehicle
 from mission.flight.pilot.connection import connect
 from mission.flight.plan_file import read_plan_file
 from mission.flight.plan_path import placed, planned_path
-from mission.flight.serve.hosts import LOOK_S, Host, State, enu
+from mission.flight.serve.hosted_firmware import FirmwareHost
+from mission.flight.serve.hosts import LOOK_S, BuiltIn, State, enu
 
 T = TypeVar("T")
 
@@ -36,7 +37,7 @@ class HostedVehicle:
     north of home, height above home.
     """
 
-    def __init__(self, host: Host) -> None:
+    def __init__(self, host: BuiltIn | FirmwareHost) -> None:
         self._host = host
         self._clients = ExitStack()
         self._loop = asyncio.new_event_loop()

@@ -21,7 +21,7 @@ from mission.flight.plan_path import PlannedPath
 from mission.flight.serve.flight_logs import FlightLogs
 from mission.flight.serve.hosts import Host, State
 from mission.scenario.limits import guidance_of
-from sitl.autopilot.parameters import Parameters, parameters_of
+from sitl.autopilot.parameters import parameters_of
 from sitl.pace import Runs
 
 _POLL_S = 0.001  # wall time
@@ -49,13 +49,14 @@ class FirmwareHost(Host):
         link = config.link.model_copy(update={"speed": "max" if ordered else speed})
         config = config.model_copy(update={"link": link})
         with of_settings():
-            self._parameters = parameters_of(config.vehicle)
+            self.parameters = parameters_of(config.vehicle)  # of the built-in one
         self._flyers = FirmwareFlyers.of(Task(config, area, RandomStreams(config.seed), _ANYTHING))
         self._flyers.check()
         self._folder = logs
 
     @asynccontextmanager
     async def alive(self) -> AsyncIterator[None]:
+        """As `BuiltIn.alive`; the rest, too, is as there."""
         observers = (self.track, *(() if self.logs is None else (self.logs,)))
         said: list[str] = []  # what people are told of it is in its log, too
         with (
@@ -80,10 +81,6 @@ class FirmwareHost(Host):
     def state(self) -> State:
         now, flyer = self._flyer.vehicle.clock.now, self._flyer
         return State(now.kinematics, self.track.mode, flyer.pilot.armed, now.battery.remaining)
-
-    @property
-    def parameters(self) -> Parameters:
-        return self._parameters
 
     async def run_for(self, seconds: float) -> None:
         vehicle = self._flyer.vehicle

@@ -1,8 +1,7 @@
 """Vehicles in an event loop, for whoever runs one: who flies, and how simulated time passes."""
 
-from abc import ABC, abstractmethod
 from collections.abc import AsyncIterator
-from contextlib import AbstractAsyncContextManager, asynccontextmanager
+from contextlib import asynccontextmanager
 from typing import NamedTuple
 
 import numpy as np
@@ -34,8 +33,9 @@ class State(NamedTuple):
     battery: float  # charge that is left, 0 to 1
 
 
-class Host(ABC):
-    """A vehicle with a link for clients, a log and a track."""
+class Host:
+    """What hosts share: a link for clients, a log and a track. Each has `alive`, `state`,
+    `parameters` (by which paths are planned), `run_for` and `fly`."""
 
     def __init__(
         self, area: Area, guidance: LimitsConfig, logs: FlightLogs | None, runs: Runs
@@ -44,32 +44,6 @@ class Host(ABC):
         self.area, self.guidance, self.logs, self.runs = area, guidance, logs, runs
         self.port = UdpLink("udpin://127.0.0.1:0")
         self.track = Track()
-
-    @abstractmethod
-    def alive(self) -> AbstractAsyncContextManager[None]:
-        """It lives inside, ready to be armed.
-
-        Raises:
-            LinkError, AerofedError: it cannot be had, or ends by itself.
-        """
-
-    @property
-    @abstractmethod
-    def state(self) -> State:
-        """How it is now."""
-
-    @property
-    @abstractmethod
-    def parameters(self) -> Parameters:
-        """The built-in autopilot's, by which paths are planned."""
-
-    @abstractmethod
-    async def run_for(self, seconds: float) -> None:
-        """Let so much simulated time pass; what was sent before is taken before."""
-
-    @abstractmethod
-    async def fly(self, plan: PlanFile, path: PlannedPath) -> None:
-        """Carry out a plan that lies around home, from the ground to the ground."""
 
 
 class BuiltIn(Host):
@@ -84,6 +58,7 @@ class BuiltIn(Host):
 
     @asynccontextmanager
     async def alive(self) -> AsyncIterator[None]:
+        """It lives inside, ready to be armed."""
         async with self._simulation:
             while self.runs == "ordered" and self._vehicle.moving:
                 await self.run_for(LOOK_S)  # it starts up
@@ -91,17 +66,21 @@ class BuiltIn(Host):
 
     @property
     def state(self) -> State:
+        """How it is now."""
         aircraft, mode = self._vehicle.aircraft, self._vehicle.autopilot.mode.name
         return State(aircraft.truth, mode, aircraft.armed, aircraft.battery.remaining)
 
     @property
     def parameters(self) -> Parameters:
+        """Of the autopilot."""
         return self._vehicle.autopilot.parameters
 
     async def run_for(self, seconds: float) -> None:
+        """Let simulated time pass; what was sent before is taken before."""
         await self._simulation.run_to(self._vehicle.t_ns + round(seconds * 1e9))
 
     async def fly(self, plan: PlanFile, path: PlannedPath) -> None:
+        """Carry out a plan that lies around home, from the ground to the ground."""
         self._simulation.runs = "moving"
         try:
             async with connect("raw://", raw_link=self._raw) as pilot:
