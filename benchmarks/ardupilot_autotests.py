@@ -23,7 +23,7 @@ from sitl.firmware.launch import HOVER_THRUST, THRUST_CURVE
 TESTS = [
     "ModeAltHold", "ModeLoiter", "CopterMission", "ModeCircle", "BrakeMode", "SimpleMode",
     "LoiterToAlt", "SplineLastWaypoint", "TakeoffAlt", "RTLSpeed", "HorizontalFence", "MaxAltFence",
-    "ModeFlip", "StabilityPatch", "CONDITION_YAW", "ModeZigZag", "SetpointGlobalPos",
+    "ModeFlip", "StabilityPatch", "MAV_CMD_CONDITION_YAW", "ModeZigZag", "SetpointGlobalPos",
     "SetpointGlobalVel", "GPSGlitchLoiter", "AutoTune",
 ]  # fmt: skip
 MOTORS = {"MOT_THST_EXPO": THRUST_CURVE, "MOT_THST_HOVER": HOVER_THRUST}  # of the aircraft
@@ -48,11 +48,14 @@ def main() -> int:
             ours = {"model": "JSON:127.0.0.1", "sim_rate_hz": 800, "param_defaults": MOTORS}
             super().start_SITL(binary, **{**how, **ours})
 
+    if unknown := [name for name in given.tests if not hasattr(OnOurs, name)]:
+        parser.error(f"no such test: {', '.join(unknown)}")
     home = arducopter.SITL_START_LOCATION
     world = subprocess.Popen([
         sys.executable, "-m", "mission", "world", "--ardupilot", "--wind", str(given.wind),
         "--speed", str(given.speed), "--set", f"area.home_lat_deg={home.lat}",
         f"area.home_lon_deg={home.lng}", f"area.home_alt_msl_m={home.alt}",
+            f"vehicle.aircraft.heading_deg={home.heading}",
     ], stdout=subprocess.DEVNULL)  # fmt: skip
     failed = 0
     try:
