@@ -33,6 +33,7 @@ from mission.planner.config import PlannerConfig
 from mission.planner.factory import make_planner
 from mission.planner.problem import Planner, RoundPlan, RoundProblem
 from mission.planner.reward import conjugates, reward_table
+from mission.planner.sqp import SqpPlanner
 
 CHANNELS = ("suburban+10dB", "suburban", "suburban+30dB")
 FURTHER = ("urban", "dense-urban", "high-rise", "literal-log-variance", "suburban-log-variance")
@@ -88,6 +89,7 @@ def small(layouts: int, channels: Sequence[str], *, max_nodes: int) -> None:
         "paper_literal": make_planner(PlannerConfig(kind="paper_literal")),
         "paper": make_planner(PlannerConfig(kind="paper")),
         "first plan": CertifiedPlanner(max_nodes=0),
+        "sqp": SqpPlanner(),
         "certified": CertifiedPlanner(),
     }
     tight = CertifiedPlanner(gap=1e-3, max_nodes=max_nodes)
@@ -173,7 +175,7 @@ def large(seconds: float, sizes: Sequence[tuple[int, float]]) -> None:
     for devices, budget in sizes:
         for channel in CHANNELS:
             problem = layout(0, devices=devices, steps=50, channel=channel, budget=budget)
-            plan, spent = timed(ExploringPlanner(), problem)
+            plan, spent = timed(SqpPlanner(), problem)
             found, took = long_search(problem, seconds)
             best = max(plan.value, found)
             print(
@@ -188,10 +190,10 @@ def growth() -> None:
     print("\ngrowth, N = 50, L = 800 m, suburban; CPU ms")
     for devices in (12, 30, 100, 300, 1000, 3000):
         problem = layout(1, devices=devices, steps=50, channel="suburban", budget=800.0)
-        _, fast = timed(ExploringPlanner(), problem)
+        _, fast = timed(SqpPlanner(), problem)
         plan, full = timed(CertifiedPlanner(max_nodes=2000), problem)
         print(
-            f"K = {devices:5d}: explored {fast:7.0f}, certified {full:7.0f}, gap {plan.gap:.1%}",
+            f"K = {devices:5d}: sqp {fast:7.0f}, certified {full:7.0f}, gap {plan.gap:.1%}",
             flush=True,
         )
 

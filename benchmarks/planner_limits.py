@@ -124,7 +124,7 @@ def row(kind: str, count: int, *, climb_s: float, large: bool, verbose: bool) ->
     planner, found = make_planner(PlannerConfig()), []
     for seed in range(count):
         given = problem(kind, seed, large=large)
-        make_planner(PlannerConfig(kind="explored")).plan(dataclasses.replace(
+        make_planner(PlannerConfig(kind="sqp")).plan(dataclasses.replace(
             given, limits=None, upload_s=None, ready_in_s=None, airspace=Airspace()
         ))  # tables  # fmt: skip
         began = time.process_time()

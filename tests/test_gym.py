@@ -116,7 +116,7 @@ def test_a_round_starts_where_runs_do() -> None:
 
 @pytest.mark.parametrize("kind", ["metres", "time", "energy"])
 def test_a_plan_carried_out_stop_by_stop_is_worth_what_the_planner_says(kind: str) -> None:
-    plan = aerofed.plan(problem(kind), "explored")
+    plan = aerofed.plan(problem(kind), "sqp")
     env: Any = gymnasium.make("aerofed/Round-v0", problem=problem(kind))
     _, _, expected = played(env, of_plan(env, plan), seed=1)
     made = env.unwrapped.plan
@@ -142,7 +142,7 @@ def test_whatever_is_done_keeps_to_every_limit(kind: str) -> None:
 
 def test_what_arrives_is_drawn_with_the_rates_of_the_radio() -> None:
     env: Any = gymnasium.make("aerofed/Round-v0", problem=problem())
-    actions = of_plan(env, aerofed.plan(problem(), "explored"))
+    actions = of_plan(env, aerofed.plan(problem(), "sqp"))
     each = [played(env, actions, seed)[1:] for seed in range(300)]
     arrived, expected = np.array(each).T
     assert arrived.mean() == pytest.approx(expected[0], rel=0.02)

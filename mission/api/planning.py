@@ -21,8 +21,7 @@ def plan(
     Args:
         problem: where devices stand and what they are worth; see `first_problem`. Or the keys of a
             problem as `problems.json` has them (docs/planner.md); `id` may be missing.
-        planner: "certified", "explored", "paper", "paper_literal", or an object with
-            `plan(problem)`.
+        planner: "certified", "sqp", "paper", "paper_literal", or an object with `plan(problem)`.
         options: keys of the table `planner` of a configuration: `gap=0.001`.
 
     Raises:

@@ -30,7 +30,7 @@ def plan(
     out: Path | None = None,
     figure: Path | None = None,
     qgc: Path | None = None,
-    method: Literal["certified", "explored", "paper", "paper_literal"] | None = None,
+    method: Literal["certified", "sqp", "paper", "paper_literal"] | None = None,
     gap: float | None = None,
     data_dir: Path | None = None,
     set_: Overrides = (),

@@ -10,7 +10,7 @@ from mission.base.tables import count
 
 _ROUNDING = 1e-9  # of a gap that was met
 
-PlannerKind = Literal["certified", "explored", "paper", "paper_literal", "import"]
+PlannerKind = Literal["certified", "sqp", "paper", "paper_literal", "import"]
 
 
 class PlannerConfig(BaseModel):
@@ -20,8 +20,8 @@ class PlannerConfig(BaseModel):
 
     kind: PlannerKind = Field(
         "certified",
-        description="certified: the best plan and a proven bound; explored: large instances, no "
-        "bound; paper: the paper's alternation with the exact cone; paper_literal: as printed, for "
+        description="certified: the best plan and a proven bound; sqp: large instances, no bound; "
+        "paper: the paper's alternation with the exact cone; paper_literal: as printed, for "
         "study; import: your own, which factory names",
     )
     gap: float = Field(

@@ -34,10 +34,10 @@ def _of_kind(config: PlannerConfig) -> Planner:
     """A planner that proves nothing, for one altitude."""
     if config.factory is not None:
         return CustomPlanner.made(config.factory)
-    if config.kind == "explored":
-        from mission.planner.certified import ExploringPlanner
+    if config.kind == "sqp":
+        from mission.planner.sqp import SqpPlanner
 
-        return ExploringPlanner()
+        return SqpPlanner()
     from mission.planner.paper.alternation import PaperPlanner
 
     return PaperPlanner(literal=config.kind == "paper_literal")

@@ -43,6 +43,13 @@ class RewardTable:
     rows: Floats
     fine: Floats  # f every FINE_M metres, over the same span
 
+    def expanded(self, r: Floats) -> tuple[Floats, Floats, Floats]:
+        """(f, f', f'') at distances, expanded about the nearest row."""
+        index = np.minimum(np.rint(r).astype(np.int64), len(self.rows) - 1)
+        d = r - index
+        f, f1, f2 = np.moveaxis(self.rows[index], -1, 0)
+        return f + (f1 + 0.5 * f2 * d) * d, f1 + f2 * d, f2
+
     def upper(self, from_m: Floats) -> Floats:
         """Bound of f over all r >= from_m, for each entry."""
         best = np.maximum.accumulate((self.fine + _between(self.fine))[::-1])[::-1]

@@ -145,7 +145,7 @@ def test_a_fixed_path_is_planned_with_its_hover_and_asks_no_planner(
     items = json.loads(qgc.read_text())["mission"]["items"]
     assert 7.0 in [item["params"][0] for item in items]
     assert planned(tmp_path, "rectangular")["waypoints"][0] == [160.0, 160.0]
-    more = ["--set", "mission.strategy=rectangular", "--method", "explored"]
+    more = ["--set", "mission.strategy=rectangular", "--method", "sqp"]
     assert call(["plan", *more]) == InputError.exit_code
     words = "--method: mission.strategy = 'rectangular' has a fixed path and asks no planner"
     assert words in capsys.readouterr().err

@@ -103,7 +103,7 @@ def test_run_tells_its_summary_as_json(tmp_path: Path, capsys) -> None:
 
 def test_plan_and_link_budget_tell_json(tmp_path: Path, capsys) -> None:
     out = tmp_path / "plans.json"
-    told = printed(capsys, "plan", "--json", "--out", str(out), "--method", "explored")
+    told = printed(capsys, "plan", "--json", "--out", str(out), "--method", "sqp")
     assert told == json.loads(out.read_text())
     assert told["round-1"]["upper_bound"] is None
     budget = printed(capsys, "link-budget", "--json")
@@ -174,7 +174,7 @@ MESSAGES = {
     ("plan", "--problem"): "--problem needs a value: JSON file with a list of problems",
     ("sitl", "--speed", "abc"): '--speed abc: must be a number or "max"',
     ("run", "--rounds", "abc"): "--rounds abc: must be a whole number",
-    ("plan", "--method", "foo"): '--method foo: must be one of "certified", "explored", "paper"',
+    ("plan", "--method", "foo"): '--method foo: must be one of "certified", "sqp", "paper"',
     ("plan", "--gap", "7"): "--gap 7.0: must be less than 1",
     ("run", "--rounds", "0"): "--rounds 0: must be greater than or equal to 1",
     ("run", "--seed=-1"): "--seed -1: must be greater than or equal to 0",
@@ -298,7 +298,7 @@ def test_a_key_set_twice_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
     ("command", "option", "key"),
     [
         ("plan --gap 0.1", "--gap", "planner.gap=0.2"),
-        ("plan --method explored", "--method", "planner.kind=paper"),
+        ("plan --method sqp", "--method", "planner.kind=paper"),
         ("run --seed 3", "--seed", "seed=3"),
         ("run --rounds 1", "--rounds", "mission.rounds=2"),
         ("run --vehicle udpin://0.0.0.0:14540", "--vehicle", "link.kind=external"),

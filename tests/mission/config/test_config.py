@@ -115,7 +115,7 @@ def test_overrides(text: str, parsed: tuple[str, object]) -> None:
         ("[link]\nspeed = 0", "link.speed = 0: must be 'max' or be greater than 0"),
         (
             "[planner]\nkind = 'certifed'",
-            "planner.kind = 'certifed': must be 'certified', 'explored', 'paper', "
+            "planner.kind = 'certifed': must be 'certified', 'sqp', 'paper', "
             "'paper_literal' or 'import'; did you mean certified?",
         ),
         (
@@ -344,7 +344,7 @@ def test_one_element_of_a_list_is_overridden(write) -> None:
     ("override", "said"),
     [
         ("area.home_m.1=5", "area.home_m = {'1': 5}: must be a list"),
-        ("planner.kind.x=3", "planner.kind = {'x': 3}: must be 'certified', 'explored', 'pa"),
+        ("planner.kind.x=3", "planner.kind = {'x': 3}: must be 'certified', 'sqp', 'paper', 'p"),
         ("vehicle.aircraft.faults.0.at_s=3", "vehicle.aircraft.faults = {'0': {'at_s': 3}}: must"),
     ],
 )

@@ -46,7 +46,7 @@ def plan(given: RoundProblem, kind: str = "certified") -> RoundPlan:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("kind", "seed"), [("certified", 0), ("certified", 1), ("explored", 2), ("paper", 3)]
+    ("kind", "seed"), [("certified", 0), ("certified", 1), ("sqp", 2), ("paper", 3)]
 )
 def test_every_planner_keeps_out(kind: str, seed: int) -> None:
     made = plan(problem(seed), kind)
@@ -119,7 +119,7 @@ def test_a_start_that_has_drifted_into_the_margin_is_left() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("kind", ["certified", "explored"])
+@pytest.mark.parametrize("kind", ["certified", "sqp"])
 def test_devices_behind_what_nobody_can_cross_are_heard_from_this_side(kind: str) -> None:
     river = np.array([[380.0, -200], [420, -200], [420, 1000], [380, 1000]])
     given = problem(budget=2500.0, airspace=Airspace((river,), FENCE, 15.0))

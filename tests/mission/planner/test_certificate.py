@@ -236,13 +236,14 @@ def test_hundreds_of_devices_get_a_plan_and_a_bound():
 PROGRAM = """
 import numpy as np
 from fl.radio.channel import CHANNEL_PRESETS
-from mission.planner.certified import CertifiedPlanner, ExploringPlanner
+from mission.planner.certified import CertifiedPlanner
 from mission.planner.evaluate import bounded
 from mission.planner.problem import BoundError, RoundProblem
+from mission.planner.sqp import SqpPlanner
 rng = np.random.default_rng(7)
 problem = RoundProblem(rng.uniform(0, 800, (12, 2)), rng.random(12), np.full(2, 400.0), 8, 3,
                        800.0, CHANNEL_PRESETS["suburban"])
-for planner in (CertifiedPlanner(), ExploringPlanner()):
+for planner in (CertifiedPlanner(), SqpPlanner()):
     plan = planner.plan(problem)
     print(plan.waypoints_m.tobytes().hex(), plan.schedule.tobytes().hex(), plan.upper_bound)
 """

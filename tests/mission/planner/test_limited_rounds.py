@@ -50,7 +50,7 @@ def plan(given: RoundProblem, kind: str = "certified") -> RoundPlan:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("kind", ["certified", "explored", "paper"])
+@pytest.mark.parametrize("kind", ["certified", "sqp", "paper"])
 @pytest.mark.parametrize(
     "given", [limits(30.0), limits(45.0), limits(energy_j=7000.0), limits(40.0, 9000.0)]
 )
@@ -86,7 +86,7 @@ def test_nothing_that_fits_exceeds_the_bound(seed: int) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("kind", ["certified", "explored"])
+@pytest.mark.parametrize("kind", ["certified", "sqp"])
 @pytest.mark.parametrize("duration_s", [3.0, 40.0])
 def test_hovers_for_uploads_count_and_fewer_are_served(kind: str, duration_s: float) -> None:
     upload_s = np.array([0.5, 6.0, 3.0, 1.0, 4.0, 2.0, 5.0, 2.5])

@@ -254,7 +254,7 @@ def method(kind: Any) -> Callable[[RoundProblem], Sortie]:
     return lambda problem: Sortie(planner.plan(problem))
 
 
-@pytest.mark.parametrize("kind", ["certified", "explored"])
+@pytest.mark.parametrize("kind", ["certified", "sqp"])
 def test_plans_are_written_with_their_pictures(tmp_path, kind):
     problems = write(tmp_path, [GOOD, {**GOOD, "id": "b/../c", "steps": 1}])
     out, figures = tmp_path / "plans.json", tmp_path / "figures"
@@ -285,7 +285,7 @@ def test_plans_are_written_with_their_pictures(tmp_path, kind):
 
 def test_an_output_that_cannot_be_written(tmp_path):
     path = write(tmp_path, [GOOD])
-    problems, planner = read_problems(path), method("explored")
+    problems, planner = read_problems(path), method("sqp")
     with pytest.raises(InputError, match="cannot write"):
         plan_problems(problems, method=planner, out=tmp_path / "no" / "plans.json")
     with pytest.raises(InputError, match="cannot write the figure"):

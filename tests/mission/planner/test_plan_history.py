@@ -24,7 +24,7 @@ def problem(seed: int) -> RoundProblem:
     )
 
 
-@pytest.mark.parametrize("kind", ["certified", "explored", "paper"])
+@pytest.mark.parametrize("kind", ["certified", "sqp", "paper"])
 def test_planning_something_else_in_between_changes_nothing(kind: str) -> None:
     planner = make_planner(PlannerConfig(kind=kind))
     first = planner.plan(problem(1))

@@ -7,24 +7,16 @@ from fl.radio.channel import CHANNEL_PRESETS, average_per
 from mission.planner.reward import NEGLIGIBLE, conjugates, reward_table
 
 
-def expanded(table, r):
-    """(f, f', f'') about the nearest row, as `reward` of `native/rewards.h` has them."""
-    index = np.minimum(np.rint(r).astype(np.int64), len(table.rows) - 1)
-    d = r - index
-    f, f1, f2 = np.moveaxis(table.rows[index], -1, 0)
-    return f + (f1 + 0.5 * f2 * d) * d, f1 + f2 * d, f2
-
-
 @pytest.mark.parametrize("preset", CHANNEL_PRESETS)
 def test_the_table_is_the_channel(preset):
     channel = CHANNEL_PRESETS[preset]
     table = reward_table(channel, 1024)
     r = np.random.default_rng(0).uniform(0.0, 1000.0, 2000)
-    f, slope, bend = expanded(table, r)
+    f, slope, bend = table.expanded(r)
     assert np.abs(f - (1 - average_per(channel, r))).max() < 1e-4
     h = 0.05
     inner = np.maximum(r, 2.0)
-    f, slope, bend = expanded(table, inner)
+    f, slope, bend = table.expanded(inner)
     up, down = (1 - average_per(channel, inner + s) for s in (h, -h))
     here = 1 - average_per(channel, inner)
     assert np.abs(slope - (up - down) / (2 * h)).max() < 1e-4

@@ -1,23 +1,33 @@
-"""Explored paths, and changes at random: what they keep to and what they bring."""
+"""Sequential quadratic programs, and changes at random: steps against cvxpy, what they keep to, and
+what they bring."""
 
 from typing import Any
 
+import cvxpy as cp
 import numpy as np
 import pytest
 
 from fl.radio.channel import CHANNEL_PRESETS
 from flightdyn.config import LimitsConfig
 from mission.base.airspace import Airspace
-from mission.planner.certified import CertifiedPlanner, ExploringPlanner
+from mission.planner.certified import CertifiedPlanner
 from mission.planner.check import check_plan
 from mission.planner.config import PlannerConfig
-from mission.planner.evaluate import fit_budget, plan_along
+from mission.planner.evaluate import fit_budget, objective, plan_along
 from mission.planner.factory import make_planner
 from mission.planner.fitting import fitted, serving_fewer, varied
 from mission.planner.flyable import share_of
 from mission.planner.paper.alternation import PaperPlanner
 from mission.planner.performance import Performance, RoundLimits
 from mission.planner.problem import RoundProblem
+from mission.planner.sqp import (
+    _DEGREES,
+    SqpPlanner,
+    StepProgram,
+    ascended,
+    reward_model,
+    surroundings,
+)
 
 FLYING = Performance(20.0, 5.0, LimitsConfig())
 WALLS = tuple(
@@ -47,6 +57,47 @@ def zigzag(problem, length):
     return fit_budget(problem.start_m + way - way[0], length)
 
 
+@pytest.mark.parametrize("steps", [3, 5, 12])
+def test_a_step_agrees_with_cvxpy(steps):
+    problem = random_problem(steps, steps=steps)
+    plan = plan_along(problem, zigzag(problem, 700.0))
+    model = surroundings(problem, plan)
+    step = StepProgram(steps).solve(model, 40.0)
+
+    d, legs = cp.Variable((steps - 1, 2)), cp.Variable(steps - 1)
+    straight = np.diff(plan.waypoints_m, axis=0)
+    moved = straight + d - cp.vstack([np.zeros((1, 2)), d[:-1]])
+    scale = 1.0 / np.abs(model.gradient).max()
+    gain = cp.sum(cp.multiply(scale * model.gradient, d))
+    for n, (xx, xy, yy) in enumerate(model.hessian * scale):
+        block = np.array([[xx, xy], [xy, yy]]) + 1e-4 * np.eye(2)
+        gain -= 0.5 * cp.quad_form(d[n], cp.psd_wrap(block))
+    present = np.linalg.norm(straight, axis=1).sum()
+    constraints = [cp.sum(legs) <= present + model.spare_m, cp.abs(d) <= 40.0]
+    for n, (x, y) in enumerate(straight):
+        for degrees in _DEGREES:
+            angle = np.arctan2(y, x) + np.radians(degrees)
+            constraints.append(moved[n] @ [np.cos(angle), np.sin(angle)] <= legs[n])
+    reference = cp.Problem(cp.Maximize(gain), constraints)
+    reference.solve(solver=cp.CLARABEL)
+    d.value = step
+    assert float(gain.value) == pytest.approx(reference.value, rel=1e-2)
+
+
+def test_the_model_is_the_derivative_of_the_objective():
+    problem = random_problem(2, devices=10, steps=6)
+    plan = plan_along(problem, zigzag(problem, 600.0))
+    gradient, hessian = reward_model(problem, plan)
+    for n in range(1, 6):
+        for i in range(2):
+            up, down = plan.waypoints_m.copy(), plan.waypoints_m.copy()
+            up[n, i] += 0.01
+            down[n, i] -= 0.01
+            worth = [objective(problem, way, plan.schedule) for way in (up, down)]
+            assert gradient[n, i] == pytest.approx((worth[0] - worth[1]) / 0.02, abs=1e-5)
+    assert (hessian[:, 0] * hessian[:, 2] - hessian[:, 1] ** 2 > -1e-12).all()
+
+
 KINDS: dict[str, dict[str, Any]] = {
     "metres": {},
     "deadline": {"limits": RoundLimits(FLYING, 32.0)},
@@ -56,6 +107,15 @@ KINDS: dict[str, dict[str, Any]] = {
         "airspace": MAZE, "budget": 1500.0, "limits": RoundLimits(FLYING, 60.0),
     },
 }  # fmt: skip
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_steps_never_lose_and_keep_to_the_metres(seed):
+    problem = random_problem(seed)
+    before = plan_along(problem, zigzag(problem, 640.0))
+    after = ascended(problem, before)
+    check_plan(problem, after)
+    assert after.value > before.value * 1.01
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -117,15 +177,15 @@ def test_both_beat_the_alternation(preset):
         problem = random_problem(seed, preset=preset)
         paper = PaperPlanner().plan(problem).value
         certified = CertifiedPlanner().plan(problem)
-        explored = ExploringPlanner().plan(problem)
-        check_plan(problem, explored)
+        sqp = SqpPlanner().plan(problem)
+        check_plan(problem, sqp)
         assert paper <= certified.value * (1 + 1e-3)
-        assert certified.value * 0.9 <= explored.value <= certified.upper_bound
+        assert certified.value * 0.9 <= sqp.value <= certified.upper_bound
 
 
 def test_hundreds_of_devices():
     problem = random_problem(0, devices=300, steps=30)
-    plan = ExploringPlanner().plan(problem)
+    plan = SqpPlanner().plan(problem)
     check_plan(problem, plan)
     assert plan.schedule.sum() > 60
     assert np.isnan(plan.upper_bound)
