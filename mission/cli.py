@@ -126,13 +126,8 @@ def call(tokens: Sequence[str] | None = None) -> int:
     try:
         given = sys.argv[1:] if tokens is None else tokens
         if not given or given[-1] in ("--help", "-h", *_log.name, *_data.name, *_firmware.name):
-            for listing in (
-                app,
-                _log,
-                _data,
-                _firmware,
-            ):  # what is not imported has nothing to say there
-                for name in listing:
+            for listing in (app, _log, _data, _firmware):
+                for name in listing:  # what is not imported has nothing to say there
                     listing[name]
         # What code of users' own prints is none of our output, which may be JSON.
         with redirect_stdout(sys.stderr):

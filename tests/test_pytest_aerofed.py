@@ -71,13 +71,14 @@ def test_imports():
 def test_without_a_firmware_its_tests_are_skipped_with_the_reason(tmp_path: Path) -> None:
     code, words = ran(
         tmp_path,
-        "def test_px4(px4): ...\ndef test_arducopter(arducopter): ...\n",
+        "import pytest\ndef test_px4(px4): ...\ndef test_arducopter(arducopter): ...\n"
+        "@pytest.mark.aerofed(firmware='px4')\ndef test_marked(vehicle): ...\n",
         AEROFED_PX4="",
         AEROFED_ARDUCOPTER="",
         PYTEST_ADDOPTS="-rs",
     )
     assert code == 0, words
-    assert "2 skipped" in words
+    assert "3 skipped" in words
     for name, variable in (("px4", "AEROFED_PX4"), ("arducopter", "AEROFED_ARDUCOPTER")):
         assert f"firmware = '{name}': {variable} names no binary" in words
 
