@@ -1,7 +1,6 @@
 """`aerofed radio-map`."""
 
 import math
-from importlib.metadata import version
 from pathlib import Path
 from typing import Literal
 
@@ -55,6 +54,8 @@ def radio_map(
         raise InputError(f"--cell {cell:g}: must be from 0.5 m to the area's {min(size_m):g} m")
     if engine == "buildings" and not resolved.area.buildings:
         raise InputError(f"{config}: area.buildings_file: missing; a map is made of buildings")
+    from importlib.metadata import version
+
     import numpy as np
 
     from fl.radio.radio_map import RadioMap

@@ -580,7 +580,7 @@ def test_a_module_that_is_not_there_is_found_out_at_once(kind: str) -> None:
     [
         ("learning.algorithm", "must be one of 'fedprox', .* did you mean fedavg?"),
         ("learning.trainer", "must be an import path"),
-        ("radio.truth", "must be one of 'channel', 'buildings' or the import path"),
+        ("radio.truth", "must be one of 'channel', 'buildings', 'map' or the import path"),
         ("communities.0.task", "must be one of 'digits', "),
         ("communities.0.partition", "must be one of 'labels', "),
         ("communities.0.network", "must be one of 'lenet', 'mcmahan', 'convnet' or the import"),

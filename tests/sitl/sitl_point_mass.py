@@ -27,6 +27,7 @@ class PointMass:
         self.armed = False
         self.crashed = False
         self.impact_mps: float | None = None
+        self.hit = "the ground"
         self.progress = PathProgress()
         self.battery = BatteryState(16.0, 0.0, 0.0, 1.0)
         self.gnss: GnssFix | None = None

@@ -3,6 +3,7 @@
 import io
 import sys
 from dataclasses import replace
+from importlib import metadata
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
 from typing import Any
@@ -12,7 +13,6 @@ import pytest
 from scipy.io import netcdf_file
 
 from mission.cli import call
-from mission.commands import radio_map
 from mission.scenario import traced_map
 from mission.scenario.radio_maps import read_map, write_map
 
@@ -214,7 +214,7 @@ TRACED = ("--engine=sionna", "--scene=munich", "--middle", "1000", "-500")
 
 @pytest.mark.usefixtures("_sionna")
 def test_a_traced_map_lies_where_the_area_does(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(radio_map, "version", lambda name: f"1 of {name}")
+    monkeypatch.setattr(metadata, "version", lambda name: f"1 of {name}")
     made = read_map(mapped(*TRACED))
     away = np.hypot(made.y_m[:, None] - 150.0, made.x_m - 200.0)
     expected = np.where(away < 200.0, -away, -250.0)
