@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -116,16 +117,19 @@ def test_a_round_starts_where_runs_do() -> None:
 
 @pytest.mark.parametrize("kind", ["metres", "time", "energy"])
 def test_a_plan_carried_out_stop_by_stop_is_worth_what_the_planner_says(kind: str) -> None:
-    plan = aerofed.plan(problem(kind), "sqp")
+    # What was decided so far has to fit, too, and may be flown with sharper corners than all of it:
+    # so a plan that takes 3 % less than there is.
+    to_plan = problem(kind)
+    if kind == "energy":
+        to_plan = replace(to_plan, limits=RoundLimits(FLYING, energy_j=0.97 * 9000.0))
+    plan = aerofed.plan(to_plan, "sqp")
     env: Any = gymnasium.make("aerofed/Round-v0", problem=problem(kind))
     _, _, expected = played(env, of_plan(env, plan), seed=1)
     made = env.unwrapped.plan
     assert (made.schedule == plan.schedule).all()
     assert made.value == pytest.approx(expected)
-    # What was decided so far has to fit, too, and may be flown with sharper corners than all of it.
-    away = {"metres": (1e-3, 1e-6), "time": (1e-3, 1e-6), "energy": (10.0, 5e-2)}[kind]
-    assert made.waypoints_m == pytest.approx(plan.waypoints_m, abs=away[0])
-    assert expected == pytest.approx(plan.value, rel=away[1])
+    assert made.waypoints_m == pytest.approx(plan.waypoints_m, abs=1e-3)
+    assert expected == pytest.approx(plan.value, rel=1e-6)
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -252,15 +256,6 @@ except ImportError as error:
 @pytest.mark.slow
 def test_the_example_learns_and_is_put_beside_the_planner() -> None:
     example = Path(__file__).parents[1] / "examples" / "learned_round.py"
-    command = [
-        sys.executable,
-        str(example),
-        "--generations",
-        "2",
-        "--policies",
-        "6",
-        "--rounds",
-        "2",
-    ]
+    command = [sys.executable, str(example), "2", "6", "2"]
     ended = subprocess.run(command, capture_output=True, text=True, timeout=HANG_S, check=True)
     assert ended.stdout.splitlines()[-1].startswith("30 other rounds: learned ")

@@ -5,7 +5,7 @@ one device depends on no other, and two strategies with one seed meet the same l
 """
 
 from dataclasses import dataclass
-from typing import Literal, get_args
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +15,6 @@ from fl.radio.channel import log_mean_snr, los_probability
 from fl.radio.place import AverageRadio, Radio
 
 Gate = Literal["average", "instantaneous"]
-GATES = get_args(Gate)
 
 
 @dataclass(frozen=True)

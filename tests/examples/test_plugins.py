@@ -58,7 +58,7 @@ def plain(tmp_path_factory: pytest.TempPathFactory) -> aerofed.Run:
 
 @pytest.mark.parametrize("path", sorted(EXAMPLES.glob("*.py")), ids=lambda path: path.name)
 def test_an_example_is_short(path: Path) -> None:
-    assert len(path.read_text().splitlines()) < 90
+    assert len(path.read_text().splitlines()) < 60
 
 
 @pytest.mark.slow
