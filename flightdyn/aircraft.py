@@ -14,6 +14,7 @@ from flightdyn.instruments import Instruments
 from flightdyn.native.library import Trace
 from flightdyn.navigation.inertial_navigation import InertialNavigation
 from flightdyn.navigation.source import Navigation, TrueNavigation
+from flightdyn.obstacles import Obstacles
 from flightdyn.plant import Plant
 from flightdyn.random import RandomStreams
 from flightdyn.state import (
@@ -33,9 +34,14 @@ class Aircraft(Plant):
     """A multirotor on its own belief of where it is. Time zero: aligned, at rest, disarmed."""
 
     def __init__(
-        self, config: AircraftConfig, *, home: GeodeticPoint, streams: RandomStreams
+        self,
+        config: AircraftConfig,
+        *,
+        home: GeodeticPoint,
+        streams: RandomStreams,
+        obstacles: Obstacles | None = None,
     ) -> None:
-        super().__init__(config, home=home, streams=streams)
+        super().__init__(config, home=home, streams=streams, obstacles=obstacles)
         # JSBSim's ground is at its sea level, and so is its gravity.
         earth = Earth.at(home.lat_deg, 0.0)
         inner = self.vehicle.inner_loops

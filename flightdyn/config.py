@@ -1,12 +1,10 @@
 """What can be chosen about the aircraft, its sensors and its weather."""
 
-from collections.abc import Sequence
 from typing import Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, PrivateAttr, model_validator
+from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from flightdyn.faults import Fault
-from flightdyn.obstacles import Prism
 
 
 class _Model(BaseModel):
@@ -190,15 +188,3 @@ class AircraftConfig(_Model):
     limits: LimitsConfig = Field(default_factory=LimitsConfig, description="guidance limits")
     battery: BatteryConfig = Field(default_factory=BatteryConfig, description="battery")
     faults: tuple[Fault, ...] = Field(default=(), description="what fails, and when")
-    _obstacles: tuple[Prism, ...] = PrivateAttr(())
-
-    def among(self, obstacles: Sequence[Prism]) -> Self:
-        """The same where these stand: no key of a file, as they are the ground's."""
-        known = self.model_copy()
-        known._obstacles = tuple(obstacles)
-        return known
-
-    @property
-    def obstacles(self) -> tuple[Prism, ...]:
-        """What wrecks whoever flies into it."""
-        return self._obstacles

@@ -3,17 +3,19 @@
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
-# Outlines of a building and its courtyards, corners north and east of home; its roof above home.
-Prism = tuple[tuple[tuple[tuple[float, float], ...], ...], float]
+# (n, 2) corners north and east of home, around a building and its courtyards; its roof above home.
+Prism = tuple[Sequence[NDArray[np.float64]], float]
 
 
 class Obstacles:
     """Prisms with flat roofs; in metres north and east of home, and above it."""
 
     def __init__(self, prisms: Sequence[Prism]) -> None:
-        corners = [np.array(ring) for rings, _ in prisms for ring in rings]
-        walls = [np.hstack((ring, np.roll(ring, -1, axis=0))) for ring in corners]
+        walls = [
+            np.hstack((ring, np.roll(ring, -1, axis=0))) for rings, _ in prisms for ring in rings
+        ]
         counts = [sum(map(len, rings)) for rings, _ in prisms]
         self._whose = np.repeat(np.arange(len(prisms)), counts)
         self._walls = np.vstack([np.empty((0, 4)), *walls])

@@ -27,7 +27,12 @@ class Plant:
     """A multirotor at rest on the ground at home, motors off, at time zero."""
 
     def __init__(
-        self, config: AircraftConfig, *, home: GeodeticPoint, streams: RandomStreams
+        self,
+        config: AircraftConfig,
+        *,
+        home: GeodeticPoint,
+        streams: RandomStreams,
+        obstacles: Obstacles | None = None,
     ) -> None:
         """Raises FlightInputError where an interval of `config` is no whole number of ticks."""
         self.config = config
@@ -53,7 +58,7 @@ class Plant:
         )
         self._battery = Battery(config.battery)
         self.battery = self._battery.state()  # voltage, current, charge
-        self._obstacles = Obstacles(config.obstacles)
+        self._obstacles = obstacles
         self._gusty = bool(config.wind.gusts or config.faults)
         self._watch_ground(near=True)
         self._slow = _SLOW * self.interval  # ticks
@@ -103,11 +108,11 @@ class Plant:
         self.vehicle.wreck()
         self._watch_ground(near=False)
 
-    def _feel_obstacles(self) -> None:
+    def _feel(self, obstacles: Obstacles) -> None:
         """A wreck from the look on at which it is within one: two metres at most at 20 m/s."""
         here = self.truth
         north, east, down = here.pos_ned_m.tolist()
-        if self._obstacles.hold(north, east, -down):
+        if obstacles.hold(north, east, -down):
             self._wreck(math.dist(here.vel_ned_mps, (0.0, 0.0, 0.0)), "a building")
 
     def _update_surroundings(self) -> None:
@@ -125,8 +130,8 @@ class Plant:
             self.battery = self._battery.state()
             self.vehicle.set_battery_voltage(volts)
             self._watch_ground(near=self.vehicle.watch_ground() and not self.crashed)
-            if self.config.obstacles and not self.crashed:
-                self._feel_obstacles()
+            if self._obstacles is not None and not self.crashed:
+                self._feel(self._obstacles)
             self._faults.update(self.clock.t_ns)
 
     @property

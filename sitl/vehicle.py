@@ -4,6 +4,7 @@ import math
 from collections.abc import Sequence
 
 from flightdyn.aircraft import Aircraft
+from flightdyn.obstacles import Obstacles
 from flightdyn.random import RandomStreams
 from flightdyn.state import GeodeticPoint, GnssFix
 from sitl.autopilot.autopilot import Autopilot
@@ -30,6 +31,7 @@ class Vehicle:
         *,
         home: GeodeticPoint,
         streams: RandomStreams,
+        obstacles: Obstacles | None = None,
         observers: Sequence[VehicleObserver] = (),
         aircraft: Aircraft | None = None,
         logs: LogFolder | None = None,
@@ -56,6 +58,7 @@ class Vehicle:
         self._config = config
         self._home = home
         self._streams = streams
+        self._obstacles = obstacles
         self._standalone, self._in_step = standalone, in_step
         self._logs = logs
         self._orders = orders
@@ -64,7 +67,9 @@ class Vehicle:
 
     def _new_aircraft(self) -> Aircraft:
         config = self._config
-        aircraft = Aircraft(config.aircraft, home=self._home, streams=self._streams)
+        aircraft = Aircraft(
+            config.aircraft, home=self._home, streams=self._streams, obstacles=self._obstacles
+        )
         if control_hz := config.control_rate_hz:
             step_ns = aircraft.interval * aircraft.dt_ns
             every = _steps(control_hz, "control_rate_hz", step_ns, "guidance")

@@ -11,6 +11,7 @@ import numpy as np
 
 from fl.radio.city import Building
 from flightdyn.frames import LocalFrame
+from flightdyn.obstacles import Obstacles
 from flightdyn.state import GeodeticPoint
 from mission.base.airspace import OPEN, Airspace
 from mission.base.arrays import Floats
@@ -32,6 +33,15 @@ class Area:
         low = pos_ned_m.min(axis=0) - margin_m
         north_m, east_m, _ = (pos_ned_m.max(axis=0) + margin_m - low).tolist()
         return cls((east_m, north_m), (-float(low[1]), -float(low[0])), home)
+
+    @property
+    def obstacles(self) -> Obstacles | None:
+        """The buildings as an aircraft meets them; None where there are none."""
+        known = [
+            ([(ring - self.home_m)[:, ::-1] for ring in building.outlines_m], building.height_m)
+            for building in self.buildings
+        ]
+        return Obstacles(known) if known else None
 
     @property
     def frame(self) -> LocalFrame:

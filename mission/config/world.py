@@ -14,7 +14,6 @@ from typing import Any, TypeVar
 import numpy as np
 
 from fl.config import WEIGHED_PARTITIONS, CommunityConfig, RadioConfig
-from flightdyn.obstacles import Prism
 from mission.base.airspace import Airspace, crossing
 from mission.base.arrays import Floats
 from mission.base.errors import InputError
@@ -67,21 +66,10 @@ def with_world(config: RunConfig, blame: Blame) -> RunConfig:
         "communities": communities,
         "radio": _known_map(config.radio, blame),
     }
-    if area.buildings:
-        aircraft = config.vehicle.aircraft.among([_prism(one, area) for one in area.buildings])
-        known["vehicle"] = config.vehicle.model_copy(update={"aircraft": aircraft})
     placed = config.model_copy(update=known)
     given = {"size_m", "home_lat_deg"} & config.area.model_fields_set
     _check_inside(placed, found, blame.source, fixed=bool(given))
     return placed
-
-
-def _prism(building: BuildingConfig, area: AreaConfig) -> Prism:
-    """A building as the aircraft meets it, north and east of home."""
-    x, y = area.home_m
-    rings = (building.polygon_m, *building.holes_m)
-    north_east = (tuple((north - y, east - x) for east, north in ring) for ring in rings)
-    return tuple(north_east), building.height_m
 
 
 def _known_map(radio: RadioConfig, blame: Blame) -> RadioConfig:

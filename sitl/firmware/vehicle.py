@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Self
 
 from flightdyn.config import ImuConfig
+from flightdyn.obstacles import Obstacles
 from flightdyn.plant import Plant
 from flightdyn.random import RandomStreams
 from flightdyn.state import GeodeticPoint
@@ -55,7 +56,13 @@ def check_firmware(vehicle: VehicleConfig) -> None:
         check_arducopter(path)
 
 
-def plant_for(vehicle: VehicleConfig, *, home: GeodeticPoint, streams: RandomStreams) -> Plant:
+def plant_for(
+    vehicle: VehicleConfig,
+    *,
+    home: GeodeticPoint,
+    streams: RandomStreams,
+    obstacles: Obstacles | None = None,
+) -> Plant:
     """The configured aircraft on the ground at `home`, at the rate that its firmware asks for.
 
     Under PX4 its accelerometer is a better one, where the configuration leaves it as it is.
@@ -68,7 +75,8 @@ def plant_for(vehicle: VehicleConfig, *, home: GeodeticPoint, streams: RandomStr
     if vehicle.autopilot == "px4" and aircraft.sensors.imu == ImuConfig():
         imu = ImuConfig(**_PX4_IMU)
         changes["sensors"] = aircraft.sensors.model_copy(update={"imu": imu})
-    return Plant(aircraft.model_copy(update=changes), home=home, streams=streams)
+    aircraft = aircraft.model_copy(update=changes)
+    return Plant(aircraft, home=home, streams=streams, obstacles=obstacles)
 
 
 class FirmwareVehicle:

@@ -12,9 +12,9 @@ from flightdyn.obstacles import Obstacles
 from flightdyn.random import RandomStreams
 from flightdyn.state import GeodeticPoint
 
-SQUARE = ((-20.0, -20.0), (20.0, -20.0), (20.0, 20.0), (-20.0, 20.0))
-COURT = tuple((n / 2.0, e / 2.0) for n, e in SQUARE)
-KITE = ((40.0, 0.0), (60.0, 15.0), (90.0, 5.0), (60.0, -15.0))
+SQUARE = np.array([[-20.0, -20.0], [20.0, -20.0], [20.0, 20.0], [-20.0, 20.0]])
+COURT = SQUARE / 2.0
+KITE = np.array([[40.0, 0.0], [60.0, 15.0], [90.0, 5.0], [60.0, -15.0]])
 PRISMS = (((SQUARE, COURT), 12.0), ((KITE,), 40.0))
 
 
@@ -30,9 +30,10 @@ def test_places_within_are_those_of_a_geometry_library() -> None:
 
 @pytest.mark.parametrize("height_m", [10.0, 60.0])
 def test_who_flies_into_a_wall_is_a_wreck_and_who_flies_over_it_is_not(height_m: float) -> None:
-    config = AircraftConfig(sensors={"kind": "perfect"}).among(PRISMS[1:])
+    config = AircraftConfig(sensors={"kind": "perfect"})
     home = GeodeticPoint(47.0, 8.0, 488.0)
-    aircraft = Aircraft(config, home=home, streams=RandomStreams(1))
+    obstacles = Obstacles(PRISMS[1:])
+    aircraft = Aircraft(config, home=home, streams=RandomStreams(1), obstacles=obstacles)
     aircraft.arm()
     for north in (0.0, 100.0):
         aircraft.hold(np.array([north, 0.0, -height_m]), 0.0)

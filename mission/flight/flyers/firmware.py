@@ -121,9 +121,12 @@ class FirmwareFlyers(Flyers):
         Raises:
             InputError: one of its settings is refused.
         """
-        home, streams = task.area.home, task.streams
+        area, streams = task.area, task.streams
         with of_settings():
-            return cls(task, plant_for(task.config.vehicle, home=home, streams=streams))
+            plant = plant_for(
+                task.config.vehicle, home=area.home, streams=streams, obstacles=area.obstacles
+            )
+        return cls(task, plant)
 
     @property
     def position_source(self) -> str:

@@ -9,7 +9,6 @@ from typing import Self
 
 from flightdyn.config import LimitsConfig
 from flightdyn.random import RandomStreams
-from flightdyn.state import GeodeticPoint
 from mission.base.area import Area
 from mission.base.errors import AerofedError, InputError
 from mission.config.models import MissionConfig
@@ -36,16 +35,14 @@ from sitl.vehicle import Vehicle
 SIMULATED_POSITIONS = "simulated vehicle: truth from its physics, belief from its estimator"
 
 
-def simulated_vehicle(
-    config: VehicleConfig, *, home: GeodeticPoint, streams: RandomStreams
-) -> Vehicle:
-    """A vehicle on the ground at `home`, with nothing that goes by wall time.
+def simulated_vehicle(config: VehicleConfig, *, area: Area, streams: RandomStreams) -> Vehicle:
+    """A vehicle on the ground at home, with nothing that goes by wall time.
 
     Raises:
         InputError: the vehicle's settings are refused.
     """
     with of_settings():
-        vehicle = Vehicle(config, home=home, streams=streams)
+        vehicle = Vehicle(config, home=area.home, streams=streams, obstacles=area.obstacles)
     if (action := vehicle.autopilot.parameters["NAV_DLL_ACT"]) != 0:
         raise InputError(
             f"vehicle.parameters.NAV_DLL_ACT = {action:g}: this failsafe goes by wall time, so a "
@@ -126,8 +123,8 @@ class BuiltInFlyers(Flyers):
         Raises:
             InputError: one of its settings is refused.
         """
-        home, streams = task.area.home, task.streams
-        return cls(task, simulated_vehicle(task.config.vehicle, home=home, streams=streams))
+        vehicle = simulated_vehicle(task.config.vehicle, area=task.area, streams=task.streams)
+        return cls(task, vehicle)
 
     def fence(self) -> tuple[Zone, ...]:
         """With what the vehicle's parameters make: a circle about home."""

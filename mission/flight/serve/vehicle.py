@@ -168,6 +168,7 @@ def _served(
             config.vehicle.model_copy(update={"system_id": config.vehicle.system_id + i}),
             home=area.home,
             streams=streams,
+            obstacles=area.obstacles,
             observers=() if recorder is None else (recorder,),
             logs=None
             if logs is None or recorder is None

@@ -157,8 +157,8 @@ def _bridge(config: RunConfig, autopilot: str, port: int, *, told: bool) -> Brid
                 f"vehicle.aircraft.faults: after = {fault.after!r}: aerofed world is told when "
                 "that is with --logs only; leave it out, and at_s counts from the start"
             )
-    home, streams = config.area.build().home, RandomStreams(config.seed)
-    plant = plant_for(vehicle, home=home, streams=streams)
+    area, streams = config.area.build(), RandomStreams(config.seed)
+    plant = plant_for(vehicle, home=area.home, streams=streams, obstacles=area.obstacles)
     if autopilot == "px4":
         return Px4Bridge(plant, port=port)
     return ArduPilotBridge(plant, port=port)

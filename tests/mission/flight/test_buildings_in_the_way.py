@@ -1,0 +1,44 @@
+"""Buildings of an area as its vehicles meet them."""
+
+import numpy as np
+import pytest
+
+from fl.radio.city import Building
+from flightdyn.random import RandomStreams
+from flightdyn.state import GeodeticPoint
+from mission.base.area import Area
+from mission.flight.flyers.simulated import simulated_vehicle
+from sitl.config import VehicleConfig
+from sitl.firmware.vehicle import plant_for
+
+HOME = GeodeticPoint(47.0, 8.0, 488.0)
+HALL = np.array([[30.0, 10.0], [40.0, 10.0], [40.0, 50.0], [30.0, 50.0]])  # east, north
+
+
+def area(*home_m: float) -> Area:
+    return Area((100.0, 100.0), home_m, HOME, buildings=(Building((HALL,), 12.0),))  # type: ignore[arg-type]
+
+
+def test_they_stand_north_and_east_of_home() -> None:
+    found = area(20.0, 10.0).obstacles
+    assert found is not None
+    assert found.hold(35.0, 15.0, 5.0)  # x = 35, y = 45
+    assert not found.hold(15.0, 35.0, 5.0)
+    assert not found.hold(35.0, 15.0, 12.0)
+    assert Area((9.0, 9.0), (1.0, 1.0), HOME).obstacles is None
+
+
+@pytest.mark.parametrize(("home_m", "within"), [((35.0, 30.0), True), ((20.0, 30.0), False)])
+def test_every_vehicle_of_the_area_meets_them(home_m: tuple[float, float], within: bool) -> None:
+    ground = area(*home_m)
+    vehicle = simulated_vehicle(VehicleConfig(), area=ground, streams=RandomStreams(1))
+    for _ in range(60):
+        vehicle.step()
+    plant = plant_for(
+        VehicleConfig.model_construct(**{**dict(VehicleConfig()), "autopilot": "px4"}),
+        home=HOME, streams=RandomStreams(1), obstacles=ground.obstacles,
+    )  # fmt: skip
+    for _ in range(200):
+        plant.step()
+    assert vehicle.aircraft.crashed == plant.crashed == within
+    assert vehicle.aircraft.hit == plant.hit == ("a building" if within else "")
