@@ -236,6 +236,29 @@ def test_options_that_are_refused(name: str, options: dict[str, Any], words: str
         gymnasium.make(f"aerofed/{name}-v0", **options)
 
 
+@pytest.mark.parametrize("kind", ["Setpoint", "Round"])
+def test_an_action_that_is_none_is_refused_in_one_line(kind: str) -> None:
+    env: Any = gymnasium.make(f"aerofed/{kind}-v0").unwrapped
+    (count,) = env.action_space.shape
+    still, no_episode = np.zeros(count), r"^step: no episode is under way; call reset\(\) first$"
+    with pytest.raises(aerofed.InputError, match=no_episode):
+        env.step(still)
+    env.reset(seed=1)
+    allowed = rf": must be {count} numbers from -1 to 1, shape \({count},\)$"
+    nan, far = still.copy(), still.copy()
+    nan[0], far[1] = np.nan, np.inf
+    for action in (0.0, still[1:], still[None], nan, far, still - 1.5, "up", None, [[0.0], [0, 1]]):
+        with pytest.raises(aerofed.InputError, match="^action = .*" + allowed) as refused:
+            env.step(action)
+        assert "\n" not in str(refused.value)
+    down = still.copy()
+    down[-1], over = -1.0, False
+    while not over:  # on the ground, or at the last stop
+        over = env.step(down)[2]
+    with pytest.raises(aerofed.InputError, match=no_episode):
+        env.step(still)
+
+
 def test_without_gymnasium_the_import_says_what_to_install_and_nothing_else_needs_it() -> None:
     program = """
 import sys

@@ -10,6 +10,7 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
+from aerofed.gym.actions import checked
 from fl.radio.place import AverageRadio, Radio
 from fl.radio.uplink import Gate, deliver
 from flightdyn.random import RandomStreams
@@ -86,6 +87,7 @@ class RoundEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         self._middle_m = (low_m + high_m) / 2.0
         self._half_m = max(1.0, float((high_m - low_m).max()) / 2.0)
         self._problem, count = problem, len(problem.devices_m)
+        self._n = problem.steps  # no round is under way
         most = max(1.0, float(problem.importance.max()))
         self.action_space = spaces.Box(-1.0, 1.0, (2 + count,))
         self.observation_space = spaces.Dict(
@@ -136,7 +138,8 @@ class RoundEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         self, action: NDArray[np.float32]
     ) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Send, draw what arrives, and go on to the next stop."""
-        problem, given = self._problem, np.asarray(action, dtype=np.float64)
+        problem = self._problem
+        given = checked(action, 2 + len(problem.devices_m), under_way=self._n < problem.steps)
         sends = self._send(given[2:])
         here_m = (*self._waypoints_m[self._n], problem.channel.altitude_m)
         arrivals = deliver(

@@ -10,6 +10,7 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 from pymavlink.dialects.v20 import common as mav
 
+from aerofed.gym.actions import checked
 from flightdyn.errors import FlightDynamicsError
 from flightdyn.state import Kinematics
 from mission.api.configuring import Source
@@ -78,6 +79,7 @@ class SetpointEnv(gymnasium.Env[Array, Array]):
             ),
         }[setpoint]
         self._setpoint, self._reward, self._far_m = setpoint, reward, far_m
+        self._under_way = False
         self._client = mav.MAVLink(None, srcSystem=255, srcComponent=190)
         self.action_space = spaces.Box(-1.0, 1.0, (3,))
         self.observation_space = spaces.Box(-_SEEN, _SEEN)
@@ -91,6 +93,7 @@ class SetpointEnv(gymnasium.Env[Array, Array]):
             FlightError: it does not come to hover, as where faults keep it on the ground.
         """
         super().reset(seed=seed, options=options)
+        self._under_way = False
         way, share = self.np_random.uniform(0.0, 2.0 * math.pi), self.np_random.uniform()
         far_m, height_m = share * self._far_m, self.np_random.uniform(*_HEIGHTS_M)
         self._place_m = np.array([far_m * math.cos(way), far_m * math.sin(way), height_m])
@@ -106,13 +109,14 @@ class SetpointEnv(gymnasium.Env[Array, Array]):
         self._order(mav.MAV_CMD_DO_SET_MODE, *_OFFBOARD)
         if self._mode != "OFFBOARD":
             raise FlightError(f"the vehicle takes no setpoints in mode {self._mode}")
-        self._seen = self._observed()
+        self._seen, self._under_way = self._observed(), True
         return self._seen, self._truth()
 
     def step(self, action: Array) -> tuple[Array, float, bool, bool, dict[str, Any]]:
         """Order a setpoint, and fly for 0.1 s."""
+        given = checked(action, 3, under_way=self._under_way)
         before, before_m = self._seen, self._away_m
-        self._set(np.asarray(action, dtype=np.float64) * self._most)
+        self._set(given * self._most)
         until_ns, sound = self._vehicle.t_ns + _STEP_NS, True
         try:
             while self._vehicle.t_ns < until_ns:
@@ -123,8 +127,8 @@ class SetpointEnv(gymnasium.Env[Array, Array]):
         reward = before_m - self._away_m
         if self._reward is not None:
             reward = float(self._reward(before, action, self._seen))
-        over = not sound or self._mode != "OFFBOARD"
-        return self._seen, reward, over, False, self._truth()
+        self._under_way = sound and self._mode == "OFFBOARD"
+        return self._seen, reward, not self._under_way, False, self._truth()
 
     @property
     def _mode(self) -> str:
