@@ -1,15 +1,16 @@
-"""How MAVLink bytes reach the vehicle: in this process or over UDP."""
+"""How MAVLink bytes reach the vehicle: in this process, over UDP or over TCP."""
 
 import asyncio
 import math
 import socket
 import time
+from abc import abstractmethod
 from collections import deque
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from typing import Protocol, TypeAlias
+from typing import ClassVar, Protocol, TypeAlias
 
-from sitl.autopilot.codec.wire import Seal
+from sitl.autopilot.codec.wire import Seal, whole_frames
 from sitl.errors import LinkError
 
 Wake: TypeAlias = Callable[[], None]
@@ -21,6 +22,9 @@ _RECEIVE_BYTES = 2048
 FORGET_S = 60.0
 FORGET_REMOTE_S = 10.0
 MOST_PEERS = 16
+_STREAM_BYTES = 65536  # read from a client at a time
+MOST_UNREAD = 2**20  # bytes that a client may leave unread
+_CALL_S = 1.0  # wall time between calls to an address where nobody is
 
 Address: TypeAlias = tuple[str, int]
 
@@ -98,37 +102,45 @@ class RawLink:
         self._loop = None
 
 
-class UdpLink:
-    """MAVLink over UDP.
+class _NetworkLink:
+    """What links over UDP and TCP share: an address that is checked, a socket, who has joined."""
 
-    `udpout://host:port` sends to that address from a free port of the interface that leads there,
-    and hears nobody else. If it is a broadcast address, whoever answers first is the peer.
-    `udpin://host:port` listens there and sends to those who have spoken lately, `MOST_PEERS` at
-    most; others are not heard.
-    """
+    _SCHEMES: ClassVar[tuple[str, ...]]
+    _KIND: ClassVar[socket.SocketKind]
 
-    def __init__(self, url: str, seal: Seal | None = None, *, own_port: int = 0) -> None:
+    def __init__(self, url: str, seal: Seal | None = None) -> None:
         """Check the address; nothing is opened yet. With a `seal` all is signed, both ways.
 
-        One that sends does so from `own_port`, or from a free one.
-
         Raises:
-            LinkError: `url` is neither of the two forms.
+            LinkError: `url` is none of the forms.
         """
         scheme, separator, address = url.partition("://")
         host, colon, port = address.rpartition(":")
         valid = separator and colon and _named(host) and port.isdecimal() and int(port) < 65536
-        if scheme not in ("udpin", "udpout") or not valid or (scheme == "udpout" and port == "0"):
-            raise LinkError(f"{url}: no UDP address; udpin://HOST:PORT or udpout://HOST:PORT")
+        self._listens = scheme.endswith("in")
+        if scheme not in self._SCHEMES or not valid or not (self._listens or int(port)):
+            raise LinkError(f"{url}: no address of a link")
         self.url = url
-        self._seal, self._own_port = seal, own_port
-        self._listens = scheme == "udpin"
+        self._seal = seal
         self._address: Address = (host, int(port))
-        self._peers: dict[Address, float] = {}  # wall time at which each was heard
         self._socket: socket.socket | None = None
-        self._loop: asyncio.AbstractEventLoop | None = None
         self._joined = False
-        self._broadcasts = False  # and nobody has answered yet
+
+    def open(self, wake: Wake) -> None:
+        """Listen, or begin to call; LinkError names an address that is in use or cannot be had."""
+        self._loop, self._wake = asyncio.get_running_loop(), wake
+        sock = socket.socket(socket.AF_INET, self._KIND)
+        try:
+            sock.setblocking(False)
+            self._start(sock)
+        except OSError as error:
+            sock.close()
+            raise LinkError(f"{self.url}: cannot be opened: {error.strerror or error}") from None
+        self._socket = sock
+
+    @abstractmethod
+    def _start(self, sock: socket.socket) -> None:
+        """Make the socket what the address says, and watch it; OSError where that cannot be."""
 
     @property
     def port(self) -> int:
@@ -139,29 +151,55 @@ class UdpLink:
         """
         return int(self._opened().getsockname()[1])
 
-    def open(self, wake: Wake) -> None:
-        """Bind and listen.
+    def newcomers(self) -> bool:
+        joined, self._joined = self._joined, False
+        return joined
 
-        Raises:
-            LinkError: the address is in use or cannot be had; the message names it.
-        """
-        sock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        try:
-            sock.setblocking(False)
-            if self._listens:
-                sock.bind(self._address)
-            else:
-                peer = (socket.gethostbyname(self._address[0]), self._address[1])
-                self._peers[peer] = math.inf
-                if self._own_port:
-                    sock.bind(("", self._own_port))
-                self._broadcasts = not _connected(sock, peer)
-        except OSError as error:
-            sock.close()
-            raise LinkError(f"{self.url}: cannot be opened: {error.strerror or error}") from None
-        self._socket = sock
-        self._loop = asyncio.get_running_loop()
-        self._loop.add_reader(sock.fileno(), wake)
+    def close(self) -> None:
+        if self._socket is not None:
+            self._closed(self._socket)
+            self._socket = None
+
+    def _closed(self, sock: socket.socket) -> None:
+        """Close a socket that the event loop may watch."""
+        if not self._loop.is_closed():
+            self._loop.remove_reader(sock.fileno())
+        sock.close()
+
+    def _opened(self) -> socket.socket:
+        if self._socket is None:
+            raise LinkError(f"{self.url}: not open")
+        return self._socket
+
+
+class UdpLink(_NetworkLink):
+    """MAVLink over UDP.
+
+    `udpout://host:port` sends to that address from a free port of the interface that leads there,
+    or from `own_port`, and hears nobody else. If it is a broadcast address, whoever answers first
+    is the peer. `udpin://host:port` listens there and sends to those who have spoken lately,
+    `MOST_PEERS` at most; others are not heard.
+    """
+
+    _SCHEMES = ("udpin", "udpout")
+    _KIND = socket.SOCK_DGRAM
+
+    def __init__(self, url: str, seal: Seal | None = None, *, own_port: int = 0) -> None:
+        super().__init__(url, seal)
+        self._own_port = own_port
+        self._peers: dict[Address, float] = {}  # wall time at which each was heard
+        self._broadcasts = False  # and nobody has answered yet
+
+    def _start(self, sock: socket.socket) -> None:
+        if self._listens:
+            sock.bind(self._address)
+        else:
+            peer = (socket.gethostbyname(self._address[0]), self._address[1])
+            self._peers[peer] = math.inf
+            if self._own_port:
+                sock.bind(("", self._own_port))
+            self._broadcasts = not _connected(sock, peer)
+        self._loop.add_reader(sock.fileno(), self._wake)
 
     def receive(self) -> list[bytes]:
         sock, now = self._opened(), time.monotonic()
@@ -194,10 +232,6 @@ class UdpLink:
         # The system drops strangers once a socket has its peer; those who came before it are left.
         return peer in self._peers
 
-    def newcomers(self) -> bool:
-        joined, self._joined = self._joined, False
-        return joined
-
     def send(self, frames: Sequence[bytes]) -> None:
         sock = self._opened()
         if self._seal is not None and self._peers:
@@ -208,17 +242,102 @@ class UdpLink:
                 with suppress(OSError):
                     sock.sendto(datagram, peer)
 
-    def close(self) -> None:
-        if self._socket is not None:
-            if self._loop is not None and not self._loop.is_closed():
-                self._loop.remove_reader(self._socket.fileno())
-            self._socket.close()
-            self._socket = None
 
-    def _opened(self) -> socket.socket:
-        if self._socket is None:
-            raise LinkError(f"{self.url}: not open")
-        return self._socket
+class TcpLink(_NetworkLink):
+    """MAVLink over TCP.
+
+    `tcpin://host:port` listens there, to `MOST_PEERS` clients at most. `tcpout://host:port`, which
+    ArduPilot's tools call `tcp://`, calls that address, each second while nobody is there. Whoever
+    leaves `MOST_UNREAD` bytes unread is dropped.
+    """
+
+    _SCHEMES = ("tcpin", "tcpout", "tcp")
+    _KIND = socket.SOCK_STREAM
+
+    def __init__(self, url: str, seal: Seal | None = None) -> None:
+        super().__init__(url, seal)
+        self._begun: dict[socket.socket, bytes] = {}  # frames of which more is to come
+        self._unsent: dict[socket.socket, bytes] = {}
+        self._calls: asyncio.Task[None] | None = None
+
+    def _start(self, sock: socket.socket) -> None:
+        if self._listens:
+            # Else the port of a vehicle that has just ended is taken for a minute.
+            sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            sock.bind(self._address)
+            sock.listen()
+            self._loop.add_reader(sock.fileno(), self._accept)
+        else:
+            peer = (socket.gethostbyname(self._address[0]), self._address[1])
+            self._calls = self._loop.create_task(self._call(peer))
+
+    def _accept(self) -> None:
+        with suppress(OSError):  # whoever called has gone already
+            sock, _ = self._opened().accept()
+            if len(self._begun) < MOST_PEERS:
+                self._join(sock)
+            else:
+                sock.close()
+
+    async def _call(self, peer: Address) -> None:
+        while True:
+            if not self._begun:
+                with socket.socket(socket.AF_INET, self._KIND) as sock, suppress(OSError):
+                    sock.setblocking(False)
+                    await self._loop.sock_connect(sock, peer)
+                    self._join(sock.dup())
+            await asyncio.sleep(_CALL_S)
+
+    def _join(self, sock: socket.socket) -> None:
+        sock.setblocking(False)
+        sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        self._begun[sock] = self._unsent[sock] = b""
+        self._loop.add_reader(sock.fileno(), self._wake)
+        self._joined = True
+        self._wake()
+
+    def _drop(self, sock: socket.socket) -> None:
+        del self._begun[sock], self._unsent[sock]
+        self._closed(sock)
+
+    def receive(self) -> list[bytes]:
+        arrived: list[bytes] = []
+        for sock, begun in list(self._begun.items()):
+            try:
+                data = sock.recv(_STREAM_BYTES)
+            except BlockingIOError:
+                continue
+            except OSError:
+                data = b""
+            frames, self._begun[sock] = whole_frames(begun + data)
+            arrived.append(frames if self._seal is None else self._seal.opened(frames))
+            if not data:
+                self._drop(sock)
+        return [frames for frames in arrived if frames]
+
+    def send(self, frames: Sequence[bytes]) -> None:
+        if self._seal is not None and self._unsent:
+            frames = [self._seal.sealed(frame) for frame in frames]
+        data = b"".join(frames)
+        for sock, unsent in list(self._unsent.items()):
+            unsent += data
+            with suppress(OSError):  # who has left is told by receiving
+                unsent = unsent[sock.send(unsent) :]
+            self._unsent[sock] = unsent
+            if len(unsent) > MOST_UNREAD:
+                self._drop(sock)
+
+    def close(self) -> None:
+        if self._calls is not None:
+            self._calls.cancel()
+        for sock in list(self._begun):
+            self._drop(sock)
+        super().close()
+
+
+def network_link(url: str, seal: Seal | None = None, *, own_port: int = 0) -> UdpLink | TcpLink:
+    """The link of an address; LinkError where it is none. `own_port`: of UDP."""
+    return TcpLink(url, seal) if url.startswith("tcp") else UdpLink(url, seal, own_port=own_port)
 
 
 def _connected(sock: socket.socket, peer: Address) -> bool:

@@ -42,7 +42,7 @@ def sitl(
         one, the vehicle stands where PX4's simulators do, so that scripts written for those work.
     udp
         Where MAVLink goes; give it once for each ground station: a port of this machine,
-        udpout://HOST:PORT to send there, or udpin://HOST:PORT to listen there.
+        udpout:// or tcpout://HOST:PORT to call, udpin:// or tcpin://HOST:PORT to listen there.
     speed
         Simulated seconds per second, or "max". Default: 1, or what PX4_SIM_SPEED_FACTOR says.
     home
@@ -50,7 +50,8 @@ def sitl(
         and without a file PX4_HOME_LAT, PX4_HOME_LON and PX4_HOME_ALT count, as with PX4.
     count
         Number of vehicles, side by side in one process, with system ids 1, 2, ... Their ports count
-        up from the first --udp (14540, 14541, ...); they share the other --udp.
+        up from the first --udp (14540, 14541, ...) and from those that listen (over TCP 5760, 5770,
+        ...); they share the other --udp.
     instance
         Number of the first vehicle, from 0, where others are served already: it has ports and
         system id as if it were counted up to.

@@ -33,7 +33,7 @@ from mission.base.area import Area
 from mission.base.errors import InputError
 from mission.base.explain import Blame, WrongKey, refusal
 from mission.config import STRATEGIES
-from mission.config.url import URL_FORMS, checked_url
+from mission.config.url import NETWORK_FORMS, URL_FORMS, checked_url
 from mission.planner.config import PlannerConfig
 from sitl.config import VehicleConfig
 
@@ -299,7 +299,7 @@ class LinkConfig(_Model):
     gcs: tuple[str, ...] = Field(
         (),
         description="ground stations that see the simulated vehicle while it is flown: "
-        "udpout://HOST:PORT or udpin://HOST:PORT",
+        f"{NETWORK_FORMS}",
     )
     signing_key: Path | None = Field(
         None,
@@ -343,16 +343,16 @@ class LinkConfig(_Model):
 
     @field_validator("gcs")
     @classmethod
-    def _udp(cls, urls: tuple[str, ...]) -> tuple[str, ...]:
+    def _links(cls, urls: tuple[str, ...]) -> tuple[str, ...]:
         if urls:
             # Imported here: asyncio is half of what reading a configuration takes.
             from sitl.errors import LinkError
-            from sitl.links import UdpLink
+            from sitl.links import network_link
         for url in urls:
             try:
-                UdpLink(url)
+                network_link(url)
             except LinkError as error:
-                raise ValueError(str(error)) from None
+                raise ValueError(f"{error}; it must be {NETWORK_FORMS}") from None
         return urls
 
     @model_validator(mode="after")

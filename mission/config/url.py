@@ -1,10 +1,11 @@
 """Connection URLs: the forms that MAVSDK accepts for the address of a vehicle."""
 
 NETWORK = ("udpin", "udpout", "tcpin", "tcpout")
-URL_FORMS = (
+NETWORK_FORMS = (
     "udpin://HOST:PORT or tcpin://HOST:PORT to listen, udpout://HOST:PORT or tcpout://HOST:PORT "
-    "to call, or serial:///DEVICE:BAUD"
+    "to call"
 )
+URL_FORMS = f"{NETWORK_FORMS}, or serial:///DEVICE:BAUD"
 
 
 def checked_url(url: str) -> str:

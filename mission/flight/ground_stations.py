@@ -5,12 +5,12 @@ from collections.abc import Mapping, Sequence
 from mission.config.models import LinkConfig
 from mission.config.preflight import signing_key
 from sitl.autopilot.codec.wire import Seal
-from sitl.links import UdpLink
+from sitl.links import Link, network_link
 
 
 def station_links(
     link: LinkConfig, urls: Mapping[str, int] | Sequence[str] | None = None
-) -> list[UdpLink]:
+) -> list[Link]:
     """A link for each of `urls` (default: those of `link.gcs`), signed where there is a key; from
     a port of its own where that is given (not 0).
 
@@ -21,6 +21,6 @@ def station_links(
     own = urls if isinstance(urls, Mapping) else {}
     key = None if link.signing_key is None else signing_key(link.signing_key)
     return [
-        UdpLink(url, Seal(key, link_id=number) if key else None, own_port=own.get(url, 0))
+        network_link(url, Seal(key, link_id=number) if key else None, own_port=own.get(url, 0))
         for number, url in enumerate(urls)
     ]

@@ -18,7 +18,7 @@ from sitl_mavsdk import HOME, Recorder, make_vehicle, until
 from flightdyn.frames import LocalFrame
 from sitl.autopilot.codec.orders import MissionItem
 from sitl.errors import LinkError
-from sitl.links import RawLink, UdpLink, _packed
+from sitl.links import RawLink, UdpLink, _packed, network_link
 from sitl.pace import Runs, Simulation
 from sitl.vehicle import Vehicle
 
@@ -27,11 +27,12 @@ from sitl.vehicle import Vehicle
     "url",
     ["", "udp://1.2.3.4:5", "udpin://:14550", "udpin://0.0.0.0:x", "udpin://0.0.0.0:70000",
      "udpout://127.0.0.1:0", "udpin://0.0.0.0", "127.0.0.1:14550", "udpin://a..b:14550",
-     f"udpout://{'a' * 64}.org:14550"],
+     f"udpout://{'a' * 64}.org:14550", "tcpin://127.0.0.1:70000", "tcpout://127.0.0.1:0",
+     "tcp://:5760", "tcpin:5760"],
 )  # fmt: skip
 def test_addresses_that_are_none(url: str) -> None:
-    with pytest.raises(LinkError, match="no UDP address"):
-        UdpLink(url)
+    with pytest.raises(LinkError, match="no address of a link"):
+        network_link(url)
 
 
 def test_a_port_in_use_is_named_and_nothing_stays_open() -> None:

@@ -16,12 +16,13 @@ from flightdyn.random import RandomStreams
 from mission.base.area import Area
 from mission.base.errors import InputError, LinkLostError
 from mission.config.models import LinkConfig, RunConfig
+from mission.config.url import NETWORK_FORMS
 from mission.flight.failures import of_a_vehicle, of_settings
 from mission.flight.ground_stations import station_links
 from mission.flight.serve.flight_logs import FlightLogs
 from mission.scenario.limits import guidance_of
 from sitl.errors import LinkError
-from sitl.links import UdpLink
+from sitl.links import network_link
 from sitl.logfolder import LogFolder
 from sitl.pace import Simulation
 from sitl.vehicle import Vehicle
@@ -41,11 +42,10 @@ def link_url(text: str) -> str:
     """
     url = f"udpout://127.0.0.1:{text}" if text.isdecimal() else text
     try:
-        UdpLink(url)
+        network_link(url)
     except LinkError:
         raise InputError(
-            f"--udp {text}: neither a port from 1 to 65535 nor udpin://HOST:PORT or "
-            "udpout://HOST:PORT"
+            f"--udp {text}: neither a port from 1 to 65535 nor {NETWORK_FORMS}"
         ) from None
     return url
 
@@ -75,9 +75,9 @@ def make_vehicles(
     the first has the number `instance`.
 
     System ids count up from the configured one, and ports from the first of `udp`, as those of
-    PX4's simulators do; the others of `udp` are spoken to by all. Each vehicle has random numbers
-    of its own, those of the first are a single one's. `logs`: where flights are written to; of
-    several vehicles each has a folder within. `in_step`: as of `Vehicle`.
+    PX4's simulators do, and from those that listen; the others of `udp` are spoken to by all. Each
+    vehicle has random numbers of its own, those of the first are a single one's. `logs`: where
+    flights are written to, of several vehicles a folder for each. `in_step`: as of `Vehicle`.
 
     Raises:
         InputError: a setting of the vehicle is refused, or they are more than there are numbers.
@@ -109,7 +109,8 @@ def _urls(udp: Sequence[str], number: int) -> dict[str, int]:
     """
     found: dict[str, int] = {}
     for at, text in enumerate(udp):
-        url = link_url(_counted_up(text, number) if at == 0 else text)
+        alone = at == 0 or text.startswith(("udpin://", "tcpin://"))
+        url = link_url(_counted_up(text, number) if alone else text)
         if url in found:
             raise InputError(
                 f"--udp {text}: vehicle {number + 1} speaks there already; ports count up from the "
@@ -181,9 +182,10 @@ def _served(
 
 
 def _counted_up(text: str, i: int) -> str:
-    """An address with its port `i` higher."""
+    """An address with its port `i` higher, over TCP `10 i`, as ArduPilot's simulators have it."""
     start, colon, port = text.rpartition(":")
-    return f"{start}{colon}{int(port) + i}" if port.isdecimal() else text
+    step = 10 if start.startswith("tcp") else 1
+    return f"{start}{colon}{int(port) + i * step}" if port.isdecimal() else text
 
 
 def serve(

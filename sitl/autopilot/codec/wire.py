@@ -56,6 +56,14 @@ class Wire:
         return system in (0, self._system) and component in (0, self._component)
 
 
+def whole_frames(data: bytes) -> tuple[bytes, bytes]:
+    """The frames of a piece of a stream, without damaged ones, and the beginning of another."""
+    parser = _parser()
+    messages = parser.parse_buffer(data) or ()
+    frames = [bytes(m.get_msgbuf()) for m in messages if m.get_type() != "BAD_DATA"]
+    return b"".join(frames), bytes(parser.buf[parser.buf_index :])
+
+
 def _parser() -> mav.MAVLink:
     parser = mav.MAVLink(None)
     parser.robust_parsing = True

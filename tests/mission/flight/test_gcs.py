@@ -85,7 +85,7 @@ def test_a_wrong_address_is_refused_before_anything(
     assert call(["run", "--out", str(out), "--gcs", "127.0.0.1:14550", *SMALL]) == 2
     error = capsys.readouterr().err
     assert error.count("\n") == 1
-    assert "--gcs: 127.0.0.1:14550: no UDP address" in error
+    assert "--gcs: 127.0.0.1:14550: no address of a link" in error
     assert "udpout://HOST:PORT" in error
     assert not out.exists()
 

@@ -142,6 +142,36 @@ def test_it_listens_for_whoever_comes() -> None:
             client.close()
 
 
+def test_ardupilots_tools_connect_over_tcp_and_the_next_vehicle_is_ten_ports_up() -> None:
+    """As pymavlink, MAVProxy and Mission Planner do: tcp:HOST:PORT, and others beside and later."""
+    port = free_port(socket.SOCK_STREAM)
+    with served("--udp", f"tcpin://127.0.0.1:{port - 10}", "-I", "1", "--speed", "20"):
+        for _ in range(2):
+            clients = [
+                mavutil.mavlink_connection(f"tcp:127.0.0.1:{port}", source_system=250 + number)
+                for number in range(2)
+            ]
+            for client in clients:
+                assert wait_for(client, "HEARTBEAT").get_srcSystem() == 2
+                client.target_system = 2
+            wait_ready(clients[0])
+            assert command(clients[1], ARM, 1.0) == ACCEPTED
+            assert command(clients[0], ARM, 0.0) == ACCEPTED
+            clients[0].port.sendall(b"\xfd\xff noise that ends in the middle")
+            for client in clients:
+                client.close()
+
+
+def test_a_vehicle_calls_a_station_over_tcp() -> None:
+    station = mavutil.mavlink_connection("tcpin:127.0.0.1:0")
+    try:
+        port = station.listen.getsockname()[1]
+        with served("--udp", f"tcpout://127.0.0.1:{port}"):
+            assert wait_for(station, "HEARTBEAT").get_srcSystem() == 1
+    finally:
+        station.close()
+
+
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
@@ -187,6 +217,13 @@ def test_an_instance_is_the_vehicle_of_that_number() -> None:
     (alone,) = make_vehicles(config, count=1, udp=ports, logs=None, instance=2)
     assert alone.urls == {"udpout://127.0.0.1:14542": 14582, "udpout://127.0.0.1:14550": 18572}
     assert alone.urls == third.urls
+    # Two cannot listen at one place, so that those places count up, too; ArduPilot's by ten.
+    listen = ("14550", "udpin://127.0.0.1:14600", "tcpin://127.0.0.1:5760", "tcp://127.0.0.1:7000")
+    (alone,) = make_vehicles(config, count=1, udp=listen, logs=None, instance=2)
+    assert list(alone.urls) == [
+        "udpout://127.0.0.1:14552", "udpin://127.0.0.1:14602", "tcpin://127.0.0.1:5780",
+        "tcp://127.0.0.1:7000",
+    ]  # fmt: skip
     assert alone.vehicle.aircraft.frame.origin == third.vehicle.aircraft.frame.origin
 
 
