@@ -10,7 +10,7 @@ a building pays the way through the wall (7.4.3, low loss).
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, Self, TypeAlias
 
 import numpy as np
 
@@ -19,6 +19,7 @@ from fl.native import library
 
 # Metres: d_cor in sight, and without (TR 38.901, table 7.5-6).
 _CORRELATION_M = {"UMi": (10.0, 13.0), "UMa": (37.0, 50.0)}
+Ring: TypeAlias = Sequence[Sequence[float]]
 
 
 @dataclass(frozen=True)
@@ -27,6 +28,11 @@ class Building:
 
     outlines_m: tuple[Floats, ...]  # (n, 2) corners, x east, y north: around it, then of courtyards
     height_m: float  # of the roof, above home
+
+    @classmethod
+    def of(cls, polygon_m: Ring, height_m: float, holes_m: Sequence[Ring] = ()) -> Self:
+        """As a configuration has it: corners around it, and of each courtyard."""
+        return cls(tuple(map(np.array, (polygon_m, *holes_m))), height_m)
 
 
 class City:

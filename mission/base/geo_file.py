@@ -24,6 +24,7 @@ MOST_CORNERS = 500  # of all outlines together: the ways around them take their 
 _MOST_M = 100_000.0  # from an area's corner, as for the places in a configuration
 _MOST_DEG = {"lat": 85.0, "lon": 180.0}  # nearer to a pole no flight is configured
 _HOLDS_POINTS = "a point a device (GeoJSON), or a table with columns x, y or lat, lon (CSV)"
+_POLYGONS = ("Polygon", "MultiPolygon")
 _HOLDS_AREAS = "Polygons or MultiPolygons (GeoJSON)"
 
 
@@ -65,8 +66,9 @@ def read_places(path: Path) -> tuple[Place, ...]:
     return places
 
 
-def read_rings(path: Path, *, holes: bool = False) -> tuple[Ring, ...]:
-    """The outlines in a GeoJSON file; a MultiPolygon is several. `holes`: they may have some.
+def read_rings(path: Path, *, buildings: bool = False) -> tuple[Ring, ...]:
+    """The outlines in a GeoJSON file; a MultiPolygon is several. Those of `buildings` may have
+    holes, and trees, addresses and streets between them are passed over.
 
     Raises:
         InputError: it cannot be read, or something in it is no area.
@@ -74,7 +76,8 @@ def read_rings(path: Path, *, holes: bool = False) -> tuple[Ring, ...]:
     rings = tuple(
         ring
         for where, kind, coordinates, properties in _features(path)
-        for ring in _rings(where, kind, coordinates, properties, holes=holes)
+        if kind in _POLYGONS or not buildings
+        for ring in _rings(where, kind, coordinates, properties, holes=buildings)
     )
     if not rings:
         raise InputError(f"{path}: holds no area; it must hold {_HOLDS_AREAS}")
@@ -242,7 +245,7 @@ def _rings(
     *,
     holes: bool,
 ) -> Iterator[Ring]:
-    if kind not in ("Polygon", "MultiPolygon"):
+    if kind not in _POLYGONS:
         raise InputError(f"{where}: geometry is {shown(kind)}: must be 'Polygon' or 'MultiPolygon'")
     polygons = [coordinates] if kind == "Polygon" else coordinates
     for rings in polygons if isinstance(polygons, list) else [None]:

@@ -159,10 +159,7 @@ class AreaConfig(_Model):
         """The area with its local frame, and where in it may be flown at all heights above home
         from one to another; everywhere, where nothing is flown."""
         home = GeodeticPoint(self.home_lat_deg, self.home_lon_deg, self.home_alt_msl_m)
-        buildings = tuple(
-            Building(tuple(map(np.array, (one.polygon_m, *one.holes_m))), one.height_m)
-            for one in self.buildings
-        )
+        buildings = tuple(Building.of(**dict(one)) for one in self.buildings)
         if heights_m is None:
             return Area(self.size_m, self.home_m, home, buildings=buildings)
         rings = [np.array(zone.polygon_m) for zone in self.zones if zone.counts_at(*heights_m)]

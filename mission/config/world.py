@@ -136,7 +136,7 @@ def _with_rings(area: AreaConfig, blame: Blame, heights_m: tuple[float, float]) 
         known |= {"no_fly": (*area.no_fly, *zones), "no_fly_file": None}
     if area.buildings_file is not None:
         key = "area.buildings_file"
-        found = _read(partial(read_rings, holes=True), key, area.buildings_file, blame)
+        found = _read(partial(read_rings, buildings=True), key, area.buildings_file, blame)
         buildings = tuple(_building(area, ring, blame) for ring in found)
         known |= {"buildings": (*area.buildings, *buildings), "buildings_file": None}
     if area.fence_file is not None:

@@ -133,47 +133,41 @@ class MapFrame:
 
     def buildings(self, some: Sequence[Building]) -> list[alt.Chart]:
         """What stands on the ground, the darker the higher; a courtyard is open ground."""
-        tallest = max((building.height_m for building in some), default=1.0)
-        houses = [(b.outlines_m[0], 0.12 + 0.5 * b.height_m / tallest) for b in some]
-        courts = [(ring, 1.0) for building in some for ring in building.outlines_m[1:]]
-        found = []
-        for rings, fill in ((houses, SOFT), (courts, PAPER)):
-            lines = [("building", 0, np.vstack((ring, ring[:1]))) for ring, _ in rings]
-            if not lines:
-                continue
-            data = line_table(lines)
-            for row in data["values"]:
-                row["dark"] = round(rings[row["part"]][1], 3)
-            found.append(
-                alt.Chart(data)
-                .mark_line(clip=True, strokeWidth=0, fill=fill)
-                .encode(
-                    *self._axes(),
-                    alt.Order("step:Q"),
-                    alt.Detail("part:N"),
-                    fillOpacity=alt.FillOpacity("dark:Q", scale=None, legend=None),
-                )
-            )
-        return found
+        if not some:
+            return []
+        key = alt.Legend(
+            title="building: height (m)", columns=5, tickCount=3, symbolType="square",
+            symbolFillColor=SOFT, symbolStrokeColor="transparent", symbolSize=120,
+        )  # fmt: skip
+        dark = alt.Scale(domain=[0.0, max(one.height_m for one in some)], range=[0.12, 0.62])
+        data = _closed([one.outlines_m[0] for one in some])
+        for row in data["values"]:
+            row["height"] = some[row["part"]].height_m
+        houses = self._closed_lines(data, strokeWidth=0, fill=SOFT)
+        courts = _closed([ring for one in some for ring in one.outlines_m[1:]])
+        return [
+            houses.encode(alt.Opacity("height:Q", scale=dark, legend=key)),
+            *([self._closed_lines(courts, strokeWidth=0, fill=PAPER)] if courts["values"] else []),
+        ]
 
     def areas(self, rings: Sequence[Floats], zones: Sequence[NoFly]) -> list[alt.Chart]:
         """What must not be flown, filled, and those of `zones` that are flown above or below,
-        dashed.
-
-        A polygon is a closed line.
-        """
+        dashed."""
         open_rings = [ring for ring, _, is_open in named_areas(rings, zones) if is_open]
         looks: tuple[tuple[Sequence[Floats], dict[str, Any]], ...] = (
             (rings, {"strokeWidth": 0, "fill": FENCE, "fillOpacity": 0.12}),
             (open_rings, {"stroke": SOFT, "strokeWidth": 1.0, "strokeDash": [3, 3]}),
         )
-        return [
-            alt.Chart(line_table([("no-fly area", 0, np.vstack((ring, ring[:1])))]))
+        return [self._closed_lines(_closed(some), **look) for some, look in looks if len(some)]
+
+    def _closed_lines(self, data: Rows, **look: Any) -> alt.Chart:
+        """Polygons, which are closed lines."""
+        made: alt.Chart = (
+            alt.Chart(data)
             .mark_line(clip=True, **look)
-            .encode(*self._axes(), alt.Order("step:Q"))
-            for some, look in looks
-            for ring in some
-        ]
+            .encode(*self._axes(), alt.Order("step:Q"), alt.Detail("part:N"))
+        )
+        return made
 
     @property
     def pixel_m(self) -> float:
@@ -261,12 +255,7 @@ def zones_of(run: FlightData) -> tuple[list[Floats], list[NoFly]]:
 
 def buildings_of(run: FlightData) -> tuple[Building, ...]:
     """What stands in a run's area, by its configuration."""
-    return tuple(
-        Building(
-            tuple(np.array(r) for r in (one["polygon_m"], *one.get("holes_m", ()))), one["height_m"]
-        )
-        for one in run.config.get("area", {}).get("buildings", ())
-    )
+    return tuple(Building.of(**one) for one in run.config.get("area", {}).get("buildings", ()))
 
 
 def named_areas(
@@ -287,6 +276,10 @@ def _heights(zone: NoFly) -> str:
     return f"{low:g} to {high:g} m" if low else f"up to {high:g} m"
 
 
+def _closed(rings: Sequence[Floats]) -> Rows:
+    return line_table([("ring", 0, np.vstack((ring, ring[:1]))) for ring in rings])
+
+
 def line_table(lines: Lines) -> Rows:
     """Paths as rows: `part` tells them apart, `step` orders their points."""
     return table(
@@ -294,6 +287,6 @@ def line_table(lines: Lines) -> Rows:
         round=[number for _, number, points in lines for _ in points],
         part=[index for index, (_, _, points) in enumerate(lines) for _ in points],
         step=[step for _, _, points in lines for step in range(len(points))],
-        x=np.concatenate([points[:, 0] for _, _, points in lines]),
-        y=np.concatenate([points[:, 1] for _, _, points in lines]),
+        x=np.concatenate([[], *(points[:, 0] for _, _, points in lines)]),
+        y=np.concatenate([[], *(points[:, 1] for _, _, points in lines)]),
     )

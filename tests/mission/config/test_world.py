@@ -565,6 +565,22 @@ def test_buildings_without_a_height_are_refused(load, tmp_path: Path, properties
     assert "\n" not in str(error.value)
 
 
+def test_trees_and_streets_between_buildings_are_passed_over(load, tmp_path: Path) -> None:
+    document = json.loads(houses(TALL))
+    others = [
+        feature("Point", [7.12, 43.58]),
+        feature("LineString", [[7.12, 43.58], [7.13, 43.58]]),
+    ]
+    document["features"][:0] = map(json.loads, others)
+    (tmp_path / "b.geojson").write_text(json.dumps(document))
+    assert [one.height_m for one in load(PLACED).area.buildings] == [61.5]
+    document["features"].pop()
+    (tmp_path / "b.geojson").write_text(json.dumps(document))
+    with pytest.raises(InputError, match=r"b\.geojson: holds no area; it must hold Poly") as error:
+        load(PLACED)
+    assert "\n" not in str(error.value)
+
+
 def test_what_says_no_height_may_have_one_of_all(load, tmp_path: Path) -> None:
     (tmp_path / "b.geojson").write_text(houses({}, TALL))
     heights = [b.height_m for b in load(PLACED + "building_height_m = 7\n").area.buildings]
