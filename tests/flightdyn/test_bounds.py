@@ -23,18 +23,31 @@ def most(model: type[BaseModel], key: str) -> Any:
     return next(m.le for m in model.model_fields[key].metadata if isinstance(m, annotated_types.Le))
 
 
-def up_and_down(aircraft: Aircraft) -> None:
+def met_and_bounced(aircraft: Aircraft) -> tuple[float, float]:
+    """Up and down at 0.7 m/s: the speed (m/s) that the ground is met with, the height (m) after."""
     take_off(aircraft, 3.0)
     aircraft.velocity(np.array([0.0, 0.0, 0.7]), 0.0)
-    assert run(aircraft, 20.0, lambda: aircraft.on_ground)
+    seen: list[tuple[float, float]] = []
+
+    def stands() -> bool:
+        seen.append((-aircraft.truth.pos_ned_m[2], aircraft.truth.vel_ned_mps[2]))
+        return aircraft.on_ground
+
+    assert run(aircraft, 20.0, stands)
     assert not aircraft.crashed
+    heights_m, down_mps = np.array(seen).T
+    met = int((heights_m < 0.02).argmax())
+    return float(down_mps[met]), float(heights_m[met:].max())
 
 
 def test_at_the_lowest_rate_the_ground_is_met_softly() -> None:
     hz = least(AircraftConfig, "physics_hz")
     for seed in (1, 2):
-        aircraft = make(seed=seed, sensors=SensorsConfig(), physics_hz=hz)
-        up_and_down(aircraft)
+        met_mps, bounced_m = met_and_bounced(
+            make(seed=seed, sensors=SensorsConfig(), physics_hz=hz)
+        )
+        assert 0.5 < met_mps < 0.8
+        assert bounced_m < 0.04
 
 
 @pytest.mark.parametrize("rates", [(200, 0.1), (1000, 0.02)], ids=["slow", "fast"])
@@ -50,7 +63,9 @@ def test_with_the_noisiest_imu_it_lands(rates: tuple[int, float]) -> None:
             physics_hz=hz,
             guidance_interval_s=interval_s,
         )
-        up_and_down(aircraft)
+        met_mps, bounced_m = met_and_bounced(aircraft)
+        assert met_mps < 0.9
+        assert bounced_m < 0.1
 
 
 def test_with_the_worst_receiver_and_magnetometer_it_gets_ready() -> None:

@@ -21,6 +21,11 @@ def config(*, link: str = "in_process", **mission: Any) -> RunConfig:
     )
 
 
+def refused(given: RunConfig) -> list[str]:
+    """The keys whose limits no round can keep to."""
+    return [key for key, _, _ in unflyable(given, foreseen_performance(given))]
+
+
 def check(given: RunConfig) -> None:
     given.refuse(unflyable(given, foreseen_performance(given)))
 
@@ -60,11 +65,22 @@ def test_what_no_round_can_keep_is_refused(given: RunConfig, words: str) -> None
     assert "\n" not in str(refused.value)
 
 
-def test_enough_is_not_refused() -> None:
-    check(config())
-    check(config(round_deadline_s=30.0, total_energy_j=1e6))
-    check(config(strategy="barycenter", hover_s=20.0, round_deadline_s=21.05))
-    check(config(round_deadline_s=40.0, total_deadline_s=38.0))
+@pytest.mark.parametrize(
+    ("limits", "enough", "too_little"),
+    [
+        ({}, {}, {"round_deadline_s": 3.52}),
+        ({}, {"round_deadline_s": 3.53}, {"round_deadline_s": 3.52}),
+        ({"strategy": "barycenter", "hover_s": 20.0},
+         {"round_deadline_s": 21.05}, {"round_deadline_s": 21.04}),
+        ({"round_deadline_s": 40.0}, {"total_deadline_s": 38.0}, {"total_deadline_s": 37.99}),
+        ({"round_deadline_s": 30.0}, {"total_energy_j": 1e6}, {"total_energy_j": 1e3}),
+    ],
+)  # fmt: skip
+def test_enough_is_not_refused_and_less_is(
+    limits: dict[str, Any], enough: dict[str, Any], too_little: dict[str, Any]
+) -> None:
+    assert refused(config(**limits, **enough)) == []
+    assert refused(config(**limits, **too_little)) == [f"mission.{key}" for key in too_little]
 
 
 @pytest.mark.parametrize("limit", [{"round_deadline_s": 35.0}, {"round_energy_j": 9000.0}])
@@ -130,4 +146,5 @@ def test_what_a_refusal_asks_for_is_enough(metres: float) -> None:
 
 
 def test_who_flies_nothing_needs_no_time_for_it() -> None:
-    check(config(strategy="ideal", total_deadline_s=20.0))
+    assert refused(config(strategy="ideal", total_deadline_s=20.0)) == []
+    assert refused(config(total_deadline_s=20.0)) == ["mission.total_deadline_s"]
