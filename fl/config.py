@@ -95,7 +95,7 @@ class ChannelConfig(_Constants):
 
 
 class RadioConfig(_Frozen):
-    """What decides whether a packet arrives. Plans are made with the channel in any case."""
+    """What decides whether a packet arrives, and what plans believe about that."""
 
     truth: Annotated[str, one_of(RADIOS)] = Field(
         "channel",
@@ -103,9 +103,14 @@ class RadioConfig(_Frozen):
         "way, those of the area; a 'map' of gains; or a radio of your own that gives the PER, as "
         "'package.module:factory'",
     )
+    belief: Literal["channel", "buildings", "map", "truth"] = Field(
+        "channel",
+        description="what plans are made with: the 'channel'; the 'buildings', of whose "
+        "shadowing it knows the deviation only; the 'map'; or the 'truth' itself",
+    )
     map_file: Path | None = Field(
         None,
-        description="map: the file, as `aerofed radio-map` writes it",
+        description="truth or belief is a map: the file, as `aerofed radio-map` writes it",
     )
     map_sha256: str | None = Field(
         None,

@@ -130,16 +130,18 @@ static double shadowing(const City *at, double height, int sight)
     return at->macro ? 4.64 * fades : larger(5 * fades, 2);
 }
 
-/* Gain from a sender to a place, and whether they see each other. */
-static double gain_at(const City *city, int64_t sender, const double to[3], uint8_t *seen)
+/* Gain from a sender to a place, whether they see each other, and the deviation of the shadowing. */
+static double gain_at(
+    const City *city, int64_t sender, const double to[3], uint8_t *seen, double *deviation)
 {
     const double *from = city->devices[sender];
     const int sight = *seen = !hidden(&city->buildings, from, to);
     const double height = larger(to[2], 0), flat = size3(to[0] - from[0], to[1] - from[1], 0);
     const double loss = path_loss(city, flat, height, from[2], sight);
+    *deviation = shadowing(city, height, sight);
     if (!city->fields) return -loss;
     const Field *field = &city->fields[sender][!sight];
-    return shadowing(city, height, sight) * field_at(field, to[0], to[1]) - loss;
+    return *deviation * field_at(field, to[0], to[1]) - loss;
 }
 
 #endif

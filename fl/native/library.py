@@ -44,7 +44,7 @@ class _Functions(ctypes.Structure):
         ("train", ctypes.CFUNCTYPE(ctypes.c_int, *[_POINTER] * 3, _INT, _INT, *[_POINTER] * 5)),
         ("count_correct", ctypes.CFUNCTYPE(ctypes.c_int, *[_POINTER] * 4)),
         ("average_per", ctypes.CFUNCTYPE(ctypes.c_int, _POINTER, _INT, *[_POINTER] * 3)),
-        ("gains", ctypes.CFUNCTYPE(ctypes.c_int, _POINTER, _INT, *[_POINTER] * 4)),
+        ("gains", ctypes.CFUNCTYPE(ctypes.c_int, _POINTER, _INT, *[_POINTER] * 5)),
         ("normal_shares", ctypes.CFUNCTYPE(ctypes.c_int, _INT, *[_POINTER] * 2)),
     )
 
@@ -292,8 +292,9 @@ class City:
 
     def gains(
         self, device: Indices, places: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-        """Of the paths from devices (n,) to places (n, 3), in dB, and whether these see each other.
+    ) -> tuple[NDArray[np.float64], NDArray[np.bool_], NDArray[np.float64]]:
+        """Of the paths from devices (n,) to places (n, 3), in dB, whether these see each other,
+        and the standard deviation of their shadowing, known or not.
 
         Raises:
             ValueError: arrays that do not fit together, or no such device.
@@ -301,7 +302,8 @@ class City:
         count = len(device)
         if count and not 0 <= device.min() <= device.max() < len(self._kept[0]):
             raise ValueError(f"device must be from 0 to {len(self._kept[0]) - 1}")
-        gain, seen = np.empty(count), np.empty(count, dtype=np.bool_)
+        gain, deviation = np.empty((2, count))
+        seen = np.empty(count, dtype=np.bool_)
         _FUNCTIONS.gains(
             ctypes.byref(self._as_c),
             count,
@@ -309,5 +311,6 @@ class City:
             address(places, np.float64, (count, 3)),
             gain.ctypes.data,
             seen.ctypes.data,
+            deviation.ctypes.data,
         )
-        return gain, seen
+        return gain, seen, deviation

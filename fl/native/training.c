@@ -102,10 +102,10 @@ static int average_per(const Channel *channel, int64_t count, const double *dist
 }
 
 static int gains(const City *city, int64_t count, const int64_t *sender,
-                 const double (*places)[3], double *gain, uint8_t *seen)
+                 const double (*places)[3], double *gain, uint8_t *seen, double *deviation)
 {
     for (int64_t i = 0; i < count; i++)
-        gain[i] = gain_at(city, sender[i], places[i], seen + i);
+        gain[i] = gain_at(city, sender[i], places[i], seen + i, deviation + i);
     return 0;
 }
 

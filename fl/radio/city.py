@@ -70,6 +70,10 @@ class City:
         """(n,) whether no building stands between devices (n,) and places (n, 3)."""
         return self._native.gains(device, place_m)[1]
 
+    def shadowing_db(self, device: Ints, place_m: Floats) -> Floats:
+        """(n,) standard deviation of the shadowing on the paths from devices to places (n, 3)."""
+        return self._native.gains(device, place_m)[2]
+
 
 def _entry_loss_db(carrier_ghz: float) -> float:
     """Through a wall of 30 % window and 70 % concrete."""

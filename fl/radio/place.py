@@ -1,6 +1,7 @@
 """The radio by place: how surely a packet of a device reaches the aircraft where that is."""
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -87,6 +88,9 @@ class PlacedRadio:
 
     gains: Gains
     terms: LinkTerms
+    # Devices (n,) and places (n, 3) to the standard deviation (n,) in dB of what the gains leave
+    # out and the fading does not have; None: nothing is left out.
+    unknown_db: Callable[[Ints, Floats], Floats] | None = None
 
     def snr_db(self, device: Ints, place_m: Floats) -> Floats:
         """(n,) signal to noise ratio, its median over the fading."""
@@ -96,4 +100,7 @@ class PlacedRadio:
     def per(self, device: Ints, place_m: Floats) -> Floats:
         """As `Radio.per`: the probability that fading takes the SNR under the threshold."""
         lacking = self.terms.snr_threshold_db - self.snr_db(device, place_m)
-        return library.normal_shares(lacking / self.terms.fading_db)
+        if self.unknown_db is None:
+            return library.normal_shares(lacking / self.terms.fading_db)
+        spread_db = np.hypot(self.terms.fading_db, self.unknown_db(device, place_m))
+        return library.normal_shares(lacking / spread_db)

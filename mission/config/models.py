@@ -430,12 +430,34 @@ class RunConfig(_Model):
     @model_validator(mode="after")
     def _radio_has_what_it_needs(self) -> Self:
         area = self.area
-        if self.radio.truth == "buildings" and not area.buildings and area.buildings_file is None:
+        keys = ("truth", "belief")
+        by_key = {key: getattr(self.radio, key) for key in keys}
+        for key in keys:
+            if by_key[key] == "buildings" and not area.buildings and area.buildings_file is None:
+                raise ValueError(
+                    f"radio.{key} = 'buildings' needs area.buildings, or area.buildings_file"
+                )
+        if ("map" in by_key.values()) != (self.radio.map_file is not None):
             raise ValueError(
-                "radio.truth = 'buildings' needs area.buildings, or area.buildings_file"
+                "radio.truth or radio.belief = 'map' and radio.map_file need each other"
             )
-        if (self.radio.truth == "map") != (self.radio.map_file is not None):
-            raise ValueError("radio.truth = 'map' and radio.map_file need each other")
+        return self
+
+    @model_validator(mode="after")
+    def _planned_on_a_grid(self) -> Self:
+        belief, kind = self.radio.belief, self.planner.kind
+        if belief == "channel":
+            return self
+        if self.mission.altitudes_m is not None:
+            raise ValueError(
+                f"radio.belief = {belief!r} is planned with at one height: give one "
+                "mission.altitude_m, or radio.belief = 'channel'"
+            )
+        if kind not in ("certified", "import"):
+            raise ValueError(
+                f"planner.kind = {kind!r} knows distances only: radio.belief = {belief!r} needs "
+                "planner.kind = 'certified', or one of your own ('import')"
+            )
         return self
 
     @model_validator(mode="after")

@@ -13,6 +13,7 @@ from mission.planner.evaluate import (
     objective,
     plan_without_moving,
 )
+from mission.planner.improving import improved
 from mission.planner.native.library import (
     MOST_DEVICES,
     Devices,
@@ -44,6 +45,8 @@ ORDER_SHARE = {2: 0.0, 3: 0.0, 4: 0.03, 5: 0.3, 6: 0.3}
 # Beyond MOST_DEVICES a node costs more the more there are, and many never narrow the gap: this many
 # divided by the devices are looked into.
 SHARED_NODES = 40_000
+_SHARES = (1.0, 0.75, 0.5, 0.25, 0.0)  # of an explored path: where improvements begin on a grid
+PROMISED = "its bound is what each device promises from the best place in reach"
 UNSEARCHED = f"with over {MOST_DEVICES} devices and {SOME_STEPS} steps nothing is searched"
 
 
@@ -73,9 +76,26 @@ class CertifiedPlanner:
         if (plan := in_usual_size(self, problem)) is not None:
             return plan
         case = case_of(problem)
-        found = search(case, case.explored(), self.goal)
+        found = case.explored()
+        if problem.per_grid is not None:
+            return self._on_grid(problem, found)
+        found = search(case, found, self.goal)
         made = finish(problem, fit_budget(problem.start_m + found.way, problem.path_budget_m))
         return replace(bounded(problem, made, found.bound, found.nodes), ended=found.ended)
+
+    def _on_grid(self, problem: RoundProblem, found: Found) -> RoundPlan:
+        """Where devices are is not where they are heard, and what they earn has many summits: no
+        order of visits is searched, and the bound is what each of them promises by itself."""
+        ways = [problem.start_m + share * found.way for share in _SHARES]
+        assert problem.per_grid is not None
+        ways += [
+            np.linspace(problem.start_m, place_m, problem.steps)
+            for place_m in problem.per_grid.best_places(problem.start_m, problem.path_budget_m)
+        ]
+        plans = [finish(problem, fit_budget(way, problem.path_budget_m)) for way in ways]
+        best = improved(problem, plans, found.bound * (1.0 - self.goal.gap))
+        best = bounded(problem, best, found.bound, 0)
+        return best if best.gap <= self.goal.gap else replace(best, ended=PROMISED)
 
 
 class ExploringPlanner:
@@ -198,9 +218,11 @@ def instance(problem: RoundProblem, *, towards_m: Altitudes = ()) -> tuple[Devic
     worth = problem.importance > 0.0
     u = np.ascontiguousarray(problem.devices_m[worth] - problem.start_m, dtype=np.float64)
     delta = np.ascontiguousarray(problem.importance[worth], dtype=np.float64)
-    table = reward_table(problem.channel, reach_of(problem), towards_m)
+    table, grid = reward_table(problem.channel, reach_of(problem), towards_m), problem.per_grid
+    if grid is not None:
+        grid = grid.seen_from(np.flatnonzero(worth), problem.start_m)
     limits = PathLimits(int(problem.steps), int(problem.per_step), float(problem.path_budget_m))
-    return Devices(u, delta, table.rows), limits
+    return Devices(u, delta, table.rows, grid=grid), limits
 
 
 def relax(problem: RoundProblem, devices: Devices, *, towards_m: Altitudes = ()) -> Relaxation:
@@ -211,6 +233,9 @@ def relax(problem: RoundProblem, devices: Devices, *, towards_m: Altitudes = ())
     nearest = np.maximum(0.0, np.hypot(*devices.u.T) - problem.path_budget_m)
     beyond = np.maximum(tables.radii_m[None, :], nearest[:, None])
     upper = reward_table(problem.channel, reach, towards_m).upper(beyond)
+    if devices.grid is not None:
+        best = devices.grid.best_within(np.zeros(2), problem.path_budget_m)
+        upper = np.broadcast_to(best[:, None], upper.shape)
     return Relaxation(**vars(tables), promise=devices.delta[:, None] * upper)
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fl.radio.channel import Channel, average_per
-from mission.base.arrays import Bools, Floats
+from mission.base.arrays import Bools, Floats, Ints
 from mission.base.explain import shown
 from mission.planner.errors import PlanInputError
 from mission.planner.native import library
@@ -35,14 +35,20 @@ def distances(problem: RoundProblem, waypoints_m: Floats) -> Floats:
 
 def success(problem: RoundProblem, waypoints_m: Floats) -> Floats:
     """(N, K) probabilities 1 - q_bar_k[n] at the given (N, 2) waypoints."""
-    return 1.0 - average_per(problem.channel, distances(problem, waypoints_m))
+    shape = len(waypoints_m), len(problem.devices_m)
+    steps, devices = (at.ravel() for at in np.indices(shape))
+    return 1.0 - _per(problem, devices, waypoints_m[steps]).reshape(shape)
+
+
+def _per(problem: RoundProblem, devices: Ints, places_m: Floats) -> Floats:
+    heights_m = np.full(len(places_m), problem.channel.altitude_m)
+    return np.asarray(problem.radio.per(devices, np.column_stack((places_m, heights_m))))
 
 
 def objective(problem: RoundProblem, waypoints_m: Floats, schedule: Bools) -> float:
     """sum_n sum_k omega_k[n] (1 - q_bar_k[n]) delta_k."""
     steps, devices = np.nonzero(schedule)
-    offset = waypoints_m[steps] - problem.devices_m[devices]
-    per = average_per(problem.channel, np.hypot(offset[:, 0], offset[:, 1]))
+    per = _per(problem, devices, waypoints_m[steps])
     return float(((1.0 - per) * problem.importance[devices]).sum())
 
 
@@ -234,6 +240,8 @@ def success_bounds(problem: RoundProblem, far_m: Floats) -> Floats:
 
     Between samples it lies above their chord by |f''| h^2 / 8 at most; twice that for safety.
     """
+    if problem.per_grid is not None:  # from wherever a path leads
+        return problem.per_grid.best_within(problem.start_m, problem.path_budget_m)[None]
     if problem.altitudes_m is None:
         return 1.0 - average_per(problem.channel, far_m)[None]
     low_m, high_m = problem.altitudes_m

@@ -15,8 +15,9 @@ import numpy as np
 
 from mission.base.arrays import Floats
 from mission.planner.evaluate import bounded, success_bounds
-from mission.planner.fitting import fitted, standing, varied
+from mission.planner.fitting import fitted, standing
 from mission.planner.flyable import foresee_round
+from mission.planner.improving import improved
 from mission.planner.problem import Planner, RoundPlan, RoundProblem
 
 if TYPE_CHECKING:  # which makes ready to search
@@ -26,11 +27,6 @@ if TYPE_CHECKING:  # which makes ready to search
 _SHARES = (1.0, 0.95, 0.9, 0.85, 0.8, 0.75, 0.7, 0.6, 0.5, 0.4)
 _UPLOAD_SHARES = (0.9, 0.75, 0.6, 0.45, 0.3)
 _PRICES = (0.2, 0.4, 0.6)  # shares of the devices that are worth less a second
-_CHANGES, _USUAL = 40_000, 120  # that are tried at random, for so many devices times steps
-_FEWEST, _PAIRS = 200, 250  # of them; of outlines and vertices, whose ways take as long as a look
-# How many plans are improved, by which share of the changes, and what they may lose on the way.
-_STAGES = ((30, 0.2, 0.02), (4, 1.0, 0.01), (1, 2.0, 0.01), (1, 1.0, 0.0))
-_ALIKE = 0.003  # of the value: plans that differ by less are taken for one
 _LOOSE = "its bound leaves out part of the time that corners and ways around areas take"
 _GAIN = 1e-6  # of the value: less is no improvement
 
@@ -67,7 +63,7 @@ class LimitedPlanner:
             tried = [standing(fixed), *([] if best is None else [best])]
             tried += [plan for path in self._paths(fixed) if (plan := fitted(fixed, path))]
             enough = bound * (1.0 - self.goal.gap) if self.goal else math.inf
-            best = _improved(fixed, tried, enough)
+            best = improved(fixed, tried, enough)
             if self.goal is not None:
                 from mission.planner.timed import timed_bound
 
@@ -111,49 +107,6 @@ def servable(problem: RoundProblem) -> Floats:
     if problem.limits is None or problem.ready_in_s is None:
         return problem.importance
     return np.where(problem.ready_in_s <= problem.longest_s, problem.importance, 0.0)
-
-
-def _improved(problem: RoundProblem, plans: list[RoundPlan], enough: float) -> RoundPlan:
-    """The best that can be made of plans: all improved a little, the best of those further, until
-    one is worth `enough`."""
-    changes, some = _changes(problem), plans
-    for most, share, tolerance in _STAGES:
-        if max(map(_value, some)) >= enough:
-            break
-        some = [
-            varied(problem, plan, int(share * changes), tolerance=tolerance, seed=seed)
-            for seed, plan in enumerate(_best(some, most))
-        ]
-    return max(some, key=_value)
-
-
-def _changes(problem: RoundProblem) -> int:
-    """How many are tried: less where a look at one takes longer."""
-    work, energy = 1, problem.limits is not None and math.isfinite(problem.limits.energy_j)
-    if problem.ready_in_s is not None:
-        work += 2
-    if energy:
-        work += 2
-    if not problem.airspace.is_open:
-        ways = 1 + problem.airspace.outlines.pairs // _PAIRS
-        work += (2 if problem.limits is None else 4) * ways
-    if problem.upload_s is not None:
-        work += 26 if energy else 6
-    size = max(1.0, problem.steps * len(problem.devices_m) / _USUAL)
-    return max(_FEWEST, int(_CHANGES / (work * math.sqrt(size))))
-
-
-def _value(plan: RoundPlan) -> float:
-    return plan.value
-
-
-def _best(plans: list[RoundPlan], most: int) -> list[RoundPlan]:
-    """Best plans first, at most so many, without those of nearly equal value."""
-    some: list[RoundPlan] = []
-    for plan in sorted(plans, key=_value, reverse=True):
-        if not some or some[-1].value > plan.value * (1.0 + _ALIKE):
-            some.append(plan)
-    return some[:most]
 
 
 def reach_bound(problem: RoundProblem) -> float:

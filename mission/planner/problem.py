@@ -10,6 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from fl.radio.channel import Channel
+from fl.radio.per_grid import PerGrid
+from fl.radio.place import AverageRadio, Radio
 from mission.base import polyline
 from mission.base.airspace import OPEN, Airspace
 from mission.base.arrays import Bools, Floats, Ints, given_alone
@@ -49,6 +51,9 @@ class RoundProblem:
     # (K,) seconds into the round from which each has an update to send: served before, it is worth
     # nothing. None: all have one from the start. It needs `limits`, which know how fast is flown.
     ready_in_s: Floats | None = None
+    # What is believed of the radio at each place, in place of the channel's average; of one
+    # altitude, the channel's.
+    per_grid: PerGrid | None = None
 
     __getstate__ = given_alone
 
@@ -57,6 +62,11 @@ class RoundProblem:
         for name in ("upload_s", "ready_in_s"):
             if getattr(self, name) is not None:
                 _make_arrays(self, name)
+
+    @cached_property
+    def radio(self) -> Radio:
+        """The packet error rates that plans count with."""
+        return self.per_grid or AverageRadio(self.channel, self.devices_m)
 
     @cached_property
     def most_m(self) -> float:
@@ -102,7 +112,7 @@ class RoundProblem:
             widest_m = min(widest_m, self.airspace.margin_m / 2.0)
         return Round(
             self.devices_m, self.importance, steps=self.steps, per_step=self.per_step,
-            channel=self.channel.constants, altitude_m=self.channel.altitude_m,
+            channel=self.channel.constants, altitude_m=self.channel.altitude_m, grid=self.per_grid,
             airspace=self.airspace, radii_m=acceptance_radii(widest_m),
             flying=None if limits is None else limits.flying, upload_s=self.upload_s,
             ready_in_s=self.ready_in_s, hold_s=hold_s,

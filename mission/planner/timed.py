@@ -58,6 +58,8 @@ def timed_bound(problem: RoundProblem, value: float, goal: Goal) -> float:
     `value` is that of the best plan so far.
     """
     count = int(np.count_nonzero(problem.importance))
+    if problem.per_grid is not None:  # which orders of visits know nothing of
+        return math.inf
     timed = problem.limits is not None and (problem.upload_s is not None or _late(problem).any())
     if not (timed and 0 < count <= MOST_DEVICES and problem.steps > 1 and problem.most_m > 0.0):
         return math.inf

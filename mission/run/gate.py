@@ -7,7 +7,7 @@ from dataclasses import asdict
 import numpy as np
 
 from fl.federation.device_work import DeviceWork
-from fl.radio.place import AverageRadio, Radio
+from fl.radio.place import Radio
 from fl.radio.uplink import Gate, deliver
 from mission.base.area import Area
 from mission.base.arrays import Bools
@@ -81,7 +81,7 @@ def uplinks(
     """One record per scheduled device, in order of step and device; `passages` by device.
 
     Updates are drawn at the true positions, where `radio` gives the rates; planned and believed
-    rates are those of the problem's channel. `rng` is this round's own stream. `work` is what the
+    rates are those of the problem's radio. `rng` is this round's own stream. `work` is what the
     devices are at, where they take time: some are late then, and send nothing.
     """
     count = len(problem.devices_m)
@@ -92,7 +92,7 @@ def uplinks(
         late[device] = work is not None and passed.t_ns < work.ready_ns[device]
         sends[device] = not late[device]
     arrivals = deliver(radio, true_m, transmitted=sends, rng=rng, gate=gate)
-    channel, belief = problem.channel, AverageRadio(problem.channel, problem.devices_m)
+    channel, belief = problem.channel, problem.radio
 
     records = []
     for step, device in np.argwhere(plan.schedule).tolist():
@@ -142,5 +142,5 @@ def _timed(
     )
 
 
-def _per(radio: AverageRadio, device: int, at_m: Sequence[float]) -> float:
-    return float(radio.per(np.array([device]), np.array([at_m]))[0])
+def _per(radio: Radio, device: int, at_m: Sequence[float]) -> float:
+    return float(np.asarray(radio.per(np.array([device]), np.array([at_m])))[0])

@@ -5,6 +5,7 @@ import numpy as np
 from fl.config import RADIOS
 from fl.radio.channel import Channel
 from fl.radio.city import City
+from fl.radio.per_grid import PerGrid
 from fl.radio.place import AverageRadio, CustomRadio, LinkTerms, PlacedRadio, Radio
 from fl.radio.radio_map import RadioMap
 from flightdyn.random import RandomStreams
@@ -14,6 +15,7 @@ from mission.config.models import HEIGHT_MARGIN_M, RunConfig
 from mission.scenario.radio_maps import read_map
 
 _SAME_PLACE_M = 1.0
+_LEAST_CELL_M, _MOST_CELLS = 5.0, 320  # of what is believed, along the longer side
 
 
 def radio_of(
@@ -25,24 +27,53 @@ def radio_of(
         InputError: a device stands where it must not, or the map is not of this run.
         PluginError: a radio of one's own cannot be made.
     """
-    radio = config.radio
-    if radio.truth == "channel":
+    truth = config.radio.truth
+    if truth == "channel":
         return AverageRadio(channel, devices_m)
-    if radio.truth not in RADIOS:
-        return CustomRadio.made(radio.truth, channel, devices_m)
+    if truth not in RADIOS:
+        return CustomRadio.made(truth, channel, devices_m)
     gains = (
         city_of(config, area, devices_m, streams)
-        if radio.truth == "buildings"
+        if truth == "buildings"
         else _map_of(config, devices_m)
     )
-    terms = LinkTerms(
+    return PlacedRadio(gains, _terms(config))
+
+
+def believed_grid(config: RunConfig, truth: Radio, area: Area, devices_m: Floats) -> PerGrid | None:
+    """What plans believe of the radio at each place; None: the channel's average.
+
+    Raises:
+        InputError: as `radio_of`.
+    """
+    belief, mission = config.radio.belief, config.mission
+    if belief == "channel":
+        return None
+    radio = truth
+    if belief == "map":
+        radio = PlacedRadio(_map_of(config, devices_m), _terms(config))
+    elif belief == "buildings":  # as they stand, but nobody knows their shadowing before
+        city = _city(config, area, devices_m, None)
+        unknown_db = city.shadowing_db if config.radio.shadowing else None
+        radio = PlacedRadio(city, _terms(config), unknown_db)
+    return PerGrid.of(
+        radio,
+        len(devices_m),
+        size_m=area.size_m,
+        height_m=mission.heights_m[0],
+        cell_m=max(_LEAST_CELL_M, max(area.size_m) / _MOST_CELLS),
+    )
+
+
+def _terms(config: RunConfig) -> LinkTerms:
+    radio = config.radio
+    return LinkTerms(
         radio.tx_power_dbm,
         radio.bandwidth_hz,
         radio.noise_figure_db,
         radio.snr_threshold_db,
         radio.fading_db,
     )
-    return PlacedRadio(gains, terms)
 
 
 def city_of(config: RunConfig, area: Area, devices_m: Floats, streams: RandomStreams) -> City:
@@ -51,6 +82,13 @@ def city_of(config: RunConfig, area: Area, devices_m: Floats, streams: RandomStr
     Raises:
         InputError: a device stands within one, and must not.
     """
+    shadowed = config.radio.shadowing
+    return _city(config, area, devices_m, streams.generator("shadowing") if shadowed else None)
+
+
+def _city(
+    config: RunConfig, area: Area, devices_m: Floats, rng: np.random.Generator | None
+) -> City:
     radio = config.radio
     city = City(
         area.buildings,
@@ -58,7 +96,7 @@ def city_of(config: RunConfig, area: Area, devices_m: Floats, streams: RandomStr
         device_height_m=radio.device_height_m,
         carrier_hz=radio.carrier_hz,
         environment=radio.environment,
-        rng=streams.generator("shadowing") if radio.shadowing else None,
+        rng=rng,
     )
     if radio.indoors == "refused" and city.indoors.any():
         device = int(np.argmax(city.indoors))

@@ -18,6 +18,7 @@ from fl.federation.community import Community, Federation, build_federation
 from fl.federation.device_work import DeviceWork
 from fl.plugin_code import is_plugin
 from fl.radio.channel import Channel, LinkBudget, link_budget
+from fl.radio.per_grid import PerGrid
 from fl.radio.place import Radio
 from flightdyn.random import RandomStreams
 from mission.base.area import Area
@@ -47,7 +48,7 @@ from mission.scenario.limits import (
     round_limits,
     unflyable,
 )
-from mission.scenario.radios import radio_of
+from mission.scenario.radios import believed_grid, radio_of
 from mission.scenario.strategies import Strategy, make_strategy
 
 _LONGEST_UPLOAD_S = 3600.0  # no aircraft hovers as long
@@ -63,6 +64,7 @@ class Scenario:
     devices_m: Floats  # (K, 2) area coordinates
     channel: Channel  # that rounds are planned with, at the mission's lowest altitude
     radio: Radio  # that decides whose update arrives
+    per_grid: PerGrid | None  # that rounds are planned with; None: the channel
     federation: Federation
     performance: Performance  # how rounds will be flown, before a vehicle is asked
     budget: Budget  # of the run
@@ -129,6 +131,7 @@ class Scenario:
             limits=round_limits(mission, performance, left=left, timed=timed),
             upload_s=self.upload_s,
             ready_in_s=ready_in_s if timed else None,
+            per_grid=self.per_grid,
         )
 
     def importance(
@@ -318,6 +321,7 @@ def build_scenario(config: RunConfig, *, data_dir: Path | None) -> Scenario:
     with errors_of_learning():
         channel = config.channel.channel(altitude_m=config.mission.heights_m[0])
         radio = radio_of(config, channel, area, devices_m, streams)
+        per_grid = believed_grid(config, radio, area, devices_m)
         federation = build_federation(
             config.communities, config.learning, data_dir=data_dir, stream=streams.generator
         )
@@ -332,5 +336,15 @@ def build_scenario(config: RunConfig, *, data_dir: Path | None) -> Scenario:
         else make_strategy(mission, planner, devices_m=devices_m, area=area, limits=limits)
     )
     return Scenario(
-        config, streams, area, devices_m, channel, radio, federation, performance, budget, strategy
+        config,
+        streams,
+        area,
+        devices_m,
+        channel,
+        radio,
+        per_grid,
+        federation,
+        performance,
+        budget,
+        strategy,
     )

@@ -86,6 +86,15 @@ static double model(
         if (n < 1) continue;
         double dx = way[n].x - devices->at[k].x, dy = way[n].y - devices->at[k].y;
         double r = sqrt(dx * dx + dy * dy), delta = devices->delta[k];
+        if (devices->grid) { /* steps of about a patch at most: what is beyond it is another matter */
+            const Point slope = spot_at(devices->grid, k, way[n]).slope;
+            const double bend = delta * between(slope, (Point){0.0, 0.0}) / devices->grid->cell;
+            knot[n].slope.x += delta * slope.x;
+            knot[n].slope.y += delta * slope.y;
+            add_to(&knot[n].here, (Sym){bend, 0.0, bend});
+            trace += 2.0 * bend;
+            continue;
+        }
         Reward at = reward(r, devices);
         double radial = most(0.0, -delta * at.bend), around = radial, nx = 1.0, ny = 0.0;
         if (r > 1e-6) {

@@ -85,10 +85,31 @@ static Spare lay_out_spare(Arena *arena, int64_t devices, int64_t steps)
     };
 }
 
+/* What a device earns at the points there are, and could earn at the foot of its perpendiculars. */
+static void rate_by_worth(
+    int64_t k, const Point *way, int64_t count, const Devices *devices, const Spare *spare)
+{
+    spare->have[k] = spare->could[k] = 0.0;
+    for (int64_t n = 0; n < count; n++) spare->have[k] = most(spare->have[k], worth(devices, k, way[n]));
+    for (int64_t n = 0; n + 1 < count; n++) {
+        double share;
+        const Point there = foot(devices->at[k], way[n], way[n + 1], &share);
+        const double could = worth(devices, k, there);
+        if (!(could > spare->could[k])) continue;
+        spare->could[k] = could;
+        spare->along[k] = (double)n + share;
+        spare->point[k] = there;
+    }
+}
+
 /* What each device earns at the points there are, and could earn at a point more. */
 static void rate_spare(const Point *way, int64_t count, const Devices *devices, const Spare *spare)
 {
     for (int64_t k = 0; k < devices->count; k++) {
+        if (devices->grid) {
+            rate_by_worth(k, way, count, devices, spare);
+            continue;
+        }
         double near = INFINITY, nearest = INFINITY;
         for (int64_t n = 0; n < count; n++) {
             near = least(near, square_between(devices->at[k], way[n]));

@@ -219,11 +219,18 @@ static void cut_corners(const Flown *plan, double radius, Desk *desk)
 }
 
 /* Of success at a distance: exactly, or between the desk's rows. */
-static double chance_at(const Round *round, double far, const Desk *desk)
+static double chance_by(const Round *round, double far, const Desk *desk)
 {
     const int64_t i = far < ROWS ? (int64_t)far : ROWS;
     if (i + 1 >= desk->rows) return 1.0 - per_at(round->channel, far, round->altitude);
     return desk->row[i] + (desk->row[i + 1] - desk->row[i]) * (far - (double)i);
+}
+
+/* Of device k's success at a place. */
+static double chance_at(const Round *round, int64_t k, Point place, const Desk *desk)
+{
+    if (round->grid) return spot_at(round->grid, k, place).f;
+    return chance_by(round, between(place, round->at[k]), desk);
 }
 
 /* The widest acceptance radius of the round's that costs a plan 1 % of its value at most; where none
@@ -236,8 +243,8 @@ static double radius_of(const Round *round, const Flown *plan, Desk *desk)
         for (int64_t n = 0; n < round->steps; n++)
             for (int64_t k = 0; k < round->devices; k++) {
                 if (!plan->schedule[n * round->devices + k]) continue;
-                const double far = between(desk->cut[desk->stop[plan->at[n]]], round->at[k]);
-                flown += chance_at(round, far, desk) * round->importance[k];
+                const Point passed = desk->cut[desk->stop[plan->at[n]]];
+                flown += chance_at(round, k, passed, desk) * round->importance[k];
             }
         if (flown >= (1.0 - MOST_LOST) * plan->value) return round->radius[i];
     }
@@ -248,10 +255,8 @@ static void set_chances(const Round *round, const Flown *plan, Desk *desk)
 {
     double *chance = desk->chances;
     for (int64_t n = 0; n < round->steps; n++)
-        for (int64_t k = 0; k < round->devices; k++) {
-            const double far = between(plan->route[plan->at[n]], round->at[k]);
-            *chance++ = chance_at(round, far, desk);
-        }
+        for (int64_t k = 0; k < round->devices; k++)
+            *chance++ = chance_at(round, k, plan->route[plan->at[n]], desk);
 }
 
 /* Assign devices to steps so that the most of `worth` (K, N) is earned, and none where it is nothing. */
@@ -320,16 +325,27 @@ static double left_to_hover(const Flying *flying, double length)
     return least(left_s, (flying->energy - length * per_metre) / hover_w);
 }
 
+/* Of device k's success at the step where that is largest: the nearest one, but on a grid. */
+static double best_chance(const Round *round, const Flown *plan, int64_t k, const Desk *desk)
+{
+    double square = INFINITY, best = 0.0;
+    for (int64_t n = 0; n < round->steps; n++) {
+        const Point here = plan->route[plan->at[n]];
+        if (round->grid)
+            best = most(best, spot_at(round->grid, k, here).f);
+        else
+            square = least(square, square_between(here, round->at[k]));
+    }
+    return round->grid ? best : chance_by(round, sqrt(square), desk);
+}
+
 /* What a path of so many metres is worth at most: each device from the nearest step, the hovers for them
    within what the flight leaves. */
 static double promised(const Round *round, const Flown *plan, double length, Desk *desk)
 {
     double total = 0.0;
     for (int64_t k = 0; k < round->devices; k++) {
-        double square = INFINITY;
-        for (int64_t n = 0; n < round->steps; n++)
-            square = least(square, square_between(plan->route[plan->at[n]], round->at[k]));
-        desk->worth[k] = chance_at(round, sqrt(square), desk) * round->importance[k];
+        desk->worth[k] = best_chance(round, plan, k, desk) * round->importance[k];
         total += desk->worth[k];
     }
     if (!round->upload || !round->flying) return total;

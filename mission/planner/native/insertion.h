@@ -65,14 +65,15 @@ static int64_t nearest_devices(
 
 static void fill_lists(const Devices *devices, const Lists *lists)
 {
-    const double reach = reach_of(devices);
+    const double reach = devices->grid ? INFINITY : reach_of(devices);
     int64_t who[MOST_NEIGHBOURS];
     double square[MOST_NEIGHBOURS];
     for (int64_t k = 0; k < devices->count; k++) {
         const int64_t count = nearest_devices(k, reach, devices, who, square), at = lists->begin[k];
         for (int64_t i = 0; i < count; i++) {
             lists->neighbour[at + i] = who[i];
-            lists->share[at + i] = share_at(sqrt(square[i]), devices);
+            lists->share[at + i] = devices->grid ? spot_at(devices->grid, who[i], devices->at[k]).f
+                                                 : share_at(sqrt(square[i]), devices);
         }
         lists->begin[k + 1] = at + count;
     }

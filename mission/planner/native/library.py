@@ -2,10 +2,12 @@
 
 import ctypes
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 
+from fl.radio.per_grid import PerGrid
 from mission.base.arrays import Floats, Ints
 from mission.planner.reward import Conjugates
 from native.building import library
@@ -17,10 +19,34 @@ MOST_DEVICES = 40  # of a search
 _POINTER, _INT, _DOUBLE = ctypes.c_void_p, ctypes.c_int64, ctypes.c_double
 
 
+class Grid(ctypes.Structure):
+    """Success on a grid of places; see `planner.h`."""
+
+    _fields_ = (
+        ("success", _POINTER), ("rows", _INT), ("columns", _INT), ("x", _DOUBLE), ("y", _DOUBLE),
+        ("cell", _DOUBLE),
+    )  # fmt: skip
+
+
+def grid_as_c(grid: PerGrid | None, devices: int) -> Grid | None:
+    """The structure as C takes it; the grid has to outlive it.
+
+    Raises:
+        ValueError: it is of other devices, or of too few places.
+    """
+    if grid is None:
+        return None
+    rows, columns = grid.success.shape[1:]
+    if min(rows, columns) < 2 or not grid.cell_m > 0.0:
+        raise ValueError(f"no grid: {rows} x {columns} places every {grid.cell_m} m")
+    at = address(grid.success, np.float64, (devices, rows, columns))
+    return Grid(at, rows, columns, *grid.first_m, grid.cell_m)
+
+
 class _Devices(ctypes.Structure):
     _fields_ = (
         ("count", _INT), ("at", _POINTER), ("delta", _POINTER), ("hover", _POINTER),
-        ("after", _POINTER), ("rows", _INT), ("table", _POINTER),
+        ("after", _POINTER), ("rows", _INT), ("table", _POINTER), ("grid", _POINTER),
     )  # fmt: skip
 
 
@@ -76,6 +102,7 @@ class Devices:
     rows: Floats  # (R, 3) f, f', f'' of the channel, one row a metre
     hover: Floats | None = None  # (K,) metres that could be flown while each sends
     after: Floats | None = None  # (K,) most metres from its turn on, its own hover included
+    grid: PerGrid | None = None  # of their success, in place of the rows; about the start
 
     def as_c(self) -> _Devices:
         """The structure as C takes it; the arrays have to outlive it."""
@@ -92,7 +119,12 @@ class Devices:
             ),
             rows,
             address(self.rows, np.float64, (rows, 3)),
+            None if self._grid is None else ctypes.addressof(self._grid),
         )
+
+    @cached_property
+    def _grid(self) -> Grid | None:
+        return grid_as_c(self.grid, len(self.delta))
 
 
 @dataclass(frozen=True)
@@ -155,7 +187,10 @@ _ENDED = (  # by `Ended` of planner.h
     "it ended after {nodes} of {most} nodes, as at its pace the rest of them would not do",
 )
 LIBRARY = load(library("planner"))
-check_sizes(LIBRARY, Devices=_Devices, Limits=_Limits, Relaxation=_Relaxation, Planner=_Functions)
+check_sizes(
+    LIBRARY, Grid=Grid, Devices=_Devices, Limits=_Limits, Relaxation=_Relaxation,
+    Planner=_Functions,
+)  # fmt: skip
 FUNCTIONS = functions(LIBRARY, _Functions)
 
 

@@ -280,9 +280,23 @@ static int64_t with_room(
     return nearest;
 }
 
+/* The step at which a device has most success. */
+static int64_t best_step(const Point *way, int64_t steps, int64_t k, const Grid *grid, double *f)
+{
+    int64_t best = 0;
+    *f = -1.0;
+    for (int64_t n = 0; n < steps; n++) {
+        const double here = spot_at(grid, k, way[n]).f;
+        if (!(here > *f)) continue;
+        *f = here;
+        best = n;
+    }
+    return best;
+}
+
 /* Assign every device to a step of the plan's path so that the most is earned.
 
-   Every device goes to its nearest step; where that overfills one, the assignment problem is
+   Every device goes to its nearest or best step; where that overfills one, the assignment problem is
    solved. */
 static void match(Plan *plan, const Limits *limits, const Devices *devices, const Matching *memory)
 {
@@ -295,11 +309,16 @@ static void match(Plan *plan, const Limits *limits, const Devices *devices, cons
     }
     for (int64_t n = 0; n < limits->steps; n++) load[n] = 0;
     for (int64_t k = 0; k < devices->count; k++) {
-        double near;
-        int64_t nearest = nearest_step(memory, limits->steps, devices->at[k], &near);
-        if (load[nearest] >= limits->per_step)
-            nearest = with_room(memory, limits, devices->at[k], nearest, near);
-        double f = reward(sqrt(near), devices).f;
+        double near, f;
+        int64_t nearest;
+        if (devices->grid) {
+            nearest = best_step(plan->way, limits->steps, k, devices->grid, &f);
+        } else {
+            nearest = nearest_step(memory, limits->steps, devices->at[k], &near);
+            if (load[nearest] >= limits->per_step)
+                nearest = with_room(memory, limits, devices->at[k], nearest, near);
+            f = reward(sqrt(near), devices).f;
+        }
         if (f <= 0.0) {
             assigned[k] = -1;
             best[k] = 0.0;

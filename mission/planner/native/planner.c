@@ -4,6 +4,7 @@
 #include "levels.h"
 
 SIZE_OF(Airspace);
+SIZE_OF(Grid);
 SIZE_OF(Devices);
 SIZE_OF(Limits);
 SIZE_OF(Relaxation);

@@ -6,6 +6,14 @@
 #include "channel.h"
 #include "trajectory.h"
 
+/* Success of packets at places on a grid, bilinear between them and beyond its edge as there. */
+typedef struct {
+    const double *success; /* (K, rows, columns) */
+    int64_t rows, columns; /* northwards, eastwards; at least 2 */
+    Point first;           /* the south-western place */
+    double cell;           /* metres */
+} Grid;
+
 /* The devices worth something, in coordinates with the start at the origin. */
 typedef struct {
     int64_t count;       /* K */
@@ -15,6 +23,7 @@ typedef struct {
     const double *after; /* (K,) most metres from its turn on, hovers included */
     int64_t rows;
     const double *table; /* (rows, 3) f, f', f'' of the channel, one row a metre */
+    const Grid *grid;    /* of their success, in its place; or NULL */
 } Devices;
 
 /* What a plan may use. */
@@ -59,6 +68,7 @@ typedef struct {
     const double *upload, *ready;     /* (K,) seconds, or NULL */
     const Channel *channel;
     double altitude;
+    const Grid *grid; /* of success, in place of the channel's; or NULL */
     const Airspace *space; /* NULL: everywhere may be flown */
     int64_t radii;
     const double *radius;  /* (radii,) acceptance radii, the widest first */

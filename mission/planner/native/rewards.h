@@ -5,7 +5,7 @@
 #include <math.h>
 #include <string.h>
 
-#include "planner.h"
+#include "grid.h"
 
 static inline double least(double a, double b) { return b < a ? b : a; }
 static inline double most(double a, double b) { return b > a ? b : a; }
@@ -36,6 +36,7 @@ static inline Reward reward(double r, const Devices *devices)
 /* What device k earns when it is served from a place. */
 static inline double worth(const Devices *devices, int64_t k, Point from)
 {
+    if (devices->grid) return devices->delta[k] * spot_at(devices->grid, k, from).f;
     return devices->delta[k] * reward(between(from, devices->at[k]), devices).f;
 }
 

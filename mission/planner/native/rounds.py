@@ -6,11 +6,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from fl.radio.per_grid import PerGrid
 from flightdyn.native.library import Air, Steering
 from mission.base.airspace import OPEN, Airspace
 from mission.base.arrays import Bools, Floats, Ints
 from mission.base.native.library import Structure
-from mission.planner.native.library import FUNCTIONS, LIBRARY
+from mission.planner.native.library import FUNCTIONS, LIBRARY, grid_as_c
 from native.loading import address, check_sizes
 
 _POINTER, _INT, _DOUBLE = ctypes.c_void_p, ctypes.c_int64, ctypes.c_double
@@ -31,8 +32,8 @@ class _Round(ctypes.Structure):
     _fields_ = (
         ("devices", _INT), ("steps", _INT), ("per_step", _INT), ("at", _POINTER),
         ("importance", _POINTER), ("upload", _POINTER), ("ready", _POINTER),
-        ("channel", _POINTER), ("altitude", _DOUBLE), ("space", _POINTER), ("radii", _INT),
-        ("radius", _POINTER), ("hold", _DOUBLE), ("flying", _POINTER),
+        ("channel", _POINTER), ("altitude", _DOUBLE), ("grid", _POINTER), ("space", _POINTER),
+        ("radii", _INT), ("radius", _POINTER), ("hold", _DOUBLE), ("flying", _POINTER),
     )  # fmt: skip
 
 
@@ -87,6 +88,7 @@ class Round:
         per_step: int,
         channel: Floats | None = None,
         altitude_m: float = 0.0,
+        grid: PerGrid | None = None,
         airspace: Airspace = OPEN,
         radii_m: Floats = _NO_RADII,
         flying: Flying | None = None,
@@ -94,8 +96,8 @@ class Round:
         ready_in_s: Floats | None = None,
         hold_s: float = 0.0,
     ) -> None:
-        """`channel` (9,): that of `Channel.constants`; `radii_m`: the widest first. Stops need
-        neither.
+        """`channel` (9,): that of `Channel.constants`, in whose place `grid` is of success;
+        `radii_m`: the widest first. Stops need neither.
 
         Raises:
             ValueError: arrays that do not fit together.
@@ -108,7 +110,8 @@ class Round:
             None if values is None else np.ascontiguousarray(values, dtype=np.float64)
             for values in (devices_m, importance, upload_s, ready_in_s)
         ]
-        self._kept = *kept, channel, radii_m, flying, airspace
+        as_c = grid_as_c(grid, len(devices_m))
+        self._kept = *kept, channel, radii_m, flying, airspace, grid, as_c
         shapes = ((self._size[1], 2), *[(self._size[1],)] * 3)
         where = [
             None if values is None else address(values, np.float64, shape)
@@ -117,6 +120,7 @@ class Round:
         self._round = _Round(
             self._size[1], steps, per_step, *where,
             None if channel is None else address(channel, np.float64, (9,)), altitude_m,
+            None if as_c is None else ctypes.addressof(as_c),
             None if airspace.is_open else airspace.outlines.at,
             len(radii_m), address(radii_m, np.float64, (len(radii_m),)), hold_s,
             None if flying is None else ctypes.addressof(flying),

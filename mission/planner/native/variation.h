@@ -98,7 +98,7 @@ static int vary(
         worth = claim(&arena, round->devices, sizeof(int64_t));
         if (pass == 0 && !provide(&arena)) return -1;
     }
-    for (int64_t i = 0; i < ROWS; i++) desk.row[i] = chance_at(round, (double)i, &desk);
+    for (int64_t i = 0; i < ROWS; i++) desk.row[i] = chance_by(round, (double)i, &desk);
     for (int64_t n = 0; n < steps; n++) now[n] = plan->route[plan->at[n]];
     for (int64_t k = 0; k < round->devices; k++)
         if (round->importance[k] > 0.0) worth[count++] = k;

@@ -132,6 +132,7 @@ def test_shadowing_varies_and_hangs_together_as_the_standard_has_it(environment,
     shadowed = made([], devices, environment=environment, rng=np.random.default_rng(5))
     device = np.arange(4000)
     places = [np.tile([x, 7.0, 60.0], (4000, 1)) for x in away]
+    assert (plain.shadowing_db(device, places[0]) == shadowed.shadowing_db(device, places[0])).all()
     fields = [shadowed.gain_db(device, at) - plain.gain_db(device, at) for at in places]
     sigma = max(5 * exp(-0.6), 2.0) if environment == "UMi" else 4.64 * exp(-0.0066 * 60)
     assert np.std(fields, axis=1) == pytest.approx(np.full(4, sigma), rel=0.05)

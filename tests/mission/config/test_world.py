@@ -642,3 +642,24 @@ def test_a_radio_among_buildings_needs_some_and_draws_by_their_rates(load) -> No
         InputError, match=r"draws packets on the channel, so it needs radio.truth ="
     ):
         load(CITY + "[radio]\ntruth = 'buildings'\n[channel]\ngate = 'instantaneous'\n")
+
+
+MAP_FREE = CITY + "[radio]\nbelief = 'buildings'\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "why"),
+    [
+        (BASE + "[radio]\nbelief = 'buildings'\n", "radio.belief = 'buildings' needs area.buildin"),
+        (BASE + "[radio]\nbelief = 'map'\n", "radio.belief = 'map' and radio.map_file need each"),
+        (BASE + "[radio]\nbelief = 'guess'\n", "radio.belief = 'guess': must be 'channel', 'build"),
+        (MAP_FREE + "[planner]\nkind = 'paper'\n", "'paper' knows distances only: radio.belief"),
+        (
+            MAP_FREE + "[mission]\naltitude_m = [50, 70]\n",
+            "one height: give one mission.alt",
+        ),
+    ],
+)
+def test_what_cannot_be_believed_is_refused(load, text: str, why: str) -> None:
+    with pytest.raises(InputError, match=re.escape(why)):
+        load(text)

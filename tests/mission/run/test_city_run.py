@@ -45,6 +45,19 @@ def test_what_is_true_is_not_what_was_planned(run: aerofed.Run) -> None:
     assert (told.true_per - told.plan_per).abs().max() > 0.2
 
 
+@pytest.mark.parametrize("belief", ["buildings", "truth"])
+def test_what_is_planned_with_is_what_is_believed(
+    run: aerofed.Run, tmp_path: Path, belief: str
+) -> None:
+    other = aerofed.run("quickstart", {**SETTINGS, "radio.belief": belief}, out=tmp_path / "run")
+    told, before = other.uplinks, run.uplinks
+    assert (told.plan_per - told.est_per).abs().max() < 0.05  # near walls it is steep
+    wrong, wrong_before = ((u.plan_per - u.true_per).abs().mean() for u in (told, before))
+    assert wrong < 0.5 * wrong_before
+    if belief == "truth":  # what is left is the grid's, and the corners'
+        assert wrong < 0.02
+
+
 def test_the_same_again_has_the_same_bytes(run: aerofed.Run, tmp_path: Path) -> None:
     again = aerofed.run("quickstart", SETTINGS, out=tmp_path / "again")
     for name in ("rounds.csv", "uplinks.csv", "flight.mcap"):

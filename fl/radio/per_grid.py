@@ -1,0 +1,84 @@
+"""Packet error rates on a grid of places at one height: a radio as a plan believes it."""
+
+import math
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+
+from fl.arrays import Bools, Floats, Ints
+from fl.radio.place import Radio
+
+
+@dataclass(frozen=True, eq=False)
+class PerGrid:
+    """A `Radio` that is bilinear between the places of a grid, at the edge as there, at any height
+    as at its own."""
+
+    success: Floats  # (K, Y, X) 1 - PER
+    first_m: tuple[float, float]  # the south-western place, area coordinates
+    cell_m: float
+
+    @classmethod
+    def of(
+        cls,
+        radio: Radio,
+        devices: int,
+        *,
+        size_m: tuple[float, float],
+        height_m: float,
+        cell_m: float,
+    ) -> Self:
+        """What a radio gives all over an area of that size, for so many devices."""
+        x_m, y_m = (cell_m * np.arange(max(2, 1 + int(np.ceil(side / cell_m)))) for side in size_m)
+        east_m, north_m = np.meshgrid(x_m, y_m)
+        places_m = np.column_stack(
+            (east_m.ravel(), north_m.ravel(), np.full(east_m.size, height_m))
+        )
+        per = [radio.per(np.full(len(places_m), device), places_m) for device in range(devices)]
+        success = 1.0 - np.reshape(np.asarray(per, dtype=np.float64), (devices, *east_m.shape))
+        success.flags.writeable = False
+        return cls(success, (0.0, 0.0), cell_m)
+
+    def per(self, device: Ints, place_m: Floats) -> Floats:
+        """As `Radio.per`."""
+        rows, columns = self.success.shape[1:]
+        on = (place_m[..., :2] - self.first_m) / self.cell_m
+        x, y = np.clip(on[..., 0], 0.0, columns - 1), np.clip(on[..., 1], 0.0, rows - 1)
+        i, j = np.minimum(x.astype(int), columns - 2), np.minimum(y.astype(int), rows - 2)
+        u, v = x - i, y - j
+        low, high = (
+            self.success[device, row, i] * (1.0 - u) + self.success[device, row, i + 1] * u
+            for row in (j, j + 1)
+        )
+        return np.asarray(1.0 - (low * (1.0 - v) + high * v))
+
+    def best_within(self, place_m: Floats, metres: float) -> Floats:
+        """(K,) what 1 - PER is at most as near to a place (2,)."""
+        near = self._patches_within(place_m, metres)
+        return np.asarray(self.success[:, near].max(axis=1))
+
+    def best_places(self, place_m: Floats, metres: float) -> Floats:
+        """(K, 2) where in the grid that is."""
+        near = np.where(self._patches_within(place_m, metres), self.success, -1.0)
+        at = near.reshape(len(near), -1).argmax(axis=1)
+        rows, columns = np.unravel_index(at, near.shape[1:])
+        return np.asarray(np.stack((columns, rows), axis=1) * self.cell_m + self.first_m)
+
+    def _patches_within(self, place_m: Floats, metres: float) -> Bools:
+        """(Y, X) corners of patches that reach as near to a place (2,), or to the nearest one of
+        the grid: beyond its edge it is as there, where no two places are further apart."""
+        rows, columns = self.success.shape[1:]
+        last_m = self.cell_m * np.array((columns - 1, rows - 1))
+        place_m = np.clip(place_m, self.first_m, self.first_m + last_m)
+        x_m, y_m = (
+            first + self.cell_m * np.arange(count) - at
+            for first, count, at in zip(self.first_m, (columns, rows), place_m, strict=True)
+        )
+        far_m = np.hypot(x_m[None, :], y_m[:, None])
+        return np.asarray(far_m <= metres + math.sqrt(2.0) * self.cell_m)
+
+    def seen_from(self, devices: Ints, origin_m: Floats) -> "PerGrid":
+        """The grid of some devices, in coordinates about an origin (2,)."""
+        x, y = (np.array(self.first_m) - origin_m).tolist()
+        return PerGrid(np.ascontiguousarray(self.success[devices]), (x, y), self.cell_m)

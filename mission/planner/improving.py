@@ -1,0 +1,58 @@
+"""Plans improved by changes at random, of which many are tried (`native/variation.h`)."""
+
+import math
+
+from mission.planner.fitting import varied
+from mission.planner.problem import RoundPlan, RoundProblem
+
+_CHANGES, _USUAL = 40_000, 120  # that are tried at random, for so many devices times steps
+_FEWEST, _PAIRS = 200, 250  # of them; of outlines and vertices, whose ways take as long as a look
+# How many plans are improved, by which share of the changes, and what they may lose on the way.
+_STAGES = ((30, 0.2, 0.02), (4, 1.0, 0.01), (1, 2.0, 0.01), (1, 1.0, 0.0))
+_ON_GRID = 0.5
+_ALIKE = 0.003  # of the value: plans that differ by less are taken for one
+
+
+def improved(problem: RoundProblem, plans: list[RoundPlan], enough: float) -> RoundPlan:
+    """The best that can be made of plans: all improved a little, the best of those further, until
+    one is worth `enough`."""
+    changes, some = _changes(problem), plans
+    for most, share, tolerance in _STAGES:
+        if max(map(_value, some)) >= enough:
+            break
+        some = [
+            varied(problem, plan, int(share * changes), tolerance=tolerance, seed=seed)
+            for seed, plan in enumerate(_best(some, most))
+        ]
+    return max(some, key=_value)
+
+
+def _changes(problem: RoundProblem) -> int:
+    """How many are tried: less where a look at one takes longer."""
+    work, energy = 1.0, problem.limits is not None and math.isfinite(problem.limits.energy_j)
+    if problem.ready_in_s is not None:
+        work += 2
+    if energy:
+        work += 2
+    if not problem.airspace.is_open:
+        ways = 1 + problem.airspace.outlines.pairs // _PAIRS
+        work += (2 if problem.limits is None else 4) * ways
+    if problem.upload_s is not None:
+        work += 26 if energy else 6
+    if problem.per_grid is not None:  # many summits, and a look is short
+        work *= _ON_GRID
+    size = max(1.0, problem.steps * len(problem.devices_m) / _USUAL)
+    return max(_FEWEST, int(_CHANGES / (work * math.sqrt(size))))
+
+
+def _value(plan: RoundPlan) -> float:
+    return plan.value
+
+
+def _best(plans: list[RoundPlan], most: int) -> list[RoundPlan]:
+    """Best plans first, at most so many, without those of nearly equal value."""
+    some: list[RoundPlan] = []
+    for plan in sorted(plans, key=_value, reverse=True):
+        if not some or some[-1].value > plan.value * (1.0 + _ALIKE):
+            some.append(plan)
+    return some[:most]
