@@ -104,8 +104,10 @@ def download(
     sum_of: Callable[[Path], str] | None = None,
     progress: Progress | None = None,
     mode: int = 0o644,
-) -> None:
+) -> str:
     """Put a file in place, whole and with the `checksum` that is wanted, or not at all.
+
+    Returns its checksum.
 
     Raises:
         FetchError: names the address.
@@ -138,6 +140,7 @@ def download(
             raise FetchError(url, f"its checksum is {got or 'unreadable'}, wanted is {checksum}")
         Path(part).chmod(mode)
         Path(part).replace(path)
+        return got
     except OSError as error:
         raise FetchError(url, f"cannot be stored as {path}: {error.strerror}") from error
     finally:

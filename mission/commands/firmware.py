@@ -54,9 +54,10 @@ def fetch(
         )
     moving = version.isalpha()
     wanted = sha256 or (None if moving else _first_sum(path))
-    if moving or not path.is_file() or wanted not in (None, _sum_of(path)):
-        _download(path, version, wanted, site)
-    Terminal(**PLAIN).print(f"sha256 {_sum_of(path)}\nexport AEROFED_ARDUCOPTER={path}")
+    found = None if moving or not path.is_file() else _sum_of(path)
+    if found is None or wanted not in (None, found):
+        found = _download(path, version, wanted, site)
+    Terminal(**PLAIN).print(f"sha256 {found}\nexport AEROFED_ARDUCOPTER={path}")
     return 0
 
 
@@ -83,8 +84,8 @@ def list_(*, folder: Path | None = None) -> int:
     return 0
 
 
-def _download(path: Path, version: str, wanted: str | None, site: str) -> None:
-    """Put the file in place, and its checksum beside it.
+def _download(path: Path, version: str, wanted: str | None, site: str) -> str:
+    """Put the file in place, and its checksum beside it, which is returned.
 
     Raises:
         LinkLostError: it cannot be had.
@@ -99,9 +100,10 @@ def _download(path: Path, version: str, wanted: str | None, site: str) -> None:
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         url = f"{site.rstrip('/')}/{_BUILD.format(published)}"
-        download(url, path, checksum=wanted, sum_of=_sum_of, mode=0o755)
+        found = download(url, path, checksum=wanted, sum_of=_sum_of, mode=0o755)
         check_arducopter(path)
-        path.with_suffix(_SUM).write_text(f"{_sum_of(path)}  {path.name}\n")
+        path.with_suffix(_SUM).write_text(f"{found}  {path.name}\n")
+        return found
     except FetchError as error:
         raise LinkLostError(str(error)) from None
     except FirmwareSilentError:

@@ -76,12 +76,17 @@ def _known_map(radio: RadioConfig, blame: Blame) -> RadioConfig:
     """With the digest of the map's file; another file than that of the digest is refused."""
     if radio.map_file is None:
         return radio
-    content = _read(
-        partial(read_bytes, most=MOST_BYTES), "radio.map_file", str(radio.map_file), blame
-    )
+    # A run that is resumed has its own configuration only: that may not be changed.
+    back = "; put the map of radio.map_sha256 back there, or begin a new run without that key"
+    try:
+        content = _read(
+            partial(read_bytes, most=MOST_BYTES), "radio.map_file", str(radio.map_file), blame
+        )
+    except InputError as error:
+        raise error.in_words(f"{error}{back if radio.map_sha256 else ''}") from None
     found = hashlib.sha256(content).hexdigest()
     if radio.map_sha256 not in (None, found):
-        reason = f"{radio.map_file} has {found}: it is another map than that of the configuration"
+        reason = f"{radio.map_file} has {found}: it is another map{back}"
         raise InputError(refusal("radio.map_sha256", radio.map_sha256, reason, blame))
     return radio.model_copy(update={"map_sha256": found})
 

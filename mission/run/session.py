@@ -1,7 +1,7 @@
 """One `aerofed run`, from nothing or from its checkpoint, to a folder that is whole."""
 
 import os
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import ExitStack, contextmanager
 from functools import partial
 from pathlib import Path
@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from fl.federation import rounds as learning
+from fl.plugin_code import passed
 from mission.base.console import RunConsole
 from mission.base.errors import InputError
 from mission.base.interrupted_files import InterruptedFiles
@@ -159,9 +160,7 @@ def _fly(
         console.say(f"warning: {warning}")
     summary = Summary(
         folder,
-        goes_on=f"; {flyers.no_resume}: it cannot be resumed"
-        if flyers.no_resume
-        else f"; aerofed run --resume {folder.path} goes on",
+        goes_on=_goes_on(folder.path, flyers.no_resume, code_digests(config)),
         name=config.name,
         strategy=config.mission.strategy,
         seed=config.seed,
@@ -179,6 +178,18 @@ def _fly(
         figures=figures,
         page=page,
     )
+
+
+def _goes_on(path: Path, no_resume: str, plugins: Iterable[str]) -> str:
+    """How a run that is cut off can go on, in words."""
+    if no_resume:
+        return f"; {no_resume}: it cannot be resumed"
+    for name in passed(plugins):
+        return (
+            f"; aerofed.resume({str(path)!r}) goes on in this process alone, with {name!r} as it "
+            "was passed: a plug-in of a module can be mended"
+        )
+    return f"; aerofed run --resume {path} goes on"
 
 
 def _warnings(scenario: Scenario) -> Iterator[str]:

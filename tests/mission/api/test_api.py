@@ -11,6 +11,7 @@ import threading
 from collections.abc import Callable
 from dataclasses import asdict, replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -410,6 +411,20 @@ def in_a_notebook(cell: object) -> object:
         return loop.run_until_complete(cell)  # type: ignore[arg-type]
     finally:
         loop.close()
+
+
+def test_a_failed_callback_that_was_passed_says_where_the_run_goes_on(tmp_path: Path) -> None:
+    def full(_: object) -> None:
+        raise OSError("no space left")
+
+    def callback(_: object) -> SimpleNamespace:
+        return SimpleNamespace(round_finished=full, close=lambda: None)
+
+    words = r"aerofed\.resume\('.*'\) goes on in this process alone, with 'python:callback"
+    with pytest.raises(aerofed.AerofedError, match=words) as error:
+        aerofed.run("quickstart", {**SMALL, "callbacks": [callback]}, out=tmp_path / "cut")
+    assert "no space left" in str(error.value)
+    assert "aerofed run --resume" not in str(error.value)
 
 
 @pytest.mark.slow

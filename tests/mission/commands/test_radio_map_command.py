@@ -100,7 +100,15 @@ def test_a_run_is_repeated_with_the_same_map_only(capsys) -> None:
     assert call(["run", "a/config.toml", "--out", "c", "--quiet", "--no-report"]) == 2
     line = capsys.readouterr().err.strip()
     assert "radio.map_sha256" in line
-    assert "it is another map than that of the configuration" in line
+    assert "it is another map; put the map of radio.map_sha256 back there, or begin a new" in line
+    Path("w.nc").unlink()
+    Path("a/summary.json").unlink()
+    assert call(["run", "--resume", "a", "--quiet"]) == 2
+    line = capsys.readouterr().err.strip()
+    assert (
+        "w.nc: cannot be read: No such file or directory; put the map of radio.map_sha256" in line
+    )
+    assert "\n" not in line
 
 
 BAD_MAPS = {
