@@ -13,6 +13,7 @@ from pydantic import (
     ConfigDict,
     Field,
     PrivateAttr,
+    ValidationInfo,
     field_validator,
     model_validator,
 )
@@ -32,7 +33,7 @@ from mission.base.airspace import Airspace, apart_within, crossing
 from mission.base.area import Area
 from mission.base.errors import InputError
 from mission.base.explain import Blame, WrongKey, refusal
-from mission.config import STRATEGIES
+from mission.config import PLANNED, STRATEGIES
 from mission.config.url import NETWORK_FORMS, URL_FORMS, checked_url
 from mission.planner.config import PlannerConfig
 from sitl.config import VehicleConfig
@@ -182,6 +183,12 @@ class MissionConfig(_Model):
         description="'none': nothing is flown, every waypoint is met exactly at the planned speed, "
         "as in the paper; an hour of rounds takes seconds",
     )
+    replan: Literal["round", "stop"] = Field(
+        "round",
+        description="stop: the aircraft hovers wherever it serves until it knows who was heard; "
+        "where somebody was lost, the rest of the round is planned anew with the steps, metres, "
+        "seconds and joules left, and may serve the lost once more (strategies cov and no_cov)",
+    )
     rounds: int = Field(50, ge=1, le=100_000, description="M, communication rounds at most")
     altitude_m: Altitude | tuple[Altitude, Altitude] = Field(
         60.0,
@@ -268,6 +275,17 @@ class MissionConfig(_Model):
     def altitudes_m(self) -> tuple[float, float] | None:
         """The limits within which rounds have an altitude of their own; None: they have not."""
         return self.altitude_m if isinstance(self.altitude_m, tuple) else None
+
+    @field_validator("replan")
+    @classmethod
+    def _planned_anew(cls, replan: str, info: ValidationInfo) -> str:
+        strategy = info.data.get("strategy", "cov")
+        if replan == "stop" and strategy not in PLANNED:
+            raise ValueError(
+                f"the rest of a round is planned by mission.strategy = {' or '.join(PLANNED)}, "
+                f"not by {strategy!r}, which takes 'round'"
+            )
+        return replan
 
     @field_validator("altitude_m")
     @classmethod

@@ -1,11 +1,12 @@
 """A round's plan as it is flown: stops, and how fast and how sharply between them."""
 
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from mission.base.airspace import OPEN, Airspace
-from mission.base.arrays import Floats
+from mission.base.arrays import Bools, Floats
 from mission.config.models import MissionConfig
 from mission.planner.flyable import acceptance_radius
 from mission.planner.performance import Foreseen, Performance
@@ -28,12 +29,15 @@ class Demand:
 
 @dataclass(frozen=True)
 class FlightPlan:
-    """What the pilot flies in one round. The first stop is where the aircraft already is."""
+    """What the pilot flies in one round, or in a part of one. The first stop is where the aircraft
+    already is."""
 
     stops: tuple[Stop, ...]
     alt_rel_m: float
     speed_mps: float
     acceptance_m: float
+    is_part: bool = False  # of a round: the vehicle holds at its first stop already
+    goes_on: bool = False  # with a round that has begun: what passed since its last part counts
 
     @property
     def points_m(self) -> Floats:
@@ -45,10 +49,28 @@ class FlightPlan:
         """Whether there is nothing to fly: one stop, without a hover."""
         return len(self.stops) == 1 and self.stops[0].hold_s == 0.0
 
+    @property
+    def waits(self) -> bool:
+        """Whether it is a hover where the vehicle holds already."""
+        return self.is_part and len(self.stops) == 1
+
     def foreseen(self, performance: Performance) -> Foreseen:
         """How the flight goes in time, and the energy that it takes."""
         holds_s = [stop.hold_s for stop in self.stops]
         return performance.foresee(self.points_m, holds_s, self.acceptance_m)
+
+    def parts(self, serves: Bools) -> Iterator["FlightPlan"]:
+        """The flight cut behind each stop with a step that `serves` (N,): there the aircraft holds,
+        and each part begins where the last one has ended."""
+        last = len(self.stops) - 1
+        cuts = [at for at, stop in enumerate(self.stops) if serves[list(stop.steps)].any()]
+        ends = dict.fromkeys((*cuts, last))
+        first, here = 0, self.stops[0]
+        for end in ends:
+            stops = (here, *self.stops[first + 1 : end + 1])
+            goes_on = self.goes_on or here is not self.stops[0]
+            yield replace(self, stops=stops, is_part=True, goes_on=goes_on)
+            first, here = end, Stop(self.stops[end].xy_m, ())
 
     def slot_s(self, foreseen: Foreseen) -> list[float]:
         """(N,) when each step is passed, in seconds after the start."""

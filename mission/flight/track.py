@@ -39,6 +39,21 @@ class Flight:
         true_ned_m, est_ned_m = here.true_ned_m[None], here.est_ned_m[None]
         return cls(np.array([here.t_ns]), true_ned_m, est_ned_m, battery, (here,), 0.0)
 
+    @classmethod
+    def joined(cls, flights: Sequence["Flight"]) -> "Flight":
+        """One flight of parts that follow each other, without the passages of their stops."""
+        first, *others = flights
+        if not others:
+            return first
+        t_ns, at = np.unique(np.concatenate([f.t_ns for f in flights]), return_index=True)
+        true_ned_m, est_ned_m = (
+            np.vstack([getattr(f, name) for f in flights])[at]
+            for name in ("true_ned_m", "est_ned_m")
+        )
+        told_j = [f.energy_j for f in flights if not math.isnan(f.energy_j)]
+        energy_j = math.fsum(told_j) if told_j else math.nan
+        return cls(t_ns, true_ned_m, est_ned_m, flights[-1].battery_remaining, (), energy_j)
+
     @property
     def duration_s(self) -> float:
         """Simulated seconds from the first to the last sample."""
@@ -75,9 +90,13 @@ class FlightRecorder:
         self._reached: dict[int, Passage] = {}  # by mission item
         self._energy_j = 0.0
 
-    def start(self, here: Passage) -> None:
-        """Forget the last flight; the next one begins here."""
+    def start(self, here: Passage, *, goes_on: bool = False) -> None:
+        """Forget the last flight; the next one begins here. Where it `goes_on` with that one, the
+        energy since its end is not forgotten."""
+        since_j = self._energy_j
         self._forget()
+        if goes_on:
+            self._energy_j = since_j
         self._keep(here.t_ns, here.true_ned_m, here.est_ned_m)
 
     def sampled(self, sample: VehicleSample) -> None:

@@ -66,7 +66,7 @@ def decode(contents: Contents) -> FlightData:
             fence=_fence(contents),
             truth=truth,
             belief=belief,
-            plans=tuple(_plan(t, row) for t, row in contents.decoded(topics.PLAN)),
+            plans=_plans(contents),
             rounds=tuple(from_json(RoundRecord, row) for _, row in contents.decoded(topics.ROUNDS)),
             uplinks=_uplinks(contents),
             learning=tuple(
@@ -135,6 +135,12 @@ def _fence(contents: Contents) -> tuple[Zone, ...]:
         for key, keep_in in (("keep_in_m", True), ("keep_out_m", False))
         for outline in (rows[-1][key] if rows else ())
     )
+
+
+def _plans(contents: Contents) -> tuple[PlanRecord, ...]:
+    """The plan of each round, as it became: the last one, where its rest was planned anew."""
+    plans = [_plan(t, row) for t, row in contents.decoded(topics.PLAN)]
+    return tuple({plan.round: plan for plan in plans}.values())
 
 
 def _plan(t_ns: int, row: dict[str, Any]) -> PlanRecord:

@@ -375,7 +375,7 @@ class FlightData:
     events: tuple[EventRecord, ...]
     devices: Devices = NOBODY
     fence: tuple[Zone, ...] = ()
-    plans: tuple[PlanRecord, ...] = ()
+    plans: tuple[PlanRecord, ...] = ()  # of each round, as it became: the last that was made
     rounds: tuple[RoundRecord, ...] = ()
     uplinks: tuple[UplinkRecord, ...] = ()
     learning: tuple[LearningRecord, ...] = ()

@@ -68,6 +68,7 @@ class FlightLog:
         self._watched = bool(mirrors)  # and nobody watches a second late
         self._vehicle = VehicleTopics(area, rates or LogRates(), self._send)
         self._now_ns = self._flushed_ns = start_ns
+        self._planned = 0  # the round, or the mission, of the last plan
         self._mcap.metadata("aerofed", {"format": topics.FORMAT_VERSION, **area_to_text(area)})
         self._write_world(start_ns)
         if area.buildings:
@@ -100,7 +101,7 @@ class FlightLog:
         slot_s: Sequence[float] | None = None,
         duration_s: float | None = None,
     ) -> None:
-        """Write a round's plan at the instant at which the round starts.
+        """Write a round's plan at the instant at which the round starts, or is planned anew.
 
         `slot_s` (N,) says when each step will be passed, in seconds after the start, and
         `duration_s` when the flight is over; by default those of an aircraft that is always at
@@ -130,7 +131,7 @@ class FlightLog:
         )
 
     def plan_record(self, written: PlanRecord) -> None:
-        """Write a plan at the instant at which its flight starts."""
+        """Write a plan at the instant at which its flight starts, or goes on by it."""
         t_ns = self._now_ns = written.t_ns
         self._write(topics.PLAN, t_ns, messages.record(written))
         stamp = messages.timestamp(t_ns)
@@ -141,7 +142,9 @@ class FlightLog:
         seen = scene.devices(t_ns, self._devices, written.importance)
         self._write(topics.SCENE_DEVICES, t_ns, seen)
         self._write_world(t_ns)
-        self._vehicle.begin_path()
+        if written.round != self._planned:
+            self._vehicle.begin_path()
+        self._planned = written.round
         self._flush()
 
     def uplinks(self, records: Sequence[UplinkRecord]) -> None:

@@ -36,6 +36,7 @@ class RoundMemory:
     sortie: Sortie | None  # None: ideal
     learnt: RoundLearning
     true_objective: float  # flying again must give this very number
+    rests: tuple[RoundPlan, ...] = ()  # that were planned at its stops, in order
 
 
 class CheckpointFolder:
@@ -102,6 +103,7 @@ def _plain(memory: RoundMemory) -> dict[str, object]:
     return {
         "importance": memory.importance.tolist(),
         "sortie": None if memory.sortie is None else _plain_sortie(memory.sortie),
+        "rests": [_plain_sortie(Sortie(rest)) for rest in memory.rests],
         "learnt": {
             name: value.tolist() if isinstance(value, np.ndarray) else value
             for name, value in vars(memory.learnt).items()
@@ -126,30 +128,33 @@ def _plain_sortie(sortie: Sortie) -> dict[str, object]:
 
 
 def _memory(values: dict[str, Any], devices: int) -> RoundMemory:
-    plan, sortie = values["sortie"], None
-    if plan is not None:
-        waypoints = np.array(plan["waypoints_m"], dtype=np.float64).reshape(-1, 2)
-        schedule = np.zeros((len(waypoints), devices), dtype=bool)
-        for step, device in plan["schedule"]:
-            schedule[step, device] = True
-        sortie = Sortie(
-            RoundPlan(
-                waypoints,
-                schedule,
-                plan["value"],
-                plan["upper_bound"],
-                plan["nodes"],
-                tuple(np.array(c, dtype=np.float64).reshape(-1, 2) for c in plan["via_m"]),
-                plan.get("altitude_m"),
-            ),
-            hold_s=plan["hold_s"],
-            cost_m=plan["cost_m"],
-        )
+    plan = values["sortie"]
     return RoundMemory(
         np.array(values["importance"], dtype=np.float64),
-        sortie,
+        None if plan is None else _sortie(plan, devices),
         _learnt(values["learnt"]),
         values["true_objective"],
+        tuple(_sortie(rest, devices).plan for rest in values.get("rests", ())),
+    )
+
+
+def _sortie(plan: dict[str, Any], devices: int) -> Sortie:
+    waypoints = np.array(plan["waypoints_m"], dtype=np.float64).reshape(-1, 2)
+    schedule = np.zeros((len(waypoints), devices), dtype=bool)
+    for step, device in plan["schedule"]:
+        schedule[step, device] = True
+    return Sortie(
+        RoundPlan(
+            waypoints,
+            schedule,
+            plan["value"],
+            plan["upper_bound"],
+            plan["nodes"],
+            tuple(np.array(c, dtype=np.float64).reshape(-1, 2) for c in plan["via_m"]),
+            plan.get("altitude_m"),
+        ),
+        hold_s=plan["hold_s"],
+        cost_m=plan["cost_m"],
     )
 
 

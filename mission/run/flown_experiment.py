@@ -22,12 +22,25 @@ from mission.flight.track import Flight
 from mission.log.records import LATE, RoundRecord, UplinkRecord
 from mission.planner.flyable import share_of
 from mission.planner.performance import Foreseen
-from mission.planner.problem import RoundProblem
+from mission.planner.problem import RoundPlan, RoundProblem
 from mission.run.checkpoint import RoundMemory
+from mission.run.course import Course
 from mission.run.experiment import Experiment
 from mission.run.gate import slots, turns, uplinks
 from mission.scenario.limits import Amount
 from mission.scenario.strategies import Sortie, Strategy
+
+
+@dataclass
+class _Flown:
+    """A round as it is flown, part by part."""
+
+    course: Course  # as it has become
+    foreseen: Foreseen = field(init=False)  # of the whole of it
+    flights: list[Flight] = field(default_factory=list)
+    served: list[UplinkRecord] = field(default_factory=list)
+    rests: list[RoundPlan] = field(default_factory=list)  # planned at its stops, flown or not
+    used_j: float = 0.0
 
 
 @dataclass(kw_only=True)
@@ -101,24 +114,24 @@ class FlownExperiment(Experiment):
         if recalled is None and self.workers > 1:
             asked = self._mask(np.nonzero(sortie.plan.schedule)[1])
             early = begin_training(self._trainer, self.scenario.federation, self.state, asked)
-        plan, flight, foreseen = await self._fly(flyer, problem, sortie)
+        flown = await self._fly(flyer, problem, sortie, recalled)
+        flight, served = Flight.joined(flown.flights), tuple(flown.served)
         self._most_drawn = max(self._most_drawn, _known(charge - flight.battery_remaining))
-        self.work = self.work.round_begins(self.totals.next_round, int(flight.t_ns[0]))
-        with errors_of_learning():
-            served = self._served(problem, sortie, plan, flight)
         true_objective = sum(u.importance * _success(u.true_per) for u in served)
         if recalled is not None:
             _check_same(true_objective, recalled.true_objective)
         scheduled = self._mask(u.device for u in served)
         delivered = self._mask(u.device for u in served if u.delivered)
         self.totals.last_heard[delivered] = self.totals.next_round
-        late = self._mask(u.device for u in served if u.outcome == LATE)
-        sent = self._mask(u.device for u in served if math.isfinite(u.slot_t_s)) & ~late
+        sent = self._mask(
+            u.device for u in served if math.isfinite(u.slot_t_s) and u.outcome != LATE
+        )
+        late = self._mask(u.device for u in served if u.outcome == LATE) & ~sent
         self.work = self.work.round_ends(late=late, sent=sent)
         kept = self.work.kept(int(flight.t_ns[-1]))
         who = learning.Participation(scheduled, delivered, self.work.begun, kept)
         learnt = recalled.learnt if recalled else await self._learn(who, early)
-        used = self._used(problem, sortie, flight, foreseen)
+        used = self._used(problem, sortie, flight, flown.foreseen)
         record = RoundRecord(
             round=self.totals.next_round,
             start_t_s=int(flight.t_ns[0]) / 1e9,
@@ -127,22 +140,22 @@ class FlownExperiment(Experiment):
             est_objective=sum(u.importance * _success(u.est_per) for u in served),
             true_objective=true_objective,
             upper_bound=sortie.plan.upper_bound,
-            plan_path_m=sortie.plan.path_m,
+            plan_path_m=flown.course.plan.path_m,
             flown_path_m=flight.flown_m,
             budget_used_m=used.metres,
-            scheduled=len(served),
+            scheduled=int(scheduled.sum()),
             delivered=int(delivered.sum()),
             battery_remaining=flight.battery_remaining,
             accuracy=learnt.accuracy,
             cov=learnt.cov,
             plan_altitude_m=math.nan if sortie.plan.altitude_m is None else sortie.plan.altitude_m,
-            plan_duration_s=foreseen.duration_s,
-            plan_energy_j=foreseen.energy_j,
+            plan_duration_s=flown.foreseen.duration_s,
+            plan_energy_j=flown.foreseen.energy_j,
             energy_j=flight.energy_j,
             time_used_s=used.seconds,
             energy_used_j=used.joules,
         )
-        memory = RoundMemory(problem.importance, sortie, learnt, true_objective)
+        memory = RoundMemory(problem.importance, sortie, learnt, true_objective, tuple(flown.rests))
         self._finish(record, memory, served)
 
     def _needed_charge(self) -> float:
@@ -153,22 +166,35 @@ class FlownExperiment(Experiment):
         reserve = self.scenario.config.mission.battery_reserve
         return min(reserve + self._most_drawn, CHARGED) if reserve > 0.0 else 0.0
 
-    def _served(
-        self, problem: RoundProblem, sortie: Sortie, plan: FlightPlan, flight: Flight
-    ) -> tuple[UplinkRecord, ...]:
-        number, scenario = self.totals.next_round, self.scenario
-        return uplinks(
-            number,
-            problem,
-            sortie.plan,
-            turns(problem, sortie.plan, slots(plan, flight), flight),
-            area=scenario.area,
-            community_of=scenario.community_of,
-            radio=scenario.radio,
-            gate=scenario.config.channel.gate,
-            rng=scenario.streams.generator(f"uplink/{number}"),
-            work=self.work if scenario.device_times else None,
-        )
+    def _served(self, flown: _Flown, part: FlightPlan) -> list[UplinkRecord]:
+        """What became of those whom the part of a round serves that was flown last.
+
+        Whoever was served in the round before has draws of its own for each time.
+        """
+        number, scenario, course = self.totals.next_round, self.scenario, flown.course
+        here = np.zeros((course.problem.steps, 1), dtype=bool)
+        here[[step for stop in part.stops for step in stop.steps]] = True
+        plan = replace(course.plan, schedule=course.plan.schedule & here)
+        flight = flown.flights[-1]
+        passages = turns(course.problem, plan, slots(part, flight), flight)
+        devices = [record.device for record in flown.served]
+        before = np.bincount(devices, minlength=len(scenario.devices_m))
+        records: list[UplinkRecord] = []
+        for times in np.unique(before[plan.schedule.any(axis=0)]).tolist():
+            again = f"/{times}" if times else ""
+            records += uplinks(
+                number,
+                course.problem,
+                replace(plan, schedule=plan.schedule & (before == times)),
+                passages,
+                area=scenario.area,
+                community_of=scenario.community_of,
+                radio=scenario.radio,
+                gate=scenario.config.channel.gate,
+                rng=scenario.streams.generator(f"uplink/{number}{again}"),
+                work=self.work if scenario.device_times else None,
+            )
+        return sorted(records, key=lambda record: (record.step, record.device))
 
     def _problem(self, flyer: Flyer, recalled: RoundMemory | None) -> RoundProblem:
         start = flyer.here()
@@ -202,21 +228,74 @@ class FlownExperiment(Experiment):
         return sortie if sortie.plan.schedule.any() else _waiting(problem, sortie)
 
     async def _fly(
-        self, flyer: Flyer, problem: RoundProblem, sortie: Sortie
-    ) -> tuple[FlightPlan, Flight, Foreseen]:
-        """Fly a plan; returns it as it was ordered, its flight, and what was foreseen of that."""
-        plan = flight_of_round(problem, sortie.plan, hold_s=sortie.hold_s, mission=flyer.mission)
-        foreseen = plan.foreseen(flyer.performance)
-        with self.stopwatch("fly"):
-            if sortie.plan.altitude_m is not None:
+        self, flyer: Flyer, problem: RoundProblem, sortie: Sortie, recalled: RoundMemory | None
+    ) -> _Flown:
+        """Fly a plan; where rounds are decided at their stops, part by part, with another rest
+        from each on at which that is better."""
+        by_stop = self.scenario.config.mission.replan == "stop"
+        if sortie.plan.altitude_m is not None:
+            with self.stopwatch("fly"):
                 await flyer.climb(sortie.plan.altitude_m)
-            try:
-                await flyer.upload(plan)
-            finally:  # whoever looks into a refused mission needs its plan
-                self.recorder.planned(
-                    flyer.t_ns, self.totals.next_round, problem, sortie.plan, plan, foreseen
+        flown = _Flown(Course(problem, sortie.plan, problem, sortie.plan))
+        while True:
+            plan, mission = flown.course.plan, flyer.mission
+            whole = flight_of_round(problem, plan, hold_s=sortie.hold_s, mission=mission)
+            flown.foreseen = whole.foreseen(flyer.performance)
+            rest = flown.course.flight(mission) if flown.course.begins else whole
+            logged = False
+            for part in rest.parts(np.asarray(plan.schedule.any(axis=1))) if by_stop else [rest]:
+                with self.stopwatch("fly"):
+                    try:
+                        await flyer.upload(part)
+                    finally:  # whoever looks into a refused mission needs its plan
+                        if not logged:
+                            self.recorder.planned(
+                                flyer.t_ns, self.totals.next_round, problem, plan, whole,
+                                flown.foreseen,
+                            )  # fmt: skip
+                            logged = True
+                    flight = await flyer.fly(part)
+                if not flown.flights:
+                    start_ns = int(flight.t_ns[0])
+                    self.work = self.work.round_begins(self.totals.next_round, start_ns)
+                flown.flights.append(flight)
+                unknown = math.isnan(flight.energy_j)
+                flown.used_j += (
+                    part.foreseen(flyer.performance).energy_j if unknown else flight.energy_j
                 )
-            return plan, await flyer.fly(plan), foreseen
+                with errors_of_learning():
+                    served = self._served(flown, part)
+                flown.served += served
+                lost = not all(item.delivered for item in served)
+                if by_stop and lost and await self._planned_anew(flyer, flown, recalled):
+                    break
+            else:
+                return flown
+
+    async def _planned_anew(
+        self, flyer: Flyer, flown: _Flown, recalled: RoundMemory | None
+    ) -> bool:
+        """Plan the rest of a round, or recall it; whether that is better than to go on."""
+        problem = flown.course.ahead(
+            1 + flown.served[-1].step,
+            self.scenario.area.from_ned(flyer.here().est_ned_m),
+            heard=self._mask(item.device for item in flown.served if item.delivered),
+            elapsed_s=(flyer.t_ns - int(flown.flights[0].t_ns[0])) / 1e9,
+            used_j=flown.used_j,
+        )
+        if problem is None:
+            return False
+        known = () if recalled is None else recalled.rests[len(flown.rests) :]
+        if known:
+            rest = known[0]
+        else:
+            self._show("planning")
+            rest = (await self._sortie(problem, None)).plan
+            self._show("flying")
+        flown.rests.append(rest)
+        course = flown.course.onwards(problem, rest)
+        flown.course = course or flown.course
+        return course is not None
 
     def _used(
         self, problem: RoundProblem, sortie: Sortie, flight: Flight, foreseen: Foreseen

@@ -162,8 +162,8 @@ def unflyable(config: RunConfig, performance: Performance) -> Iterator[WrongKey]
         least = Amount(0.0, hover.duration_s, hover.energy_j)
         why, out = f"a hover of mission.hover_s = {mission.hover_s:g} s", "hover shorter"
     else:
-        least = Amount(0.0, performance.least_s(_SHORT_M), performance.least_j(_SHORT_M))
-        why, out = f"flying {_SHORT_M:g} m and stopping", "leave it out"
+        least = Amount(0.0, performance.least_s(SHORT_M), performance.least_j(SHORT_M))
+        why, out = f"flying {SHORT_M:g} m and stopping", "leave it out"
     for key, unit, needed in (
         ("round_deadline_s", "s", least.seconds),
         ("total_deadline_s", "s", least.seconds),
@@ -196,7 +196,7 @@ def unflyable(config: RunConfig, performance: Performance) -> Iterator[WrongKey]
             )
 
 
-_SHORT_M = 10.0  # limits that allow less are refused
+SHORT_M = 10.0  # limits that allow less are refused
 
 
 def _rounded_up(needed: float) -> str:

@@ -51,6 +51,7 @@ from mission.scenario.limits import (
 from mission.scenario.radios import believed_grid, radio_of
 from mission.scenario.strategies import Strategy, make_strategy
 
+_HEARD_S = 0.1  # of hover at a stop until the aircraft knows whether it has heard a device
 _LONGEST_UPLOAD_S = 3600.0  # no aircraft hovers as long
 
 
@@ -89,6 +90,15 @@ class Scenario:
         """(K,) how long each device sends; None: no time at all."""
         rate_bps = self.config.channel.upload_rate_bps
         return None if rate_bps is None else self.federation.upload_bits / rate_bps
+
+    @property
+    def _turn_s(self) -> Floats | None:
+        """(K,) how long the aircraft hovers for each device: where a round is decided at its stops,
+        until it has been heard; None: not at all."""
+        if self.config.mission.replan == "round":
+            return self.upload_s
+        none = np.zeros(len(self.devices_m))
+        return np.maximum(none if self.upload_s is None else self.upload_s, _HEARD_S)
 
     def first_problem(self) -> RoundProblem:
         """The planning problem of the first round, from where the strategy begins."""
@@ -129,7 +139,7 @@ class Scenario:
             airspace=self.area.airspace,
             altitudes_m=mission.altitudes_m,
             limits=round_limits(mission, performance, left=left, timed=timed),
-            upload_s=self.upload_s,
+            upload_s=self._turn_s,
             ready_in_s=ready_in_s if timed else None,
             per_grid=self.per_grid,
         )

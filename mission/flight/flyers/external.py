@@ -111,7 +111,7 @@ class ExternalFlyer(Flyer):
 
     async def upload(self, plan: FlightPlan) -> None:
         """Give the vehicle the stops; it hovers meanwhile."""
-        if not plan.stands:
+        if not (plan.stands or plan.waits):
             ordered = replace(plan, speed_mps=self._ordered_mps)
             await self.pilot.upload_items(mission_items(ordered, self.area))
 
@@ -119,8 +119,14 @@ class ExternalFlyer(Flyer):
         if plan.stands:
             here = self.here()
             return Flight.standing(here, self.battery_remaining)
+        if plan.waits:  # a mission that is over at once takes some autopilots long to tell
+            end_ns = self.t_ns + round(1e9 * plan.stops[0].hold_s)
+            flight = await self.record(
+                lambda: self.pilot.wait(lambda: self.here().t_ns >= end_ns), goes_on=plan.goes_on
+            )
+            return replace(flight, passages=(flight.at(int(flight.t_ns[0])),))
         stops = self.area.to_ned(plan.points_m, plan.alt_rel_m)
-        flight = await self.record(self.pilot.fly)
+        flight = await self.record(self.pilot.fly, goes_on=plan.goes_on)
         short_m = float(np.linalg.norm(stops[-1, :2] - flight.est_ned_m[-1, :2]))
         check_end(short_m, acceptance_m=plan.acceptance_m)
         hold_s = [stop.hold_s for stop in plan.stops]
@@ -158,10 +164,10 @@ class ExternalFlyer(Flyer):
         else:
             await self.land()
 
-    async def record(self, fly: Callable[[], Awaitable[None]]) -> Flight:
+    async def record(self, fly: Callable[[], Awaitable[None]], *, goes_on: bool = False) -> Flight:
         """What is flown while `fly` carries out a mission that was uploaded."""
         self.feed.reached_ns.clear()
-        self.recorder.start(self.here())
+        self.recorder.start(self.here(), goes_on=goes_on)
         await fly()
         return self.recorder.finish(self.here(), self.battery_remaining)
 

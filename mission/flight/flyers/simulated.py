@@ -87,7 +87,7 @@ class SimulatedFlyer(Flyer):
     async def fly(self, plan: FlightPlan) -> Flight:
         if plan.stands:
             return Flight.standing(self.here(), self.battery_remaining)
-        self.recorder.start(self.here())
+        self.recorder.start(self.here(), goes_on=plan.goes_on)
         await self.pilot.fly()
         return self.recorder.finish(self.here(), self.battery_remaining, items=stop_items(plan))
 

@@ -246,6 +246,14 @@ class Pilot:
         """Stop and hover where the vehicle is."""
         await self._order("hold", self._action.hold())
 
+    async def wait(self, over: Callable[[], bool]) -> None:
+        """Let the vehicle hover until telemetry says so.
+
+        Raises:
+            LinkLostError, FlightError: it falls silent, or is lost.
+        """
+        await self._until(over, "hover")
+
     async def upload_items(self, items: Sequence[MissionItem]) -> None:
         """Upload any mission, numbered from 0, and make its first item the next.
 

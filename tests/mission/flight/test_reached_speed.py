@@ -42,7 +42,7 @@ class Vehicle:
     async def _upload(self, items: Sequence[MissionItem]) -> None:
         self.ordered.append(items[1].params[1])  # of DO_CHANGE_SPEED
 
-    async def _record(self, fly: object) -> Flight:  # noqa: ARG002  # as the flyer calls it
+    async def _record(self, *_: object, **__: object) -> Flight:  # as the flyer calls it
         v_mps, moved_m, at_m = 0.0, [0.0], 0.0
         top_mps = min(self.top_mps, self.ordered[-1])
         while v_mps > 0.0 or at_m == 0.0:

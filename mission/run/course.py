@@ -1,0 +1,90 @@
+"""A round's plan as it becomes: with a rest that is planned anew where devices were lost."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from mission.base import polyline
+from mission.base.arrays import Bools, Floats
+from mission.config.models import MissionConfig
+from mission.flight.flight_plan import FlightPlan, flight_of_round
+from mission.planner.evaluate import objective
+from mission.planner.problem import RoundPlan, RoundProblem
+from mission.scenario.limits import SHORT_M
+
+_GAIN = 0.01  # of what the round is worth: for less no mission is replaced
+
+
+@dataclass(frozen=True)
+class Course:
+    """What of a round was flown, and what is to be flown now."""
+
+    problem: RoundProblem  # of the whole round, at its altitude
+    plan: RoundPlan  # of the whole round, whose bound holds for rounds that are not planned anew
+    rest_problem: RoundProblem
+    rest: RoundPlan  # from where the aircraft is: the last steps of `plan`
+    begins: int = 0  # with this step of the round
+
+    def flight(self, mission: MissionConfig) -> FlightPlan:
+        """The flight of the rest, its steps numbered as those of the round."""
+        ordered = flight_of_round(self.rest_problem, self.rest, hold_s=0.0, mission=mission)
+        stops = tuple(
+            replace(stop, steps=tuple(step + self.begins for step in stop.steps))
+            for stop in ordered.stops
+        )
+        return replace(ordered, stops=stops, goes_on=True)
+
+    def ahead(
+        self, step: int, start_m: Floats, *, heard: Bools, elapsed_s: float, used_j: float
+    ) -> RoundProblem | None:
+        """The planning problem from `step` of the round on, at a place (2,); None where no step,
+        time or energy is left.
+
+        Nobody who was `heard` (K,) is served again. Metres are those of the plan, so that the
+        whole path keeps to its budget; seconds and joules are those that the flight took so far.
+        """
+        whole, route_m = self.problem, self.plan.route_m[: self.plan.stops_at[step - 1] + 1]
+        limits, ready_in_s = whole.limits, whole.ready_in_s
+        if step >= whole.steps:
+            return None
+        if limits is not None:
+            left_s, left_j = limits.duration_s - elapsed_s, limits.energy_j - used_j
+            flying = limits.performance
+            if left_s < flying.least_s(SHORT_M) or left_j < flying.least_j(SHORT_M):
+                return None
+            limits = replace(limits, duration_s=left_s, energy_j=left_j)
+        flown_m = polyline.length(np.vstack((route_m, start_m)))
+        return replace(
+            whole,
+            importance=np.where(heard, 0.0, whole.importance),
+            start_m=start_m,
+            steps=whole.steps - step,
+            path_budget_m=max(0.0, whole.path_budget_m - flown_m),
+            limits=limits,
+            ready_in_s=None if ready_in_s is None else np.maximum(0.0, ready_in_s - elapsed_s),
+        )
+
+    def onwards(self, problem: RoundProblem, rest: RoundPlan) -> "Course | None":
+        """The course with another rest, a plan of `problem`; None where going on is worth as much,
+        or hardly less.
+
+        Whoever is lost and served again is in the plan of the round twice, and counts in its value
+        for each time.
+        """
+        step = self.problem.steps - problem.steps
+        as_planned = objective(problem, self.plan.waypoints_m[step:], self.plan.schedule[step:])
+        if rest.value - as_planned <= _GAIN * self.plan.value:
+            return None
+        waypoints_m = np.vstack((self.plan.waypoints_m[:step], rest.waypoints_m))
+        schedule = np.vstack((self.plan.schedule[:step], rest.schedule))
+        via_m = () if self.problem.airspace.is_open else (
+            *self.plan.via_m[: step - 1], np.empty((0, 2)), *rest.via_m
+        )  # fmt: skip
+        plan = RoundPlan(
+            waypoints_m,
+            schedule,
+            objective(self.problem, waypoints_m, schedule),
+            via_m=via_m,
+            altitude_m=self.plan.altitude_m,
+        )
+        return Course(self.problem, plan, problem, rest, step)
