@@ -1,5 +1,6 @@
 """A run whose radio is decided by buildings, in its tables, its log and its pictures."""
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -81,7 +82,9 @@ def test_the_log_has_walls_and_roofs(run: aerofed.Run) -> None:
 
 
 def test_maps_show_them_the_darker_the_higher(run: aerofed.Run) -> None:
-    (houses,) = tables(described(overview(run._loaded.data, "run")), "dark", "part")[:1]
-    dark = {row["part"]: row["dark"] for row in houses}
-    assert [*dark] == [0, 1, 2, 3, 4]
-    assert dark[3] == 0.62 > dark[2] > dark[1] > dark[0] > dark[4]
+    drawn = described(overview(run._loaded.data, "run"))
+    (houses,) = tables(drawn, "height", "part")[:1]
+    heights = {row["part"]: row["height"] for row in houses}
+    assert [*heights] == [0, 1, 2, 3, 4]
+    assert heights[3] == 90.0 > heights[2] > heights[1] > heights[0] > heights[4]
+    assert '"scale": {"domain": [0.0, 90.0], "range": [0.12, 0.62]}' in json.dumps(drawn)
