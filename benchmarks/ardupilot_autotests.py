@@ -56,9 +56,11 @@ def main() -> int:
         "--speed", str(given.speed), "--set", f"area.home_lat_deg={home.lat}",
         f"area.home_lon_deg={home.lng}", f"area.home_alt_msl_m={home.alt}",
             f"vehicle.aircraft.heading_deg={home.heading}",
-    ], stdout=subprocess.DEVNULL)  # fmt: skip
+    ], stdout=subprocess.PIPE)  # fmt: skip
     failed = 0
     try:
+        assert world.stdout is not None
+        world.stdout.readline()  # it is there: the tests wait for a first heartbeat in wall time
         with tempfile.TemporaryDirectory() as folder:
             os.chdir(folder)
             os.environ["BUILDLOGS"] = folder
