@@ -21,6 +21,7 @@ SECTIONS = {
     "Callbacks": "Callback CallbackContext RoundReport RoundRecord UplinkRecord RoundLearning",
     "Errors": "AerofedError InputError LimitsNotMetError PlanError UsersCodeError",
 }
+FOR_C = ("Flown", "Round")  # what a method makes for the planner's own library
 HEAD = """# Python interface
 
 `aerofed` is what notebooks, scripts and code of your own import; a test pins its names, and the
@@ -91,7 +92,7 @@ def kept(node: ast.stmt) -> Iterator[int]:
     for item in node.body:
         end = item.end_lineno or item.lineno
         if isinstance(item, ast.FunctionDef):
-            if not item.name.startswith("_"):
+            if not item.name.startswith("_") and getattr(item.returns, "id", "") not in FOR_C:
                 yield from range(shown + 1, item.lineno - len(item.decorator_list))
                 yield from kept(item)
         else:

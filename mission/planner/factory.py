@@ -27,7 +27,8 @@ def make_planner(config: PlannerConfig) -> Planner:
 
     certified = CertifiedPlanner(gap=config.gap, max_nodes=config.max_nodes)
     drawing = ExploringPlanner(starts=_STARTS, tries=_TRIES)
-    return LimitedPlanner(CertifiedAltitudes(certified), drawing, certified.goal)
+    first = CertifiedAltitudes(CertifiedPlanner(gap=config.gap, max_nodes=0))
+    return LimitedPlanner(CertifiedAltitudes(certified), drawing, certified.goal, first)
 
 
 def _of_kind(config: PlannerConfig) -> Planner:

@@ -5,7 +5,7 @@ import math
 from mission.planner.fitting import varied
 from mission.planner.problem import RoundPlan, RoundProblem
 
-_CHANGES, _USUAL = 40_000, 120  # that are tried at random, for so many devices times steps
+_CHANGES, USUAL = 40_000, 120  # that are tried at random, for so many devices times steps
 _FEWEST, _PAIRS = 200, 250  # of them; of outlines and vertices, whose ways take as long as a look
 # How many plans are improved, by which share of the changes, and what they may lose on the way.
 _STAGES = ((30, 0.2, 0.02), (4, 1.0, 0.01), (1, 2.0, 0.01), (1, 1.0, 0.0))
@@ -41,7 +41,7 @@ def _changes(problem: RoundProblem) -> int:
         work += 26 if energy else 6
     if problem.per_grid is not None:  # many summits, and a look is short
         work *= _ON_GRID
-    size = max(1.0, problem.steps * len(problem.devices_m) / _USUAL)
+    size = max(1.0, problem.steps * len(problem.devices_m) / USUAL)
     return max(_FEWEST, int(_CHANGES / (work * math.sqrt(size))))
 
 

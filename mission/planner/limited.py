@@ -17,7 +17,7 @@ from mission.base.arrays import Floats
 from mission.planner.evaluate import bounded, success_bounds
 from mission.planner.fitting import fitted, standing
 from mission.planner.flyable import foresee_round
-from mission.planner.improving import improved
+from mission.planner.improving import USUAL, improved
 from mission.planner.problem import Planner, RoundPlan, RoundProblem
 
 if TYPE_CHECKING:  # which makes ready to search
@@ -36,11 +36,14 @@ class LimitedPlanner:
     """A planner, and what makes its plans keep to areas, time and energy.
 
     `drawing` makes the paths that are begun with: the planner itself, or one that proves nothing.
+    `first`, which proves little in no time, is asked where devices take time and the altitude of
+    many is open, and the planner itself where that may prove more.
     """
 
     inner: Planner
     drawing: Planner
     goal: "Goal | None" = None  # None: nothing is proven
+    first: Planner | None = None
 
     def plan(self, problem: RoundProblem) -> RoundPlan:
         """Plan one round.
@@ -52,7 +55,34 @@ class LimitedPlanner:
         if problem.airspace.is_open and problem.limits is None:
             return self.inner.plan(problem)
         problem = replace(problem, path_budget_m=problem.most_m, importance=servable(problem))
+        ideal, best, bound = self._kept_to(problem)
+        if problem.altitudes_m is not None:
+            higher = fitted(problem, best.waypoints_m, above=best.value)
+            best = higher or replace(best, altitude_m=ideal.altitude_m)
+        if problem.limits is not None:
+            best = replace(best, foreseen=foresee_round(problem, best))
+        best = bounded(problem, best, bound, ideal.nodes)
+        if self.goal is None or best.gap <= self.goal.gap:
+            return replace(best, ended="")
+        return replace(best, ended=ideal.ended or _LOOSE)
+
+    def _kept_to(self, problem: RoundProblem) -> tuple[RoundPlan, RoundPlan, float]:
+        """A plan without limits, the one within them that it leads to, and the bound."""
+        size = problem.steps * len(problem.devices_m)
+        if self.first is not None and problem.altitudes_m is not None and size > USUAL:
+            from mission.planner.timed import has_bound
+
+            if has_bound(problem):
+                ideal = self.first.plan(problem.unlimited)
+                best, bound = self._within(problem, ideal)
+                # Without limits nothing lower can be proven than a plan is worth there.
+                if bound <= ideal.value:
+                    return replace(ideal, ended=""), best, bound
         ideal = self.inner.plan(problem.unlimited)
+        return ideal, *self._within(problem, ideal)
+
+    def _within(self, problem: RoundProblem, ideal: RoundPlan) -> tuple[RoundPlan, float]:
+        """The best plan within limits that one without them leads to, and the bound."""
         bound = ideal.upper_bound  # NaN stays, where none is proven
         # A way out of an area leads nearer to devices than anybody is allowed to be.
         if not np.isnan(bound) and problem.airspace.allows(problem.start_m[None])[0]:
@@ -68,15 +98,7 @@ class LimitedPlanner:
                 from mission.planner.timed import timed_bound
 
                 bound = min(bound, timed_bound(problem, best.value, self.goal))
-        if problem.altitudes_m is not None:
-            higher = fitted(problem, best.waypoints_m, above=best.value)
-            best = higher or replace(best, altitude_m=ideal.altitude_m)
-        if problem.limits is not None:
-            best = replace(best, foreseen=foresee_round(problem, best))
-        best = bounded(problem, best, bound, ideal.nodes)
-        if self.goal is None or best.gap <= self.goal.gap:
-            return replace(best, ended="")
-        return replace(best, ended=ideal.ended or _LOOSE)
+        return best, bound
 
     def _paths(self, problem: RoundProblem) -> list[Floats]:
         """Paths (N, 2) to begin with: of a planner that is given fewer metres, and grown ones."""

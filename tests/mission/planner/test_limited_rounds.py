@@ -17,8 +17,9 @@ from mission.planner.evaluate import plan_along
 from mission.planner.factory import make_planner
 from mission.planner.fitting import fitted
 from mission.planner.flyable import foresee_round
+from mission.planner.limited import LimitedPlanner
 from mission.planner.performance import Performance, RoundLimits
-from mission.planner.problem import RoundPlan, RoundProblem
+from mission.planner.problem import Planner, RoundPlan, RoundProblem
 
 FLYING = Performance(20.0, 5.0, LimitsConfig())
 WALL = np.array([[300.0, 100], [360, 100], [360, 700], [300, 700]])
@@ -253,3 +254,31 @@ def test_hovers_part_the_path() -> None:
     assert hovering.duration_s == pytest.approx(2 * (leg_s + 4.0))
     assert hovering.arrived_s[2] == pytest.approx(2 * leg_s + 4.0, abs=0.5)
     assert hovering.energy_j > through.energy_j + FLYING.hover_j(8.0)
+
+
+class Asked:
+    """A planner that counts how often it is asked."""
+
+    def __init__(self, inner: Planner) -> None:
+        self.inner, self.times = inner, 0
+
+    def plan(self, given: RoundProblem) -> RoundPlan:
+        self.times += 1
+        return self.inner.plan(given)
+
+
+@pytest.mark.parametrize(("duration_s", "times"), [(40.0, 0), (math.inf, 1)])
+def test_a_proof_that_leaves_time_out_is_begun_where_it_may_lower_the_bound(
+    duration_s: float, times: int
+) -> None:
+    given = problem(
+        given=limits(duration_s), devices=24, altitudes_m=(40.0, 120.0), upload_s=np.full(24, 4.0)
+    )
+    planner = make_planner(PlannerConfig())
+    assert isinstance(planner, LimitedPlanner)
+    inner = Asked(planner.inner)
+    made = dataclasses.replace(planner, inner=inner).plan(given)
+    check_plan(given, made)
+    assert inner.times == times
+    whole = dataclasses.replace(planner, first=None).plan(given)
+    assert made.upper_bound <= whole.upper_bound * (1.0 + 0.01)
