@@ -20,11 +20,15 @@ def radio_map(
     engine: Literal["buildings", "sionna"] = "buildings",
     scene: str = "munich",
     middle: tuple[float, float] = (0.0, 0.0),
+    figure: Path | None = None,
+    device: int = 0,
     set_: Overrides = (),
 ) -> int:
     """Write the gains of all paths from the devices to the places of the aircraft, as a file.
 
     Example: aerofed radio-map city --out city.nc
+
+    Example: aerofed radio-map city --out city.nc --figure device8.png --device 8
 
     Example: aerofed radio-map quickstart --engine sionna --scene munich --out munich.nc
 
@@ -43,6 +47,10 @@ def radio_map(
         sionna: munich, florence, san_francisco, etoile and others that come with it, or FILE.xml.
     middle
         sionna: where in the scene the middle of the area lies, metres east and north.
+    figure
+        Also draw the gains of one device, at the lowest height: FILE.png, .svg or .pdf.
+    device
+        Which one is drawn, from 0.
     set_
         Override any key: --set radio.environment=UMa
     """
@@ -52,6 +60,8 @@ def radio_map(
     size_m, (low_m, high_m) = resolved.area.size_m, resolved.mission.heights_m
     if not 0.5 <= cell <= min(size_m):
         raise InputError(f"--cell {cell:g}: must be from 0.5 m to the area's {min(size_m):g} m")
+    if figure is not None and figure.suffix not in (".png", ".svg", ".pdf"):
+        raise InputError(f"--figure {figure}: must end in .png, .svg or .pdf")
     if engine == "buildings" and not resolved.area.buildings:
         raise InputError(f"{config}: area.buildings_file: missing; a map is made of buildings")
     from importlib.metadata import version
@@ -69,6 +79,8 @@ def radio_map(
     heights_m = np.unique(np.append(heights_m, high_m))
     streams, area, radio = RandomStreams(resolved.seed), resolved.area.build(), resolved.radio
     devices_m = device_places(resolved, area, streams)
+    if not 0 <= device < len(devices_m):
+        raise InputError(f"--device {device}: must be from 0 to {len(devices_m) - 1}")
     cells = len(devices_m) * len(heights_m) * math.prod(math.ceil(side / cell) for side in size_m)
     if cells > _MOST_CELLS:
         raise InputError(
@@ -103,6 +115,12 @@ def radio_map(
         "home_y_m": area.home_m[1],
     }
     write_map(out, made, origin)
+    if figure is not None:
+        from mission.figures.radio import gain_picture
+        from mission.figures.render import save
+
+        walls = area.buildings if engine == "buildings" else ()
+        save(gain_picture(made, device, walls, about=source), figure)
     sizes = " x ".join(str(size) for size in made.path_gain_db.shape)
     Terminal(**PLAIN).print(f"{out}: path gain of {sizes} (device, height, north, east)")
     return 0

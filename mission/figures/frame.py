@@ -150,6 +150,11 @@ class MapFrame:
             *([self._closed_lines(courts, strokeWidth=0, fill=PAPER)] if courts["values"] else []),
         ]
 
+    def outlines(self, some: Sequence[Building]) -> list[alt.Chart]:
+        """The walls of buildings, over what lies beneath."""
+        rings = [ring for one in some for ring in one.outlines_m]
+        return [self._closed_lines(_closed(rings), stroke=PAPER, strokeWidth=0.8)] if rings else []
+
     def areas(self, rings: Sequence[Floats], zones: Sequence[NoFly]) -> list[alt.Chart]:
         """What must not be flown, filled, and those of `zones` that are flown above or below,
         dashed."""

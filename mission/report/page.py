@@ -13,6 +13,7 @@ from mission.figures.conditions import condition_charts, estimator_charts, fligh
 from mission.figures.flight import profile_charts
 from mission.figures.learning import learning_charts, radio_charts
 from mission.figures.maps import round_map
+from mission.figures.radio import plan_errors
 from mission.figures.render import card
 from mission.log.values import FlightData
 from mission.report.about import about
@@ -64,7 +65,9 @@ def report_html(loaded: LoadedRun) -> str:
                     for item in comparison.rounds
                 ],
                 "flight": [card(chart) for chart in flight_charts(comparison)],
-                "radio": [card(chart) for chart in radio_charts(run, comparison)],
+                "radio": [
+                    card(chart) for chart in (*radio_charts(run, comparison), *plan_errors(run))
+                ],
                 "table": (
                     "Every round",
                     ["round", *(head for head, _ in columns)],

@@ -75,6 +75,13 @@ def test_the_map_says_what_it_is_of_and_what_it_is_in(capsys) -> None:
     assert netcdf_file("w.nc", mmap=False).variables["height"][:].tolist() == [50, 55, 60, 62]
 
 
+def test_the_gains_of_a_device_are_drawn() -> None:
+    mapped("--figure=w.svg", "--device=1")
+    drawn = Path("w.svg").read_text()
+    assert "Path gain from device 1 to places 60 m above home" in drawn
+    assert "1 buildings, UMi, seed 1" in drawn
+
+
 def test_xarray_opens_it() -> None:
     xarray = pytest.importorskip("xarray")
     found = xarray.open_dataset(mapped(), engine="scipy").path_gain
@@ -167,6 +174,8 @@ def test_a_linear_map_a_map_that_is_gone_and_one_that_is_there(capsys) -> None:
     [
         (["--cell=0.1"], "--cell 0.1: must be from 0.5 m to the area's 200 m"),
         (["--set=area.buildings=[]"], "area.buildings_file: missing; a map is made of buildings"),
+        (["--device=2"], "--device 2: must be from 0 to 1"),
+        (["--figure=w.gif"], "--figure w.gif: must end in .png, .svg or .pdf"),
         (["none/w.nc"], "none/w.nc: cannot write: No such file or directory"),
         (["--cell=0.5", "--set=area.size_m=[9e4,9e4]"], "50000000 are allowed; take larger ones"),
     ],
@@ -180,7 +189,7 @@ def test_what_cannot_be_mapped_is_refused(capsys, more, words: str) -> None:
 def test_a_map_needs_a_file_and_a_file_its_use(capsys) -> None:
     for alone in (ON_MAP[0], "--set=radio.map_file=w.nc"):
         assert call(["run", "w.toml", alone, "--out=x", "--quiet"]) == 2
-        assert "radio.truth = 'map' and radio.map_file need each other" in capsys.readouterr().err
+        assert "= 'map' and radio.map_file need each other" in capsys.readouterr().err
 
 
 class TracedRadio:

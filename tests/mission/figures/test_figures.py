@@ -21,6 +21,8 @@ from hypothesis import strategies as st
 from synthetic_flight import AREA, devices, fly
 
 from aerofed import first_problem, plan
+from fl.radio.city import Building
+from fl.radio.radio_map import RadioMap
 from mission.analysis.compare import compare_run
 from mission.analysis.load import flown, load_run
 from mission.base.airspace import thin
@@ -34,6 +36,7 @@ from mission.figures.frame import MapFrame
 from mission.figures.learning import learning_charts, radio_charts
 from mission.figures.maps import overview, round_map, round_maps
 from mission.figures.plan import plan_picture
+from mission.figures.radio import gain_picture, plan_errors
 from mission.figures.render import save, save_all, stacked
 from mission.figures.run import comparison_figure, draw_run
 from mission.figures.style import SOFT
@@ -505,3 +508,50 @@ def test_libraries_are_made_again_where_they_failed_before(monkeypatch: pytest.M
     with pytest.raises(AerofedError, match="no memory"):
         render.libraries()
     assert render.libraries() == "script"
+
+
+def test_a_map_tells_the_heights_of_buildings() -> None:
+    court = np.array([[5.0, 5.0], [9.0, 5.0], [9.0, 9.0]])
+    house = Building((np.array([[0.0, 0.0], [20.0, 0.0], [20.0, 20.0]]), court), 30.0)
+    hut = Building((np.array([[50.0, 0.0], [60.0, 0.0], [60.0, 20.0]]),), 4.0)
+    problem = first_problem("quickstart")
+    spec = described(plan_picture(problem, plan(problem), title="t", buildings=(house, hut)))
+    assert keys(spec)["opacity"] == [0.0, 30.0]
+    assert [row["height"] for row in rows(spec, "height")] == [30.0] * 4 + [4.0] * 4
+    assert "opacity" not in keys(described(plan_picture(problem, plan(problem), title="t")))
+
+
+def test_a_picture_of_gains_is_of_the_device_and_covers_the_area() -> None:
+    x_m, y_m = np.arange(5.0, 400.0, 10.0), np.arange(0.5, 450.0, 1.0)
+    gain_db = -np.random.default_rng(1).uniform(80.0, 120.0, (2, 2, len(y_m), len(x_m)))
+    made = RadioMap(
+        gain_db, np.array([50.0, 60.0]), y_m, x_m, np.array([[1.0, 2.0], [300.0, 40.0]])
+    )
+    wall = np.array([[100.0, 100.0], [120.0, 100.0], [120.0, 130.0]])
+    spec = described(gain_picture(made, 1, [Building((wall,), 9.0)], about="a town"))
+    assert spec["title"]["text"] == "Path gain from device 1 to places 50 m above home"
+    cells = rows(spec, "gain")
+    assert len(cells) == 40 * 150  # of three rows, one is shown
+    assert cells[41]["gain"] == pytest.approx(gain_db[1, 0, 3, 1], abs=0.06)
+    assert (cells[41]["x"], cells[41]["y"]) == (10.0, 3.0)
+    assert min(row["x"] for row in cells) == min(row["y"] for row in cells) == 0.0
+    assert max(row["x2"] for row in cells) == pytest.approx(400.0, abs=1.0)
+    assert max(row["y2"] for row in cells) == pytest.approx(450.0, abs=1.0)
+    assert (300.0, 40.0) in [
+        (row["x"], row["y"]) for table in tables(spec, "round") for row in table
+    ]
+    single = RadioMap(gain_db[:, :1, :1, :1], made.height_m[:1], y_m[:1], x_m[:1], made.devices_m)
+    (cell,) = rows(described(gain_picture(single, 0)), "gain")
+    assert (cell["x"], cell["y"]) == (4.5, 0.0)
+
+
+def test_where_the_plan_was_wrong_is_shown_where_the_truth_is_another(tmp_path: Path) -> None:
+    fly(tmp_path)
+    run = load_run(tmp_path).data
+    assert not plan_errors(run)
+    config = {"config.toml": b"radio.truth = 'buildings'"}
+    (chart,) = plan_errors(replace(run, attachments=config))
+    found = [(row["planned"], row["true"]) for row in rows(described(chart), "outcome")]
+    assert np.array(found) == pytest.approx(
+        np.array([(u.plan_per, u.true_per) for u in run.uplinks]), rel=1e-5
+    )
