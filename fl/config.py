@@ -103,10 +103,11 @@ class RadioConfig(_Frozen):
         "way, those of the area; a 'map' of gains; or a radio of your own that gives the PER, as "
         "'package.module:factory'",
     )
-    belief: Literal["channel", "buildings", "map", "truth"] = Field(
+    belief: Literal["channel", "buildings", "map", "learned", "truth"] = Field(
         "channel",
         description="what plans are made with: the 'channel'; the 'buildings', of whose "
-        "shadowing it knows the deviation only; the 'map'; or the 'truth' itself",
+        "shadowing it knows the deviation only; the 'map'; what is 'learned' "
+        "from pilot tones on the way, from the channel on; or the 'truth' itself",
     )
     map_file: Path | None = Field(
         None,

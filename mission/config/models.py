@@ -466,6 +466,11 @@ class RunConfig(_Model):
         belief, kind = self.radio.belief, self.planner.kind
         if belief == "channel":
             return self
+        if belief == "learned" and self.radio.truth not in ("buildings", "map"):
+            raise ValueError(
+                "radio.belief = 'learned' is learned from the SNR of places: radio.truth must be "
+                f"'buildings' or 'map', not {self.radio.truth!r}"
+            )
         if self.mission.altitudes_m is not None:
             raise ValueError(
                 f"radio.belief = {belief!r} is planned with at one height: give one "

@@ -10,6 +10,7 @@ import numpy as np
 from fl.federation import rounds as learning
 from fl.federation.device_work import DeviceWork
 from fl.federation.updates import begin_training
+from fl.radio.learned import LearnedRadio
 from mission.base.arrays import Bools, Floats
 from mission.base.errors import FlightError, LinkLostError
 from mission.base.interrupts import BACKGROUND, in_background
@@ -28,7 +29,10 @@ from mission.run.course import Course
 from mission.run.experiment import Experiment
 from mission.run.gate import slots, turns, uplinks
 from mission.scenario.limits import Amount
+from mission.scenario.radios import learned_radio
 from mission.scenario.strategies import Sortie, Strategy
+
+PILOTS_NS = 1_000_000_000  # between two pilot tones
 
 
 @dataclass
@@ -52,10 +56,13 @@ class FlownExperiment(Experiment):
     _most_drawn: float = field(default=0.0, init=False)  # of the battery (0..1), by a round so far
     _stage: str = field(default="", init=False)  # of the flight, for people
     _trainer: ThreadPoolExecutor = field(init=False)  # of devices, during the flight
+    _learned: LearnedRadio | None = field(init=False)  # what is believed of the radio, if it learns
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        self.work = self.scenario.work_before()
+        scenario = self.scenario
+        self.work = scenario.work_before()
+        self._learned = learned_radio(scenario.config, scenario.radio, scenario.per_grid)
         # One thread: a core is left for the flight.
         self._trainer = ThreadPoolExecutor(1, thread_name_prefix=BACKGROUND)
 
@@ -196,9 +203,20 @@ class FlownExperiment(Experiment):
             )
         return sorted(records, key=lambda record: (record.step, record.device))
 
+    def _listen(self, learned: LearnedRadio, flight: Flight, part: int) -> None:
+        """Hear the pilots of a part of a round, once a second."""
+        instants = range(int(flight.t_ns[0]), int(flight.t_ns[-1]) + 1, PILOTS_NS)
+        area, passages = self.scenario.area, [flight.at(t_ns) for t_ns in instants]
+        rng = self.scenario.streams.generator(f"pilots/{self.totals.next_round}/{part}")
+        est_m, true_m = (
+            np.array([area.xyz(ned_m) for ned_m in track])
+            for track in ([p.est_ned_m for p in passages], [p.true_ned_m for p in passages])
+        )
+        learned.hear(est_m, true_m, rng)
+
     def _problem(self, flyer: Flyer, recalled: RoundMemory | None) -> RoundProblem:
         start = flyer.here()
-        return self.scenario.problem(
+        problem = self.scenario.problem(
             self._importance(start.t_ns) if recalled is None else recalled.importance,
             self.scenario.area.from_ned(start.est_ned_m),
             performance=flyer.performance,
@@ -206,6 +224,9 @@ class FlownExperiment(Experiment):
             work=self.work.round_begins(self.totals.next_round, start.t_ns),
             t_ns=start.t_ns,
         )
+        if self._learned is not None:
+            problem = replace(problem, per_grid=self._learned.grid())
+        return problem
 
     def _importance(self, t_ns: int) -> Floats:
         federation, state = self.scenario.federation, self.state
@@ -266,6 +287,8 @@ class FlownExperiment(Experiment):
                 with errors_of_learning():
                     served = self._served(flown, part)
                 flown.served += served
+                if self._learned is not None:
+                    self._listen(self._learned, flight, len(flown.flights))
                 lost = not all(item.delivered for item in served)
                 if by_stop and lost and await self._planned_anew(flyer, flown, recalled):
                     break
@@ -285,6 +308,8 @@ class FlownExperiment(Experiment):
         )
         if problem is None:
             return False
+        if self._learned is not None:
+            problem = replace(problem, per_grid=self._learned.grid())
         known = () if recalled is None else recalled.rests[len(flown.rests) :]
         if known:
             rest = known[0]

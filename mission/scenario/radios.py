@@ -5,6 +5,7 @@ import numpy as np
 from fl.config import RADIOS
 from fl.radio.channel import Channel
 from fl.radio.city import City
+from fl.radio.learned import LearnedRadio
 from fl.radio.per_grid import PerGrid
 from fl.radio.place import AverageRadio, CustomRadio, LinkTerms, PlacedRadio, Radio
 from fl.radio.radio_map import RadioMap
@@ -50,7 +51,10 @@ def believed_grid(config: RunConfig, truth: Radio, area: Area, devices_m: Floats
     if belief == "channel":
         return None
     radio = truth
-    if belief == "map":
+    if belief == "learned":
+        channel = config.channel.channel(altitude_m=mission.heights_m[0])
+        radio = AverageRadio(channel, devices_m)
+    elif belief == "map":
         radio = PlacedRadio(_map_of(config, devices_m), _terms(config))
     elif belief == "buildings":  # as they stand, but nobody knows their shadowing before
         city = _city(config, area, devices_m, None)
@@ -63,6 +67,15 @@ def believed_grid(config: RunConfig, truth: Radio, area: Area, devices_m: Floats
         height_m=mission.heights_m[0],
         cell_m=max(_LEAST_CELL_M, max(area.size_m) / _MOST_CELLS),
     )
+
+
+def learned_radio(config: RunConfig, truth: Radio, prior: PerGrid | None) -> LearnedRadio | None:
+    """What learns from a belief on; None where nothing does."""
+    if config.radio.belief != "learned":
+        return None
+    assert isinstance(truth, PlacedRadio)
+    assert prior is not None
+    return LearnedRadio(prior, truth)
 
 
 def _terms(config: RunConfig) -> LinkTerms:

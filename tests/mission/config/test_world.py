@@ -653,6 +653,10 @@ MAP_FREE = CITY + "[radio]\nbelief = 'buildings'\n"
         (BASE + "[radio]\nbelief = 'buildings'\n", "radio.belief = 'buildings' needs area.buildin"),
         (BASE + "[radio]\nbelief = 'map'\n", "radio.belief = 'map' and radio.map_file need each"),
         (BASE + "[radio]\nbelief = 'guess'\n", "radio.belief = 'guess': must be 'channel', 'build"),
+        (
+            BASE + "[radio]\nbelief = 'learned'\n",
+            "radio.truth must be 'buildings' or 'map', not 'channel'",
+        ),
         (MAP_FREE + "[planner]\nkind = 'paper'\n", "'paper' knows distances only: radio.belief"),
         (
             MAP_FREE + "[mission]\naltitude_m = [50, 70]\n",

@@ -5,11 +5,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from cutting import cut_after
 from described import described, tables
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 
 import aerofed
+from mission.base.errors import FlightError
 from mission.figures.maps import overview
 
 # Between the devices stands a wall of houses; the fourth is a tower, which is flown around.
@@ -57,6 +59,29 @@ def test_what_is_planned_with_is_what_is_believed(
     assert wrong < 0.5 * wrong_before
     if belief == "truth":  # what is left is the grid's, and the corners'
         assert wrong < 0.02
+
+
+def test_an_aircraft_that_listens_is_sent_better_from_round_to_round(tmp_path: Path) -> None:
+    heard = {}
+    for belief in ("channel", "learned"):
+        more = {**SETTINGS, "radio.belief": belief, "mission.rounds": 6, "seed": 3}
+        told = aerofed.run("quickstart", more, out=tmp_path / belief).uplinks
+        heard[belief] = 1.0 - told.true_per[told["round"] > 3].mean()
+    assert heard["channel"] < 0.95
+    assert heard["learned"] > 0.99
+
+
+@pytest.mark.parametrize("replan", ["round", "stop"])
+def test_what_was_learned_is_learned_again_on_resuming(tmp_path: Path, replan: str) -> None:
+    more = {**SETTINGS, "radio.belief": "learned", "mission.replan": replan, "mission.rounds": 3}
+    whole = aerofed.run("quickstart", more, out=tmp_path / "whole")
+    with pytest.MonkeyPatch.context() as patch:
+        cut_after(patch, 2)
+        with pytest.raises(FlightError, match="cut"):
+            aerofed.run("quickstart", more, out=tmp_path / "cut")
+    again = aerofed.resume(tmp_path / "cut")
+    for name in ("rounds.csv", "uplinks.csv", "flight.mcap"):
+        assert (again.path / name).read_bytes() == (whole.path / name).read_bytes()
 
 
 def test_the_same_again_has_the_same_bytes(run: aerofed.Run, tmp_path: Path) -> None:
