@@ -19,7 +19,7 @@ from fl.radio.place import PlacedRadio
 DEVIATION_DB, CORRELATION_M = 6.0, 40.0
 PILOT_GAIN_DB = 10.0  # tones are heard so far under what a packet needs; less counts as that
 SURE = 1e-6  # rates nearer to 0 or 1 say nothing more of the SNR
-DIGITS = 6  # of what is learned, so that it is the same on every machine
+DIGITS = 6  # of what is learned: the last ones may differ from machine to machine
 CELL_M = 10.0  # of places that count as one
 
 
@@ -61,10 +61,9 @@ class LearnedRadio:
         places_m = (np.array(list(self._heard), dtype=np.float64) + 0.5) * CELL_M
         times, total_db = (np.array(part) for part in zip(*self._heard.values(), strict=True))
         heard_db = (total_db / times[:, None]).T  # (K, n)
-        believed = replace(prior, success=mean_db)
         devices = np.repeat(np.arange(len(heard_db)), len(places_m))
         at_m = np.tile(places_m, (len(heard_db), 1))
-        believed_db = 1.0 - believed.per(devices, at_m).reshape(heard_db.shape)
+        believed_db = prior.between(mean_db, devices, at_m).reshape(heard_db.shape)
         noise = np.diag(terms.fading_db**2 / times)
         lower = cholesky(_covariance(places_m, places_m) + noise, lower=True)
         whitened = solve_triangular(lower, (heard_db - believed_db).T, lower=True)

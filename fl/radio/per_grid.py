@@ -42,16 +42,20 @@ class PerGrid:
 
     def per(self, device: Ints, place_m: Floats) -> Floats:
         """As `Radio.per`."""
+        return 1.0 - self.between(self.success, device, place_m)
+
+    def between(self, values: Floats, device: Ints, place_m: Floats) -> Floats:
+        """(n,) what values (K, Y, X) at the places of the grid are between these."""
         rows, columns = self.success.shape[1:]
         on = (place_m[..., :2] - self.first_m) / self.cell_m
         x, y = np.clip(on[..., 0], 0.0, columns - 1), np.clip(on[..., 1], 0.0, rows - 1)
         i, j = np.minimum(x.astype(int), columns - 2), np.minimum(y.astype(int), rows - 2)
         u, v = x - i, y - j
         low, high = (
-            self.success[device, row, i] * (1.0 - u) + self.success[device, row, i + 1] * u
+            values[device, row, i] * (1.0 - u) + values[device, row, i + 1] * u
             for row in (j, j + 1)
         )
-        return np.asarray(1.0 - (low * (1.0 - v) + high * v))
+        return np.asarray(low * (1.0 - v) + high * v)
 
     def best_within(self, place_m: Floats, metres: float) -> Floats:
         """(K,) what 1 - PER is at most as near to a place (2,)."""

@@ -19,7 +19,7 @@ _GAIN = 0.01  # of what the round is worth: for less no mission is replaced
 class Course:
     """What of a round was flown, and what is to be flown now."""
 
-    problem: RoundProblem  # of the whole round, at its altitude
+    problem: RoundProblem  # of the whole round, at its altitude, as believed at its last plan
     plan: RoundPlan  # of the whole round, whose bound holds for rounds that are not planned anew
     rest_problem: RoundProblem
     rest: RoundPlan  # from where the aircraft is: the last steps of `plan`
@@ -80,11 +80,12 @@ class Course:
         via_m = () if self.problem.airspace.is_open else (
             *self.plan.via_m[: step - 1], np.empty((0, 2)), *rest.via_m
         )  # fmt: skip
+        whole = replace(self.problem, per_grid=problem.per_grid)  # as it is believed now
         plan = RoundPlan(
             waypoints_m,
             schedule,
-            objective(self.problem, waypoints_m, schedule),
+            objective(whole, waypoints_m, schedule),
             via_m=via_m,
             altitude_m=self.plan.altitude_m,
         )
-        return Course(self.problem, plan, problem, rest, step)
+        return Course(whole, plan, problem, rest, step)

@@ -259,7 +259,7 @@ class FlownExperiment(Experiment):
                 await flyer.climb(sortie.plan.altitude_m)
         flown = _Flown(Course(problem, sortie.plan, problem, sortie.plan))
         while True:
-            plan, mission = flown.course.plan, flyer.mission
+            problem, plan, mission = flown.course.problem, flown.course.plan, flyer.mission
             whole = flight_of_round(problem, plan, hold_s=sortie.hold_s, mission=mission)
             flown.foreseen = whole.foreseen(flyer.performance)
             rest = flown.course.flight(mission) if flown.course.begins else whole

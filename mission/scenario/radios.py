@@ -41,18 +41,19 @@ def radio_of(
     return PlacedRadio(gains, _terms(config))
 
 
-def believed_grid(config: RunConfig, truth: Radio, area: Area, devices_m: Floats) -> PerGrid | None:
+def believed_grid(
+    config: RunConfig, channel: Channel, truth: Radio, area: Area, devices_m: Floats
+) -> PerGrid | None:
     """What plans believe of the radio at each place; None: the channel's average.
 
     Raises:
         InputError: as `radio_of`.
     """
-    belief, mission = config.radio.belief, config.mission
+    belief = config.radio.belief
     if belief == "channel":
         return None
     radio = truth
     if belief == "learned":
-        channel = config.channel.channel(altitude_m=mission.heights_m[0])
         radio = AverageRadio(channel, devices_m)
     elif belief == "map":
         radio = PlacedRadio(_map_of(config, devices_m), _terms(config))
@@ -64,7 +65,7 @@ def believed_grid(config: RunConfig, truth: Radio, area: Area, devices_m: Floats
         radio,
         len(devices_m),
         size_m=area.size_m,
-        height_m=mission.heights_m[0],
+        height_m=channel.altitude_m,
         cell_m=max(_LEAST_CELL_M, max(area.size_m) / _MOST_CELLS),
     )
 

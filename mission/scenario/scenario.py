@@ -331,7 +331,7 @@ def build_scenario(config: RunConfig, *, data_dir: Path | None) -> Scenario:
     with errors_of_learning():
         channel = config.channel.channel(altitude_m=config.mission.heights_m[0])
         radio = radio_of(config, channel, area, devices_m, streams)
-        per_grid = believed_grid(config, radio, area, devices_m)
+        per_grid = believed_grid(config, channel, radio, area, devices_m)
         federation = build_federation(
             config.communities, config.learning, data_dir=data_dir, stream=streams.generator
         )

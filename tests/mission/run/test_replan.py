@@ -3,8 +3,10 @@
 import math
 import shutil
 from collections import defaultdict
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,6 +18,7 @@ from test_firmware_runs import REAL, real
 from test_run import digests
 
 from fl.radio.channel import CHANNEL_PRESETS
+from fl.radio.per_grid import PerGrid
 from mission.analysis.compare import compare_run
 from mission.analysis.load import load_run
 from mission.cli import call
@@ -228,7 +231,7 @@ def test_a_wrong_key_is_one_line(
 
 
 def problem(**more: object) -> RoundProblem:
-    values: dict[str, object] = {
+    values: dict[str, Any] = {
         "devices_m": [[100.0, 0.0], [200.0, 0.0]],
         "importance": [1.0, 1.0],
         "start_m": [0.0, 0.0],
@@ -237,7 +240,7 @@ def problem(**more: object) -> RoundProblem:
         "path_budget_m": 300.0,
         "channel": CHANNEL_PRESETS["suburban"],
     }
-    return RoundProblem(**{**values, **more})  # type: ignore[arg-type]
+    return RoundProblem(**{**values, **more})
 
 
 def course(whole: RoundProblem) -> Course:
@@ -292,6 +295,19 @@ def test_another_rest_is_flown_where_it_is_worth_more() -> None:
     assert [stop.steps for stop in onwards.flight(mission()).stops] == [(2,)]
 
 
+def test_the_plan_as_it_became_is_valued_by_what_is_believed_now() -> None:
+    """Else its rates as planned would be those of a belief that it was not planned with."""
+    grid = PerGrid(np.full((2, 2, 2), 0.5), (0.0, 0.0), 300.0)
+    begun = course(problem(per_grid=replace(grid, success=np.full((2, 2, 2), 0.1))))
+    ahead = begun.ahead(2, HERE, heard=np.array([False, False]), elapsed_s=9.0, used_j=0.0)
+    assert ahead is not None
+    rest = replace(ahead, per_grid=grid, importance=np.array([9.0, 1.0]))
+    onwards = begun.onwards(rest, finish(rest, [HERE]))
+    assert onwards is not None
+    assert onwards.problem.per_grid is grid
+    assert onwards.plan.value == pytest.approx(0.5 * onwards.plan.schedule.sum())
+
+
 def test_another_rest_is_not_flown_where_going_on_is_better() -> None:
     begun = course(problem())
     rest = begun.ahead(2, HERE, heard=np.array([True, False]), elapsed_s=9.0, used_j=0.0)
@@ -339,7 +355,7 @@ def test_parts_of_a_flight_are_one() -> None:
 def test_energy_between_two_parts_of_a_flight_counts() -> None:
     recorder = FlightRecorder()
 
-    def sample(t_s: float) -> SimpleNamespace:
+    def sample(t_s: float) -> Any:
         moment = SimpleNamespace(pos_ned_m=np.zeros(3))
         battery = SimpleNamespace(consumed_mah=t_s, voltage_v=10.0)
         t_ns = round(1e9 * t_s)
@@ -351,12 +367,12 @@ def test_energy_between_two_parts_of_a_flight_counts() -> None:
     def flown(begin_s: int, *, goes_on: bool) -> float:
         recorder.start(here(begin_s), goes_on=goes_on)
         for t_s in range(begin_s, begin_s + 3):
-            recorder.sampled(sample(t_s))  # type: ignore[arg-type]
+            recorder.sampled(sample(t_s))
         energy_j = recorder.finish(here(begin_s + 2), 1.0).energy_j
-        recorder.sampled(sample(begin_s + 5))  # type: ignore[arg-type]
+        recorder.sampled(sample(begin_s + 5))
         return energy_j
 
-    recorder.sampled(sample(0))  # type: ignore[arg-type]
+    recorder.sampled(sample(0))
     # 36 J a second: of 2 s from the start on; of these and 3 s before; of 5 s that are left out.
     assert flown(0, goes_on=False) == pytest.approx(72.0)
     assert flown(5, goes_on=True) == pytest.approx(36.0 * 5)
