@@ -10,16 +10,16 @@ import math
 from flightdyn.frames import Matrix9, Triple
 
 _SEA_LEVEL_PA = 101_325.0
+_SMOOTHING_S = 5.0  # of the wind
 
 
 class DragAirspeed:
     """Velocity through the air from specific force and attitude, and the wind that it leaves."""
 
-    def __init__(self, drag: Triple, *, pressure_pa: float, smoothing_s: float = 5.0) -> None:
+    def __init__(self, drag: Triple, *, pressure_pa: float) -> None:
         """`drag`: k = d0 + d1 v + d2 v^2 in 1/s at sea level, v in m/s."""
         self._drag = drag
         self._density = pressure_pa / _SEA_LEVEL_PA
-        self._smoothing_s = smoothing_s
         self._air = (0.0, 0.0)
         self._bias: Triple = (0.0, 0.0, 0.0)
         self.wind_ne_mps = (0.0, 0.0)
@@ -51,7 +51,7 @@ class DragAirspeed:
     def learn_wind(self, vel_ned_mps: Triple, *, bias: Triple, dt_s: float) -> None:
         """The velocity over ground of this step is known, and the bias: the rest is wind."""
         self._bias = bias
-        share = dt_s / self._smoothing_s
+        share = dt_s / _SMOOTHING_S
         (wn, we), (an, ae) = self.wind_ne_mps, self._air
         wn += share * (vel_ned_mps[0] - an - wn)
         we += share * (vel_ned_mps[1] - ae - we)

@@ -236,15 +236,6 @@ def _unwritable(path: Path, error: OSError) -> InputError:
     )
 
 
-class Environment(TypedDict):
-    """Versions of Python and libraries, and the machine: a part of `summary.json`."""
-
-    python: str
-    platform: str
-    cpus: int | None
-    libraries: dict[str, str]
-
-
 class RunSummary(TypedDict, total=False):
     """What `summary.json` says that is read again; an older one may lack some of it."""
 
@@ -261,8 +252,8 @@ class RunSummary(TypedDict, total=False):
     wall_s: dict[str, float]  # by phase
 
 
-def environment() -> Environment:
-    """Versions of Python and of the installed libraries, and the machine."""
+def environment() -> dict[str, object]:
+    """Versions of Python and libraries, and the machine: a part of `summary.json`."""
     return {
         "python": platform.python_version(),
         "platform": platform.platform(),

@@ -1,7 +1,6 @@
 """A log for other programs: as CSV or Parquet tables, as KML 2.2 (OGC 07-147r2), its files."""
 
 import itertools
-import json
 import math
 import shutil
 from collections.abc import Iterable, Mapping, Sequence
@@ -18,6 +17,7 @@ from mission.base.palette import community_colour
 from mission.base.run_folder import write_atomically
 from mission.base.tables import csv_lines, parquet, told
 from mission.log import LogError
+from mission.log.messages import feature, geojson
 from mission.log.reader import read_log
 from mission.log.records import flat
 from mission.log.values import (
@@ -267,26 +267,20 @@ def export_geojson(data: FlightData, target: Path) -> Path:
     only = data.source.only
     flown = [("true", data.truth), ("believed", data.belief)]
     features = [
-        _feature(
-            data, np.column_stack((p.route_m, p.route_height_m)), kind="planned", round=p.round
-        )
+        _path(data, np.column_stack((p.route_m, p.route_height_m)), kind="planned", round=p.round)
         for p in data.plans
     ]
     features += [
-        _feature(data, track.pos_m, kind=kind, t_s=(track.t_ns / 1e9).tolist())
+        _path(data, track.pos_m, kind=kind, t_s=(track.t_ns / 1e9).tolist())
         for kind, track in flown
         if (only is None or kind == only) and len(track.t_ns) > 1
     ]
-    collection = {"type": "FeatureCollection", "features": features}
-    write_atomically(target, json.dumps(collection, separators=(",", ":")))
+    write_atomically(target, geojson(features))
     return target
 
 
-def _feature(data: FlightData, points_m: Floats, **properties: object) -> dict[str, object]:
-    text = _coordinates(data, points_m).split()
-    line = [[float(number) for number in point.split(",")] for point in text]
-    geometry = {"type": "LineString", "coordinates": line}
-    return {"type": "Feature", "properties": properties, "geometry": geometry}
+def _path(data: FlightData, points_m: Floats, **properties: object) -> dict[str, object]:
+    return feature("LineString", _places(data, points_m), **properties)
 
 
 def _pieces(data: FlightData) -> Iterable[tuple[str, Track]]:
@@ -304,10 +298,16 @@ def _pieces(data: FlightData) -> Iterable[tuple[str, Track]]:
 
 
 def _coordinates(data: FlightData, points_m: Floats) -> str:
-    """KML's `lon,lat,height` list; 1e-8 degrees is a millimetre."""
+    """KML's `lon,lat,height` list."""
+    where = _places(data, points_m)
+    return " ".join(f"{lon:.8f},{lat:.8f},{height:.3f}" for lon, lat, height in where)
+
+
+def _places(data: FlightData, points_m: Floats) -> list[tuple[float, float, float]]:
+    """Longitude, latitude, height above sea level, to a millimetre."""
     ned, frame = data.area.to_ned(points_m[:, :2], points_m[:, 2]), data.area.frame
     where = [frame.to_geodetic(row) for row in ned]
-    return " ".join(f"{p.lon_deg:.8f},{p.lat_deg:.8f},{p.alt_msl_m:.3f}" for p in where)
+    return [(round(p.lon_deg, 8), round(p.lat_deg, 8), round(p.alt_msl_m, 3)) for p in where]
 
 
 def _text(parent: ET.Element, tag: str, text: str) -> None:

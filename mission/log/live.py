@@ -28,6 +28,7 @@ from mission.log.topics import Topic
 # that are no browser (which send no Origin) are let in, too.
 ORIGINS = frozenset({"https://app.foxglove.dev", "https://studio.foxglove.dev", "file://"})
 _OWN = frozenset({"localhost", "127.0.0.1", "::1"})
+_HOST = "127.0.0.1"
 _HEAD_BYTES = 8192
 _HEAD_S = 10.0  # wall time for the first words of a visitor
 _VISITORS = 16
@@ -41,7 +42,7 @@ class LiveView:
     whatever its speed.
     """
 
-    def __init__(self, *, port: int, host: str = "127.0.0.1") -> None:
+    def __init__(self, *, port: int) -> None:
         """Start serving; port 0 takes a free one.
 
         Raises:
@@ -65,18 +66,18 @@ class LiveView:
                 context=self._context,
             )
         except RuntimeError as error:
-            raise LinkLostError(f"live view: cannot serve on {host}: {error}") from None
+            raise LinkLostError(f"live view: cannot serve on {_HOST}: {error}") from None
         try:
-            self._gate = OriginProxy(host, port, upstream=(inner, int(self._server.port)))
+            self._gate = OriginProxy(_HOST, port, upstream=(inner, int(self._server.port)))
         except LinkLostError:
             self._server.stop()
             raise
-        self.host, self.port = host, self._gate.port
+        self.port = self._gate.port
 
     @property
     def url(self) -> str:
         """Address of the WebSocket, as Foxglove's "open connection" takes it."""
-        return f"ws://{self.host}:{self.port}"
+        return f"ws://{_HOST}:{self.port}"
 
     def write(self, topic: Topic, t_ns: int, data: bytes) -> None:
         """Send a message to the viewers that have subscribed to its topic."""

@@ -141,12 +141,16 @@ def location(stamp: fox.Timestamp, where: GeodeticPoint) -> bytes:
     return encoded(fox.LocationFix, timestamp=stamp, frame_id=BODY_FRAME, **_geodetic(where))
 
 
-def geojson(features: Sequence[Mapping[str, object]]) -> bytes:
-    """GeoJson of a collection of features (RFC 7946)."""
-    text = json.dumps(
-        {"type": "FeatureCollection", "features": list(features)}, separators=(",", ":")
-    )
-    return encoded(fox.GeoJson, geojson=text)
+def feature(kind: str, coordinates: object, **properties: object) -> dict[str, object]:
+    """A feature of GeoJSON (RFC 7946)."""
+    geometry = {"type": kind, "coordinates": coordinates}
+    return {"type": "Feature", "geometry": geometry, "properties": properties}
+
+
+def geojson(features: Sequence[Mapping[str, object]]) -> str:
+    """A collection of features (RFC 7946)."""
+    collection = {"type": "FeatureCollection", "features": features}
+    return json.dumps(collection, separators=(",", ":"))
 
 
 def log_line(t_ns: int, text: str, *, severity: int, source: str) -> bytes:

@@ -10,7 +10,7 @@ from mission.base import palette
 from mission.base.airspace import triangles
 from mission.base.area import Area
 from mission.base.arrays import Floats
-from mission.log.messages import encoded, geojson, timestamp
+from mission.log.messages import encoded, feature, geojson, timestamp
 from mission.log.records import UplinkRecord
 from mission.log.topics import FRAME
 from mission.log.values import Devices, PlanRecord, Zone
@@ -140,10 +140,11 @@ def plan_map(area: Area, world: Devices, fence: Sequence[Zone], plan: PlanRecord
     Devices are discs: of a point viewers make a pin, which has no colour and hides the path.
     """
     features: list[Mapping[str, object]] = [
-        _feature(
+        feature(
             "LineString",
             _lonlat(area, plan.route_m, plan.altitude_m),
-            {"name": f"round {plan.round}: plan", "style": {"color": palette.PLANNED, "weight": 3}},
+            name=f"round {plan.round}: plan",
+            style={"color": palette.PLANNED, "weight": 3},
         )
     ]
     sizes_m = _sizes_m(plan.importance)
@@ -151,13 +152,13 @@ def plan_map(area: Area, world: Devices, fence: Sequence[Zone], plan: PlanRecord
         ring = _ring(area, world.pos_m[k] + sizes_m[k] / 2 * _OCTAGON)
         style = {"color": palette.community_colour(int(community)), "fillOpacity": 0.9}
         name = f"device {k} ({world.community[k]})"
-        features.append(_feature("Polygon", [ring], {"name": name, "style": style}))
+        features.append(feature("Polygon", [ring], name=name, style=style))
     for zone in fence:
         style = {"color": palette.FENCE, "weight": 2}
         name = "fence" if zone.keep_in else "no-fly area"
         ring = _ring(area, zone.outline_m)
-        features.append(_feature("LineString", ring, {"name": name, "style": style}))
-    return geojson(features)
+        features.append(feature("LineString", ring, name=name, style=style))
+    return encoded(fox.GeoJson, geojson=geojson(features))
 
 
 def _ring(area: Area, corners_m: Floats) -> list[tuple[float, float]]:
@@ -170,14 +171,6 @@ def _lonlat(area: Area, xy_m: Floats, alt_rel_m: float) -> list[tuple[float, flo
     frame = area.frame
     points = [frame.to_geodetic(ned) for ned in area.to_ned(xy_m, alt_rel_m)]
     return [(round(p.lon_deg, 8), round(p.lat_deg, 8)) for p in points]  # 1 mm
-
-
-def _feature(kind: str, coordinates: object, properties: Mapping[str, object]) -> dict[str, object]:
-    return {
-        "type": "Feature",
-        "geometry": {"type": kind, "coordinates": coordinates},
-        "properties": dict(properties),
-    }
 
 
 def _at(x: float, y: float, z: float) -> object:

@@ -2,7 +2,6 @@
 
 import itertools
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
 from operator import attrgetter
 
 import numpy as np
@@ -27,16 +26,16 @@ _PATH_SHARE = 20  # or the twentieth part of it
 Write = Callable[[Topic, int, bytes], None]
 
 
-@dataclass(frozen=True, slots=True)
-class LogRates:
-    """How often each kind of message is written, in simulated hertz; poses at every sample."""
-
-    tf_hz: float = 2.0  # viewers interpolate, and the true pose says the same at every sample
-    velocity_hz: float = 2.0
-    location_hz: float = 1.0
-    battery_hz: float = 1.0
-    wind_hz: float = 1.0
-    innovations_hz: float = 1.0  # what the filter refused is written in any case
+# How often each kind of message is written, in simulated hertz; poses at every sample.
+RATES_HZ = {
+    "tf": 2.0,  # viewers interpolate, and the true pose says the same at every sample
+    "velocity": 2.0,
+    "location": 1.0,
+    "battery": 1.0,
+    "wind": 1.0,
+    "innovations": 1.0,  # what the filter refused is written in any case
+    "path_point": 1.0,
+}
 
 
 class Every:
@@ -59,13 +58,12 @@ class Every:
 class VehicleTopics:
     """Writes what the vehicle tells, each kind of message at its rate."""
 
-    def __init__(self, area: Area, rates: LogRates, write: Write) -> None:
+    def __init__(self, area: Area, write: Write) -> None:
         self._area = area
         self._frame = area.frame
         self._write = write
         self._mode: ModeRecord | None = None
-        self._due = {name: Every(rate_hz) for name, rate_hz in asdict(rates).items()}
-        self._point_due = Every(1.0)
+        self._due = {name: Every(rate_hz) for name, rate_hz in RATES_HZ.items()}
         self._samples: list[VehicleSample] = []  # since they were written last
         self._control: list[Floats] = []
         self.begin_path()
@@ -120,22 +118,22 @@ class VehicleTopics:
         """Those of its messages whose time has come by their rates."""
         write, t_ns, truth, belief = self._write, sample.t_ns, sample.truth, sample.belief
         stamp, where = messages.timestamp(t_ns), messages.place(self._area, truth)
-        if self._due["tf_hz"].now(t_ns):
+        if self._due["tf"].now(t_ns):
             write(topics.TF, t_ns, messages.transform(stamp, where))
         write(topics.TRUE_POSE, t_ns, messages.pose(stamp, where))
         believed = messages.place(self._area, belief)
         write(topics.EST_POSE, t_ns, messages.pose(stamp, believed))
-        if self._due["velocity_hz"].now(t_ns):
+        if self._due["velocity"].now(t_ns):
             write(topics.TRUE_VELOCITY, t_ns, messages.velocity(truth.vel_ned_mps))
             write(topics.EST_VELOCITY, t_ns, messages.velocity(belief.vel_ned_mps))
         if sample.gnss is not None:
             write(topics.GNSS, t_ns, messages.gnss(self._frame, sample.gnss))
-        if self._due["location_hz"].now(t_ns):
+        if self._due["location"].now(t_ns):
             on_globe = self._frame.to_geodetic(truth.pos_ned_m)
             write(topics.TRUE_LOCATION, t_ns, messages.location(stamp, on_globe))
-        if self._due["battery_hz"].now(t_ns):
+        if self._due["battery"].now(t_ns):
             write(topics.BATTERY, t_ns, messages.battery(sample.battery))
-        if sample.wind_ned_mps is not None and self._due["wind_hz"].now(t_ns):
+        if sample.wind_ned_mps is not None and self._due["wind"].now(t_ns):
             write(topics.TRUE_WIND, t_ns, messages.velocity(sample.wind_ned_mps))
         if sample.innovations:
             self._innovations(t_ns, sample.innovations)
@@ -143,7 +141,7 @@ class VehicleTopics:
         if mode != self._mode:
             self._mode = mode
             write(topics.MODE, t_ns, messages.record(mode))
-        if self._point_due.now(t_ns):
+        if self._due["path_point"].now(t_ns):
             self._extend_path(t_ns, truth)
 
     def _extend_path(self, t_ns: int, truth: Kinematics) -> None:
@@ -155,6 +153,6 @@ class VehicleTopics:
     def _innovations(self, t_ns: int, items: Sequence[Innovation]) -> None:
         for instant, group in itertools.groupby(items, key=attrgetter("t_ns")):
             at_once = tuple(group)
-            due = self._due["innovations_hz"].now(instant)
+            due = self._due["innovations"].now(instant)
             if due or not all(item.accepted for item in at_once):
                 self._write(topics.INNOVATIONS, t_ns, messages.innovations(at_once))

@@ -26,7 +26,7 @@ from mission.log.values import (
     Zone,
     area_to_text,
 )
-from mission.log.vehicle import NOTICE, LogRates, VehicleTopics
+from mission.log.vehicle import NOTICE, VehicleTopics
 from mission.planner.problem import RoundPlan, RoundProblem
 from sitl.observer import VehicleEvent, VehicleSample
 
@@ -48,7 +48,6 @@ class FlightLog:
         area: Area,
         devices: Devices,
         fence: Sequence[Zone] = (),
-        rates: LogRates | None = None,
         mirrors: Sequence[Sink] = (),
         start_ns: int = 0,
     ) -> None:
@@ -66,7 +65,7 @@ class FlightLog:
         self.file = self._mcap.file
         self._sinks: tuple[Sink, ...] = (self._mcap, *mirrors)
         self._watched = bool(mirrors)  # and nobody watches a second late
-        self._vehicle = VehicleTopics(area, rates or LogRates(), self._send)
+        self._vehicle = VehicleTopics(area, self._send)
         self._now_ns = self._flushed_ns = start_ns
         self._planned = 0  # the round, or the mission, of the last plan
         self._mcap.metadata("aerofed", {"format": topics.FORMAT_VERSION, **area_to_text(area)})
@@ -189,9 +188,9 @@ class FlightLog:
         """Write a setpoint that the vehicle was sent."""
         self._write(topics.SETPOINT, record.t_ns, messages.record(record))
 
-    def note(self, text: str, *, severity: int = NOTICE, source: str = "mission") -> None:
+    def note(self, text: str, *, severity: int = NOTICE) -> None:
         """Write a line of our own, at the present simulated time."""
-        line = messages.log_line(self._now_ns, text, severity=severity, source=source)
+        line = messages.log_line(self._now_ns, text, severity=severity, source="mission")
         self._write(topics.LOG, self._now_ns, line)
 
     def attach(self, name: str, media_type: str, data: bytes) -> None:

@@ -8,7 +8,7 @@ from fl.federation.rounds import RoundLearning
 from fl.federation.state import FederationState
 from mission.base.console import RunConsole
 from mission.base.interrupted_files import InterruptedFiles
-from mission.base.run_folder import RunFolder, environment
+from mission.base.run_folder import RunFolder, library_versions
 from mission.base.stopwatch import Stopwatch
 from mission.flight.flight_plan import FlightPlan
 from mission.flight.flyers.flyers import Flyers
@@ -161,7 +161,7 @@ def recording(run: Ready, console: RunConsole, stopwatch: Stopwatch) -> Iterator
         # What is needed to understand the log goes with it.
         log.attach("config.toml", "application/toml", scenario.config.to_toml().encode())
         log.attach("devices.csv", "text/csv", scenario.devices_csv().encode())
-        log.metadata("libraries", environment()["libraries"])
+        log.metadata("libraries", library_versions())
         tables = rounds, uplinks, learnt
         recorder = FolderRecorder(run, log, *tables, progress, stopwatch)
         for notice in scenario.notices():

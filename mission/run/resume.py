@@ -11,7 +11,7 @@ from typing import Any
 
 from fl.plugin_code import digest_of
 from mission.base.errors import InputError
-from mission.base.run_folder import RunFolder, environment
+from mission.base.run_folder import RunFolder, library_versions
 from mission.base.user_files import DATA_BYTES, parse_json, read_text
 
 FORMAT = 4
@@ -48,7 +48,7 @@ def header(
         "format": FORMAT,
         "config_sha256": hashlib.sha256(config_toml.encode()).hexdigest(),
         "data_dir": str(data_dir.resolve()) if data_dir else None,
-        "libraries": environment()["libraries"],
+        "libraries": library_versions(),
         "plugins": dict(plugins),
     }
 

@@ -8,6 +8,7 @@ import numpy as np
 from pymavlink.dialects.v20 import common as mav
 
 from flightdyn.frames import LocalFrame
+from flightdyn.obstacles import Obstacles
 from flightdyn.state import Vector
 from sitl.autopilot.codec.orders import MissionItem
 from sitl.autopilot.parameters import Parameters
@@ -44,23 +45,13 @@ class _Areas:
         circles = [(s.north_m, s.east_m, s.radius_m) for s in shapes if isinstance(s, Circle)]
         self._circles = np.array(circles).reshape(-1, 3).T
         rings = [s.corners_ne_m for s in shapes if isinstance(s, Polygon)]
-        self._firsts = np.cumsum([0, *map(len, rings)])[:-1]  # edge of each polygon
-        n1, e1 = np.vstack([np.empty((0, 2)), *rings]).T
-        n2, e2 = np.vstack([np.empty((0, 2)), *(np.roll(ring, -1, axis=0) for ring in rings)]).T
-        with np.errstate(divide="ignore", invalid="ignore"):
-            slope = np.where(e1 != e2, (n2 - n1) / (e2 - e1), 0.0)  # due north: never crossed
-        self._edges = n1, e1, e2, slope
+        self._polygons = Obstacles([((ring,), np.inf) for ring in rings])  # of any height
 
     def contain(self, north: float, east: float) -> bool:
-        """Whether a point lies in one of the areas; of polygons by the number of crossings."""
+        """Whether a point lies in one of the areas."""
         n, e, radius = self._circles
-        if bool((np.hypot(north - n, east - e) <= radius).any()):
-            return True
-        if not len(self._firsts):
-            return False
-        n1, e1, e2, slope = self._edges
-        crossed = ((e1 > east) != (e2 > east)) & (north < slope * (east - e1) + n1)
-        return bool(np.logical_xor.reduceat(crossed, self._firsts).any())
+        within = np.hypot(north - n, east - e) <= radius
+        return bool(within.any()) or self._polygons.hold(north, east, 0.0)
 
 
 @dataclass(frozen=True)

@@ -181,7 +181,7 @@ class FirmwareFlyers(Flyers):
                         observers=(recorder, Milestones(self.plant), *attached.observers),
                         say=attached.say,
                         raw_link=raw_link,
-                        known=Known(messages, vehicle.clock.at, boot_ms=0),
+                        known=Known(messages, vehicle.clock.at),
                     ) as (pilot, feed):
                         await _check_program(pilot, config)
                         limits = await limits_of(

@@ -50,11 +50,10 @@ class Source(Protocol):
 
 @dataclass(frozen=True)
 class Known:
-    """What our simulated world knows of a firmware's vehicle: its true state, and its clock."""
+    """What our simulated world knows of a firmware's vehicle, which starts with its clock."""
 
     messages: Source | None  # each one of them, however fast time goes; None: MAVSDK's
     truth: Callable[[int], Moment]  # at an instant of our clock, ns
-    boot_ms: int  # the vehicle's stamp at our time zero
 
 
 class TelemetryFeed:
@@ -76,7 +75,7 @@ class TelemetryFeed:
         self._observers = observers
         self._known = known
         self._heard: Source = (known and known.messages) or pilot.messages
-        self._clock = VehicleClock(None if known is None else known.boot_ms)
+        self._clock = VehicleClock(None if known is None else 0)
         self._attitude = frozen([1.0, 0.0, 0.0, 0.0])
         self._rates = frozen([0.0, 0.0, 0.0])
         self._battery = BatteryState(math.nan, math.nan, math.nan, math.nan)

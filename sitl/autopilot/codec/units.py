@@ -1,6 +1,7 @@
 """From SI units and degrees to the integers of MAVLink's fields, clamped to what they hold."""
 
 import math
+from collections.abc import Callable
 from typing import Any
 
 from pymavlink.dialects.v20 import common as mav
@@ -17,14 +18,20 @@ def clamped(value: float, low: int, high: int) -> int:
     return round(min(max(value, low), high))
 
 
-def int16(value: float) -> int:
-    """A plain number, signed 16 bit."""
-    return clamped(value, -_INT16 - 1, _INT16)
+def _scaled(scale: float, low: int, high: int) -> Callable[[float], int]:
+    """The conversion of a value to so many parts of its unit, clamped."""
+    return lambda value: clamped(value * scale, low, high)
 
 
-def int32(value: float) -> int:
-    """A plain number, signed 32 bit."""
-    return clamped(value, -_INT32 - 1, _INT32)
+int16 = _scaled(1, -_INT16 - 1, _INT16)
+int32 = _scaled(1, -_INT32 - 1, _INT32)
+mm = _scaled(1e3, -_INT32 - 1, _INT32)  # of metres
+umm = _scaled(1e3, 0, 2**32 - 1)  # of metres, or metres per second
+cm_s = _scaled(1e2, -_INT16 - 1, _INT16)  # of metres per second
+ucm_s = _scaled(1e2, 0, _UINT16 - 1)  # of metres per second; 65535 is "unknown" to MAVLink
+mv = _scaled(1e3, 0, _UINT16 - 1)  # of volts; 65535 is "unknown" to MAVLink
+ca = _scaled(1e2, 0, _INT16)  # hundredths of amperes; -1 is "unknown" to MAVLink
+percent = _scaled(1e2, 0, 100)  # of a fraction
 
 
 def deg_e7(angle_deg: float) -> int:
@@ -37,44 +44,9 @@ def from_deg_e7(value: int) -> float:
     return math.nan if value == _INT32 else value * 1e-7
 
 
-def mm(length_m: float) -> int:
-    """Metres to millimetres, signed 32 bit."""
-    return int32(length_m * 1e3)
-
-
-def umm(length_m: float) -> int:
-    """Metres (or metres per second) to thousandths, unsigned 32 bit."""
-    return clamped(length_m * 1e3, 0, 2**32 - 1)
-
-
-def cm_s(speed_mps: float) -> int:
-    """Metres per second to centimetres per second, signed 16 bit."""
-    return clamped(speed_mps * 1e2, -_INT16 - 1, _INT16)
-
-
-def ucm_s(speed_mps: float) -> int:
-    """Metres per second to centimetres per second, unsigned; 65535 is "unknown" to MAVLink."""
-    return clamped(speed_mps * 1e2, 0, _UINT16 - 1)
-
-
 def cdeg(angle_rad: float) -> int:
     """Radians to a course of 0..35999 hundredths of a degree."""
     return round(math.degrees(angle_rad) * 100) % 36000
-
-
-def mv(voltage_v: float) -> int:
-    """Volts to millivolts; 65535 is "unknown" to MAVLink."""
-    return clamped(voltage_v * 1e3, 0, _UINT16 - 1)
-
-
-def ca(current_a: float) -> int:
-    """Amperes to hundredths of an ampere; -1 is "unknown" to MAVLink."""
-    return clamped(current_a * 1e2, 0, _INT16)
-
-
-def percent(fraction: float) -> int:
-    """0..1 to whole percent."""
-    return clamped(fraction * 1e2, 0, 100)
 
 
 def us(t_ns: int) -> int:

@@ -27,7 +27,7 @@ from mission.log.contents import load
 from mission.log.reader import decode, read_log
 from mission.log.sink import McapSink
 from mission.log.topics import TOPICS, Topic, fields
-from mission.log.vehicle import LogRates
+from mission.log.vehicle import RATES_HZ
 from mission.log.writer import FlightLog
 from sitl.observer import VehicleEvent, VehicleSample
 
@@ -118,13 +118,15 @@ def test_tracks_are_the_samples_to_half_a_millimetre(made: Fixed) -> None:
         np.testing.assert_allclose(track.pos_m, enu, rtol=0, atol=0.5 / 2**10)
 
 
-def test_attitude_and_gnss_agree_with_scipy_and_pymap3d(tmp_path: Path) -> None:
+def test_attitude_and_gnss_agree_with_scipy_and_pymap3d(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(RATES_HZ, "location", 10.0)
+    monkeypatch.setitem(RATES_HZ, "tf", 10.0)
     world = devices(np.random.default_rng(5))
     log_path = tmp_path / "a.mcap"
     quaternions = Rotation.random(20, random_state=5).as_quat(scalar_first=True)
-    with FlightLog(
-        log_path, area=AREA, devices=world, rates=LogRates(location_hz=10, tf_hz=10)
-    ) as log:
+    with FlightLog(log_path, area=AREA, devices=world) as log:
         for index, q in enumerate(quaternions):
             log.sampled(sample(index * 100_000_000, pos=(10.0 * index, -7.0 * index, -60.0), q=q))
     frd_to_flu = Rotation.from_matrix(np.diag([1.0, -1.0, -1.0]))

@@ -16,7 +16,7 @@ from mission.log.export import tables
 from mission.log.reader import read_log
 from mission.log.topics import fields
 from mission.log.values import FlightData
-from mission.log.vehicle import LogRates
+from mission.log.vehicle import RATES_HZ
 from mission.log.writer import FlightLog
 from sitl.config import VehicleConfig
 from sitl.observer import VehicleEvent, VehicleSample
@@ -41,12 +41,12 @@ class Samples:
         return [item for sample in self.samples for item in sample.innovations]
 
 
-def record(path: Path, rates: LogRates, *, sample_rate_hz: float = 10.0) -> Samples:
+def record(path: Path, *, sample_rate_hz: float = 10.0) -> Samples:
     """A vehicle at rest in the wind, whose receiver jumps away for a second."""
     config = VehicleConfig(aircraft=AircraftConfig(wind=WIND), sample_rate_hz=sample_rate_hz)
     vehicle = Vehicle(config, home=AREA.home, streams=RandomStreams(3))
     kept = Samples()
-    with FlightLog(path, area=AREA, devices=devices(np.random.default_rng(1)), rates=rates) as log:
+    with FlightLog(path, area=AREA, devices=devices(np.random.default_rng(1))) as log:
         vehicle.add_observer(log)
         vehicle.add_observer(kept)
         while vehicle.t_ns < SECONDS * 1_000_000_000:
@@ -59,7 +59,9 @@ def record(path: Path, rates: LogRates, *, sample_rate_hz: float = 10.0) -> Samp
 @pytest.fixture(scope="module")
 def flown(tmp_path_factory: pytest.TempPathFactory) -> tuple[Samples, FlightData]:
     path = tmp_path_factory.mktemp("full") / "a.mcap"
-    kept = record(path, LogRates(innovations_hz=10.0))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setitem(RATES_HZ, "innovations", 10.0)
+        kept = record(path)
     return kept, read_log(path)
 
 
@@ -74,7 +76,7 @@ def test_every_innovation_is_sampled_once(flown: tuple[Samples, FlightData]) -> 
 
 
 def test_slow_sampling_loses_none(tmp_path: Path, flown: tuple[Samples, FlightData]) -> None:
-    slow = record(tmp_path / "slow.mcap", LogRates(), sample_rate_hz=1.0)
+    slow = record(tmp_path / "slow.mcap", sample_rate_hz=1.0)
     fast = flown[0].innovations
     assert slow.innovations == [i for i in fast if i.t_ns <= slow.innovations[-1].t_ns]
 
@@ -97,7 +99,7 @@ def test_what_the_log_says_is_what_was_sampled(flown: tuple[Samples, FlightData]
 
 def test_at_the_default_rate_what_was_refused_is_still_all_there(tmp_path: Path) -> None:
     path = tmp_path / "default.mcap"
-    kept = record(path, LogRates())
+    kept = record(path)
     track = read_log(path).innovations["gnss position"]
     mine = [item for item in kept.innovations if item.kind == "gnss position"]
     assert SECONDS - 1 <= track.accepted.sum() <= SECONDS + 1
@@ -118,7 +120,7 @@ def test_wind_blows_east_where_it_comes_from_the_west(
 
 def test_the_schema_names_every_sensor(tmp_path: Path) -> None:
     path = tmp_path / "schema.mcap"
-    record(path, LogRates())
+    record(path)
     with path.open("rb") as stream:
         for schema, _, message in make_reader(stream).iter_messages(topics=["/innovations"]):
             assert schema is not None
