@@ -306,11 +306,6 @@ class Multirotor:
         n, e, d = self._vel
         return n() * FT_M, e() * FT_M, d() * FT_M
 
-    def euler(self) -> Triple:
-        """Roll, pitch and yaw (rad; yaw from 0 to 2 pi), body to NED."""
-        roll, pitch, yaw = self._euler
-        return roll(), pitch(), yaw()
-
     def attitude(self) -> Quaternion:
         """Attitude, body to NED."""
         roll, pitch, yaw = self._euler

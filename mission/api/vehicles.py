@@ -118,12 +118,7 @@ def vehicles(
 
 
 def _firmware_keys(firmware: Firmware) -> dict[str, object]:
-    """The keys that have a firmware fly.
-
-    Raises:
-        NoFirmwareError: no binary of it is known.
-        InputError: there is no such firmware.
-    """
+    """The keys that have a firmware fly."""
     if firmware not in _FIRMWARES:
         raise InputError(f"firmware = {firmware!r}: must be 'px4' or 'arducopter'")
     autopilot, variable = _FIRMWARES[firmware]
@@ -154,11 +149,7 @@ def vehicle_config(
 
 
 def _place(home: Home) -> tuple[float, float, float]:
-    """Latitude and longitude (deg) and altitude (m) of a home.
-
-    Raises:
-        InputError: it is none.
-    """
+    """Latitude and longitude (deg) and altitude (m) of a home."""
     if isinstance(home, str | Path):
         from mission.flight.plan_file import read_plan_file
 

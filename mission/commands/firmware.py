@@ -85,12 +85,7 @@ def list_(*, folder: Path | None = None) -> int:
 
 
 def _download(path: Path, version: str, wanted: str | None, site: str) -> str:
-    """Put the file in place, and its checksum beside it, which is returned.
-
-    Raises:
-        LinkLostError: it cannot be had.
-        InputError: it is no ArduCopter, or cannot be kept here.
-    """
+    """Put the file in place, and its checksum beside it, which is returned."""
     from fl.data.fetch import download
     from fl.errors import FetchError
     from sitl.errors import FirmwareSilentError

@@ -90,11 +90,7 @@ def _usual_home() -> dict[str, float]:
 
 
 def _heard(name: str, usual: float) -> float:
-    """A number of the environment, for people who know PX4's simulators.
-
-    Raises:
-        InputError: it is none.
-    """
+    """A number of the environment, for people who know PX4's simulators."""
     text = os.environ.get(name, "")
     try:
         return float(text) if text else usual
@@ -103,11 +99,7 @@ def _heard(name: str, usual: float) -> float:
 
 
 def _home(text: str | None) -> Mapping[str, float]:
-    """The keys that `--home` sets; none where it was not given.
-
-    Raises:
-        InputError: it is no three numbers; their ranges are the keys'.
-    """
+    """The keys that `--home` sets; none where it was not given."""
     if text is None:
         return {}
     try:

@@ -118,11 +118,7 @@ def export_attachments(path: Path, folder: Path) -> tuple[Path, ...]:
 
 
 def _write_all(folder: Path, files: Mapping[str, bytes]) -> tuple[Path, ...]:
-    """Make a folder with files by name; all of it or nothing.
-
-    Raises:
-        InputError: `folder` holds something, or cannot be written.
-    """
+    """Make a folder with files by name; all of it or nothing."""
     partial = folder.with_name(f".{folder.name}.partial")
     try:
         if folder.exists() and any(folder.iterdir()):

@@ -234,9 +234,6 @@ def _recording(
 def _order(config: RunConfig, plan: PlanFile, speeds: Mapping[str, float] | None = None) -> _Order:
     """A plan from its planned home, else from its first place, timed by the configured vehicle's
     parameters and `speeds`.
-
-    Raises:
-        InputError: it holds what may not be flown, or the vehicle's settings are refused.
     """
     home = plan.home
     if home is None:

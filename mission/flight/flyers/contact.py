@@ -66,8 +66,7 @@ async def located(
         InputError: it is somewhere else than the area.
     """
     async with connect(
-        "raw://" if raw_link else link.url,
-        raw_link=raw_link,
+        raw_link or link.url,
         stall_timeout_s=link.stall_timeout_s,
         timeout_s=link.connect_timeout_s,
     ) as pilot:

@@ -151,8 +151,7 @@ class BuiltInFlyers(Flyers):
             async with (
                 Simulation(vehicle, link, *station_links(config.link), speed=speed),
                 connect(
-                    "raw://" if raw_link else f"udpin://127.0.0.1:{port}",
-                    raw_link=raw_link,
+                    raw_link or f"udpin://127.0.0.1:{port}",
                     stall_timeout_s=config.link.stall_timeout_s,
                 ) as pilot,
             ):

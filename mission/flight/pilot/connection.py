@@ -27,21 +27,20 @@ class NoVehicleError(LinkLostError):
 
 @asynccontextmanager
 async def connect(
-    url: str,
+    at: str | RawLink,
     *,
-    raw_link: RawLink | None = None,
     stall_timeout_s: float = 30.0,
     timeout_s: float = CONNECT_TIMEOUT_S,
 ) -> AsyncIterator[Pilot]:
     """Open a MAVSDK connection and yield a pilot for the first autopilot on it.
 
-    With `raw_link`, `url` must be `raw://` and MAVSDK exchanges bytes with a vehicle in this
-    process.
+    `at`: MAVSDK's URL, or the other end of a vehicle's link in this process.
 
     Raises:
         LinkLostError: the connection cannot be opened.
         NoVehicleError: no autopilot answers on it within `timeout_s` of wall time.
     """
+    raw_link, url = (None, at) if isinstance(at, str) else (at, "raw://")
     log_subscribe(_log_mavsdk)
     station = Configuration.create_with_component_type(ComponentType.GROUND_STATION)
     async with Mavsdk(station) as mavsdk:

@@ -83,7 +83,7 @@ class BuiltIn(Host):
         """Carry out a plan that lies around home, from the ground to the ground."""
         self._simulation.runs = "moving"
         try:
-            async with connect("raw://", raw_link=self._raw) as pilot:
+            async with connect(self._raw) as pilot:
                 await pilot.fly_plan(plan, returns=path.returns)
         finally:
             self._simulation.runs = self.runs

@@ -102,11 +102,7 @@ def make_vehicles(
 
 
 def _urls(udp: Sequence[str], number: int) -> dict[str, int]:
-    """Where a vehicle speaks to, and from which port; 0 for any.
-
-    Raises:
-        InputError: an address is none, or is given twice.
-    """
+    """Where a vehicle speaks to, and from which port; 0 for any."""
     found: dict[str, int] = {}
     for at, text in enumerate(udp):
         alone = at == 0 or text.startswith(("udpin://", "tcpin://"))
@@ -122,11 +118,7 @@ def _urls(udp: Sequence[str], number: int) -> dict[str, int]:
 
 
 def _check_free(port: int) -> None:
-    """Refuse a port that a vehicle of PX4's or ours sends from, before a second is taken for it.
-
-    Raises:
-        LinkLostError: names the port and who has it.
-    """
+    """Refuse a port that a vehicle of PX4's or ours sends from, before a second is taken for it."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         try:
             probe.bind(("", port))

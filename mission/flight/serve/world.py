@@ -93,37 +93,27 @@ def serve_world(
         with of_a_vehicle(), of_settings():
             while not stop.is_set():
                 bridge = _bridge(config, autopilot, port, told=recorder is not None)
-                _serve_once(bridge, autopilot, port, speed, say, stop, recorder)
+                bridge.open()
+                clock = FirmwareClock(bridge, speed=speed, patience_s=math.inf)
+                clock.start()
+                clock.run()
+                try:
+                    say(f"{_where(bridge)}, waiting for {autopilot} on port {port}; Ctrl-C ends")
+                    asyncio.run(_watch(bridge, clock, autopilot, say, stop, recorder))
+                finally:
+                    clock.stop()
+                if isinstance(clock.error, FirmwareRestartedError):
+                    say(f"{clock.error} after {bridge.plant.t_ns / 1e9:.1f} s")
+                elif clock.error is not None:
+                    raise clock.error
     except FirmwareError as error:
         raise FlightError(str(error)) from None
 
 
-def _serve_once(
-    bridge: Bridge,
-    autopilot: str,
-    port: int,
-    speed: float,
-    say: Say,
-    stop: threading.Event,
-    recorder: Recorder | None,
-) -> None:
-    bridge.open()
-    clock = FirmwareClock(bridge, speed=speed, patience_s=math.inf)
-    clock.start()
-    clock.run()
-    try:
-        home = bridge.plant.frame.origin
-        say(
-            f"aircraft at {home.lat_deg:.7f}, {home.lon_deg:.7f}, {home.alt_msl_m:g} m, "
-            f"{1e9 / bridge.plant.dt_ns:g} Hz, waiting for {autopilot} on port {port}; Ctrl-C ends"
-        )
-        asyncio.run(_watch(bridge, clock, autopilot, say, stop, recorder))
-    finally:
-        clock.stop()
-    if isinstance(clock.error, FirmwareRestartedError):
-        say(f"{clock.error} after {bridge.plant.t_ns / 1e9:.1f} s")
-    elif clock.error is not None:
-        raise clock.error
+def _where(bridge: Bridge) -> str:
+    home, rate_hz = bridge.plant.frame.origin, 1e9 / bridge.plant.dt_ns
+    at = f"{home.lat_deg:.7f}, {home.lon_deg:.7f}, {home.alt_msl_m:g} m"
+    return f"aircraft at {at}, {rate_hz:g} Hz"
 
 
 async def _watch(

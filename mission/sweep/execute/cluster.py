@@ -213,11 +213,7 @@ def _packed(folder: Path) -> bytes:
 
 
 def _unpack(content: bytes, folder: Path) -> None:
-    """Make the folder of what came back, whole or not at all.
-
-    Raises:
-        OSError: it cannot be written.
-    """
+    """Make the folder of what came back, whole or not at all."""
     arriving = folder.with_name(f".{folder.name}.arriving")
     shutil.rmtree(arriving, ignore_errors=True)
     arriving.mkdir(parents=True)
@@ -232,11 +228,7 @@ def _unpack(content: bytes, folder: Path) -> None:
 
 
 def _data_sets(configs: Sequence[RunConfig], data_dir: Path | None) -> dict[Source, Dataset]:
-    """The data sets of these runs that are read from files, or made by code of the user's.
-
-    Raises:
-        LearningInputError: one is missing or damaged.
-    """
+    """The data sets of these runs that are read from files, or made by code of the user's."""
     wanted = {
         (community.task, data_dir, community.data_file)
         for config in configs

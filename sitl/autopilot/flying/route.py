@@ -153,34 +153,27 @@ def looked_at(item: MissionItem, frame: LocalFrame, home: GeodeticPoint) -> Vect
     return place_of(item, frame, home)
 
 
+@dataclass(slots=True)
 class _Compiler:
     """Walks through the items once and collects stages."""
 
-    def __init__(
-        self,
-        parameters: Parameters,
-        frame: LocalFrame,
-        *,
-        home: GeodeticPoint,
-        start: Vector,
-        on_ground: bool,
-        speed_mps: float | None,
-    ) -> None:
-        self._parameters = parameters
-        self._radius_m = parameters["NAV_ACC_RAD"]
-        self._frame = frame
-        self._home = home
-        self._here = np.array(start, dtype=float)
-        self._speed = speed_mps
-        self._climb_first = on_ground
-        self._leg = self._new_leg()
-        self.stages: list[Stage] = []
+    parameters: Parameters
+    frame: LocalFrame
+    home: GeodeticPoint
+    here: Vector  # where the items so far lead
+    climb_first: bool
+    speed_mps: float | None  # ordered; None: the cruise speed
+    stages: list[Stage] = field(default_factory=list)
+    leg: _Leg = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.leg = self._new_leg()
 
     def _new_leg(self) -> _Leg:
-        return _Leg([self._here], acceptance=[self._radius_m], reached=[[]])
+        return _Leg([self.here], acceptance=[self.parameters["NAV_ACC_RAD"]], reached=[[]])
 
     def _cruise_mps(self) -> float:
-        return self._parameters["MPC_XY_CRUISE"] if self._speed is None else self._speed
+        return self.parameters["MPC_XY_CRUISE"] if self.speed_mps is None else self.speed_mps
 
     def add(self, item: MissionItem) -> None:
         """Carry out one item after those added before."""
@@ -204,7 +197,7 @@ class _Compiler:
                 self._takeoff(item)
             case mav.MAV_CMD_NAV_LAND:
                 place = self._place(item)
-                above = np.array([place[0], place[1], min(self._here[2], place[2])])
+                above = np.array([place[0], place[1], min(self.here[2], place[2])])
                 self._go(above, item.seq, acceptance_m=math.nan, report=False)
                 self._then(End(item.command, item.seq))
             case mav.MAV_CMD_NAV_RETURN_TO_LAUNCH:
@@ -215,19 +208,19 @@ class _Compiler:
                 yaw_rad, relative = turn_of(item.params)
                 self._then(Turn(yaw_rad, relative=relative, seq=item.seq))
             case mav.MAV_CMD_DO_CHANGE_SPEED:
-                self._speed = speed_from(item, self._speed)
-                self._leg.reached[-1].append(item.seq)
+                self.speed_mps = speed_from(item, self.speed_mps)
+                self.leg.reached[-1].append(item.seq)
             case _:  # what is done on the way
-                self._leg.reached[-1].append(item.seq)
+                self.leg.reached[-1].append(item.seq)
 
     def close(self) -> None:
         """End the path that is being collected, with a stop at its last point."""
-        leg = self._leg
+        leg = self.leg
         if leg.speeds or any(leg.reached):
             if not leg.speeds:  # items before any movement: a path of no length reports them
                 leg.points.append(leg.points[0])
-                leg.speeds.append(self._parameters["MPC_XY_CRUISE"])
-                leg.acceptance.append(self._radius_m)
+                leg.speeds.append(self.parameters["MPC_XY_CRUISE"])
+                leg.acceptance.append(self.parameters["NAV_ACC_RAD"])
                 leg.reached = [[], leg.reached[0]]
             self.stages.append(
                 Fly(
@@ -237,7 +230,7 @@ class _Compiler:
                     tuple(tuple(seqs) for seqs in leg.reached),
                 )
             )
-        self._leg = self._new_leg()
+        self.leg = self._new_leg()
 
     def _then(self, stage: Stage) -> None:
         self.close()
@@ -246,15 +239,15 @@ class _Compiler:
     def _place(self, item: MissionItem) -> Vector:
         lat_deg, lon_deg = item.x, item.y
         if math.isnan(lat_deg):  # "right here"
-            here = self._frame.to_geodetic(self._here)
+            here = self.frame.to_geodetic(self.here)
             lat_deg, lon_deg = here.lat_deg, here.lon_deg
-        return self._frame.to_ned(lat_deg, lon_deg, item_altitude(item, self._home))
+        return self.frame.to_ned(lat_deg, lon_deg, item_altitude(item, self.home))
 
     def _takeoff(self, item: MissionItem) -> None:
         place = self._place(item)
-        up = np.array([self._here[0], self._here[1], min(place[2], self._here[2])])
-        self._climb_first = False
-        self._append(up, self._parameters["MPC_TKO_SPEED"], self._radius_m, [])
+        up = np.array([self.here[0], self.here[1], min(place[2], self.here[2])])
+        self.climb_first = False
+        self._append(up, self.parameters["MPC_TKO_SPEED"], self.parameters["NAV_ACC_RAD"], [])
         self._go(np.array([place[0], place[1], up[2]]), item.seq, acceptance_m=item.params[1])
         self.close()
 
@@ -262,35 +255,35 @@ class _Compiler:
         """From the nearest point of the circle on, clockwise where the radius is not negative."""
         centre = self._place(item)
         radius_m = abs(item.params[2]) if abs(item.params[2]) > 0.0 else DEFAULT_RADIUS_M
-        phase_rad = math.atan2(self._here[1] - centre[1], self._here[0] - centre[0])
-        speed_mps = min(self._cruise_mps(), self._parameters["MPC_XY_VEL_MAX"], fastest(radius_m))
+        phase_rad = math.atan2(self.here[1] - centre[1], self.here[0] - centre[0])
+        speed_mps = min(self._cruise_mps(), self.parameters["MPC_XY_VEL_MAX"], fastest(radius_m))
         north, east, down = map(float, centre)
         clockwise = -1.0 if item.params[2] < 0.0 else 1.0
         orbit = Orbit((north, east, down), radius_m, clockwise * speed_mps, yaw=0)
         circle = Circle(orbit, phase_rad, _positive(item.params[0]), item.seq)
         self._go(orbit.point(phase_rad), item.seq, acceptance_m=math.nan, report=False)
         self._then(circle)
-        self._here = circle.points_ned_m[-1]
-        self._leg = self._new_leg()
+        self.here = circle.points_ned_m[-1]
+        self.leg = self._new_leg()
 
     def _go(self, point: Vector, seq: int, *, acceptance_m: float, report: bool = True) -> None:
-        if self._climb_first:
+        if self.climb_first:
             # From the ground straight up first, before any leg to the side.
-            self._climb_first = False
-            up = np.array([self._here[0], self._here[1], min(point[2], self._here[2])])
-            self._append(up, self._parameters["MPC_TKO_SPEED"], self._radius_m, [])
+            self.climb_first = False
+            up = np.array([self.here[0], self.here[1], min(point[2], self.here[2])])
+            self._append(up, self.parameters["MPC_TKO_SPEED"], self.parameters["NAV_ACC_RAD"], [])
             self.close()
-        radius = acceptance_m if acceptance_m > 0 else self._radius_m
+        radius = acceptance_m if acceptance_m > 0 else self.parameters["NAV_ACC_RAD"]
         self._append(point, self._cruise_mps(), radius, [seq] if report else [])
 
     def _append(
         self, point: Vector, speed_mps: float, acceptance_m: float, reached: list[int]
     ) -> None:
-        self._leg.speeds.append(leg_speed(self._here, point, speed_mps, self._parameters))
-        self._leg.points.append(point)
-        self._leg.acceptance.append(acceptance_m)
-        self._leg.reached.append(reached)
-        self._here = point
+        self.leg.speeds.append(leg_speed(self.here, point, speed_mps, self.parameters))
+        self.leg.points.append(point)
+        self.leg.acceptance.append(acceptance_m)
+        self.leg.reached.append(reached)
+        self.here = point
 
 
 def compile_route(
@@ -311,9 +304,8 @@ def compile_route(
     the cruise speed. `jumps_left`: how often each jump is still taken; without it as often as the
     items say.
     """
-    compiler = _Compiler(
-        parameters, frame, home=home, start=start, on_ground=on_ground, speed_mps=speed_mps
-    )
+    here = np.array(start, dtype=float)
+    compiler = _Compiler(parameters, frame, home, here, on_ground, speed_mps)
     left = repeats(items) if jumps_left is None else dict(jumps_left)
     for item in flown_order(items, first, left):
         compiler.add(item)

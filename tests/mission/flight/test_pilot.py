@@ -76,7 +76,7 @@ def test_a_refusal_is_not_blamed_on_an_older_warning(delay_s: float | None, word
     async def run() -> str:
         vehicle = Vehicle(VehicleConfig(), home=HOME, streams=RandomStreams(1))
         link = TextsComeLate()
-        async with Simulation(vehicle, link), connect("raw://", raw_link=link) as pilot:
+        async with Simulation(vehicle, link), connect(link) as pilot:
             await pilot.ready()
             station = mav.MAVLink(None, srcSystem=250, srcComponent=190)
             link.feed(bytes(mav.MAVLink_mission_set_current_message(1, 1, 99).pack(station)))
@@ -103,7 +103,7 @@ def test_readiness_does_not_wait_for_the_next_heartbeat() -> None:
     async def run() -> bool:
         vehicle = Vehicle(VehicleConfig(), home=HOME, streams=RandomStreams(1))
         link = FallsQuiet()
-        async with Simulation(vehicle, link), connect("raw://", raw_link=link) as pilot:
+        async with Simulation(vehicle, link), connect(link) as pilot:
             link.quiet = True
             await pilot.ready()
             return pilot.watch.armable
@@ -178,7 +178,7 @@ def test_a_mission_is_flown_to_its_end(worse: Worse) -> None:
         stops = (Stop(np.array([400.0, 400.0]), ()), Stop(np.array([500.0, 400.0]), ()))
         plan = FlightPlan(stops, 20.0, 15.0, 5.0)
         link = RawLink()
-        async with Simulation(vehicle, link), connect("raw://", raw_link=link) as pilot:
+        async with Simulation(vehicle, link), connect(link) as pilot:
             await pilot.ready()
             await pilot.take_off(plan.alt_rel_m)
             await pilot.upload_items(mission_items(plan, AREA))
@@ -222,7 +222,7 @@ def test_an_error_over_what_the_vehicle_says_ends_the_flight() -> None:
         async with (
             asyncio.timeout(HANG_S),
             Simulation(vehicle, link),
-            connect("raw://", raw_link=link) as pilot,
+            connect(link) as pilot,
         ):
             await pilot.ready()
             pilot.watch.listeners.append(full)
