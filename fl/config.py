@@ -113,6 +113,12 @@ class RadioConfig(_Frozen):
         None,
         description="truth or belief is a map: the file, as `aerofed radio-map` writes it",
     )
+    scene: str | None = Field(
+        None,
+        min_length=1,
+        description="map: of this scene of Sionna RT, an extra, such as 'munich', in cells of 10 m "
+        "about its middle; it is traced where map_file is not given, and kept in ~/.cache/aerofed",
+    )
     map_sha256: str | None = Field(
         None,
         pattern="^[0-9a-f]{64}$",

@@ -21,8 +21,8 @@ def config(
     """A run's configuration: `source`, with single keys set over it, checked as a whole.
 
     Args:
-        source: "quickstart", "paper", "paper-sweep", "apart", "town" or "city", which come along;
-            the path of a TOML file; or a configuration, which stays as it is.
+        source: "quickstart", "paper", "paper-sweep", "apart", "town", "city" or "munich", which
+            come along; the path of a TOML file; or a configuration, which stays as it is.
         overrides: values by dotted key, as on the command line: {"mission.rounds": 3}.
 
     Raises:

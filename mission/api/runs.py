@@ -164,8 +164,8 @@ def run(
     has a thread with a loop of its own then.
 
     Args:
-        source: "quickstart", "paper", "paper-sweep", "apart", "town", "city"; a TOML file;
-            a configuration.
+        source: "quickstart", "paper", "paper-sweep", "apart", "town", "city", "munich"; a TOML
+            file; a configuration.
         overrides: values by dotted key: {"mission.rounds": 3, "mission.strategy": "no_cov"}.
         strategy: sets mission.strategy; here, and wherever code of your own is named, the function
             or class itself may stand for its name.

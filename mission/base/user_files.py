@@ -6,6 +6,7 @@ no 64 bits do: what is built from them then never meets either.
 """
 
 import json
+import os
 import tomllib
 from contextlib import suppress
 from pathlib import Path
@@ -25,6 +26,21 @@ def whole_path(folder: Path, name: str | Path) -> Path:
     with suppress(RuntimeError):
         path = path.expanduser()
     return (folder / path).resolve()
+
+
+def cache_folder(name: str) -> Path:
+    """Where what was fetched or made once is kept; it is there afterwards.
+
+    Raises:
+        InputError: it cannot be made.
+    """
+    cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+    folder = (cache / "aerofed" / name).absolute()
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"{folder}: cannot be made: {error.strerror}") from None
+    return folder
 
 
 def read_bytes(path: Path, *, most: int = TEXT_BYTES) -> bytes:

@@ -8,6 +8,7 @@ from typing import Literal
 
 from mission.base.errors import InputError, LinkLostError
 from mission.base.terminal import PLAIN, Terminal
+from mission.base.user_files import cache_folder
 
 _SITE = "https://firmware.ardupilot.org"
 _BUILD = "Copter/{}/SITL_x86_64_linux_gnu/arducopter"
@@ -109,8 +110,7 @@ def _download(path: Path, version: str, wanted: str | None, site: str) -> str:
 
 
 def _folder(given: Path | None) -> Path:
-    cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
-    return (given or cache / "aerofed" / "firmware").absolute()
+    return (given or cache_folder("firmware")).absolute()
 
 
 def _sum_of(path: Path) -> str:

@@ -9,7 +9,9 @@ from mission.base.terminal import PLAIN, Terminal
 
 
 def init(
-    name: Literal["quickstart", "paper", "paper-sweep", "apart", "town", "city"] = "quickstart",
+    name: Literal[
+        "quickstart", "paper", "paper-sweep", "apart", "town", "city", "munich"
+    ] = "quickstart",
     *,
     out: Path = Path(),
 ) -> int:
@@ -24,7 +26,8 @@ def init(
         quickstart: two small communities, with data that come with Aerofed; paper: the paper's
         experiment on MNIST and CIFAR-10; paper-sweep: the same for aerofed sweep; apart: two
         communities in opposite corners; town: devices and no-fly areas from GeoJSON files; city:
-        buildings from one, which decide what reaches the aircraft.
+        buildings from one, which decide what reaches the aircraft; munich: a radio traced by
+        Sionna RT, an extra.
     out
         Folder for the files, made if it is missing. Existing files are not replaced.
     """
@@ -51,7 +54,7 @@ def init(
 
 def _next(config: Path) -> str:
     """What to do with a configuration that was written."""
-    if config.name in ("quickstart.toml", "apart.toml", "town.toml", "city.toml"):
+    if config.name in ("quickstart.toml", "apart.toml", "town.toml", "city.toml", "munich.toml"):
         return f"aerofed run {config}"
     verb = "sweep" if config.name == "paper-sweep.toml" else "run"
     return f"aerofed data fetch data && aerofed {verb} {config} --data-dir data"

@@ -70,14 +70,14 @@ def radio_map(
 
     from fl.radio.radio_map import RadioMap
     from flightdyn.random import RandomStreams
-    from mission.scenario.radio_maps import write_map
+    from mission.scenario.radio_maps import origin_of, write_map
     from mission.scenario.radios import city_of
     from mission.scenario.scenario import device_places
     from mission.scenario.traced_map import traced_map
 
     heights_m = np.arange(low_m, max(high_m, low_m + 0.5 * _STEP_M), _STEP_M)
     heights_m = np.unique(np.append(heights_m, high_m))
-    streams, area, radio = RandomStreams(resolved.seed), resolved.area.build(), resolved.radio
+    streams, area = RandomStreams(resolved.seed), resolved.area.build()
     devices_m = device_places(resolved, area, streams)
     if not 0 <= device < len(devices_m):
         raise InputError(f"--device {device}: must be from 0 to {len(devices_m) - 1}")
@@ -89,32 +89,19 @@ def radio_map(
     if engine == "buildings":
         city = city_of(resolved, area, devices_m, streams)
         made = RadioMap.of(city, devices_m, size_m=size_m, height_m=heights_m, cell_m=cell)
-        source = f"{len(area.buildings)} buildings, {radio.environment}, seed {resolved.seed}"
-    else:
-        made = traced_map(
-            scene,
-            devices_m,
-            middle_m=middle,
-            size_m=size_m,
-            height_m=heights_m,
-            cell_m=cell,
-            device_height_m=radio.device_height_m,
-            carrier_hz=radio.carrier_hz,
-            seed=resolved.seed,
+        source = (
+            f"{len(area.buildings)} buildings, {resolved.radio.environment}, seed {resolved.seed}"
         )
+    else:
+        try:
+            made = traced_map(
+                resolved, scene, devices_m, middle_m=middle, height_m=heights_m, cell_m=cell
+            )
+        except InputError as error:
+            raise error.in_words(f"--scene {scene}: {error}") from None
         x, y = middle
         source = f"{scene} about ({x:g}, {y:g}), Sionna RT {version('sionna-rt')}"
-    origin: dict[str, str | float] = {
-        "title": f"path gain over {resolved.name}",
-        "source": f"{source}; aerofed {version('aerofed')}",
-        "carrier_hz": radio.carrier_hz,
-        "home_lat_deg": area.home.lat_deg,
-        "home_lon_deg": area.home.lon_deg,
-        "home_alt_msl_m": area.home.alt_msl_m,
-        "home_x_m": area.home_m[0],
-        "home_y_m": area.home_m[1],
-    }
-    write_map(out, made, origin)
+    write_map(out, made, origin_of(resolved, area, source))
     if figure is not None:
         from mission.figures.radio import gain_picture
         from mission.figures.render import save

@@ -54,7 +54,8 @@ def run(
     Parameters
     ----------
     config
-        TOML file, or quickstart, paper, apart, town or city. Without one, the quick-start is flown.
+        TOML file, or quickstart, paper, apart, town, city or munich. Without one, the quick-start
+        is flown.
     out
         Folder for the results; it must be new or empty. Default: a new one under runs/.
     data_dir

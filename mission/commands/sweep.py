@@ -36,7 +36,7 @@ def sweep(
     Parameters
     ----------
     config
-        TOML file, or quickstart, paper, paper-sweep, apart, town or city.
+        TOML file, or quickstart, paper, paper-sweep, apart, town, city or munich.
     strategies
         Strategies to compare, separated by commas; package.module:factory is one of your own, and
         mine=package.module:factory is called "mine" in tables and pictures.

@@ -32,6 +32,7 @@ SHIPPED = (
     "apart",
     "town",
     "city",
+    "munich",
 )  # names that stand for a file
 
 

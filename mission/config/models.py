@@ -455,9 +455,10 @@ class RunConfig(_Model):
                 raise ValueError(
                     f"radio.{key} = 'buildings' needs area.buildings, or area.buildings_file"
                 )
-        if ("map" in by_key.values()) != (self.radio.map_file is not None):
+        mapped = self.radio.map_file is not None or self.radio.scene is not None
+        if ("map" in by_key.values()) != mapped:
             raise ValueError(
-                "radio.truth or radio.belief = 'map' and radio.map_file need each other"
+                "radio.truth or radio.belief = 'map' and radio.map_file or .scene need each other"
             )
         return self
 

@@ -61,6 +61,7 @@ def fly_session(
     with ExitStack() as opened:
         with stopwatch("setup"), console.waiting(_SETTING_UP):
             scenario, flyers = set_up(config, data_dir=data_dir)
+            config = scenario.config  # which knows its map now
             flyers.check()
             folder = opened.enter_context(RunFolder.taken(path))
             flyers.await_vehicle(say=console.say)

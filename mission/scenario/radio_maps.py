@@ -2,15 +2,18 @@
 
 import io
 from collections.abc import Mapping
+from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
 
 from fl.radio.radio_map import RadioMap
+from mission.base.area import Area
 from mission.base.arrays import Floats
 from mission.base.errors import InputError
 from mission.base.run_folder import write_atomically
 from mission.base.user_files import read_bytes
+from mission.config.models import RunConfig
 from mission.config.world import MOST_BYTES
 
 _AXES = ("device", "height", "y", "x")
@@ -21,8 +24,22 @@ _WRONG = (
 )
 
 
+def origin_of(config: RunConfig, area: Area, source: str) -> dict[str, str | float]:
+    """What a map of a run says of itself: by whom it was made, of what, and where it lies."""
+    return {
+        "title": f"path gain over {config.name}",
+        "source": f"{source}; aerofed {version('aerofed')}",
+        "carrier_hz": config.radio.carrier_hz,
+        "home_lat_deg": area.home.lat_deg,
+        "home_lon_deg": area.home.lon_deg,
+        "home_alt_msl_m": area.home.alt_msl_m,
+        "home_x_m": area.home_m[0],
+        "home_y_m": area.home_m[1],
+    }
+
+
 def write_map(path: Path, made: RadioMap, origin: Mapping[str, str | float]) -> None:
-    """Write a map; the same map gives the same bytes. `origin`: by whom it was made, and of what.
+    """Write a map; the same map gives the same bytes. `origin` as `origin_of` has it.
 
     Raises:
         InputError: the file cannot be written.

@@ -50,6 +50,7 @@ from mission.scenario.limits import (
 )
 from mission.scenario.radios import believed_grid, radio_of
 from mission.scenario.strategies import Strategy, make_strategy
+from mission.scenario.traced_map import with_traced_map
 
 _HEARD_S = 0.1  # of hover at a stop until the aircraft knows whether it has heard a device
 _LONGEST_UPLOAD_S = 3600.0  # no aircraft hovers as long
@@ -328,6 +329,7 @@ def build_scenario(config: RunConfig, *, data_dir: Path | None) -> Scenario:
     config.refuse(chain(unflyable(config, performance), _unsent(config)))
     budget = budget_of(config, performance)
     devices_m = device_places(config, area, streams)
+    config = with_traced_map(config, area, devices_m)
     with errors_of_learning():
         channel = config.channel.channel(altitude_m=config.mission.heights_m[0])
         radio = radio_of(config, channel, area, devices_m, streams)

@@ -1,5 +1,6 @@
 """Gains by ray tracing: Sionna RT over one of its cities, or a scene file of one's own."""
 
+import hashlib
 import math
 from importlib.util import find_spec
 from pathlib import Path
@@ -8,29 +9,57 @@ import numpy as np
 
 from fl.errors import did_you_mean, first_line
 from fl.radio.radio_map import RadioMap
+from mission.base.area import Area
 from mission.base.arrays import Floats
 from mission.base.errors import InputError
-from mission.base.user_files import check_regular
+from mission.base.user_files import cache_folder, check_regular
+from mission.config.models import RunConfig
+from mission.scenario.radio_maps import origin_of, write_map
 
 _NOTHING_DB = -250.0  # where no ray arrives: far below any threshold
 _DEPTH = 3  # reflections
-_RAYS = 10**6  # of a device
+_RAYS = 10**6  # of a device; in smaller cells than these most of those far away are hit by none
+_CELL_M = 10.0
 _MOST_BYTES = 1 << 28  # of a scene file
 
 
+def with_traced_map(config: RunConfig, area: Area, devices_m: Floats) -> RunConfig:
+    """The configuration with the map of its scene, where it names one and no map; made on first
+    use, for devices at places (K, 2).
+
+    Raises:
+        InputError: as `traced_map`, or the map cannot be kept.
+    """
+    scene = config.radio.scene
+    if scene is None or config.radio.map_file is not None:
+        return config
+    heights_m = np.unique(config.mission.heights_m)
+    radio = config.radio.model_dump(mode="json", include={"carrier_hz", "device_height_m"})
+    about = f"{radio} {config.area.size_m} {heights_m} {devices_m.tolist()} {config.seed}"
+    digest = hashlib.sha256(about.encode()).hexdigest()[:16]
+    path = cache_folder("maps") / f"{Path(scene).stem}-{digest}.nc"
+    if not path.exists():
+        try:
+            made = traced_map(
+                config, scene, devices_m, middle_m=(0.0, 0.0), height_m=heights_m, cell_m=_CELL_M
+            )
+        except InputError as error:
+            config.refuse([("radio.scene", scene, str(error))])
+        write_map(path, made, origin_of(config, area, f"{scene}, Sionna RT"))
+    known = {"map_file": path, "map_sha256": hashlib.sha256(path.read_bytes()).hexdigest()}
+    return config.model_copy(update={"radio": config.radio.model_copy(update=known)})
+
+
 def traced_map(
+    config: RunConfig,
     scene: str,
     devices_m: Floats,
     *,
     middle_m: tuple[float, float],
-    size_m: tuple[float, float],
     height_m: Floats,
     cell_m: float,
-    device_height_m: float,
-    carrier_hz: float,
-    seed: int,
 ) -> RadioMap:
-    """The map of an area whose middle lies at a place (east, north) of a scene.
+    """The map of the area of a run whose middle lies at a place (east, north) of a scene.
 
     A device sends, the aircraft hears; both have antennas that are alike in all directions. Rays
     are reflected three times at most, or diffracted. The last digits of two calls differ.
@@ -40,9 +69,9 @@ def traced_map(
     """
     if find_spec("sionna") is None:
         raise InputError(
-            "--engine sionna: needs sionna-rt, which is an extra and not installed: "
-            "pip install 'aerofed[sionna]'"
+            "needs sionna-rt, which is an extra and not installed: pip install 'aerofed[sionna]'"
         )
+    radio, size_m = config.radio, config.area.size_m
     low_m = [middle - side / 2.0 for middle, side in zip(middle_m, size_m, strict=True)]
     cells = [math.ceil(side / cell_m) for side in size_m]
     wide_m = [count * cell_m for count in cells]
@@ -50,11 +79,11 @@ def traced_map(
         import sionna.rt as rt  # takes seconds
 
         world = rt.load_scene(_scene(scene, rt.scene))
-        world.frequency = carrier_hz
+        world.frequency = radio.carrier_hz
         alike = rt.PlanarArray(num_rows=1, num_cols=1, pattern="iso", polarization="V")
         world.tx_array = world.rx_array = alike
         for index, (x, y) in enumerate((devices_m + low_m).tolist()):
-            world.add(rt.Transmitter(f"device {index}", position=[x, y, device_height_m]))
+            world.add(rt.Transmitter(f"device {index}", position=[x, y, radio.device_height_m]))
         solve, gains = rt.RadioMapSolver(), []
         for height in height_m.tolist():
             found = solve(
@@ -66,15 +95,15 @@ def traced_map(
                 size=wide_m,
                 orientation=[0.0, 0.0, 0.0],
                 samples_per_tx=_RAYS,
-                seed=seed % 2**32,
+                seed=config.seed % 2**32,
             )
             gains.append(np.array(found.path_gain, dtype=np.float64))
     except InputError:
         raise
     except Exception as error:  # whatever Mitsuba says of a scene, or Dr.Jit without LLVM
         raise InputError(
-            f"--engine sionna --scene {scene}: {first_line(error)} (without a GPU it needs LLVM, "
-            "best 19: DRJIT_LIBLLVM_PATH names its library)"
+            f"{first_line(error)} (without a GPU it needs LLVM, best 19: DRJIT_LIBLLVM_PATH names "
+            "its library)"
         ) from None
     with np.errstate(divide="ignore"):
         gain_db = np.maximum(10.0 * np.log10(np.stack(gains, axis=1)), _NOTHING_DB)
@@ -91,7 +120,6 @@ def _scene(name: str, known: object) -> str:
     if name not in scenes:
         listed = ", ".join(sorted(scenes))
         raise InputError(
-            f"--scene {name}: must be one of {listed}, or a Mitsuba scene, FILE.xml"
-            f"{did_you_mean(name, scenes)}"
+            f"must be one of {listed}, or a Mitsuba scene, FILE.xml{did_you_mean(name, scenes)}"
         )
     return str(scenes[name])

@@ -41,7 +41,7 @@ def set_up(config: RunConfig, *, data_dir: Path | None) -> tuple[Scenario, Flyer
         InputError: data is missing or damaged, or a setting contradicts another.
     """
     scenario = build_scenario(config, data_dir=data_dir)
-    task = Task(config, scenario.area, scenario.streams, _demand(scenario))
+    task = Task(scenario.config, scenario.area, scenario.streams, _demand(scenario))
     if scenario.strategy is None or config.mission.flight == "none":
         from mission.flight.flyers.unflown import NoFlyers
 

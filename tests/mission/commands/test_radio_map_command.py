@@ -1,7 +1,10 @@
 """`aerofed radio-map`, and runs on what it writes."""
 
+import hashlib
 import io
+import math
 import sys
+import tomllib
 from dataclasses import replace
 from importlib import metadata
 from pathlib import Path
@@ -189,7 +192,7 @@ def test_what_cannot_be_mapped_is_refused(capsys, more, words: str) -> None:
 def test_a_map_needs_a_file_and_a_file_its_use(capsys) -> None:
     for alone in (ON_MAP[0], "--set=radio.map_file=w.nc"):
         assert call(["run", "w.toml", alone, "--out=x", "--quiet"]) == 2
-        assert "= 'map' and radio.map_file need each other" in capsys.readouterr().err
+        assert "= 'map' and radio.map_file or .scene need each other" in capsys.readouterr().err
 
 
 class TracedRadio:
@@ -243,8 +246,8 @@ def test_a_traced_map_lies_where_the_area_does(monkeypatch: pytest.MonkeyPatch) 
 
 SCENES = {
     "munch": "--scene munch: must be one of munich, or a Mitsuba scene, FILE.xml; did you mean mun",
-    "none.xml": "none.xml: cannot be read: No such file or directory",
-    "w.xml": "--engine sionna --scene w.xml: AssertionError: ",
+    "none.xml": "--scene none.xml: none.xml: cannot be read: No such file or directory",
+    "w.xml": "--scene w.xml: AssertionError: ",
 }
 
 
@@ -260,6 +263,35 @@ def test_a_missing_extra_is_named(monkeypatch: pytest.MonkeyPatch, capsys) -> No
     monkeypatch.setattr(traced_map, "find_spec", lambda _: None)
     assert call(["radio-map", "w.toml", "--out=w.nc", *TRACED]) == 2
     assert "an extra and not installed: pip install 'aerofed[sionna]'" in capsys.readouterr().err
+
+
+OF_A_SCENE = ("--set=radio.truth=map", "--set=radio.scene=munich")
+
+
+@pytest.mark.usefixtures("_sionna")
+def test_the_map_of_a_scene_is_made_once_for_each_seed(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", "cache")
+    first = uplinks("a", *OF_A_SCENE, "--set=seed=7")
+    (kept,) = Path("cache/aerofed/maps").glob("munich-*.nc")
+    made = read_map(kept)
+    assert made.path_gain_db[0, 0, 10, 20] == pytest.approx(-math.hypot(125.0, 5.0))
+    assert made.x_m[0] == 5.0
+    config = tomllib.loads(Path("a/config.toml").read_text())["radio"]
+    assert config["map_sha256"] == hashlib.sha256(kept.read_bytes()).hexdigest()
+    assert Path(config["map_file"]) == kept.resolve()
+    with monkeypatch.context() as without:
+        without.setattr(traced_map, "find_spec", lambda _: None)
+        assert uplinks("b", *OF_A_SCENE, "--set=seed=7") == first
+    uplinks("c", *OF_A_SCENE, "--set=seed=8")
+    assert len(list(kept.parent.iterdir())) == 2
+
+
+def test_a_scene_without_the_extra_is_one_line(monkeypatch: pytest.MonkeyPatch, capsys) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", "cache")
+    monkeypatch.setattr(traced_map, "find_spec", lambda _: None)
+    assert call(["run", "munich", "--out=x"]) == 2
+    (line,) = capsys.readouterr().err.strip().splitlines()
+    assert "munich.toml: radio.scene = 'munich': needs sionna-rt, which is an extra" in line
 
 
 def test_sionna_itself_traces_a_map() -> None:

@@ -651,7 +651,10 @@ MAP_FREE = CITY + "[radio]\nbelief = 'buildings'\n"
     ("text", "why"),
     [
         (BASE + "[radio]\nbelief = 'buildings'\n", "radio.belief = 'buildings' needs area.buildin"),
-        (BASE + "[radio]\nbelief = 'map'\n", "radio.belief = 'map' and radio.map_file need each"),
+        (
+            BASE + "[radio]\nbelief = 'map'\n",
+            "radio.belief = 'map' and radio.map_file or .scene need each",
+        ),
         (BASE + "[radio]\nbelief = 'guess'\n", "radio.belief = 'guess': must be 'channel', 'build"),
         (
             BASE + "[radio]\nbelief = 'learned'\n",
