@@ -47,7 +47,7 @@ class VehicleConfig(BaseModel):
         default=10.0, ge=0.1, le=1000, description="samples for log and track, simulated time"
     )
     control_rate_hz: float = Field(
-        default=50.0, ge=0, le=1000, description="of the built-in autopilot's control in the log; "
+        default=50.0, ge=0, le=1000, description="of attitude, setpoints and motors in the log; "
         "0: none"
     )  # fmt: skip
     system_id: int = Field(default=1, ge=1, le=250, description="MAVLink system of the vehicle")

@@ -27,7 +27,8 @@ _MISSION = ("MISSION", "AUTO")  # what autopilots call the mode that flies a mis
 _RETURNS = ("RETURN", "RETURN_TO_LAUNCH", "RTL", "SMART_RTL")  # and those that may end one,
 _ENDS = (*_RETURNS, "LAND")
 _PAUSES = ("HOLD", "LOITER")
-_PAUSE_S = 5.0  # at most, before a return that belongs to the mission
+_PAUSE_S = 60.0  # at most, before a return that belongs to the mission; who orders it may be slow
+_SURE_S = 5.0  # by which a return that is told may differ from one that shows
 _LEAST_S = 2.0  # a pass, or a time outside, that is shorter is none
 _OFF_GROUND_M = 0.7
 _STILL_M = 0.3  # in a second
@@ -274,9 +275,9 @@ def _pass(
     low, high = _windows(way, at_m, track, *current)
     returns_ns = _returns_ns(data, int(track.t_ns[0])) if way.given < len(at_m) else math.inf
     # Each log tells of a return in its own time; one that begins where it is to, shows by itself.
-    told = np.abs(track.t_ns - returns_ns) < _PAUSE_S * NS_PER_S
+    told = np.abs(track.t_ns - returns_ns) < _SURE_S * NS_PER_S
     away_m = np.linalg.norm(track.pos_m[told, :2] - way.points_m[way.given - 1, :2], axis=1)
-    sure_ns = returns_ns + _PAUSE_S * NS_PER_S * (away_m.min(initial=math.inf) < _AT_END_M)
+    sure_ns = returns_ns + _SURE_S * NS_PER_S * (away_m.min(initial=math.inf) < _AT_END_M)
     low[track.t_ns >= sure_ns] = at_m[way.given - 1]
     track, fit = matched(track, way.points_m, between=(low, np.maximum(low, high)))
     # To stand before the start and to hover at the end are no part of the way.

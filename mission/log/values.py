@@ -256,10 +256,10 @@ _XYZW, _ALONE = (*_XYZ, "w"), ("",)
 
 @dataclass(frozen=True)
 class ControlTrack:
-    """What the built-in autopilot's control believed and ordered while armed, at
-    `vehicle.control_rate_hz`. Axes are those of `map` and `base_link`; setpoints of position and
-    heading are NaN while there are none. Under PX4 and ArduPilot there is no such topic: what their
-    control believes and orders is in their own logs, and the true attitude in `/true/pose`."""
+    """What the autopilot's control believed and ordered while armed, at `vehicle.control_rate_hz`.
+    Axes are those of `map` and `base_link`; what is not ordered is NaN. A firmware is asked for
+    attitude and setpoints by MAVLink; ArduPilot tells none of rates, position, velocity,
+    acceleration and heading. With `aerofed world` there is no such topic."""
 
     t_ns: Ints  # (n,)
     # (n, as many as names)

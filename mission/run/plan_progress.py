@@ -33,12 +33,10 @@ class PlanProgress:
         if now is not None and event.t_ns < now.t_ns:
             return  # found out afterwards
         at = f"t {event.t_ns / 1e9:.1f} s"
-        if event.seq in self._order:
-            self._passed += 1
+        if event.seq in self._order[self._passed :]:  # a vehicle may leave out some
+            before, self._passed = self._passed, self._order.index(event.seq, self._passed) + 1
             self._item = f"item {event.seq} ({self._passed} of {len(self._order)})"
-            tenths = [
-                10 * passed // len(self._order) for passed in (self._passed - 1, self._passed)
-            ]
+            tenths = [10 * passed // len(self._order) for passed in (before, self._passed)]
             if now is not None and tenths[0] < tenths[1]:
                 self._progress.notice(f"{at}: {self._item}, {_state(now)}")
         elif event.kind in ("status", "failsafe", "fault") and event.severity <= _NOTICE:

@@ -67,6 +67,11 @@ class TruthHistory:
         truth = self._kept(self._ring.newest)
         return _between(truth, truth, truth.t_ns)
 
+    def motors(self, t_ns: int) -> list[float]:
+        """The duty cycles that were ordered at an instant of the last while."""
+        interval = min(t_ns // self._interval_ns, self._ring.newest)
+        return self._ring.of(interval)[1][native.TRUTHS :]
+
     def at(self, t_ns: int) -> Moment:
         """The truth at an instant: between two kept by both, else by the nearest one's velocity."""
         last = self._ring.newest
@@ -79,7 +84,7 @@ class TruthHistory:
 
     def _kept(self, interval: int) -> _Truth:
         t_ns, numbers = self._ring.of(interval)
-        n, e, d, vn, ve, vd, roll, pitch, yaw, p, q, r, wn, we, wd = numbers
+        n, e, d, vn, ve, vd, roll, pitch, yaw, p, q, r, wn, we, wd = numbers[: native.TRUTHS]
         number = min(interval // _BATTERY_EVERY, self._battery)
         motion = (n, e, d), (vn, ve, vd), (roll, pitch, yaw), (p, q, r)
         return _Truth(t_ns, *motion, (wn, we, wd), self._batteries[number % len(self._batteries)])
@@ -129,6 +134,7 @@ class FirmwareClock:
         self._slow_until = -math.inf  # wall time up to which the pace is that of wall time
         self._heard_ns: int | None = None  # time stamp of the newest telemetry
         self._truth = TruthHistory(bridge.plant, bridge.truths)
+        self.motors = self._truth.motors
         self._may_run = threading.Event()
         self._stopped = False
         self._thread = threading.Thread(target=self._turn, name="firmware clock", daemon=True)

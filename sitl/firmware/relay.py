@@ -225,8 +225,15 @@ class Relay:
 
     def _beat(self, packet: Packet) -> None:
         self.vehicle = self.vehicle or packet
+        if packet.data[5:-2] != self._vehicle_heartbeat[5:-2]:  # all but its number: another mode
+            self._await_answer()
         self._vehicle_heartbeat = packet.data
         self.to_firmware(self._station_heartbeat + self._each_second())
+
+    def _await_answer(self) -> None:
+        """Be no faster than wall time for a while, so that stations learn what is new."""
+        self._asked(_ANSWER_S)
+        self._answer_until = asyncio.get_running_loop().time() + _ANSWER_S
 
     def take_orders(self) -> None:
         """Hand on what ground stations have sent."""
@@ -236,8 +243,7 @@ class Relay:
                     if packet.number == HEARTBEAT:
                         self._station_heartbeat = packet.data
                     if packet.number not in CHATTER:
-                        self._asked(_ANSWER_S)
-                        self._answer_until = asyncio.get_running_loop().time() + _ANSWER_S
+                        self._await_answer()
                 self.to_firmware(data)
 
     def _to_stations(self, data: Sequence[bytes]) -> None:

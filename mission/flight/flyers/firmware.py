@@ -6,11 +6,10 @@ ours. Time stands still while a round is planned and devices train, and goes on 
 takes orders, whose answers take it some of its own time.
 """
 
-import asyncio
 import math
 from collections.abc import AsyncIterator, Callable, Sequence
 from contextlib import asynccontextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Self
 
 from flightdyn.plant import Plant
@@ -24,19 +23,19 @@ from mission.flight.flyers.flyer import Flyer
 from mission.flight.flyers.flyers import Attached, Flyers, Task
 from mission.flight.ground_stations import station_links
 from mission.flight.pilot.connection import NoVehicleError
-from mission.flight.pilot.feed import Known
+from mission.flight.pilot.feed import Known, Takers
 from mission.flight.pilot.pilot import Pilot
 from mission.flight.plan_file import PlanFile
 from mission.flight.plan_path import PlannedPath
 from mission.flight.track import Flight, FlightRecorder
-from sitl.autopilot.codec.orders import Fields, MissionItem
+from sitl.autopilot.codec.orders import MissionItem
 from sitl.errors import FirmwareError, FirmwareSilentError
 from sitl.firmware.vehicle import FirmwareVehicle, check_firmware, plant_for
 from sitl.links import RawLink
 
 NAMES = {"px4": "PX4", "ardupilot": "ArduPilot"}
 FOLDER = "firmware"  # of a run, where the firmware lives
-_HEARD = frozenset({31, 33, 46, 147})  # what the feed takes from the relay
+_HEARD = frozenset({31, 33, 46, 83, 85, 147, 242})  # what the feed takes from the relay
 _SAME_PARAMETER = 1e-4  # relative: parameters travel as 32-bit floats
 
 
@@ -89,25 +88,6 @@ class FirmwareFlyer(ExternalFlyer):
         self.vehicle.clock.exchange_battery()
 
 
-@dataclass
-class RelayedMessages:
-    """The messages that the relay hears, whoever asks for them."""
-
-    _asked: dict[str, list[asyncio.Queue[Fields]]] = field(default_factory=dict)
-
-    def hear(self, name: str, fields: Fields) -> None:
-        """Hand a relayed message to those who subscribed to it."""
-        for queue in self._asked.get(name, ()):
-            queue.put_nowait(fields)
-
-    async def of(self, name: str) -> AsyncIterator[Fields]:
-        """The fields of every message of that name from now on."""
-        queue: asyncio.Queue[Fields] = asyncio.Queue()
-        self._asked.setdefault(name, []).append(queue)
-        while True:
-            yield await queue.get()
-
-
 @dataclass(frozen=True)
 class FirmwareFlyers(Flyers):
     """A real firmware on the simulated aircraft. A run flies it once."""
@@ -158,8 +138,8 @@ class FirmwareFlyers(Flyers):
             FlightError: it cannot be flown: not ready in time, another program, a parameter of the
                 configuration that it does not know.
         """
-        config, recorder, messages = self.task.config, FlightRecorder(), RelayedMessages()
-        raw_link = RawLink()
+        config, recorder, raw_link = self.task.config, FlightRecorder(), RawLink()
+        takers: Takers = {}
         vehicle = FirmwareVehicle(
             config.vehicle,
             self.plant,
@@ -167,7 +147,7 @@ class FirmwareFlyers(Flyers):
             [raw_link, *attached.links, *station_links(config.link)],
             mission_speed_mps=config.mission.speed_mps,
             speed=math.inf if config.link.speed == "max" else config.link.speed,
-            hear=messages.hear,
+            hear=lambda name, fields: takers[name](fields) if name in takers else None,
             heard=_HEARD,
         )
         name, when = NAMES[config.vehicle.autopilot], " at its start"
@@ -181,7 +161,12 @@ class FirmwareFlyers(Flyers):
                         observers=(recorder, Milestones(self.plant), *attached.observers),
                         say=attached.say,
                         raw_link=raw_link,
-                        known=Known(messages, vehicle.clock.at),
+                        known=Known(
+                            vehicle.clock.at,
+                            takers,
+                            vehicle.clock.motors,
+                            config.vehicle.control_rate_hz,
+                        ),
                     ) as (pilot, feed):
                         await _check_program(pilot, config)
                         limits = await limits_of(

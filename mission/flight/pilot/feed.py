@@ -6,15 +6,16 @@ themselves: the clock is the vehicle's own, counted from the first position that
 
 import asyncio
 import math
-from collections.abc import AsyncIterator, Callable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 
 from flightdyn.frames import frozen
 from flightdyn.state import BatteryState, GeodeticPoint, Kinematics, Moment
 from mission.base.area import Area
+from mission.flight.pilot.control_rows import ATTITUDE, MOTION, ControlRows
+from mission.flight.pilot.dialects import PX4
 from mission.flight.pilot.pilot import Pilot
 from mission.flight.pilot.raw_messages import follow
 from mission.flight.pilot.readiness import Readiness
@@ -35,25 +36,29 @@ STREAMS_HZ = {
     "EXTENDED_SYS_STATE": (245, 5.0),
 }
 ESTIMATOR_HZ = 2.0
+# ATTITUDE_QUATERNION and the setpoints ATTITUDE_TARGET and POSITION_TARGET_LOCAL_NED.
+_CONTROL = 31, 83, 85
 _UNKNOWN_PERCENT = -1
+_ORDERED = ("x", "y", "z", "vx", "vy", "vz", "afx", "afy", "afz", "yaw", "yaw_rate")
+_NS_PER_MS = 1_000_000
 _REBOOT_MS = 5_000  # no message is that late
 FLOWN_S = 120.0  # in which any battery loses more than a reading's 1 %
 _INFO = 6  # MAV_SEVERITY
 
 
-class Source(Protocol):
-    """Where a vehicle's messages come from."""
-
-    def of(self, name: str) -> AsyncIterator[Fields]:
-        """The fields of every message of that name from now on."""
+Takers = dict[str, Callable[[Fields], None]]  # who takes the messages of a name
 
 
 @dataclass(frozen=True)
 class Known:
-    """What our simulated world knows of a firmware's vehicle, which starts with its clock."""
+    """What our simulated world knows of a firmware's vehicle, whose clock is ours."""
 
-    messages: Source | None  # each one of them, however fast time goes; None: MAVSDK's
     truth: Callable[[int], Moment]  # at an instant of our clock, ns
+    # To be filled by the feed, and called with each message, however fast time goes, in the order
+    # of their coming; None: messages are MAVSDK's.
+    takers: Takers | None = None
+    motors: Callable[[int], Sequence[float]] | None = None  # their duty cycles; None: no `/control`
+    control_hz: float = 0.0  # of attitude and setpoints
 
 
 class TelemetryFeed:
@@ -74,10 +79,12 @@ class TelemetryFeed:
         self._area = area
         self._observers = observers
         self._known = known
-        self._heard: Source = (known and known.messages) or pilot.messages
         self._clock = VehicleClock(None if known is None else 0)
         self._attitude = frozen([1.0, 0.0, 0.0, 0.0])
         self._rates = frozen([0.0, 0.0, 0.0])
+        self._control = ControlRows()
+        self._control_hz = known.control_hz if known and known.motors else 0.0
+        self._origin = (math.nan,) * 3  # of the vehicle's local frame, NED about home
         self._battery = BatteryState(math.nan, math.nan, math.nan, math.nan)
         self._moment: tuple[Kinematics, Kinematics] | None = None  # the newest truth and belief
         self._mode: tuple[str, bool] | None = None
@@ -87,6 +94,7 @@ class TelemetryFeed:
         self.battery = BatteryWatch()
         self.first: asyncio.Future[GeodeticPoint] = asyncio.get_running_loop().create_future()
         self.reached_ns: dict[int, list[int]] = {}  # by item: when the vehicle said so
+        self._reported = -1  # item, most recently
         pilot.watch.listeners.append(self._take_text)
 
     @property
@@ -107,23 +115,34 @@ class TelemetryFeed:
         messages = self._pilot.messages
         for number, rate_hz in STREAMS_HZ.values():
             await messages.stream(number, rate_hz)
+        for number in _CONTROL if self._control_hz else ():
+            await messages.stream(number, self._control_hz)
         self.readiness.estimator_promised = await messages.stream(
             self._pilot.dialect.estimator.number, ESTIMATOR_HZ
         )
 
     async def watch(self) -> None:
         """Follow the messages until cancelled."""
-        heard = self._heard.of
+        takers: Takers = {
+            "GLOBAL_POSITION_INT": self._hear_position,
+            "ATTITUDE_QUATERNION": self._hear_attitude,
+            "BATTERY_STATUS": self._hear_battery,
+            "MISSION_ITEM_REACHED": self._hear_reached,
+        }
+        if self._control_hz:
+            takers["ATTITUDE_TARGET"] = self._hear_attitude_setpoint
+        if self._control_hz and self._pilot.dialect is PX4:
+            # ArduPilot tells zeros for what is not ordered, and not where its origin is.
+            takers["POSITION_TARGET_LOCAL_NED"] = self._hear_motion_setpoint
+            takers["HOME_POSITION"] = self._hear_home
+        messages = self._pilot.messages
         async with asyncio.TaskGroup() as group:
-            group.create_task(self.readiness.watch(self._pilot.messages))
-            group.create_task(
-                follow(
-                    (heard("GLOBAL_POSITION_INT"), self._hear_position),
-                    (heard("ATTITUDE_QUATERNION"), self._hear_attitude),
-                    (heard("BATTERY_STATUS"), self._hear_battery),
-                    (heard("MISSION_ITEM_REACHED"), self._hear_reached),
-                )
-            )
+            group.create_task(self.readiness.watch(messages))
+            if self._known and self._known.takers is not None:
+                self._known.takers.update(takers)
+            else:
+                streams = [(messages.of(name), take) for name, take in takers.items()]
+                group.create_task(follow(*streams))
 
     def note(self, text: str, *, severity: int = _INFO) -> None:
         """Put a line about the vehicle into the log, where it is and flies now."""
@@ -169,7 +188,7 @@ class TelemetryFeed:
     def _sampled(self, known: Moment, belief: Kinematics) -> None:
         """Give the observers a sample of one instant, and an event for each change of state."""
         truth = known.kinematics
-        self._moment = truth, belief
+        before, self._moment = self._moment, (truth, belief)
         mode, armed = self._pilot.mode, self._pilot.armed
         self.battery.read(belief.t_ns, self._battery.remaining, flying=self._pilot.flying)
         sample = VehicleSample(
@@ -181,16 +200,17 @@ class TelemetryFeed:
             mode=mode,
             armed=armed,
             wind_ned_mps=known.wind_ned_mps,
+            control=None if before is None else self._control.take(before[1].t_ns),
         )
         for observer in self._observers:
             observer.sampled(sample)
         early, self._early = self._early, []
         for kind, text, severity in early:
             self._happened(kind, text, severity)
-        before, self._mode = self._mode, (mode, armed)
-        if before is None or before[0] != mode:
+        was, self._mode = self._mode, (mode, armed)
+        if was is None or was[0] != mode:
             self._happened("mode", mode, _INFO)
-        if before is not None and before[1] != armed:
+        if was is not None and was[1] != armed:
             self._happened("armed", "armed" if armed else "disarmed", _INFO)
         if self.readiness.estimator != self._estimator:
             self._estimator = self.readiness.estimator
@@ -216,6 +236,29 @@ class TelemetryFeed:
         q = np.array([fields["q1"], fields["q2"], fields["q3"], fields["q4"]])
         self._attitude = frozen(q / np.linalg.norm(q))
         self._rates = frozen((fields["rollspeed"], fields["pitchspeed"], fields["yawspeed"]))
+        if self._control_hz and self._known and self._known.motors and self._pilot.armed:
+            t_ns = fields["time_boot_ms"] * _NS_PER_MS
+            self._control.attitude(t_ns, self._attitude, self._rates, self._known.motors(t_ns))
+
+    def _hear_attitude_setpoint(self, fields: Fields) -> None:
+        rates = [fields[f"body_{axis}_rate"] for axis in ("roll", "pitch", "yaw")]
+        if self._pilot.dialect is not PX4:  # ArduPilot's are how fast the setpoint itself turns
+            rates = [math.nan] * 3
+        t_ns, numbers = (
+            fields["time_boot_ms"] * _NS_PER_MS,
+            (*fields["q"], *rates, fields["thrust"]),
+        )
+        self._control.setpoint(ATTITUDE, t_ns, numbers)
+
+    def _hear_motion_setpoint(self, fields: Fields) -> None:
+        ordered = [float(fields[name]) for name in _ORDERED]
+        ordered[:3] = np.add(ordered[:3], self._origin)
+        self._control.setpoint(MOTION, fields["time_boot_ms"] * _NS_PER_MS, ordered)
+
+    def _hear_home(self, fields: Fields) -> None:
+        lat, lon = fields["latitude"] / 1e7, fields["longitude"] / 1e7
+        place = self._area.frame.to_ned(lat, lon, self._area.home.alt_msl_m)
+        self._origin = place[0] - fields["x"], place[1] - fields["y"], -fields["z"]
 
     def _hear_battery(self, fields: Fields) -> None:
         percent, consumed = fields["battery_remaining"], fields["current_consumed"]
@@ -229,8 +272,10 @@ class TelemetryFeed:
         )
 
     def _hear_reached(self, fields: Fields) -> None:
-        if self._moment is not None:
-            seq = fields["seq"] - self._pilot.dialect.first_item
+        seq, before = fields["seq"] - self._pilot.dialect.first_item, self._reported
+        self._reported = seq
+        again = seq == before and seq in self.reached_ns  # as PX4 says once a second
+        if self._moment is not None and not again:
             self.reached_ns.setdefault(seq, []).append(self._moment[0].t_ns)
             self._happened("status", f"item {seq}: reported", _INFO, seq=seq)
 

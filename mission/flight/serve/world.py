@@ -53,7 +53,7 @@ class Recorder:
         link = self.link.model_copy(update={**patient, "url": self.url})
         with closing(self.logs):
             observers = self.logs, Milestones(clock.plant)
-            known = Known(None, clock.at)
+            known = Known(clock.at)
             async with located(link, area=self.area, observers=observers, say=say, known=known) as (
                 pilot,
                 _,

@@ -74,21 +74,22 @@ EXPORTED int hil_send(Hil *link, const uint8_t *gps)
 }
 
 /* The truth of this instant. A row is whole before it is the newest. */
-static int keep(World *world)
+static int keep(World *world, const double motors[MOTORS])
 {
     Ring *ring = world->ring;
     const int64_t number = world->t_ns / ring->interval_ns, slot = number % ring->count;
     ring->instants[slot] = world->t_ns;
     if (!world->read_gauges(world->interpreter, world->gauges, TRUTHS, ring->rows[slot])) return 0;
+    memcpy(ring->rows[slot] + TRUTHS, motors, MOTORS * sizeof *motors);
     ring->newest = number;
     return 1;
 }
 
-static int step(World *world, const double motors[4], double sample[6])
+static int step(World *world, const double motors[MOTORS], double sample[6])
 {
     world->t_ns += world->dt_ns;
     if (!world->drive(world->driven, motors, sample)) return 0;
-    return world->t_ns % world->ring->interval_ns != 0 || keep(world);
+    return world->t_ns % world->ring->interval_ns != 0 || keep(world, motors);
 }
 
 EXPORTED int hil_tick(Hil *link)

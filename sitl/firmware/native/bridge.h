@@ -14,11 +14,11 @@ enum { NOTHING, ORDERED, GONE, FREE_RUNNING, RESTARTED, FAILED };
 
 enum { MOST_FRAME = 280 };
 
-enum { TRUTHS = 15 }; /* numbers of a row */
+enum { TRUTHS = 15, MOTORS = 4 }; /* numbers of a row, one after the other */
 
 /* The truth at the end of each interval: by its number, modulo the number of rows. */
 typedef struct {
-    double (*rows)[TRUTHS];
+    double (*rows)[TRUTHS + MOTORS];
     int64_t *instants; /* ns */
     int64_t count, interval_ns, newest;
 } Ring;

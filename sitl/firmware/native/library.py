@@ -18,7 +18,7 @@ _POINTER, _BYTES = ctypes.c_void_p, ctypes.c_char_p
 _THREE, _FOUR, _SIX = _DOUBLE * 3, _DOUBLE * 4, _DOUBLE * 6
 
 KEPT = 4096  # guidance intervals, 80 s
-NUMBERS = 15  # of an instant, as `Multirotor.all` reads them
+TRUTHS, MOTORS = 15, 4  # numbers of an instant: what `Multirotor.all` reads, and what is ordered
 # What came of a call. ORDERED: the motors are what the firmware wants for the next tick; GONE: it
 # has hung up; FREE_RUNNING: its clock is not ours; RESTARTED: it has begun anew.
 NOTHING, ORDERED, GONE, FREE_RUNNING, RESTARTED, _FAILED = range(6)
@@ -36,7 +36,7 @@ class TruthRing:
     def __init__(self, plant: Plant) -> None:
         """Its first row is the present state of the plant."""
         self._count, interval_ns = KEPT, plant.interval * plant.dt_ns
-        shape = (KEPT, NUMBERS)
+        shape = (KEPT, TRUTHS + MOTORS)
         self._rows, self._instants = np.zeros(shape), np.zeros(KEPT, dtype=np.int64)
         first = plant.t_ns // interval_ns
         self._memory = _Ring(
@@ -47,7 +47,7 @@ class TruthRing:
             first,
         )
         self.address = ctypes.addressof(self._memory)
-        self._rows[first % KEPT] = plant.vehicle.all.read()
+        self._rows[first % KEPT, :TRUTHS] = plant.vehicle.all.read()
         self._instants[first % KEPT] = plant.t_ns
 
     @property

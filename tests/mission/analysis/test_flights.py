@@ -191,6 +191,20 @@ def test_an_aborted_and_a_repeated_mission_are_two_passes(tmp_path: Path) -> Non
     assert len(found.rounds) == 2
 
 
+def test_a_return_that_is_ordered_late_belongs_to_its_mission(tmp_path: Path) -> None:
+    def wait(desk: Desk) -> None:
+        desk.fly()
+        desk.fly(seconds=15)
+        mode(desk, 5)
+
+    log = flown(tmp_path, plain()[:-1], wait)
+    data = read_log(log)
+    (mission,) = data.missions
+    back = (5.0, float(mav.MAV_CMD_NAV_RETURN_TO_LAUNCH), 2.0, *[0.0] * 7, 1.0)
+    data = replace(data, missions=(replace(mission, items=(*mission.items, back)),))
+    assert compared(log, data).total.slots_missed == 0
+
+
 def test_a_plan_of_another_place_and_a_flight_without_a_mission_are_refused(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 import small_runs
+from scipy.spatial.transform import Rotation
 
 from mission.cli import call
 from mission.log.reader import read_log
@@ -226,6 +227,21 @@ def test_a_real_firmware_flies_a_survey_as_it_was_drawn(tmp_path: Path, autopilo
     found = json.loads((out / "summary.json").read_text())["planned_and_flown"]
     assert (found["slots"], found["slots_missed"]) == (18, 0)
     assert found["straight_max_m"] < 3.0
+    log = read_log(out / "flight.mcap")
+    assert log.control is not None
+    tells_motion, t_ns = autopilot == "px4", log.control.t_ns
+    assert set(np.diff(t_ns)) == {20_000_000}
+    where = np.array([np.interp(t_ns, log.belief.t_ns, x) for x in log.belief.pos_m.T]).T
+    air = where[:, 2] > 45.0
+    assert 0.3 < log.control.motors[air].mean() < 0.6
+    turned, ordered = (
+        Rotation.from_quat(part[air])
+        for part in (log.control.attitude, log.control.attitude_setpoint)
+    )
+    assert np.degrees((turned.inv() * ordered).magnitude()).mean() < 6.0
+    assert np.isfinite(log.control.rates_setpoint_radps).all() == tells_motion
+    offset = (log.control.position_setpoint_m - where)[air]
+    assert np.isnan(offset).all() if not tells_motion else abs(offset.mean(axis=0)).max() < 0.5
 
 
 @pytest.mark.real

@@ -162,6 +162,8 @@ def test_a_plan_file_shows_item_height_battery_and_what_is_said() -> None:
     told(2.2, "status", "Geofence loaded")
     told(2.3, "failsafe", "Battery low", severity=2)
     told(1.5, "reached", "item 2", 2)  # found out afterwards
+    told(2.4, "status", "item 4: reported", 4)  # PX4 leaves out items that lie near each other
+    told(2.5, "status", "item 4: reported", 4)
     assert [str(call.args[0]) for call in progress.phase.call_args_list] == [
         "flying survey.plan: on the way to the first place, 50 m high, battery unknown",
         "flying survey.plan: item 1 (1 of 4), 50 m high, battery 97 %",
@@ -169,4 +171,5 @@ def test_a_plan_file_shows_item_height_battery_and_what_is_said() -> None:
     assert [str(call.args[0]) for call in progress.notice.call_args_list] == [
         "t 1.2 s: item 1 (1 of 4), 50 m high, battery 97 %",
         "t 2.3 s: Battery low",
+        "t 2.4 s: item 4 (4 of 4), 50 m high, battery 97 %",
     ]

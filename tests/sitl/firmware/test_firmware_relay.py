@@ -123,9 +123,19 @@ def test_a_station_that_asks_is_noticed_and_its_chatter_is_not() -> None:
         ends.order(mav.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3))
         ends.order(mav.MAVLink_ping_message(0, 0, 0, 0))
         await until(lambda: len(ends.at_firmware()) > 0)
-        assert ends.asked == []
+        assert len(ends.asked) == 1  # the vehicle is new
         ends.order(mav.MAVLink_mission_count_message(1, 1, 10))
-        await until(lambda: bool(ends.asked))
+        await until(lambda: len(ends.asked) == 2)
+
+    relayed(body)
+
+
+def test_time_slows_down_for_stations_to_hear_of_another_mode() -> None:
+    async def body(ends: Ends) -> None:
+        for mode, told in ((3, 1), (3, 1), (4, 2)):
+            ends.say(mav.MAVLink_heartbeat_message(2, 12, 81, mode << 16, 4, 3))
+            await until(lambda: b"tick" in ends.at_firmware())
+            assert len(ends.asked) == told
 
     relayed(body)
 

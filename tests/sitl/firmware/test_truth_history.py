@@ -43,6 +43,7 @@ def test_what_was_kept_is_what_was() -> None:
             np.testing.assert_array_equal(getattr(kinematics, name), getattr(truth, name))
     np.testing.assert_array_equal(newest.wind_ned_mps, aircraft.wind_ned_mps)
     assert newest.battery == aircraft.battery
+    assert past.motors(aircraft.t_ns) == [0.9, 0.8, 0.9, 0.8]
 
 
 def test_between_two_it_lies_between_and_beyond_them_it_goes_on() -> None:
