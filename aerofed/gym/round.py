@@ -182,7 +182,7 @@ class RoundEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
 
         def fits(metres: float) -> bool:
             self._via[self._n - 1] = way[1:-1][along_m[1:-1] < metres]
-            self._waypoints_m[self._n :] = [np.interp(metres, along_m, axis) for axis in way.T]
+            self._waypoints_m[self._n :] = polyline.at(metres, along_m, way)
             return self._fits()
 
         low, high = 0.0, min(along_m[-1], (self._problem.most_m - self._flown_m) * _SHORTER)

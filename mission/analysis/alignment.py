@@ -51,8 +51,7 @@ def align(
     """
     points = _distinct(waypoints_m)
     legs = np.diff(points, axis=0)
-    lengths = np.linalg.norm(legs, axis=1)
-    at_m = np.concatenate(([0.0], np.cumsum(lengths)))
+    at_m = polyline.along(points)
     nodes, along = _nodes(points, at_m)
     low, high = (0.0, along[-1]) if between is None else between
     first = np.minimum(np.searchsorted(along, np.subtract(low, 1e-6)), len(along) - 2)
@@ -151,10 +150,7 @@ def _nodes(points: Floats, at_m: Floats) -> tuple[Floats, Floats]:
         for start, end in itertools.pairwise(at_m)
     ]
     along = np.concatenate((*pieces, at_m[-1:]))
-    nodes = np.column_stack(
-        [np.interp(along, at_m, points[:, axis]) for axis in range(points.shape[1])]
-    )
-    return nodes, along
+    return polyline.at(along, at_m, points), along
 
 
 def _monotone(

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from mission.base.arrays import Floats
+from mission.base.arrays import Floats, Ints
 
 
 def legs(points: Floats) -> Floats:
@@ -18,6 +18,11 @@ def length(points: Floats) -> float:
 def along(points: Floats) -> Floats:
     """(n,) lengths of the way from the first of (n, d) points to each."""
     return np.concatenate(([0.0], np.cumsum(legs(points))))
+
+
+def at(where: float | Floats | Ints, known: Floats | Ints, points: Floats) -> Floats:
+    """(..., d) straight between (n, d) points that lie at `known` (n,), ascending."""
+    return np.stack([np.interp(where, known, axis) for axis in points.T], axis=-1)
 
 
 def to_segments(points: Floats, start: Floats, end: Floats) -> tuple[Floats, Floats]:

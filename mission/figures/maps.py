@@ -185,7 +185,7 @@ def _arrows(
         along = polyline.along(points)
         at_m = share * along[-1]
         leg = min(int(np.searchsorted(along, at_m, side="right")), len(points) - 1)
-        x, y = (np.interp(at_m, along, points[:, axis]) for axis in (0, 1))
+        x, y = polyline.at(at_m, along, points)
         east, north = points[leg] - points[leg - 1]
         rows.append((number, x, y, math.degrees(math.atan2(east, north))))
     if not rows:

@@ -66,11 +66,8 @@ class Flight:
 
     def at(self, t_ns: int) -> Passage:
         """Truth and belief at an instant, linear between samples, clamped to the flight."""
-        true, est = (
-            np.array([np.interp(t_ns, self.t_ns, track[:, axis]) for axis in range(3)])
-            for track in (self.true_ned_m, self.est_ned_m)
-        )
-        return Passage(t_ns, true, est)
+        tracks = self.true_ned_m, self.est_ned_m
+        return Passage(t_ns, *(polyline.at(t_ns, self.t_ns, track) for track in tracks))
 
 
 class FlightRecorder:

@@ -141,10 +141,10 @@ def location(stamp: fox.Timestamp, where: GeodeticPoint) -> bytes:
     return encoded(fox.LocationFix, timestamp=stamp, frame_id=BODY_FRAME, **_geodetic(where))
 
 
-def feature(kind: str, coordinates: object, **properties: object) -> dict[str, object]:
+def feature(geometry: str, coordinates: object, /, **properties: object) -> dict[str, object]:
     """A feature of GeoJSON (RFC 7946)."""
-    geometry = {"type": kind, "coordinates": coordinates}
-    return {"type": "Feature", "geometry": geometry, "properties": properties}
+    drawn = {"type": geometry, "coordinates": coordinates}
+    return {"type": "Feature", "geometry": drawn, "properties": properties}
 
 
 def geojson(features: Sequence[Mapping[str, object]]) -> str:

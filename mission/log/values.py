@@ -99,7 +99,7 @@ class Track:
 
     def at(self, t_ns: Ints) -> "Track":
         """The positions at other instants, straight between samples."""
-        return Track(t_ns, np.column_stack([np.interp(t_ns, self.t_ns, x) for x in self.pos_m.T]))
+        return Track(t_ns, polyline.at(t_ns, self.t_ns, self.pos_m))
 
 
 @dataclass(frozen=True)

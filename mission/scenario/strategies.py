@@ -7,6 +7,7 @@ from typing import Protocol
 
 import numpy as np
 
+from mission.base import polyline
 from mission.base.area import Area
 from mission.base.arrays import Floats
 from mission.base.errors import InputError
@@ -142,7 +143,7 @@ class HoveringTour:
     @property
     def spacing_m(self) -> float:
         """Metres along the tour from one hovering point to the next."""
-        return float(_sides(self.corners_m).sum()) / self.points
+        return polyline.length(_closed(self.corners_m)) / self.points
 
     def path(self, round_index: int, steps: int) -> Floats:
         """(2 or more, 2) from one hovering point along the tour to the next."""
@@ -184,13 +185,13 @@ def stretch(corners_m: Floats, start_m: float, length_m: float, steps: int) -> F
     return _along(corners_m, arc)
 
 
-def _sides(corners_m: Floats) -> Floats:
-    return np.asarray(np.linalg.norm(np.roll(corners_m, -1, axis=0) - corners_m, axis=1))
+def _closed(corners_m: Floats) -> Floats:
+    return np.vstack((corners_m, corners_m[:1]))
 
 
 def _ends(corners_m: Floats, start_m: float, length_m: float) -> Floats:
     """Arc lengths of the start of a stretch, of the corners on it, and of its end."""
-    knots = np.concatenate(([0.0], np.cumsum(_sides(corners_m))))
+    knots = polyline.along(_closed(corners_m))
     perimeter = float(knots[-1])
     start = math.fmod(start_m, perimeter)
     laps = np.arange(math.ceil((start + length_m) / perimeter) + 1)[:, None] * perimeter
@@ -201,15 +202,14 @@ def _ends(corners_m: Floats, start_m: float, length_m: float) -> Floats:
 
 def _along(corners_m: Floats, arc: Floats) -> Floats:
     """(n, 2) points of a closed polygon at arc lengths."""
-    knots = np.concatenate(([0.0], np.cumsum(_sides(corners_m))))
-    closed = np.vstack((corners_m, corners_m[:1]))
-    arc = np.mod(arc, knots[-1])
-    return np.column_stack([np.interp(arc, knots, closed[:, axis]) for axis in (0, 1)])
+    closed = _closed(corners_m)
+    knots = polyline.along(closed)
+    return polyline.at(np.mod(arc, knots[-1]), knots, closed)
 
 
 def _stretch_m(corners_m: Floats, config: MissionConfig, limits: RoundLimits | None) -> float:
     """Metres of the tour that a round covers: L_max, less where its limits allow less anywhere."""
-    begins = np.linspace(0.0, float(_sides(corners_m).sum()), _BEGINS, endpoint=False).tolist()
+    begins = np.linspace(0.0, polyline.length(_closed(corners_m)), _BEGINS, endpoint=False).tolist()
     return _longest(
         config.path_budget_m,
         lambda length_m: all(
