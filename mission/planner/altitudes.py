@@ -37,7 +37,7 @@ NARROWEST_M = 0.5
 PROMISING = 0.98  # of the best value: a path that is worth looking for its own best altitude
 LEFT_SHARE = 0.5  # of the gap: where e leaves less of it, a part is split
 WORTH_SHARE = 0.9  # the same, where a search has ended short of the gap
-MOST_SEARCHES = 2  # times `max_nodes` are looked into for all altitudes together
+MOST_SEARCHES = 2
 SAMPLED = 9  # altitudes that a planner without a bound is asked at
 
 
@@ -46,6 +46,7 @@ class CertifiedAltitudes:
     """The planner with a certificate, for all altitudes within the limits at once."""
 
     inner: CertifiedPlanner
+    searches: int = MOST_SEARCHES  # times as many nodes as `inner` are looked into in all
 
     def plan(self, problem: RoundProblem) -> RoundPlan:
         """Plan one round.
@@ -59,7 +60,7 @@ class CertifiedAltitudes:
             return at_rest
         if (plan := in_usual_size(self, problem)) is not None:
             return plan
-        proof = _Proof(problem, self.inner.goal)
+        proof = _Proof(problem, self.inner.goal, self.searches * self.inner.goal.max_nodes)
         bound = proof.lower()
         made = bounded(problem, proof.best, bound, proof.nodes)
         return replace(made, ended=proof.ended if made.gap > self.inner.goal.gap else "")
@@ -102,6 +103,7 @@ class _Proof:
 
     problem: RoundProblem
     goal: Goal
+    most_nodes: int
     best: RoundPlan = field(init=False)
     nodes: int = 0
     ended: str = ""  # of the last search that has proven less than was asked for
@@ -127,13 +129,12 @@ class _Proof:
 
     def lower(self) -> float:
         """The bound of all altitudes, as low as goal and nodes allow."""
-        most_nodes = MOST_SEARCHES * self.goal.max_nodes
         while True:
             worst = max(self._parts, key=lambda part: part.bound)
             if (
                 not self.best.value > 0.0  # nothing to measure a gap by
                 or worst.bound <= self.enough
-                or self._spent >= most_nodes
+                or self._spent >= self.most_nodes
                 or not self._improve(worst)
             ):
                 return worst.bound

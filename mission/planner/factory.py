@@ -9,6 +9,7 @@ from mission.planner.limited import LimitedPlanner
 from mission.planner.problem import Planner, RoundPlan, RoundProblem
 
 _STARTS, _TRIES = 16, 8  # of paths that are only begun with
+_FEW_NODES, _SEARCHES = 500, 10  # where a proof of many altitudes would take longer than the plan
 
 
 def make_planner(config: PlannerConfig) -> Planner:
@@ -27,8 +28,9 @@ def make_planner(config: PlannerConfig) -> Planner:
 
     certified = CertifiedPlanner(gap=config.gap, max_nodes=config.max_nodes)
     drawing = ExploringPlanner(starts=_STARTS, tries=_TRIES)
-    first = CertifiedAltitudes(CertifiedPlanner(gap=config.gap, max_nodes=0))
-    return LimitedPlanner(CertifiedAltitudes(certified), drawing, certified.goal, first)
+    few = CertifiedPlanner(gap=config.gap, max_nodes=min(config.max_nodes, _FEW_NODES))
+    brief = CertifiedAltitudes(few, searches=_SEARCHES)
+    return LimitedPlanner(CertifiedAltitudes(certified), drawing, certified.goal, brief)
 
 
 def _of_kind(config: PlannerConfig) -> Planner:

@@ -5,11 +5,12 @@ import math
 from mission.planner.fitting import varied
 from mission.planner.problem import RoundPlan, RoundProblem
 
-_CHANGES, USUAL = 40_000, 120  # that are tried at random, for so many devices times steps
+_CHANGES, _USUAL = 40_000, 120  # that are tried at random, for so many devices times steps
 _FEWEST, _PAIRS = 200, 250  # of them; of outlines and vertices, whose ways take as long as a look
 # How many plans are improved, by which share of the changes, and what they may lose on the way.
 _STAGES = ((30, 0.2, 0.02), (4, 1.0, 0.01), (1, 2.0, 0.01), (1, 1.0, 0.0))
 _ON_GRID = 0.5
+_SERVED = 6  # devices that are as much work to leave out, one by one, as a look
 _ALIKE = 0.003  # of the value: plans that differ by less are taken for one
 
 
@@ -29,20 +30,25 @@ def improved(problem: RoundProblem, plans: list[RoundPlan], enough: float) -> Ro
 
 def _changes(problem: RoundProblem) -> int:
     """How many are tried: less where a look at one takes longer."""
-    work, energy = 1.0, problem.limits is not None and math.isfinite(problem.limits.energy_j)
+    work, devices = 1.0, len(problem.devices_m)
+    energy = problem.limits is not None and math.isfinite(problem.limits.energy_j)
     if problem.ready_in_s is not None:
         work += 2
     if energy:
-        work += 2
+        work += 1
     if not problem.airspace.is_open:
         ways = 1 + problem.airspace.outlines.pairs // _PAIRS
         work += (2 if problem.limits is None else 4) * ways
     if problem.upload_s is not None:
-        work += 26 if energy else 6
+        work += 3
+        if energy:
+            work += 23
+        elif problem.limits is not None and math.isfinite(problem.limits.duration_s):
+            work += devices / _SERVED
     if problem.per_grid is not None:  # many summits, and a look is short
         work *= _ON_GRID
-    size = max(1.0, problem.steps * len(problem.devices_m) / USUAL)
-    return max(_FEWEST, int(_CHANGES / (work * math.sqrt(size))))
+    size = max(1.0, problem.steps * devices / _USUAL)
+    return max(_FEWEST, int(_CHANGES / (work * size**0.25)))
 
 
 def _value(plan: RoundPlan) -> float:

@@ -17,7 +17,7 @@ from mission.base.arrays import Floats
 from mission.planner.evaluate import bounded, success_bounds
 from mission.planner.fitting import fitted, standing
 from mission.planner.flyable import foresee_round
-from mission.planner.improving import USUAL, improved
+from mission.planner.improving import improved
 from mission.planner.problem import Planner, RoundPlan, RoundProblem
 
 if TYPE_CHECKING:  # which makes ready to search
@@ -28,6 +28,7 @@ _SHARES = (1.0, 0.95, 0.9, 0.85, 0.8, 0.75, 0.7, 0.6, 0.5, 0.4)
 _UPLOAD_SHARES = (0.9, 0.75, 0.6, 0.45, 0.3)
 _PRICES = (0.2, 0.4, 0.6)  # shares of the devices that are worth less a second
 _LOOSE = "its bound leaves out part of the time that corners and ways around areas take"
+_FEW = 20  # devices, for all of whose altitudes a proof can be waited for
 _GAIN = 1e-6  # of the value: less is no improvement
 
 
@@ -36,14 +37,13 @@ class LimitedPlanner:
     """A planner, and what makes its plans keep to areas, time and energy.
 
     `drawing` makes the paths that are begun with: the planner itself, or one that proves nothing.
-    `first`, which proves little in no time, is asked where devices take time and the altitude of
-    many is open, and the planner itself where that may prove more.
+    `brief`, which looks into few nodes, takes its place where the altitude of many devices is open.
     """
 
     inner: Planner
     drawing: Planner
     goal: "Goal | None" = None  # None: nothing is proven
-    first: Planner | None = None
+    brief: Planner | None = None
 
     def plan(self, problem: RoundProblem) -> RoundPlan:
         """Plan one round.
@@ -55,7 +55,10 @@ class LimitedPlanner:
         if problem.airspace.is_open and problem.limits is None:
             return self.inner.plan(problem)
         problem = replace(problem, path_budget_m=problem.most_m, importance=servable(problem))
-        ideal, best, bound = self._kept_to(problem)
+        large = problem.altitudes_m is not None and len(problem.devices_m) > _FEW
+        inner = self.brief if self.brief is not None and large else self.inner
+        ideal = inner.plan(problem.unlimited)
+        best, bound = self._within(problem, ideal)
         if problem.altitudes_m is not None:
             higher = fitted(problem, best.waypoints_m, above=best.value)
             best = higher or replace(best, altitude_m=ideal.altitude_m)
@@ -65,21 +68,6 @@ class LimitedPlanner:
         if self.goal is None or best.gap <= self.goal.gap:
             return replace(best, ended="")
         return replace(best, ended=ideal.ended or _LOOSE)
-
-    def _kept_to(self, problem: RoundProblem) -> tuple[RoundPlan, RoundPlan, float]:
-        """A plan without limits, the one within them that it leads to, and the bound."""
-        size = problem.steps * len(problem.devices_m)
-        if self.first is not None and problem.altitudes_m is not None and size > USUAL:
-            from mission.planner.timed import has_bound
-
-            if has_bound(problem):
-                ideal = self.first.plan(problem.unlimited)
-                best, bound = self._within(problem, ideal)
-                # Without limits nothing lower can be proven than a plan is worth there.
-                if bound <= ideal.value:
-                    return replace(ideal, ended=""), best, bound
-        ideal = self.inner.plan(problem.unlimited)
-        return ideal, *self._within(problem, ideal)
 
     def _within(self, problem: RoundProblem, ideal: RoundPlan) -> tuple[RoundPlan, float]:
         """The best plan within limits that one without them leads to, and the bound."""

@@ -52,23 +52,16 @@ class Metres:
         return search_orders(devices, limits, case.relaxation, plan=found, effort=effort).bound
 
 
-def has_bound(problem: RoundProblem) -> bool:
-    """Whether devices take time of which a bound is proven (`timed_bound`)."""
-    count = int(np.count_nonzero(problem.importance))
-    if problem.per_grid is not None:  # which orders of visits know nothing of
-        return False
-    timed = problem.limits is not None and (problem.upload_s is not None or _late(problem).any())
-    return bool(timed and 0 < count <= MOST_DEVICES and problem.steps > 1 and problem.most_m > 0.0)
-
-
 def timed_bound(problem: RoundProblem, value: float, goal: Goal) -> float:
     """What no plan is worth more than, hovers and turns included; infinity where none is proven.
 
     `value` is that of the best plan so far.
     """
-    if not has_bound(problem):
-        return math.inf
     count = int(np.count_nonzero(problem.importance))
+    timed = problem.limits is not None and (problem.upload_s is not None or _late(problem).any())
+    ordered = problem.per_grid is None and count <= MOST_DEVICES  # else no order is searched
+    if not (timed and ordered and count and problem.steps > 1 and problem.most_m > 0.0):
+        return math.inf
     most_nodes = _SHARED_NODES // count // (1 if problem.altitudes_m is None else _PARTS)
     goal, worst = replace(goal, max_nodes=min(goal.max_nodes, most_nodes)), 0.0
     limits = [metres for metres in _limits(problem) if metres.whole > 0.0]
