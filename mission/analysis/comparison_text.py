@@ -116,7 +116,8 @@ def tables(comparison: RunComparison) -> tuple[Table, ...]:
 def in_full(found: Sequence[RunComparison], *, width: int) -> Iterator[Table | str]:
     """What `aerofed compare` prints of a run, a flight, or several side by side."""
     yield from side_by_side(found, width=width) if len(found) > 1 else tables(found[0])
-    settings = [dotted(item.run.data.config) for item in found]
+    # Logs of others have none.
+    settings = [dotted(item.run.data.config) for item in found if item.run.data.config]
     for key in dict.fromkeys(key for each in settings for key in each):
         values = [str(each.get(key, "-"))[:_NAME_WIDTH] for each in settings]
         if len(set(values)) > 1:

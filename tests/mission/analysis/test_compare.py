@@ -250,6 +250,9 @@ def test_runs_side_by_side_say_in_which_settings_they_differ(tmp_path: Path) -> 
     assert printed.splitlines()[-1] == "mission.steps: 8 / 16"
     assert "cov-seed1-8   cov-seed1-16" in printed  # broken at a hyphen, not within a word
     assert "-0.0 " not in printed
+    bare = dataclasses.replace(loaded, data=dataclasses.replace(loaded.data, attachments={}))
+    others = [compare_run(bare), pair[0]]  # a log of somebody else's has no settings
+    assert [part for part in in_full(others, width=80) if isinstance(part, str)] == []
 
 
 def test_two_runs_stay_together_on_a_narrow_terminal(tmp_path: Path) -> None:
