@@ -7,27 +7,33 @@ import altair as alt
 import numpy as np
 
 from fl.radio.city import Building
+from fl.radio.per_grid import PerGrid
 from fl.radio.radio_map import RadioMap
 from mission.base.arrays import Floats
 from mission.figures.charts import finished
-from mission.figures.frame import MapFrame
+from mission.figures.frame import MapFrame, run_frame, run_lines
 from mission.figures.style import (
     BAD,
+    FLOWN,
     GOOD,
     PAPER,
     SOFT,
     WARM,
     Chart,
+    arranged,
     heading,
     keys,
     named,
+    per_scale,
     table,
 )
 from mission.log.records import LATE
-from mission.log.values import FlightData
+from mission.log.values import NS_PER_S, FlightData
 
 _WIDTH = 560.0
 _MOST_CELLS = 200  # a side: more cannot be told apart
+_PANEL, _PANEL_CELLS = 230.0, 41  # of a belief, and cells a side
+_SHOWN = (1, 2, 4)  # rounds, beside the last
 
 
 def gain_picture(
@@ -75,6 +81,70 @@ def _edges(middles: Floats) -> tuple[Floats, Floats]:
         else (middles[0] - 0.5, middles[0] + 0.5)
     )
     return np.append(first, between), np.append(between, last)
+
+
+def beliefs(run: FlightData) -> list[Chart]:
+    """Maps of what was believed of one device's packets as some rounds began, and of what was true.
+
+    It is the device of which most was learnt; none where beliefs were true, or averages.
+    """
+    if run.radio_true is None or not run.radio_believed:
+        return []
+    # A belief is written before its round starts, and after the round before did.
+    grids = {
+        1 + sum(record.start_t_s * NS_PER_S < t_ns for record in run.rounds): grid
+        for t_ns, grid in run.radio_believed
+    }
+    first, last = grids[min(grids)], grids[max(grids)]
+    device = int(np.abs(last.success - first.success).mean(axis=(1, 2)).argmax())
+    frame = run_frame(run, _PANEL)
+    panels = []
+    for number in sorted({min(grids), max(grids), *_SHOWN} & grids.keys()):
+        before = [plan for plan in run.plans if plan.round < number]
+        paths = [line for line in run_lines(run, before) if line[0] == "flown"]
+        lines = frame.lines(paths)
+        panels.append(_belief(run, frame, grids[number], device, f"as round {number} began", lines))
+    return [*panels, _belief(run, frame, run.radio_true, device, "as it was", [])]
+
+
+def belief_picture(panels: Sequence[Chart], about: str) -> Chart:
+    """What `beliefs` gives as one picture."""
+    title = heading("What was believed of a device's radio, and what was true", about)
+    return arranged(panels, how="concat", columns=3, spacing=24, title=title)
+
+
+def _belief(
+    run: FlightData,
+    frame: MapFrame,
+    grid: PerGrid,
+    device: int,
+    name: str,
+    lines: Sequence[alt.Chart],
+) -> Chart:
+    every = math.ceil(max(grid.success.shape[1:]) / _PANEL_CELLS)
+    success, cell_m = grid.success[device, ::every, ::every], grid.cell_m * every
+    row, column = np.indices(success.shape)
+    x, y = (
+        first + cell_m * (line.ravel() - 0.5)
+        for first, line in zip(grid.first_m, (column, row), strict=True)
+    )
+    wide_m = cell_m + 0.5 * frame.pixel_m
+    cells = table(x=x, x2=x + wide_m, y=y, y2=y + wide_m, per=np.round(1.0 - success.ravel(), 2))
+    at_m = run.devices.pos_m[device]
+    drawn = [
+        frame.chart(cells)
+        .mark_rect(clip=True)
+        .encode(
+            alt.X2(field="x2"),
+            alt.Y2(field="y2"),
+            alt.Color("per:Q", title="packet error rate", scale=per_scale()),
+        ),
+        *lines,
+        frame.chart(table(round=[0], x=at_m[:1], y=at_m[1:])).mark_point(
+            filled=True, size=110, color=FLOWN, stroke=PAPER, opacity=1
+        ),
+    ]
+    return frame.finished(drawn, {"text": f"Device {device} {name}"})
 
 
 def plan_errors(run: FlightData) -> list[Chart]:

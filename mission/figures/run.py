@@ -12,6 +12,7 @@ from mission.figures.charts import Series, line_chart
 from mission.figures.flight import profiles
 from mission.figures.learning import learning_charts
 from mission.figures.maps import overview, round_map, round_maps
+from mission.figures.radio import belief_picture, beliefs
 from mission.figures.render import engine, save_all, stacked
 from mission.figures.style import Chart
 
@@ -24,7 +25,8 @@ _KINDS: tuple[tuple[str, str, Callable[[Comparison], float]], ...] = (
 
 
 def draw_run(folder: Path) -> tuple[Path, ...]:
-    """Draw a run's pictures into `folder/figures`: `map.png`, `rounds.png`, `learning.png`.
+    """Draw a run's pictures into `folder/figures`: `map.png`, `rounds.png`, `learning.png`, and
+    `belief.png` where plans believed what was not true by place.
 
     Of a plan file's flight they are `map.png` and `profile.png`. A picture for which there are no
     data (nothing flown, no round finished) is left out. Returns the files that were written.
@@ -48,6 +50,8 @@ def run_pictures(loaded: LoadedRun) -> dict[str, Chart]:
     if run.plans and len(run.truth.t_ns):
         pictures["map.png"] = overview(run, about)
         pictures["rounds.png"] = round_maps(run, about)
+        if panels := beliefs(run):
+            pictures["belief.png"] = belief_picture(panels, about)
     if run.rounds:
         charts = learning_charts(run)
         pictures["learning.png"] = stacked(charts, title="What was learnt", about=about)

@@ -10,8 +10,10 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, TypeAlias
 
+import numpy as np
 from foxglove import messages as fox
 
+from fl.radio.per_grid import PerGrid
 from flightdyn.frames import LocalFrame
 from flightdyn.state import (
     BatteryState,
@@ -31,6 +33,7 @@ PATH_GRID = 2.0**7
 VELOCITY_GRID = 2.0**10  # cells a metre per second
 QUATERNION_GRID = 2.0**16
 DEGREE_GRID = 2.0**27
+GRID_PLACES = 81  # along the longer side of a grid: 80 kB for 12 devices, before they are packed
 
 _ENCODER = json.JSONEncoder(separators=(",", ":"), allow_nan=False)
 
@@ -94,6 +97,31 @@ def pose(stamp: fox.Timestamp, where: Place) -> bytes:
         timestamp=stamp,
         frame_id=FRAME,
         pose=fox.Pose(position=where[0], orientation=where[1]),
+    )
+
+
+def success_grid(stamp: fox.Timestamp, grid: PerGrid) -> bytes:
+    """Grid of the success of each device's packets, a byte a place and device."""
+    every = math.ceil(max(grid.success.shape[1:]) / GRID_PLACES)
+    shares = np.moveaxis(np.rint(255.0 * grid.success[:, ::every, ::every]), 0, -1)
+    _, columns, devices = shares.shape
+    cell_m = grid.cell_m * every
+    x, y = (first - 0.5 * cell_m for first in grid.first_m)  # a place is the middle of its cell
+    byte = fox.PackedElementFieldNumericType.Uint8
+    return encoded(
+        fox.Grid,
+        timestamp=stamp,
+        frame_id=FRAME,
+        pose=fox.Pose(position=fox.Vector3(x=x, y=y, z=0.0), orientation=fox.Quaternion(w=1.0)),
+        column_count=columns,
+        cell_size=fox.Vector2(x=cell_m, y=cell_m),
+        row_stride=columns * devices,
+        cell_stride=devices,
+        fields=[
+            fox.PackedElementField(name=f"device {device}", offset=device, type=byte)
+            for device in range(devices)
+        ],
+        data=shares.astype(np.uint8).tobytes(),
     )
 
 

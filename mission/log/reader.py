@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from fl.radio.per_grid import PerGrid
 from mission.base.arrays import Floats, Ints
 from mission.log import ForeignLogError, control, topics
 from mission.log.contents import Contents, load
@@ -90,6 +91,8 @@ def decode(contents: Contents) -> FlightData:
             ),
             modes=_modes(contents),
             control=_control(contents),
+            radio_believed=_grids(contents, topics.RADIO_BELIEVED),
+            radio_true=next((grid for _, grid in _grids(contents, topics.RADIO_TRUE)), None),
             gnss_ns=np.array(
                 [item.log_time for item in contents.messages.get(topics.GNSS.name, ())],
                 dtype=np.int64,
@@ -170,6 +173,17 @@ def _control(contents: Contents) -> ControlTrack | None:
     rows = contents.messages.get(topics.CONTROL.name, ())
     times = np.array([row.log_time for row in rows], dtype=np.int64)
     return control.track(times, [row.data for row in rows]) if rows else None
+
+
+def _grids(contents: Contents, topic: Topic) -> tuple[tuple[int, PerGrid], ...]:
+    found = []
+    for t_ns, grid in contents.decoded(topic):
+        shape = -1, grid.column_count, grid.cell_stride
+        shares = np.frombuffer(grid.data, dtype=np.uint8).reshape(shape) / 255.0
+        cell_m, at = grid.cell_size.x, grid.pose.position
+        first_m = at.x + 0.5 * cell_m, at.y + 0.5 * cell_m
+        found.append((t_ns, PerGrid(np.moveaxis(shares, -1, 0), first_m, cell_m)))
+    return tuple(found)
 
 
 def _battery(contents: Contents) -> BatteryTrack:

@@ -132,6 +132,16 @@ SCENE_DEVICES = _foxglove(
 SCENE_LINKS = _foxglove(
     "/scene/links", fox.SceneUpdate, "transmissions; colour: true PER, thin: lost"
 )
+RADIO_BELIEVED = _foxglove(
+    "/radio/believed",
+    fox.Grid,
+    "success of each device's packets by place, 255 for 1, 81 places a side at most: "
+    "what a round is planned with, where that is not the channel and another than before",
+    latched=True,
+)
+RADIO_TRUE = _foxglove(
+    "/radio/true", fox.Grid, "the same as it is, once, where the belief is not it", latched=True
+)
 LOG = _foxglove("/log", fox.Log, "events as lines for people")
 TRUE_WIND = _foxglove(
     "/true/wind", fox.Vector3, "velocity of the air at the aircraft, east, north, up in m/s; 1 Hz"
@@ -158,7 +168,7 @@ SETPOINT = _json("/setpoint", "aerofed.Setpoint", SetpointRecord)
 TOPICS: tuple[Topic, ...] = (
     *(TF, TRUE_POSE, EST_POSE, TRUE_VELOCITY, EST_VELOCITY, TRUE_LOCATION, GNSS),
     *(PLAN_PATH, FLOWN_PATH, PLAN_MAP, SCENE_GROUND, SCENE_BUILDINGS),
-    *(SCENE_DEVICES, SCENE_LINKS, LOG),
+    *(SCENE_DEVICES, SCENE_LINKS, RADIO_BELIEVED, RADIO_TRUE, LOG),
     *(DEVICES, PLAN, ROUNDS, UPLINKS, LEARNING, BATTERY, MODE, EVENTS),
     *(TRUE_WIND, CONTROL, INNOVATIONS, FENCE, MISSION, SETPOINT),
 )

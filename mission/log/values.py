@@ -13,6 +13,7 @@ from typing import Annotated, Any, Self
 
 import numpy as np
 
+from fl.radio.per_grid import PerGrid
 from flightdyn.state import GeodeticPoint
 from mission.base import polyline
 from mission.base.area import Area
@@ -389,6 +390,9 @@ class FlightData:
     modes: Modes = NO_MODES
     current: tuple[Ints, Ints] = (_NONE, _NONE)  # times, and the mission item flown to from then on
     control: ControlTrack | None = None  # None: the vehicle tells none
+    # Success by place that rounds were planned with, each from an instant on, and as it was.
+    radio_believed: tuple[tuple[int, PerGrid], ...] = ()
+    radio_true: PerGrid | None = None
     gnss_ns: Ints = field(default_factory=lambda: _NONE)  # when satellites gave a position
     source: Source = OURS
 

@@ -7,6 +7,7 @@ from typing import Self
 
 import numpy as np
 
+from fl.radio.per_grid import PerGrid
 from mission.base import polyline
 from mission.base.area import Area
 from mission.log import messages, scene, topics
@@ -67,6 +68,7 @@ class FlightLog:
         self._watched = bool(mirrors)  # and nobody watches a second late
         self._vehicle = VehicleTopics(area, self._send)
         self._now_ns = self._flushed_ns = start_ns
+        self._believed: PerGrid | None = None  # of the radio, by the last plan
         self._planned = 0  # the round, or the mission, of the last plan
         self._mcap.metadata("aerofed", {"format": topics.FORMAT_VERSION, **area_to_text(area)})
         self._write_world(start_ns)
@@ -108,6 +110,11 @@ class FlightLog:
         """
         if slot_s is None:
             slot_s = (polyline.along(plan.route_m)[plan.stops_at] / speed_mps).tolist()
+        grid = problem.per_grid
+        if grid is not None and grid is not self._believed and round_number != self._planned:
+            self._believed = grid
+            believed = messages.success_grid(messages.timestamp(t_ns), grid)
+            self._write(topics.RADIO_BELIEVED, t_ns, believed)
         altitude_m = problem.channel.altitude_m
         self.plan_record(
             PlanRecord(
@@ -128,6 +135,11 @@ class FlightLog:
                 stops_at=plan.stops_at,
             )
         )
+
+    def radio_true(self, grid: PerGrid) -> None:
+        """Write with what success packets come through, which the belief is to be held against."""
+        stamp = messages.timestamp(self._now_ns)
+        self._write(topics.RADIO_TRUE, self._now_ns, messages.success_grid(stamp, grid))
 
     def plan_record(self, written: PlanRecord) -> None:
         """Write a plan at the instant at which its flight starts, or goes on by it."""

@@ -13,7 +13,7 @@ from mission.figures.conditions import condition_charts, estimator_charts, fligh
 from mission.figures.flight import profile_charts
 from mission.figures.learning import learning_charts, radio_charts
 from mission.figures.maps import round_map
-from mission.figures.radio import plan_errors
+from mission.figures.radio import beliefs, plan_errors
 from mission.figures.render import card
 from mission.log.values import FlightData
 from mission.report.about import about
@@ -66,7 +66,8 @@ def report_html(loaded: LoadedRun) -> str:
                 ],
                 "flight": [card(chart) for chart in flight_charts(comparison)],
                 "radio": [
-                    card(chart) for chart in (*radio_charts(run, comparison), *plan_errors(run))
+                    *map(card, (*radio_charts(run, comparison), *plan_errors(run))),
+                    *(card(chart, is_map=True) for chart in beliefs(run)),
                 ],
                 "table": (
                     "Every round",

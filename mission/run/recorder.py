@@ -28,6 +28,7 @@ from mission.planner.problem import RoundPlan, RoundProblem
 from mission.run.callbacks import Callbacks, RoundReport
 from mission.run.checkpoint import CheckpointFolder, RoundMemory
 from mission.run.progress import Progress, make_progress
+from mission.scenario.radios import radio_grid
 from mission.scenario.scenario import Scenario
 
 
@@ -162,6 +163,9 @@ def recording(run: Ready, console: RunConsole, stopwatch: Stopwatch) -> Iterator
         log.attach("config.toml", "application/toml", scenario.config.to_toml().encode())
         log.attach("devices.csv", "text/csv", scenario.devices_csv().encode())
         log.metadata("libraries", library_versions())
+        if scenario.config.radio.belief not in ("channel", "truth"):
+            told = scenario.radio, scenario.channel, scenario.area, len(scenario.devices_m)
+            log.radio_true(radio_grid(*told))
         tables = rounds, uplinks, learnt
         recorder = FolderRecorder(run, log, *tables, progress, stopwatch)
         for notice in scenario.notices():

@@ -49,10 +49,9 @@ def believed_grid(
     Raises:
         InputError: as `radio_of`.
     """
-    belief = config.radio.belief
+    belief, radio = config.radio.belief, truth
     if belief == "channel":
         return None
-    radio = truth
     if belief == "learned":
         radio = AverageRadio(channel, devices_m)
     elif belief == "map":
@@ -61,9 +60,14 @@ def believed_grid(
         city = _city(config, area, devices_m, None)
         unknown_db = city.shadowing_db if config.radio.shadowing else None
         radio = PlacedRadio(city, _terms(config), unknown_db)
+    return radio_grid(radio, channel, area, len(devices_m))
+
+
+def radio_grid(radio: Radio, channel: Channel, area: Area, devices: int) -> PerGrid:
+    """What a radio gives all over an area, at the channel's altitude."""
     return PerGrid.of(
         radio,
-        len(devices_m),
+        devices,
         size_m=area.size_m,
         height_m=channel.altitude_m,
         cell_m=max(_LEAST_CELL_M, max(area.size_m) / _MOST_CELLS),

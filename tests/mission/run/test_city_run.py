@@ -13,6 +13,7 @@ from mcap_protobuf.decoder import DecoderFactory
 import aerofed
 from mission.base.errors import FlightError
 from mission.figures.maps import overview
+from mission.figures.radio import beliefs
 
 # Between the devices stands a wall of houses; the fourth is a tower, which is flown around.
 WALLS = [
@@ -82,6 +83,41 @@ def test_what_was_learned_is_learned_again_on_resuming(tmp_path: Path, replan: s
     again = aerofed.resume(tmp_path / "cut")
     for name in ("rounds.csv", "uplinks.csv", "flight.mcap"):
         assert (again.path / name).read_bytes() == (whole.path / name).read_bytes()
+
+
+def test_what_is_believed_stands_in_the_log_and_grows_in_a_picture(
+    run: aerofed.Run, tmp_path: Path
+) -> None:
+    more = {**SETTINGS, "radio.belief": "learned", "mission.rounds": 3, "seed": 3}
+    data = aerofed.run("quickstart", more, out=tmp_path / "run")._loaded.data
+    assert len(data.radio_believed) == 3
+    places = {number: [u for u in data.uplinks if u.round == number] for number in (1, 2, 3)}
+    for (t_ns, grid), (number, uplinks) in zip(data.radio_believed, places.items(), strict=True):
+        assert t_ns <= data.rounds[number - 1].start_t_s * 1e9
+        assert grid.success.shape == (len(data.devices.pos_m), 81, 81)  # a byte each
+        at_m = np.array([(u.plan_x_m, u.plan_y_m) for u in uplinks])
+        per = grid.per(np.array([u.device for u in uplinks]), at_m)
+        assert per == pytest.approx([u.plan_per for u in uplinks], abs=0.6 / 255)
+    assert data.radio_true is not None
+    sent = [u for uplinks in places.values() for u in uplinks]
+    at_m = np.array([(u.true_x_m, u.true_y_m) for u in sent])
+    true_per = data.radio_true.per(np.array([u.device for u in sent]), at_m)
+    assert np.abs(true_per - [u.true_per for u in sent]).mean() < 0.02
+    panels = beliefs(data)
+    assert [panel["title"]["text"].split(" ", 2)[2] for panel in panels] == [
+        *(f"as round {number} began" for number in (1, 2, 3)),
+        "as it was",
+    ]
+    device = int(panels[0]["title"]["text"].split()[1])
+    for panel, grid in zip(
+        panels, (*(g for _, g in data.radio_believed), data.radio_true), strict=True
+    ):
+        (cells,) = tables(described(panel), "per")
+        found = [row["per"] for row in cells]
+        assert found == pytest.approx(1.0 - grid.success[device, ::2, ::2].ravel(), abs=0.006)
+    average = run._loaded.data
+    assert average.radio_true is None
+    assert not beliefs(average)
 
 
 def test_the_same_again_has_the_same_bytes(run: aerofed.Run, tmp_path: Path) -> None:
