@@ -61,6 +61,8 @@ its last round), versions, data sources, `plugins`: the SHA-256 of the code of e
 and in all, but for the writing of `report.html`, which shows them |
 | `report.html` | the page of the run; `--no-report` leaves it out, `aerofed report` writes it |
 | `figures/map.png` | all rounds on one map |
+| `figures/belief.png` | what was believed of a device by place as rounds 1, 2, 4 and the last \
+began, and what was true; only where `radio.belief` is neither the channel nor the truth |
 | `figures/rounds.png` | who was served from where, round by round, at most twelve rounds |
 | `figures/learning.png` | accuracy, fairness and updates |
 | `checkpoint/` | what `aerofed run --resume` needs to go on; in `interrupted/` the old log and \

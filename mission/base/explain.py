@@ -37,6 +37,7 @@ class Blame:
     source: str = field(compare=False)
     given: Mapping[str, str] = field(default_factory=dict, compare=False)  # keys -> their options
     giver: str = field(default="command line", compare=False)
+    notes: list[str] = field(default_factory=list, compare=False)  # of what was read, for its user
 
     def sets(self, name: str) -> bool:
         """Whether `giver` set a key, or something in it."""

@@ -25,6 +25,7 @@ _MOST_M = 100_000.0  # from an area's corner, as for the places in a configurati
 _MOST_DEG = {"lat": 85.0, "lon": 180.0}  # nearer to a pole no flight is configured
 _HOLDS_POINTS = "a point a device (GeoJSON), or a table with columns x, y or lat, lon (CSV)"
 _POLYGONS = ("Polygon", "MultiPolygon")
+_TELL = ("building", "height", "building:levels")  # properties of a building
 _HOLDS_AREAS = "Polygons or MultiPolygons (GeoJSON)"
 
 
@@ -66,22 +67,38 @@ def read_places(path: Path) -> tuple[Place, ...]:
     return places
 
 
-def read_rings(path: Path, *, buildings: bool = False) -> tuple[Ring, ...]:
-    """The outlines in a GeoJSON file; a MultiPolygon is several. Those of `buildings` may have
-    holes, and trees, addresses and streets between them are passed over.
+def read_rings(path: Path) -> tuple[Ring, ...]:
+    """The outlines in a GeoJSON file; a MultiPolygon is several.
 
     Raises:
         InputError: it cannot be read, or something in it is no area.
     """
-    rings = tuple(
-        ring
-        for where, kind, coordinates, properties in _features(path)
-        if kind in _POLYGONS or not buildings
-        for ring in _rings(where, kind, coordinates, properties, holes=buildings)
-    )
+    rings = tuple(ring for feature in _features(path) for ring in _rings(*feature, holes=False))
     if not rings:
         raise InputError(f"{path}: holds no area; it must hold {_HOLDS_AREAS}")
     return rings
+
+
+def read_buildings(path: Path) -> tuple[tuple[Ring, ...], int]:
+    """The outlines of buildings in a GeoJSON file, with holes, and how many other things between
+    them are passed over: points and lines, and polygons that say nothing of a building.
+
+    Raises:
+        InputError: it cannot be read, a polygon of a building is none, or there is no building.
+    """
+    every = list(_features(path))
+    found = [
+        feature
+        for feature in every
+        if feature[1] in _POLYGONS and any(feature[3].get(name) is not None for name in _TELL)
+    ]
+    rings = tuple(ring for feature in found for ring in _rings(*feature, holes=True))
+    if not rings:
+        raise InputError(
+            f"{path}: holds no building; it must hold Polygons or MultiPolygons (GeoJSON) with "
+            "building, height or building:levels"
+        )
+    return rings, len(every) - len(found)
 
 
 def check_degrees(where: str, lat: float, lon: float) -> None:

@@ -418,6 +418,11 @@ class RunConfig(_Model):
         known._blame = blame
         return known
 
+    @property
+    def notes(self) -> Sequence[str]:
+        """What its user should know of the files that were read for it, a line each."""
+        return self._blame.notes
+
     def refuse(self, problems: Iterable[WrongKey]) -> None:
         """Refuse the first of the values that cannot be used, with the file that it comes from.
 

@@ -18,7 +18,16 @@ from mission.base.airspace import Airspace, crossing
 from mission.base.arrays import Floats
 from mission.base.errors import InputError
 from mission.base.explain import Blame, explained, refusal, shown
-from mission.base.geo_file import MOST_CORNERS, Pair, Place, Ring, read_places, read_rings
+from mission.base.geo_file import (
+    MOST_CORNERS,
+    Pair,
+    Place,
+    Ring,
+    read_buildings,
+    read_places,
+    read_rings,
+)
+from mission.base.tables import count
 from mission.base.user_files import read_bytes, whole_path
 from mission.config.models import (
     HEIGHT_MARGIN_M,
@@ -141,7 +150,12 @@ def _with_rings(area: AreaConfig, blame: Blame, heights_m: tuple[float, float]) 
         known |= {"no_fly": (*area.no_fly, *zones), "no_fly_file": None}
     if area.buildings_file is not None:
         key = "area.buildings_file"
-        found = _read(partial(read_rings, buildings=True), key, area.buildings_file, blame)
+        found, others = _read(read_buildings, key, area.buildings_file, blame)
+        if others:
+            blame.notes.append(
+                f"{area.buildings_file}: {count(others, 'feature')} passed over that say neither "
+                "building, height nor building:levels, or are no polygons"
+            )
         buildings = tuple(_building(area, ring, blame) for ring in found)
         known |= {"buildings": (*area.buildings, *buildings), "buildings_file": None}
     if area.fence_file is not None:

@@ -196,6 +196,7 @@ def _goes_on(path: Path, no_resume: str, plugins: Iterable[str]) -> str:
 def _warnings(scenario: Scenario) -> Iterator[str]:
     """Warnings about settings that are valid but unusual."""
     area, mission = scenario.config.area, scenario.config.mission
+    yield from scenario.config.notes
     # A sign, a digit or the order of lat and lon is wrong.
     away_m = float(np.linalg.norm(scenario.devices_m - area.home_m, axis=1).min())
     if away_m > mission.path_budget_m:

@@ -2,6 +2,7 @@
 
 import hashlib
 import io
+import json
 import math
 import sys
 import tomllib
@@ -193,6 +194,27 @@ def test_a_map_needs_a_file_and_a_file_its_use(capsys) -> None:
     for alone in (ON_MAP[0], "--set=radio.map_file=w.nc"):
         assert call(["run", "w.toml", alone, "--out=x", "--quiet"]) == 2
         assert "= 'map' and radio.map_file or .scene need each other" in capsys.readouterr().err
+
+
+def test_what_is_no_building_is_counted_for_the_user(capsys) -> None:
+    corners = [[7.0726, 43.6146], [7.0727, 43.6146], [7.0727, 43.6147], [7.0726, 43.6146]]
+    features = [
+        {"type": "Feature", "properties": told, "geometry": {"type": kind, "coordinates": at}}
+        for told, kind, at in (
+            ({"building": "yes", "height": 9}, "Polygon", [corners]),
+            ({"leisure": "park"}, "Polygon", [corners]),
+            ({"natural": "tree", "height": 7}, "Point", corners[0]),
+        )
+    ]
+    document = {"type": "FeatureCollection", "features": features}
+    Path("b.geojson").write_text(json.dumps(document))
+    Path("w.toml").write_text(WORLD.replace(f"buildings = {HALL}", "buildings_file = 'b.geojson'"))
+    assert call(["run", "w.toml", "--out=a", "--no-report"]) == 0
+    told = [line for line in capsys.readouterr().out.splitlines() if "passed over" in line]
+    assert told == [
+        "warning: b.geojson: 2 features passed over that say neither building, height nor "
+        "building:levels, or are no polygons"
+    ]
 
 
 class TracedRadio:

@@ -547,7 +547,7 @@ def test_buildings_out_of_a_map_of_the_streets(load, tmp_path: Path) -> None:
 
 
 BAD_HOUSES = {
-    "{}": "features[0]: has neither height nor building:levels; give it one, or set area.building",
+    '{"building": "yes"}': "features[0]: has neither height nor building:levels; give it one, or s",
     '{"height": "two"}': "features[0]: height = 'two': must be a number",
     '{"building:levels": [3]}': "features[0]: building:levels = [3]: must be a number",
     '{"height": -3}': "features[0]: height_m = -3.0: must be greater than 0",
@@ -566,23 +566,30 @@ def test_buildings_without_a_height_are_refused(load, tmp_path: Path, properties
 
 
 def test_trees_and_streets_between_buildings_are_passed_over(load, tmp_path: Path) -> None:
-    document = json.loads(houses(TALL))
+    park = {"leisure": "park", "height": None, "building": None}
+    document = json.loads(houses(TALL, park))
     others = [
         feature("Point", [7.12, 43.58]),
         feature("LineString", [[7.12, 43.58], [7.13, 43.58]]),
     ]
     document["features"][:0] = map(json.loads, others)
     (tmp_path / "b.geojson").write_text(json.dumps(document))
-    assert [one.height_m for one in load(PLACED).area.buildings] == [61.5]
-    document["features"].pop()
+    config = load(PLACED)
+    assert [one.height_m for one in config.area.buildings] == [61.5]
+    (note,) = config.notes
+    assert "b.geojson: 3 features passed over that say neither building, height nor" in note
+    assert not load(config.to_toml()).notes
+    document["features"].pop(2)
     (tmp_path / "b.geojson").write_text(json.dumps(document))
-    with pytest.raises(InputError, match=r"b\.geojson: holds no area; it must hold Poly") as error:
+    with pytest.raises(
+        InputError, match=r"b\.geojson: holds no building; it must hold Poly"
+    ) as error:
         load(PLACED)
     assert "\n" not in str(error.value)
 
 
 def test_what_says_no_height_may_have_one_of_all(load, tmp_path: Path) -> None:
-    (tmp_path / "b.geojson").write_text(houses({}, TALL))
+    (tmp_path / "b.geojson").write_text(houses({"building": "yes"}, TALL))
     heights = [b.height_m for b in load(PLACED + "building_height_m = 7\n").area.buildings]
     assert heights == [7.0, 61.5]
 
