@@ -11,21 +11,19 @@ from flightdyn.native.library import Guide
 from flightdyn.native.ticks import Inner
 from flightdyn.physics.airframe.parameters import Airframe
 
-
-@dataclass(frozen=True, slots=True)
-class Gains:
-    """Gains of the outer loop, chosen by step responses of this airframe."""
-
-    position: float = 1.6  # 1/s
-    velocity: float = 4.5  # 1/s
-    integral: float = 2.5  # 1/s2
-    integral_limit: float = 6.0  # m/s2
-    lead_s: float = 0.16  # lag of the attitude loop, led by the acceleration fed forward
-    drag_lag_s: float = 0.10  # of the measured drag
-    drag_limit: float = 12.0  # m/s2; more is a collision
-    thrust_lag_s: float = 0.25  # of the thrust effectiveness
-    motor_lag_s: float = 0.06  # from ordered to measured thrust
-    most_thrust: float = 0.9  # share of the full thrust that the outer loop may ask for
+# Of the outer loop, chosen by step responses of this airframe; in the order of C's `Gains`.
+_GAINS = (
+    1.6,  # position, 1/s
+    4.5,  # velocity, 1/s
+    2.5,  # integral, 1/s2
+    6.0,  # its limit, m/s2
+    0.16,  # s of lag of the attitude loop, led by the acceleration fed forward
+    0.10,  # s of lag of the measured drag
+    12.0,  # limit of the drag, m/s2; more is a collision
+    0.25,  # s of lag of the thrust effectiveness
+    0.06,  # s from ordered to measured thrust
+    0.9,  # share of the full thrust that the outer loop may ask for
+)
 
 
 class Setpoint(NamedTuple):
@@ -69,13 +67,11 @@ def outer_loop(
     gravity_mps2: float,
 ) -> Guide:
     """Guidance steps and outer loop in C, every `dt_s`, whose orders `inner` takes."""
-    k = Gains()
     full = 4 * airframe.rotor_max_thrust_n / airframe.mass_kg  # m/s2 at collective 1
     slope = math.tan(math.radians(limits.tilt_deg))
     guide = Guide((
-        dt_s, gravity_mps2, full, slope, airframe.idle_collective, k.position, k.velocity,
-        k.integral, k.integral_limit, k.lead_s, k.drag_lag_s, k.drag_limit, k.thrust_lag_s,
-        k.motor_lag_s, k.most_thrust, math.radians(limits.yaw_rate_degps),
+        dt_s, gravity_mps2, full, slope, airframe.idle_collective, *_GAINS,
+        math.radians(limits.yaw_rate_degps),
     ), inner)  # fmt: skip
     guide.memory.effectiveness = 1.0
     guide.memory.thrust[2] = -1.0
