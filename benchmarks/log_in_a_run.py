@@ -23,11 +23,10 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import asdict
 from pathlib import Path
 from unittest import mock
 
-from mission.log.vehicle import LogRates
+from mission.log.vehicle import RATES_HZ
 from sitl.config import VehicleConfig
 
 REPEATS = 5
@@ -46,6 +45,7 @@ def fly(kind: str, folder: Path) -> dict[str, float]:
     from mission.config.loading import builtin_config, load_config
     from mission.log.writer import FlightLog
     from mission.run import recorder, session
+    from mission.run.recorded import Around
     from sitl.observer import VehicleEvent, VehicleSample
 
     class Silent(FlightLog):
@@ -94,16 +94,9 @@ def fly(kind: str, folder: Path) -> dict[str, float]:
     settings = SETTINGS | ({"vehicle.control_rate_hz": 0} if "without" in kind else {})
     config = load_config(builtin_config("quickstart.toml"), settings)
     writer = Silent if kind == KINDS[0] else Timed
-    with (
-        mock.patch.object(recorder, "FlightLog", writer),
-        mock.patch.object(session, "Stopwatch", CpuToo),
-    ):
-        session.fly_session(
-            config,
-            folder,
-            data_dir=None,
-            console=RunConsole(Console(quiet=True), live_port=port),
-        )
+    with mock.patch.object(recorder, "FlightLog", writer):
+        console = RunConsole(Console(quiet=True), live_port=port)
+        session.fly_session(config, folder, Around(console, CpuToo()), data_dir=None)
     summary = json.loads((folder / "summary.json").read_text())
     wall_s = summary["wall_s"]
     return {
@@ -227,7 +220,7 @@ def main() -> None:
         f"{log:.2f} MB a flown hour, {bare:.2f} without the control; the viewer got "
         f"{viewed:.2f} MB of messages an hour"
     )
-    rates = ", ".join(f"{k.removesuffix('_hz')} {v:g}" for k, v in asdict(LogRates()).items())
+    rates = ", ".join(f"{kind} {hz:g}" for kind, hz in RATES_HZ.items())
     print(f"rates in Hz: poses {VehicleConfig().sample_rate_hz:g}, {rates}")
 
 

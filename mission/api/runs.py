@@ -187,9 +187,10 @@ def run(
     with output_folder(given, resolved.run_name) as path:
 
         def fly(console: "RunConsole") -> int:
+            from mission.run.recorded import Around
             from mission.run.session import fly_session
 
-            return fly_session(resolved, path, data_dir=data, console=console)
+            return fly_session(resolved, path, Around(console), data_dir=data)
 
         return flown(fly, path, quiet=quiet)
 
@@ -205,9 +206,10 @@ def resume(path: Path | str, *, quiet: bool = True) -> Run:
     found = as_path(path, "path")
 
     def fly(console: "RunConsole") -> int:
+        from mission.run.recorded import Around
         from mission.run.session import resume_session
 
-        return resume_session(found, console=console)
+        return resume_session(found, Around(console))
 
     return flown(fly, found, quiet=quiet)
 

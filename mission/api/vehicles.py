@@ -197,7 +197,8 @@ def fly(
 
         def flight(console: "RunConsole") -> int:
             from mission.run.plan_flight import fly_plan
+            from mission.run.recorded import Around
 
-            return fly_plan(resolved, file, path, console=console, figures=False)
+            return fly_plan(resolved, file, path, Around(console, figures=False))
 
         return flown(flight, path, quiet=quiet, goes_on=False)

@@ -73,8 +73,10 @@ def fly(
     # Only now, so that wrong input is answered at once.
     from mission.base.run_folder import output_folder
     from mission.run.plan_flight import fly_plan
+    from mission.run.recorded import Around
 
     page = None if no_report else write_page
+    around = Around(watching, figures=not no_figures, page=page)
     with output_folder(out, plan.stem) as folder, summary_of(folder, as_json=as_json) as more:
-        code = fly_plan(resolved, plan, folder, console=watching, figures=not no_figures, page=page)
+        code = fly_plan(resolved, plan, folder, around)
         return code or judge(folder, bounds, junit, more, quiet=watching.out.quiet)

@@ -121,16 +121,11 @@ def run(
 
                 begin_libraries()  # of the page: a core is idle while the rest is loaded
             # Only now, so that wrong input is answered at once: cvxpy and the rest take a second.
+            from mission.run.recorded import Around
             from mission.run.session import fly_session
+        around = Around(watching, stopwatch, page=None if no_report else write_page)
         with summary_of(folder, as_json=as_json) as more:
-            code = fly_session(
-                resolved,
-                folder,
-                data_dir=data_dir,
-                console=watching,
-                stopwatch=stopwatch,
-                page=None if no_report else write_page,
-            )
+            code = fly_session(resolved, folder, around, data_dir=data_dir)
             return code or judge(folder, bounds, junit, more, quiet=watching.out.quiet)
 
 
@@ -141,10 +136,11 @@ def _resume(path: Path, watching: RunConsole, stopwatch: Stopwatch, *, as_json: 
     if RunFolder(path).status() != "finished":
         read_checkpoint(path)  # refuses what cannot be resumed, before anything heavy is imported
     with stopwatch("setup"), watching.waiting("loading"):
+        from mission.run.recorded import Around
         from mission.run.session import resume_session
     limits = parse_toml(read_text(RunFolder(path).config)).get("limits", {})
     with summary_of(path, as_json=as_json) as more:
-        code = resume_session(path, console=watching, stopwatch=stopwatch, page=write_page)
+        code = resume_session(path, Around(watching, stopwatch, page=write_page))
         return code or judge(path, limits, None, more, quiet=watching.out.quiet)
 
 

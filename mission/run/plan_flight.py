@@ -40,7 +40,7 @@ from mission.run.budget import RunTotals
 from mission.run.outcome import Summary
 from mission.run.plan_progress import PlanProgress
 from mission.run.progress import Progress, make_progress
-from mission.run.recorded import Page, fly_recorded
+from mission.run.recorded import Around, fly_recorded
 from mission.scenario.limits import guidance_of
 from sitl.autopilot.codec.orders import ABSOLUTE_FRAMES, command_name
 from sitl.autopilot.parameters import Parameters, parameters_of
@@ -75,26 +75,16 @@ class _Order:
         return Task(self.config, self.area, RandomStreams(self.config.seed), demand)
 
 
-def fly_plan(
-    config: RunConfig,
-    source: Path,
-    path: Path,
-    *,
-    console: RunConsole,
-    figures: bool = True,
-    page: Page | None = None,
-) -> int:
+def fly_plan(config: RunConfig, source: Path, path: Path, around: Around) -> int:
     """Fly the plan in `source` and leave a folder at `path`. Returns the exit code.
-
-    Without `figures` nothing is drawn. `page` makes a page of the folder, last of all.
 
     Raises:
         InputError: the plan is damaged or holds what may not be flown; nothing is written then.
         FlightError, LinkLostError: see `Pilot`; the folder keeps what was flown.
     """
-    stopwatch = Stopwatch()
+    console = around.console
     with ExitStack() as opened:
-        with stopwatch("setup"):
+        with around.stopwatch("setup"):
             plan = read_plan_file(source)
             order = _order(config, plan)
             flyers = flyers_for(order.task)
@@ -117,10 +107,8 @@ def fly_plan(
             resumable=False,
             position_source=flyers.position_source,
         )
-        opening = _recording(order, flyers, folder, console, stopwatch, live)
-        return fly_recorded(
-            opening, summary, console=console, stopwatch=stopwatch, figures=figures, page=page
-        )
+        opening = _recording(order, flyers, folder, around, live)
+        return fly_recorded(opening, summary, around)
 
 
 @dataclass
@@ -202,15 +190,14 @@ def _recording(
     order: _Order,
     flyers: Flyers,
     folder: RunFolder,
-    console: RunConsole,
-    stopwatch: Stopwatch,
+    around: Around,
     live: tuple[LiveView, ...],
 ) -> Iterator[_PlanFlight]:
     """The flight with its log, and what is needed to understand that."""
     plan, area = order.plan, order.area
     fence = fence_of(plan.fence, order.parameters, area)
     with ExitStack() as stack:
-        progress = make_progress(console.out, rounds=1, flown=True)
+        progress = make_progress(around.console.out, rounds=1, flown=True)
         stack.callback(progress.close)
         log = stack.enter_context(
             FlightLog(
@@ -228,7 +215,7 @@ def _recording(
 
         watch = PlanProgress(progress, plan.path.name, tuple(seq for seq, _ in order.path.places))
         attached = Attached((log, watch), folder.path, say)
-        yield _PlanFlight(order, flyers, log, attached, progress, stopwatch)
+        yield _PlanFlight(order, flyers, log, attached, progress, around.stopwatch)
 
 
 def _order(config: RunConfig, plan: PlanFile, speeds: Mapping[str, float] | None = None) -> _Order:

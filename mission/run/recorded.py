@@ -1,9 +1,11 @@
 """What every flight into a folder has around it: how it ended, its summary, its pictures."""
 
+import os
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Protocol, TypeAlias
+from typing import Protocol
 
 from mission.base.console import RunConsole
 from mission.base.errors import INTERRUPTED, InputError
@@ -13,8 +15,6 @@ from mission.base.record_file import RecordFile
 from mission.base.stopwatch import Stopwatch
 from mission.run.budget import RunTotals
 from mission.run.outcome import TRACEBACK, Outcome, Summary
-
-Page: TypeAlias = Callable[[Path], object]  # makes a page of a flight's folder, in it
 
 _DRAWING = "drawing figures"
 
@@ -42,23 +42,28 @@ class Recorded(Protocol):
         """Print what was flown."""
 
 
+@dataclass(frozen=True)
+class Around:
+    """What a flight into a folder has around it; nothing of it alters what comes out."""
+
+    console: RunConsole
+    stopwatch: Stopwatch = field(default_factory=Stopwatch)  # may have counted the set-up already
+    workers: int = field(default_factory=lambda: os.cpu_count() or 1)  # devices that train at once
+    figures: bool = True  # whether its pictures are drawn
+    page: Callable[[Path], object] | None = None  # makes a page of the folder, last of all
+
+
 def fly_recorded(
-    opening: AbstractContextManager[Recorded],
-    summary: Summary,
-    *,
-    console: RunConsole,
-    stopwatch: Stopwatch,
-    figures: bool = True,
-    page: Page | None = None,
+    opening: AbstractContextManager[Recorded], summary: Summary, around: Around
 ) -> int:
     """Fly what `opening` opens, with its log, and leave a summary however it ends.
 
-    Returns the exit code. Without `figures` nothing is drawn. `page` makes a page of the folder,
-    last of all.
+    Returns the exit code.
 
     Raises:
         AerofedError: see the error's exit code; the summary says "failed" then.
     """
+    console, stopwatch, page = around.console, around.stopwatch, around.page
     folder, outcome, goes_on = summary.folder, Outcome(), summary.goes_on
     flight: Recorded | None = None
     totals = RunTotals()
@@ -83,11 +88,11 @@ def fly_recorded(
         (folder.path / TRACEBACK).unlink(missing_ok=True)  # of an attempt before
     try:
         if flight is not None:
-            if outcome.status == "interrupted" and figures and totals.rounds_done:
+            if outcome.status == "interrupted" and around.figures and totals.rounds_done:
                 console.say("interrupted: drawing figures; Ctrl-C again leaves them out")
             with outcome.post_processing(), stopwatch("figures"), console.waiting(_DRAWING):
                 # Interrupted before its first round was over it has nothing to show.
-                if figures and (outcome.status != "interrupted" or totals.rounds_done):
+                if around.figures and (outcome.status != "interrupted" or totals.rounds_done):
                     from mission.figures.run import draw_run
 
                     draw_run(folder.path)

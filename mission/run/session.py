@@ -1,8 +1,8 @@
 """One `aerofed run`, from nothing or from its checkpoint, to a folder that is whole."""
 
-import os
 from collections.abc import Iterable, Iterator
 from contextlib import ExitStack, contextmanager
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -10,11 +10,9 @@ import numpy as np
 
 from fl.federation import rounds as learning
 from fl.plugin_code import passed
-from mission.base.console import RunConsole
 from mission.base.errors import InputError
 from mission.base.interrupted_files import InterruptedFiles
 from mission.base.run_folder import RunFolder, write_atomically
-from mission.base.stopwatch import Stopwatch
 from mission.base.user_code import errors_of_learning
 from mission.config.loading import load_config
 from mission.config.models import RunConfig
@@ -26,7 +24,7 @@ from mission.run.checkpoint import CheckpointFolder
 from mission.run.experiment import Experiment, IdealExperiment
 from mission.run.flown_experiment import FlownExperiment
 from mission.run.outcome import Summary
-from mission.run.recorded import Page, fly_recorded
+from mission.run.recorded import Around, fly_recorded
 from mission.run.recorder import Ready, recording
 from mission.run.resume import begun_with_page, read_checkpoint, refuse_others
 from mission.scenario.scenario import Scenario
@@ -37,19 +35,11 @@ _SETTING_UP = "setting up"
 def fly_session(
     config: RunConfig,
     path: Path,
+    around: Around,
     *,
     data_dir: Path | None,
-    console: RunConsole,
-    workers: int | None = None,
-    figures: bool = True,
-    stopwatch: Stopwatch | None = None,
-    page: Page | None = None,
 ) -> int:
     """Run an experiment into a new folder. Returns the exit code.
-
-    Up to `workers` devices (default: one a core) train at a time. `figures` says whether its
-    pictures are drawn. `stopwatch` may have been counting the set-up already. `page` makes a
-    page of the folder, last of all.
 
     A run that is refused leaves no folder. An interrupted or failed run keeps what was flown, with
     a readable log, a summary that says how it ended, and a checkpoint to resume from.
@@ -57,9 +47,9 @@ def fly_session(
     Raises:
         AerofedError: see the error's exit code; the summary says "failed" then.
     """
-    stopwatch = stopwatch or Stopwatch()
+    console = around.console
     with ExitStack() as opened:
-        with stopwatch("setup"), console.waiting(_SETTING_UP):
+        with around.stopwatch("setup"), console.waiting(_SETTING_UP):
             scenario, flyers = set_up(config, data_dir=data_dir)
             config = scenario.config  # which knows its map now
             flyers.check()
@@ -71,37 +61,28 @@ def fly_session(
                 callbacks = make_callbacks(CallbackContext(folder.path, config))
                 opened.enter_context(callbacks)
             checkpoint = CheckpointFolder(
-                folder.checkpoint, config=config, data_dir=data_dir, report=page is not None
+                folder.checkpoint, config=config, data_dir=data_dir, report=bool(around.page)
             )
             write_atomically(folder.config, config.to_toml())
             checkpoint.save(scenario.federation, state, None)
         ready = Ready(scenario, flyers, folder, checkpoint, state, callbacks, live=live)
-        return _fly(ready, console, stopwatch, workers=workers, figures=figures, page=page)
+        return _fly(ready, around)
 
 
-def resume_session(
-    path: Path,
-    *,
-    console: RunConsole,
-    workers: int | None = None,
-    figures: bool = True,
-    stopwatch: Stopwatch | None = None,
-    page: Page | None = None,
-) -> int:
+def resume_session(path: Path, around: Around) -> int:
     """Go on with a run that was interrupted or killed, from its last finished round.
 
     The rounds before are flown again by their plans, so that the folder ends like that of a run
     that was never interrupted; until that has caught up, the old log and tables are kept in the
-    checkpoint's folder. `workers` and `figures` as in `fly_session`; `page` is made if the run was
-    started with one, also where it alone is missing. Returns the exit code.
+    checkpoint's folder. A page is made if the run was started with one, also where it alone is
+    missing. Returns the exit code.
 
     Raises:
         InputError: not a run, finished long ago and damaged, or started with another
             configuration, version or data.
         AerofedError: as `fly_session`.
     """
-    stopwatch = stopwatch or Stopwatch()
-    folder = RunFolder(path)
+    console, page, folder = around.console, around.page, RunFolder(path)
     with ExitStack() as opened:
         if not _is_whole(folder, page):
             refuse_others(folder)  # before the lock leaves its file there
@@ -117,8 +98,8 @@ def resume_session(
         values = read_checkpoint(path)
         data_dir = Path(values["data_dir"]) if values["data_dir"] else None
         if not values["report"]:
-            page = None
-        with stopwatch("setup"), console.waiting(_SETTING_UP):
+            around = replace(around, page=None)
+        with around.stopwatch("setup"), console.waiting(_SETTING_UP):
             config = load_config(folder.config)
             checkpoint = CheckpointFolder(
                 folder.checkpoint, config=config, data_dir=data_dir, report=bool(values["report"])
@@ -136,29 +117,21 @@ def resume_session(
             opened.enter_context(callbacks)
             InterruptedFiles(folder).take()
         ready = Ready(scenario, flyers, folder, checkpoint, state, callbacks, memory, live)
-        return _fly(ready, console, stopwatch, workers=workers, figures=figures, page=page)
+        return _fly(ready, around)
 
 
-def _is_whole(folder: RunFolder, page: Page | None) -> bool:
+def _is_whole(folder: RunFolder, page: object) -> bool:
     """Whether a run has ended, and has its page where it was started with one."""
     if folder.status() != "finished":
         return False
     return page is None or folder.report.exists() or not begun_with_page(folder)
 
 
-def _fly(
-    ready: Ready,
-    console: RunConsole,
-    stopwatch: Stopwatch,
-    *,
-    workers: int | None,
-    figures: bool,
-    page: Page | None,
-) -> int:
+def _fly(ready: Ready, around: Around) -> int:
     folder, flyers = ready.folder, ready.flyers
     config = ready.scenario.config
     for warning in _warnings(ready.scenario):
-        console.say(f"warning: {warning}")
+        around.console.say(f"warning: {warning}")
     summary = Summary(
         folder,
         goes_on=_goes_on(folder.path, flyers.no_resume, code_digests(config)),
@@ -171,14 +144,7 @@ def _fly(
         data=ready.scenario.data_sources(),
         plugins=code_digests(config),
     )
-    return fly_recorded(
-        _experiment(ready, console, stopwatch, workers=workers),
-        summary,
-        console=console,
-        stopwatch=stopwatch,
-        figures=figures,
-        page=page,
-    )
+    return fly_recorded(_experiment(ready, around), summary, around)
 
 
 def _goes_on(path: Path, no_resume: str, plugins: Iterable[str]) -> str:
@@ -225,16 +191,13 @@ def _warnings(scenario: Scenario) -> Iterator[str]:
 
 
 @contextmanager
-def _experiment(
-    ready: Ready, console: RunConsole, stopwatch: Stopwatch, *, workers: int | None
-) -> Iterator[Experiment]:
+def _experiment(ready: Ready, around: Around) -> Iterator[Experiment]:
     """The experiment, recorded in its folder for as long as the block runs."""
     write_atomically(ready.folder.devices, ready.scenario.devices_csv())
     with (
         ready.callbacks,  # whose failure at the end belongs into the summary
-        recording(ready, console, stopwatch) as recorder,
+        recording(ready, around.console, around.stopwatch) as recorder,
     ):
         strategy = ready.scenario.strategy
         kind = IdealExperiment if strategy is None else partial(FlownExperiment, strategy=strategy)
-        workers = workers or os.cpu_count() or 1
-        yield kind(recorder=recorder, stopwatch=stopwatch, workers=workers)
+        yield kind(recorder=recorder, stopwatch=around.stopwatch, workers=around.workers)

@@ -52,24 +52,18 @@ def execute(order: RunOrder) -> RunEnd:
     if str(order.working_dir) not in sys.path:
         sys.path.append(str(order.working_dir))
     bring(order.objects)
+    from mission.run.recorded import Around
     from mission.run.session import fly_session, resume_session
 
-    console = RunConsole(Console(quiet=True))
+    around = Around(RunConsole(Console(quiet=True)), workers=1, figures=order.figures)
     try:
         for name, digest in code_digests(order.config).items():
             if why := other_code(name, order.plugins[name], digest):
                 raise InputError(f"{why} while the sweep was at work; give it a new folder")
         if begun(order.folder):
-            code = resume_session(order.folder, console=console, workers=1, figures=order.figures)
+            code = resume_session(order.folder, around)
         else:
-            code = fly_session(
-                order.config,
-                order.folder,
-                data_dir=order.data_dir,
-                console=console,
-                workers=1,
-                figures=order.figures,
-            )
+            code = fly_session(order.config, order.folder, around, data_dir=order.data_dir)
     except (AerofedError, OSError) as error:
         return failed(error, order.folder)
     return RunEnd(code)

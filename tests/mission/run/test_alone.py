@@ -11,6 +11,7 @@ from test_planfile import plan_document, simple
 from mission.base.console import RunConsole
 from mission.base.run_folder import RunFolder
 from mission.cli import call
+from mission.run.recorded import Around
 from mission.run.session import resume_session
 
 FINISHED = {"status": "finished"}
@@ -57,7 +58,7 @@ def test_what_another_one_has_just_resumed_is_finished(tmp_path: Path) -> None:
     folder.checkpoint.mkdir()
     (folder.checkpoint / "rounds.json").touch()
     said = io.StringIO()
-    assert resume_session(tmp_path, console=RunConsole(Console(file=said, width=200))) == 0
+    assert resume_session(tmp_path, Around(RunConsole(Console(file=said, width=200)))) == 0
     assert said.getvalue() == f"{tmp_path} is finished: nothing to resume\n"
 
 

@@ -26,7 +26,7 @@ from mission.base.stopwatch import Stopwatch
 from mission.planner.errors import SolverError
 from mission.run.budget import RunTotals
 from mission.run.outcome import Outcome, Summary
-from mission.run.recorded import fly_recorded
+from mission.run.recorded import Around, fly_recorded
 
 
 def test_what_goes_wrong_first_counts() -> None:
@@ -166,10 +166,7 @@ def test_terminal_page_and_summary_tell_the_same_wall_time(
     code = fly_recorded(
         nullcontext(Flight(stopwatch)),
         Summary(folder),
-        console=RunConsole(Console(file=screen, width=200)),
-        stopwatch=stopwatch,
-        figures=False,
-        page=page,
+        Around(RunConsole(Console(file=screen, width=200)), stopwatch, figures=False, page=page),
     )
     assert code == 0
     total_s, wall_s = screen.getvalue().splitlines()[0].split(" ", 1)
