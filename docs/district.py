@@ -8,6 +8,7 @@ middle; four towers are higher than flights at 60 m, which go around them.
 
 import json
 import sys
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -61,8 +62,10 @@ def buildings(rng: np.random.Generator) -> list[tuple[list[np.ndarray], float]]:
     return found
 
 
-def feature(area: Area, rings: list[np.ndarray], height_m: float) -> dict[str, object]:
-    """A building as GeoJSON."""
+def polygon(
+    area: Area, rings: Sequence[np.ndarray], properties: Mapping[str, object]
+) -> dict[str, object]:
+    """An outline and its holes, (n, 2) in the area, as GeoJSON."""
     coordinates = []
     for ring in rings:
         places = [area.frame.to_geodetic(ned) for ned in area.to_ned(ring, 0.0)]
@@ -70,9 +73,15 @@ def feature(area: Area, rings: list[np.ndarray], height_m: float) -> dict[str, o
         coordinates.append([*corners, corners[0]])
     return {
         "type": "Feature",
-        "properties": {"height": height_m},
+        "properties": dict(properties),
         "geometry": {"type": "Polygon", "coordinates": coordinates},
     }
+
+
+def geojson(path: Path, features: Sequence[Mapping[str, object]]) -> None:
+    """Write features, a line each."""
+    lines = ",\n".join(map(json.dumps, features))
+    path.write_text(f'{{"type": "FeatureCollection", "features": [\n{lines}\n]}}\n')
 
 
 def main() -> None:
@@ -81,8 +90,7 @@ def main() -> None:
     found = buildings(np.random.default_rng(5))
     print(len(found), "buildings")
     area = AreaConfig(home_m=(255.0, 175.0)).build()  # as in city.toml
-    features = ",\n".join(json.dumps(feature(area, *one)) for one in found)
-    out.write_text(f'{{"type": "FeatureCollection", "features": [\n{features}\n]}}\n')
+    geojson(out, [polygon(area, rings, {"height": height_m}) for rings, height_m in found])
 
 
 if __name__ == "__main__":

@@ -4,7 +4,11 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
+from shapely import Polygon
+
+from mission.config.loading import load_config
 
 ROOT = Path(__file__).parents[1]
 
@@ -43,3 +47,38 @@ def test_what_is_wrong_is_found(tmp_path: Path, text: str, words: str) -> None:
     (tmp_path / "docs").mkdir()
     (tmp_path / "README.md").write_text(f"# Aerofed\n[fine](#aerofed)\n{text}\n")
     assert words in faults(tmp_path)[0]
+
+
+def test_a_picture_of_cells_becomes_a_world(tmp_path: Path, monkeypatch) -> None:
+    monkeypatch.syspath_prepend(ROOT / "docs")
+    monkeypatch.chdir(tmp_path)
+    import grid_city
+
+    colours = {
+        ".": (0, 0, 0),
+        "g": (0, 255, 0),
+        "Y": (255, 255, 0),
+        "R": (255, 0, 0),
+        "b": (0, 0, 255),
+    }
+    lines = ("ggg.R", "g.g..", "gggY.", "....b")
+    pixels = np.zeros((4, 5, 3), dtype=np.uint8)
+    for at in np.ndindex(4, 5):
+        pixels[at] = colours[lines[at[0]][at[1]]]
+    grid_city.write("world", pixels, 20.0, 40.0, 80.0)
+    area = load_config(Path("world.toml")).area
+    court, tower = area.buildings
+    assert (court.height_m, tower.height_m) == (40.0, 80.0)
+    assert area.size_m == (100.0, 80.0)
+    assert area.home_m == (90.0, 10.0)
+    (zone,) = area.no_fly
+    rings = tower.polygon_m, zone.polygon_m
+    found = [Polygon(court.polygon_m, court.holes_m), *map(Polygon, rings)]
+    expected = [
+        Polygon([(0, 20), (60, 20), (60, 80), (0, 80)], [[(20, 40), (40, 40), (40, 60), (20, 60)]]),
+        Polygon([(60, 20), (80, 20), (80, 40), (60, 40)]),
+        Polygon([(80, 60), (100, 60), (100, 80), (80, 80)]),
+    ]
+    for one, other in zip(found, expected, strict=True):
+        assert one.symmetric_difference(other).area < 3.0
+    assert len(court.polygon_m) == 4  # along a wall there are no corners
