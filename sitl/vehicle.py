@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Sequence
+from functools import partial
 
 from flightdyn.aircraft import Aircraft
 from flightdyn.obstacles import Obstacles
@@ -56,20 +57,24 @@ class Vehicle:
                 "aerofed run and fly take a firmware, and aerofed world serves the aircraft to one"
             )
         self._config = config
-        self._home = home
-        self._streams = streams
-        self._obstacles = obstacles
-        self._standalone, self._in_step = standalone, in_step
-        self._logs = logs
-        self._orders = orders
+        self._at_home = partial(
+            Aircraft, config.aircraft, home=home, streams=streams, obstacles=obstacles
+        )
+        self._switched_on = partial(
+            Autopilot,
+            system=config.system_id,
+            sink=self._happened,
+            parameter_file=config.parameter_file,
+            logs=logs,
+            orders=orders,
+            standalone=standalone,
+            in_step=in_step,
+        )
         self._observers = list(observers)
         self._boot(aircraft or self._new_aircraft(), parameters_of(config))
 
     def _new_aircraft(self) -> Aircraft:
-        config = self._config
-        aircraft = Aircraft(
-            config.aircraft, home=self._home, streams=self._streams, obstacles=self._obstacles
-        )
+        config, aircraft = self._config, self._at_home()
         if control_hz := config.control_rate_hz:
             step_ns = aircraft.interval * aircraft.dt_ns
             every = _steps(control_hz, "control_rate_hz", step_ns, "guidance")
@@ -77,22 +82,11 @@ class Vehicle:
         return aircraft
 
     def _boot(self, aircraft: Aircraft, parameters: Parameters) -> None:
-        config = self._config
         self.aircraft = aircraft
-        self.autopilot = Autopilot(
-            aircraft,
-            parameters,
-            system=config.system_id,
-            sink=self._happened,
-            parameter_file=config.parameter_file,
-            logs=self._logs,
-            orders=self._orders,
-            standalone=self._standalone,
-            in_step=self._in_step,
-        )
+        self.autopilot = self._switched_on(aircraft, parameters)
         self._tick = 0
         self._watch_every = _steps(_WATCH_HZ, "watch rate", aircraft.dt_ns, "physics")
-        sample_hz = config.sample_rate_hz
+        sample_hz = self._config.sample_rate_hz
         self._sample_every = _steps(sample_hz, "sample_rate_hz", aircraft.dt_ns, "physics")
         self._next_look = min(self._watch_every, self._sample_every)
         self._sampled_gnss: GnssFix | None = None

@@ -30,6 +30,12 @@ KEYS = (
     ("mission.total_deadline_s", "s", "time"),
     ("mission.total_energy_j", "J", "energy"),
 )
+_LIMITS = (
+    ("round_deadline_s", "s"),
+    ("total_deadline_s", "s"),
+    ("round_energy_j", "J"),
+    ("total_energy_j", "J"),
+)
 _WITHIN_ROUNDING = 1.0 - 1e-9  # 800.1 m pay for 3 rounds of 266.7 m, also in binary fractions
 # Share of a whole round's metres, seconds and joules that is enough to begin one: flights take some
 # more or less than planned, so that a little less may be left for the last of them.
@@ -47,15 +53,7 @@ class Budget:
 
 def is_limited(mission: MissionConfig) -> bool:
     """Whether anything but metres is limited."""
-    return any(
-        limit is not None
-        for limit in (
-            mission.round_deadline_s,
-            mission.total_deadline_s,
-            mission.round_energy_j,
-            mission.total_energy_j,
-        )
-    )
+    return any(getattr(mission, key) is not None for key, _ in _LIMITS)
 
 
 def performance_of(
@@ -164,13 +162,8 @@ def unflyable(config: RunConfig, performance: Performance) -> Iterator[WrongKey]
     else:
         least = Amount(0.0, performance.least_s(SHORT_M), performance.least_j(SHORT_M))
         why, out = f"flying {SHORT_M:g} m and stopping", "leave it out"
-    for key, unit, needed in (
-        ("round_deadline_s", "s", least.seconds),
-        ("total_deadline_s", "s", least.seconds),
-        ("round_energy_j", "J", least.joules),
-        ("total_energy_j", "J", least.joules),
-    ):
-        given = getattr(mission, key)
+    for key, unit in _LIMITS:
+        given, needed = getattr(mission, key), least.seconds if unit == "s" else least.joules
         if given is not None and given < needed:
             yield (
                 f"mission.{key}",

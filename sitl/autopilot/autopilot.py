@@ -94,14 +94,8 @@ class Autopilot:
         self._offboard, self._sticks = Offboard(self._cockpit), Sticks(self._cockpit)
         follower, self._orbits = Follower(self._cockpit), Orbits(aircraft, flight)
         self.monitor = Monitor(aircraft, flight, guard=guard, reporter=report)
-        self.failsafes = Failsafes(
-            aircraft,
-            flight,
-            parameters,
-            guard=guard,
-            by_sticks=self._sticks.enter,
-            reporter=report,
-        )
+        by_sticks = self._sticks.enter
+        self.failsafes = Failsafes(aircraft, flight, parameters, guard, by_sticks, report)
 
         self._transfer = MissionTransfer(
             self._outbox, report, check=self._check_item, store=self._take

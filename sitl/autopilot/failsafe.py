@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import Enum, IntEnum
 
 from pymavlink.dialects.v20 import common as mav
@@ -87,6 +87,7 @@ _CHARGE = {
 }
 
 
+@dataclass
 class Failsafes:
     """Looks for causes in simulated time (`watch`) and in wall time (`poll`), and acts on them.
 
@@ -94,30 +95,19 @@ class Failsafes:
     on the ground is told there, and acted on as soon as the aircraft flies.
     """
 
-    def __init__(
-        self,
-        aircraft: Aircraft,
-        flight: Flight,
-        parameters: Parameters,
-        *,
-        guard: Guard,
-        by_sticks: Callable[[Mode, str], str | None],
-        reporter: Reporter,
-    ) -> None:
-        """`by_sticks` gives the flight to the sticks, in one of their modes; the reason if not."""
-        self._aircraft = aircraft
-        self._guard = guard
-        self.ground_station_at = math.nan  # when the last heartbeat from one came
-        self._flight = flight
-        self._parameters = parameters
-        self._by_sticks = by_sticks
-        self._report = reporter
-        self._present: set[Cause] = set()
-        self._acted: dict[Cause, int] = {}  # number of the flight in which it was acted on
+    aircraft: Aircraft
+    flight: Flight
+    parameters: Parameters
+    guard: Guard
+    by_sticks: Callable[[Mode, str], str | None]  # gives them the flight; the reason if not
+    report: Reporter
+    ground_station_at: float = math.nan  # when the last heartbeat from one came
+    _present: set[Cause] = field(default_factory=set)
+    _acted: dict[Cause, int] = field(default_factory=dict)  # in which flight each was acted on
 
     def watch(self) -> None:
         """Look for causes that show in simulated time: battery, GNSS, fence."""
-        guard, charge = self._guard, self._aircraft.battery.remaining
+        guard, charge = self.guard, self.aircraft.battery.remaining
         below = guard.look_at_charge()
         for cause, threshold in _CHARGE.items():
             self.update(cause, below[threshold], lambda: f"{charge * 100:.0f} % left")
@@ -125,15 +115,15 @@ class Failsafes:
         lost = age_s < math.inf and not guard.position_ok()
         self.update(Cause.GNSS_LOST, lost, lambda: f"no solution for {age_s:.0f} s")
         breach = ""
-        if self._flight.airborne:
-            breach = guard.forbidden(self._aircraft.belief.pos_ned_m)
+        if self.flight.airborne:
+            breach = guard.forbidden(self.aircraft.belief.pos_ned_m)
         self.update(Cause.FENCE_BREACHED, bool(breach), lambda: breach)
 
     def poll(self, now: float) -> None:
         """Look for a ground station that has fallen silent by `now` (s)."""
         silence_s = now - self.ground_station_at
         if not math.isnan(silence_s):
-            lost = silence_s > self._parameters["COM_DL_LOSS_T"]
+            lost = silence_s > self.parameters["COM_DL_LOSS_T"]
             words = f"silent for {silence_s:.0f} s"
             self.update(Cause.GROUND_STATION_LOST, lost, lambda: words)
 
@@ -143,7 +133,7 @@ class Failsafes:
 
     def acted(self, cause: Cause) -> bool:
         """Whether a cause is there and was acted on in this flight."""
-        return self._acted.get(cause) == self._flight.flights
+        return self._acted.get(cause) == self.flight.flights
 
     @property
     def acting(self) -> bool:
@@ -158,36 +148,36 @@ class Failsafes:
                 self._present.discard(cause)
                 self._acted.pop(cause, None)
                 if self._action(cause) is not Action.NOTHING:
-                    self._report.say(f"{cause.value}: over", mav.MAV_SEVERITY_NOTICE)
+                    self.report.say(f"{cause.value}: over", mav.MAV_SEVERITY_NOTICE)
             return
-        airborne = self._flight.airborne
+        airborne = self.flight.airborne
         if was and (not airborne or self.acted(cause)):
             return
         self._present.add(cause)
         if airborne:
-            self._acted[cause] = self._flight.flights
+            self._acted[cause] = self.flight.flights
         if not was or self._action(cause) > Action.WARN:
             words = detail()
             self._act(self._action(cause), f"{cause.value}: {words}" if words else cause.value)
 
     def _action(self, cause: Cause) -> Action:
         rule = RULES[cause]
-        return rule.actions[int(self._parameters[rule.parameter])]
+        return rule.actions[int(self.parameters[rule.parameter])]
 
     def _act(self, action: Action, why: str) -> None:
         if action is Action.NOTHING:
             return
-        flight = self._flight
+        flight = self.flight
         stronger = action > _UNDER_WAY.get(flight.mode, Action.WARN)
         if action is Action.WARN or not flight.airborne or not stronger:
-            self._report.failsafe(why)
+            self.report.failsafe(why)
             return
-        self._report.failsafe(f"{why}, {action.name.lower()}")
+        self.report.failsafe(f"{why}, {action.name.lower()}")
         refused = self._carry_out(action, why)
         while refused is not None and action not in (Action.LAND, Action.TERMINATE):
             # Sticks may be silent; returning needs a position; sinking where it is needs neither.
             instead = Action.RETURN if action in BY_STICKS else Action.LAND
-            self._report.failsafe(
+            self.report.failsafe(
                 f"{action.name.lower()} not possible ({refused}), {instead.name.lower()}"
             )
             action = instead
@@ -196,12 +186,12 @@ class Failsafes:
     def _carry_out(self, action: Action, why: str) -> str | None:
         match action:
             case _ if action in BY_STICKS:
-                return self._by_sticks(BY_STICKS[action], why)
+                return self.by_sticks(BY_STICKS[action], why)
             case Action.HOLD:
-                return self._flight.hold(why)
+                return self.flight.hold(why)
             case Action.RETURN:
-                return self._flight.return_home(why)
+                return self.flight.return_home(why)
             case Action.LAND:
-                return self._flight.land(why)
+                return self.flight.land(why)
             case _:
-                return self._flight.terminate(why)
+                return self.flight.terminate(why)

@@ -100,10 +100,7 @@ class Offboard(StreamPilot):
         mask, frame = msg.type_mask, msg.coordinate_frame
         if mask & _FORCE:
             raise _InvalidError("force is not supported")
-        if isinstance(msg, _GlobalTarget):
-            place = (from_deg_e7(msg.lat_int), from_deg_e7(msg.lon_int), msg.alt)
-        else:
-            place = (msg.x, msg.y, msg.z)
+        place = _place_of(msg)
         globe = (ranges.LATITUDE, ranges.LONGITUDE, ranges.ALTITUDE)
         allowed = globe if frame in GLOBAL_FRAMES else (ranges.AWAY,)
         pos = _three("position", place, mask >> _POSITION, *allowed)
@@ -136,16 +133,19 @@ class Offboard(StreamPilot):
         return float(north), float(east), float(down)
 
 
+def _place_of(msg: _LocalTarget | _GlobalTarget) -> tuple[float, float, float]:
+    if isinstance(msg, _GlobalTarget):
+        return from_deg_e7(msg.lat_int), from_deg_e7(msg.lon_int), msg.alt
+    return msg.x, msg.y, msg.z
+
+
 def setpoint_of(msg: Setpoint) -> tuple[str, int | None, int, tuple[float, ...]]:
     """Name, frame, type mask and numbers of a setpoint, in MAVLink's order; degrees."""
     name, mask = msg.get_type(), msg.type_mask
     if isinstance(msg, _AttitudeTarget):
         rates = (msg.body_roll_rate, msg.body_pitch_rate, msg.body_yaw_rate)
         return name, None, mask, (*msg.q, *rates, msg.thrust)
-    if isinstance(msg, _GlobalTarget):
-        place = (from_deg_e7(msg.lat_int), from_deg_e7(msg.lon_int), msg.alt)
-    else:
-        place = (msg.x, msg.y, msg.z)
+    place = _place_of(msg)
     moves = (msg.vx, msg.vy, msg.vz, msg.afx, msg.afy, msg.afz, msg.yaw, msg.yaw_rate)
     return name, msg.coordinate_frame, mask, (*place, *moves)
 
