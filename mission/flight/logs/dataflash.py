@@ -57,6 +57,9 @@ def read_dataflash(path: Path) -> FlightData:
         try:
             while (row := log.recv_match(type=list(_READ))) is not None:
                 reader.take(row)
+            lengths = ((log.offsets[kind], form.len) for kind, form in log.formats.items())
+            end = max((found[-1] + length for found, length in lengths if found), default=0)
+            reader.found.skipped["message that the end cut off"] += int(end != log.data_len)
         finally:
             log.close()
     reader.found.skipped["damaged byte"] += said.getvalue().count("bad header")

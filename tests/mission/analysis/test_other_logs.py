@@ -50,6 +50,14 @@ def test_one_flight_in_three_logs_is_one_comparison(tmp_path: Path) -> None:
         assert str(one.total.estimate_rms_m) == "nan"
 
 
+@pytest.mark.parametrize("end", sorted(KINDS))
+def test_a_log_that_ends_within_a_message_is_said_to(tmp_path: Path, end: str) -> None:
+    whole = KINDS[end](tmp_path / f"x{end}").read_bytes()
+    (tmp_path / f"cut{end}").write_bytes(whole[:-2])
+    skipped = [load_run(tmp_path / f"{name}{end}").data.source.skipped for name in ("x", "cut")]
+    assert [sum(found.values()) for found in skipped] == [0, 1]
+
+
 def test_what_px4_adds_to_a_mission_is_no_item(tmp_path: Path) -> None:
     found = compared(write_ulog(tmp_path / "x.ulg"))
     assert [leg.item for leg in found.legs] == [0, 1, 3, 4]
