@@ -1,30 +1,237 @@
-"""The vehicle of `aerofed.vehicle`: what tests do with it."""
+"""The vehicle of `aerofed.vehicle`: a thread in which simulated time passes as its user says."""
 
+import asyncio
+import threading
+from collections.abc import AsyncIterator, Callable, Coroutine
+from contextlib import ExitStack, asynccontextmanager, closing
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any, Self, TypeVar
 
 import pandas as pd
 
 from mission.api.comparing import compare
+from mission.api.comparison import Comparison
 from mission.api.configuring import as_path
-from mission.flight.serve.hosted import HostedVehicle
+from mission.base.arrays import Floats
+from mission.base.errors import AerofedError, InputError
+from mission.flight.failures import of_a_vehicle
+from mission.flight.pilot.connection import connect
+from mission.flight.plan_file import read_plan_file
+from mission.flight.plan_path import placed, planned_path
+from mission.flight.serve.hosted_firmware import FirmwareHost
+from mission.flight.serve.hosts import LOOK_S, BuiltIn, State, enu, pymavlink_client
 
-if TYPE_CHECKING:
-    from mission.api.comparison import Comparison
+T = TypeVar("T")
 
 
-class SimulatedVehicle(HostedVehicle):
-    """A hosted vehicle, with tables and verdicts."""
+class NotInTimeError(AerofedError, TimeoutError):
+    """What was waited for did not happen within the simulated time that it was given."""
 
-    def truth(self) -> pd.DataFrame:
-        """Where it was: `t_s`, `x_m`, `y_m`, `height_m`; ten rows a simulated second."""
-        return pd.DataFrame(self.track, columns=["t_s", "x_m", "y_m", "height_m"], dtype=float)
+
+class SimulatedVehicle:
+    """A context manager that runs a vehicle; inside it is used from one thread.
+
+    It is heard and answered at `url` at any time. Where its host's time is ordered, simulated time
+    passes in `step`, `until` and `fly` only, so that what comes out does not depend on how fast the
+    machine is: what was sent before a step is taken before it. Positions are metres: x east and y
+    north of home, height above home.
+    """
+
+    def __init__(self, host: BuiltIn | FirmwareHost) -> None:
+        self._host = host
+        self._clients = ExitStack()
+        self._loop = asyncio.new_event_loop()
+        self._thread = threading.Thread(target=self._loop.run_forever, name="vehicle", daemon=True)
+
+    def __enter__(self) -> Self:
+        """Open the links.
+
+        Raises:
+            LinkLostError: one cannot be opened.
+        """
+        self._thread.start()
+        self._ended = asyncio.Event()
+        opened: asyncio.Future[None] = self._loop.create_future()
+        self._life = asyncio.run_coroutine_threadsafe(self._live(opened), self._loop)
+        try:
+            asyncio.run_coroutine_threadsafe(_result(opened), self._loop).result()
+        except BaseException:
+            self._stop()
+            raise
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Close links and clients, and complete the log.
+
+        Raises:
+            FlightError: the aircraft had left the range of its physics.
+        """
+        self._clients.close()
+        self._loop.call_soon_threadsafe(self._ended.set)
+        try:
+            self._life.result()
+        finally:
+            self._stop()
+            if self._host.logs is not None:
+                self._host.logs.close()
+
+    def _stop(self) -> None:
+        self._loop.call_soon_threadsafe(self._loop.stop)
+        self._thread.join()
+        self._loop.close()
+
+    async def _live(self, opened: "asyncio.Future[None]") -> None:
+        """Run until the end; an error before `opened` is its outcome."""
+        self._living = asyncio.current_task()
+        try:
+            with of_a_vehicle():
+                async with self._host.alive():
+                    opened.set_result(None)
+                    await self._ended.wait()
+        except AerofedError as error:
+            if opened.done():
+                raise
+            opened.set_exception(error)
+
+    def _do(self, work: Coroutine[Any, Any, T]) -> T:
+        """Do `work` in the vehicle's thread, while it lives."""
+
+        async def beside_life() -> T:
+            task, life = asyncio.ensure_future(work), self._living
+            assert life is not None  # a coroutine that runs has a task
+            await asyncio.wait((task, life), return_when=asyncio.FIRST_COMPLETED)
+            if not task.done():
+                task.cancel()
+                life.result()
+            return task.result()
+
+        return asyncio.run_coroutine_threadsafe(beside_life(), self._loop).result()
+
+    def _look(self, at: Callable[[], T]) -> T:
+        """Read something of the vehicle between two steps of its physics."""
+
+        async def look() -> T:
+            return at()
+
+        return self._do(look())
+
+    @property
+    def url(self) -> str:
+        """Where MAVSDK connects to; pymavlink has `udpout:` for `udpout://`."""
+        return f"udpout://127.0.0.1:{self._host.port.port}"
+
+    @property
+    def _state(self) -> State:
+        return self._look(lambda: self._host.state)
+
+    @property
+    def t_s(self) -> float:
+        """Simulated seconds since the vehicle was switched on."""
+        return self._state.truth.t_ns * 1e-9
+
+    @property
+    def position_m(self) -> Floats:
+        """(3,) where it truly is: x, y, height."""
+        return enu(self._state.truth.pos_ned_m)
+
+    @property
+    def velocity_mps(self) -> Floats:
+        """(3,) how fast it truly is: east, north, up."""
+        return enu(self._state.truth.vel_ned_mps)
+
+    @property
+    def height_m(self) -> float:
+        """True height above home."""
+        return float(self.position_m[2])
+
+    @property
+    def armed(self) -> bool:
+        """Whether the motors may run."""
+        return self._state.armed
+
+    @property
+    def mode(self) -> str:
+        """The flight mode: of the built-in autopilot by PX4's names, "HOLD", "MISSION" ..., of a
+        firmware by MAVSDK's."""
+        return self._state.mode
+
+    @property
+    def battery(self) -> float:
+        """Charge that is left, 0 to 1."""
+        return self._state.battery
+
+    def step(self, seconds: float) -> None:
+        """Let simulated time pass, as fast as the machine can.
+
+        Raises:
+            InputError: it is no time, or time passes by itself here.
+            FlightError: the aircraft left the range of its physics.
+        """
+        if not 0.0 < seconds < 1e6:
+            raise InputError(f"step({seconds!r}): simulated seconds, more than 0")
+        if self._host.runs != "ordered":
+            raise InputError("step: time passes by itself here; it waits with pace='steps' only")
+        self._do(self._host.run_for(seconds))
+
+    def until(self, met: Callable[[Self], object], *, timeout_s: float = 60.0) -> None:
+        """Let simulated time pass until `met(vehicle)` is true; it is asked each 0.1 s.
+
+        Raises:
+            NotInTimeError: `timeout_s` of simulated time were not enough.
+            FlightError: the aircraft left the range of its physics.
+        """
+        began_s = self.t_s
+        while not met(self):
+            if self.t_s - began_s >= timeout_s:
+                x, y, height = self.position_m
+                raise NotInTimeError(
+                    f"not within {timeout_s:g} s of simulated time; the vehicle is in mode "
+                    f"{self.mode}, {'armed' if self.armed else 'disarmed'}, at x = {x:.1f} m, "
+                    f"y = {y:.1f} m, height {height:.1f} m"
+                )
+            self.step(LOOK_S)
 
     def fly(self, plan: Path | str) -> None:
-        """As `HostedVehicle.fly`, of a file by any kind of path."""
-        super().fly(as_path(plan, "plan"))
+        """Fly a plan file from the ground to the ground, by MAVSDK, as `aerofed fly` does.
 
-    def compare(self, plan: Path | str | None = None) -> "Comparison":
+        Raises:
+            InputError: the plan holds what may not be flown here, or the vehicle is armed.
+            FlightError: the vehicle refuses it, leaves it, or is lost.
+        """
+        file = read_plan_file(as_path(plan, "plan"))
+        if self.armed:
+            raise InputError(f"fly({file.path}): the vehicle is armed; a plan begins on the ground")
+        home, host = self._host.area.home, self._host
+        file = replace(file, items=placed(file.items, home))
+        path = planned_path(file, home, parameters=host.parameters, limits=host.guidance)
+        self._do(host.fly(file, path))
+
+    def mavlink(self) -> Any:
+        """A pymavlink connection that has heard the vehicle; closed with it.
+
+        Raises:
+            LinkLostError: it does not answer.
+        """
+        return self._clients.enter_context(closing(pymavlink_client(self.url)))
+
+    @asynccontextmanager
+    async def mavsdk(self) -> AsyncIterator[Any]:
+        """`async with vehicle.mavsdk() as system:` connects MAVSDK, for its plug-ins.
+
+        Raises:
+            LinkLostError: the vehicle does not answer.
+        """
+        async with connect(self.url) as pilot:
+            yield pilot.system
+
+    def truth(self) -> pd.DataFrame:
+        """Where it was: `t_s`, `x_m`, `y_m`, `height_m`; ten rows a simulated second, under a
+        firmware one at each position that it tells."""
+        rows = self._look(lambda: list(self._host.track.rows))
+        return pd.DataFrame(rows, columns=["t_s", "x_m", "y_m", "height_m"], dtype=float)
+
+    def compare(self, plan: Path | str | None = None) -> Comparison:
         """The last flight that has landed beside `plan`, else beside the missions it was given.
 
         vehicle.compare("survey.plan").check(cross_track_max_m=2)
@@ -33,3 +240,21 @@ class SimulatedVehicle(HostedVehicle):
             InputError: no flight is logged, or it cannot be compared.
         """
         return compare(self.log, plan=None if plan is None else as_path(plan, "plan"))
+
+    @property
+    def log(self) -> Path:
+        """The log of the last flight that has landed.
+
+        Raises:
+            InputError: there is none, or no folder for logs.
+        """
+        logs = [] if self._host.logs is None else self._host.logs.written
+        if not logs:
+            raise InputError(
+                "no flight is logged: a log goes from arming to disarming, and needs logs=FOLDER"
+            )
+        return logs[-1]
+
+
+async def _result(future: "asyncio.Future[T]") -> T:
+    return await future

@@ -2,14 +2,16 @@
 
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from pymavlink.dialects.v20 import common as mav
 
 from flightdyn.config import LimitsConfig
 from flightdyn.state import Kinematics
 from mission.base.area import Area
 from mission.base.arrays import Floats
+from mission.base.errors import LinkLostError
 from mission.flight.ground_stations import station_links
 from mission.flight.pilot.connection import connect
 from mission.flight.plan_file import PlanFile
@@ -22,6 +24,7 @@ from sitl.observer import VehicleEvent, VehicleSample
 from sitl.pace import Runs, Simulation
 
 LOOK_S = 0.1  # simulated time between looks at a condition
+_GREETING_S = 10.0  # wall time in which a vehicle must have answered a new client
 
 
 class State(NamedTuple):
@@ -110,3 +113,21 @@ def enu(ned: Floats) -> Floats:
     """(3,) north, east, down -> east, north, up."""
     north, east, down = ned
     return np.array([east, north, -down])
+
+
+def pymavlink_client(url: str) -> Any:
+    """A pymavlink connection to a vehicle that has answered.
+
+    Raises:
+        LinkLostError: it does not.
+    """
+    from pymavlink import mavutil
+
+    client: Any = mavutil.mavlink_connection(  # type: ignore[no-untyped-call]  # pymavlink has no types
+        url.replace("://", ":")
+    )
+    client.mav.heartbeat_send(mav.MAV_TYPE_GCS, mav.MAV_AUTOPILOT_INVALID, 0, 0, 0)
+    if client.wait_heartbeat(timeout=_GREETING_S) is None:
+        client.close()
+        raise LinkLostError(f"no vehicle answered on {url} in {_GREETING_S:g} s")
+    return client
