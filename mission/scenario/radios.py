@@ -54,7 +54,7 @@ def believed_grid(
         return None
     if belief == "learned":
         radio = AverageRadio(channel, devices_m)
-    elif belief == "map":
+    elif belief == "map" and config.radio.truth != "map":  # which is the same file
         radio = PlacedRadio(_map_of(config, devices_m), _terms(config))
     elif belief == "buildings":  # as they stand, but nobody knows their shadowing before
         city = _city(config, area, devices_m, None)

@@ -12,6 +12,7 @@ from mcap_protobuf.decoder import DecoderFactory
 
 import aerofed
 from mission.base.errors import FlightError
+from mission.base.palette import per_colour
 from mission.figures.maps import overview
 from mission.figures.radio import beliefs
 
@@ -140,6 +141,25 @@ def test_the_log_has_walls_and_roofs(run: aerofed.Run) -> None:
     a, b = flat[:, 1] - flat[:, 0], flat[:, 2] - flat[:, 0]
     sizes = abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]) / 2.0
     assert sizes.sum() == pytest.approx(4 * 60 * 20 + 70 * 70 - 30 * 30)
+
+
+def test_a_link_has_the_colour_of_its_true_rate(run: aerofed.Run) -> None:
+    data = run._loaded.data
+    with (run.path / "flight.mcap").open("rb") as stream:
+        reader = make_reader(stream, decoder_factories=[DecoderFactory()])
+        found = [m for *_, m in reader.iter_decoded_messages(["/scene/links"])]
+    assert len(found) == len(data.uplinks) > 4
+    for message, uplink in zip(found, data.uplinks, strict=True):
+        (entity,) = message.entities
+        assert entity.id == f"link {uplink.device}"
+        (line,) = entity.lines
+        colour = line.color.r, line.color.g, line.color.b
+        assert colour == pytest.approx(per_colour(uplink.true_per), abs=1e-6)
+        air, ground = line.points
+        assert (air.x, air.y, air.z) == (uplink.true_x_m, uplink.true_y_m, uplink.true_alt_m)
+        assert (ground.x, ground.y) == tuple(data.devices.pos_m[uplink.device].tolist())
+    rates = [uplink.true_per for uplink in data.uplinks]
+    assert min(rates) < 0.1 < 0.9 < max(rates)
 
 
 def test_maps_show_them_the_darker_the_higher(run: aerofed.Run) -> None:
