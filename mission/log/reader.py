@@ -12,6 +12,7 @@ from mission.base.arrays import Floats, Ints
 from mission.log import ForeignLogError, control, topics
 from mission.log.contents import Contents, load
 from mission.log.records import (
+    Record,
     RoundRecord,
     TimedUplinkRecord,
     UplinkRecord,
@@ -70,25 +71,15 @@ def decode(contents: Contents) -> FlightData:
             plans=_plans(contents),
             rounds=tuple(from_json(RoundRecord, row) for _, row in contents.decoded(topics.ROUNDS)),
             uplinks=_uplinks(contents),
-            learning=tuple(
-                from_json(LearningRecord, row, t_ns=t)
-                for t, row in contents.decoded(topics.LEARNING)
-            ),
-            events=tuple(
-                from_json(EventRecord, row, t_ns=t) for t, row in contents.decoded(topics.EVENTS)
-            ),
+            learning=_timed(LearningRecord, contents.decoded(topics.LEARNING)),
+            events=_timed(EventRecord, contents.decoded(topics.EVENTS)),
             battery=_battery(contents),
             wind=WindTrack(*_vectors(contents.decoded(topics.TRUE_WIND))),
             innovations=_innovations(contents),
             metadata=contents.metadata,
             attachments=contents.attachments,
-            missions=tuple(
-                from_json(MissionRecord, row, t_ns=t) for t, row in contents.decoded(topics.MISSION)
-            ),
-            setpoints=tuple(
-                from_json(SetpointRecord, row, t_ns=t)
-                for t, row in contents.decoded(topics.SETPOINT)
-            ),
+            missions=_timed(MissionRecord, contents.decoded(topics.MISSION)),
+            setpoints=_timed(SetpointRecord, contents.decoded(topics.SETPOINT)),
             modes=_modes(contents),
             control=_control(contents),
             radio_believed=_grids(contents, topics.RADIO_BELIEVED),
@@ -102,6 +93,10 @@ def decode(contents: Contents) -> FlightData:
         raise ForeignLogError(
             contents.path, f"a record is not what its schema says ({error!r})"
         ) from None
+
+
+def _timed(record: type[Record], rows: Iterable[tuple[int, Any]]) -> tuple[Record, ...]:
+    return tuple(from_json(record, row, t_ns=t_ns) for t_ns, row in rows)
 
 
 def _track(contents: Contents, topic: Topic) -> Track:

@@ -143,14 +143,6 @@ RADIO_TRUE = _foxglove(
     "/radio/true", fox.Grid, "the same as it is, once, where the belief is not it", latched=True
 )
 LOG = _foxglove("/log", fox.Log, "events as lines for people")
-TRUE_WIND = _foxglove(
-    "/true/wind", fox.Vector3, "velocity of the air at the aircraft, east, north, up in m/s; 1 Hz"
-)
-
-CONTROL = Topic(
-    *("/control", control.NAME, "protobuf", control.schema(), "protobuf"),
-    "what the control believed and ordered while armed: `vehicle.control_rate_hz`, 50 Hz",
-)
 
 DEVICES = _json("/devices", "aerofed.Devices", Devices, latched=True)
 PLAN = _json("/plan", "aerofed.Plan", PlanRecord, latched=True)
@@ -160,15 +152,16 @@ LEARNING = _json("/learning", "aerofed.Learning", LearningRecord, latched=True)
 BATTERY = _json("/battery", "aerofed.Battery", BatteryTrack)
 MODE = _json("/mode", "aerofed.Mode", ModeRecord, latched=True)
 EVENTS = _json("/events", "aerofed.Event", EventRecord)
+TRUE_WIND = _foxglove(
+    "/true/wind", fox.Vector3, "velocity of the air at the aircraft, east, north, up in m/s; 1 Hz"
+)
+CONTROL = Topic(
+    *("/control", control.NAME, "protobuf", control.schema(), "protobuf"),
+    "what the control believed and ordered while armed: `vehicle.control_rate_hz`, 50 Hz",
+)
 INNOVATIONS = _json("/innovations", "aerofed.Innovations", InnovationsRecord)
 FENCE = _json("/fence", "aerofed.Fence", FenceRecord, latched=True)
 MISSION = _json("/mission", "aerofed.Mission", MissionRecord, latched=True)
 SETPOINT = _json("/setpoint", "aerofed.Setpoint", SetpointRecord)
 
-TOPICS: tuple[Topic, ...] = (
-    *(TF, TRUE_POSE, EST_POSE, TRUE_VELOCITY, EST_VELOCITY, TRUE_LOCATION, GNSS),
-    *(PLAN_PATH, FLOWN_PATH, PLAN_MAP, SCENE_GROUND, SCENE_BUILDINGS),
-    *(SCENE_DEVICES, SCENE_LINKS, RADIO_BELIEVED, RADIO_TRUE, LOG),
-    *(DEVICES, PLAN, ROUNDS, UPLINKS, LEARNING, BATTERY, MODE, EVENTS),
-    *(TRUE_WIND, CONTROL, INNOVATIONS, FENCE, MISSION, SETPOINT),
-)
+TOPICS = tuple(topic for topic in list(globals().values()) if isinstance(topic, Topic))
