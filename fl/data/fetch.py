@@ -14,7 +14,7 @@ from typing import Literal
 from fl.data.files import CIFAR_ARCHIVE_MD5, IDX_MD5, UNPACKING_ERRORS, md5
 from fl.data.idx import NAMES
 from fl.data.load import load
-from fl.errors import DataDamagedError, DataMissingError, FetchError, SettingError
+from fl.errors import FETCHED, DataDamagedError, DataMissingError, FetchError, SettingError
 
 CHUNK = 1 << 18
 TIMEOUT_S = 30.0
@@ -27,7 +27,6 @@ LOCATIONS: Mapping[str, str] = {
     "fashion-mnist": "http://fashion-mnist.s3-website.eu-central-1.amazonaws.com/",
     "cifar10": "https://www.cs.toronto.edu/~kriz/",
 }
-TASKS = tuple(LOCATIONS)
 
 Progress = Callable[[str, int, int | None], None]  # file, bytes so far, bytes altogether
 
@@ -73,7 +72,7 @@ def fetch(
     return tuple(paths)
 
 
-def check(data_dir: Path, *, tasks: tuple[str, ...] = TASKS) -> tuple[TaskCheck, ...]:
+def check(data_dir: Path, *, tasks: tuple[str, ...] = FETCHED) -> tuple[TaskCheck, ...]:
     """Read every task from `data_dir` as a run would, and say what was found."""
     found = []
     for task in tasks:

@@ -7,6 +7,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from mission.base.errors import InputError
+from mission.base.user_files import or_input_error
 
 
 @contextmanager
@@ -36,12 +37,10 @@ def alone_in(folder: Path, lock: Path, *, who: str, chosen: bool = False) -> Ite
         InputError: another one is at work there, or the file cannot be written or locked.
     """
     with without_traces(lock.parent):
-        try:
+        with or_input_error(folder, "cannot write"):
             new = not lock.exists()
             lock.parent.mkdir(parents=True, exist_ok=True)
             file = lock.open("a")
-        except OSError as error:
-            raise InputError(f"{folder}: cannot write: {error.strerror}") from None
         with file:
             try:
                 fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)

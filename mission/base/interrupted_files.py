@@ -7,8 +7,8 @@ has finished a round of its own, the old files hold more than the new ones, so t
 
 import shutil
 
-from mission.base.errors import InputError
 from mission.base.run_folder import RunFolder
+from mission.base.user_files import or_input_error
 
 _GONE = ".interrupted-gone"
 
@@ -30,15 +30,13 @@ class InterruptedFiles:
         Raises:
             InputError: they cannot be moved.
         """
-        try:
+        with or_input_error(self.path, "cannot keep the old files"):
             shutil.rmtree(self._gone, ignore_errors=True)
             self.path.mkdir(parents=True, exist_ok=True)
             for file in self._files:
                 kept = self.path / file.name
                 if file.exists() and not kept.exists():
                     file.replace(kept)
-        except OSError as error:
-            raise InputError(f"{self.path}: cannot keep the old files: {error.strerror}") from None
 
     def discard(self) -> None:
         """The new files hold more now: remove the old ones, all at once. Twice is fine."""

@@ -8,7 +8,8 @@ no 64 bits do: what is built from them then never meets either.
 import json
 import os
 import tomllib
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,15 @@ from mission.base.errors import InputError
 TEXT_BYTES = 1 << 24  # of one file: a thousand times what people write
 DATA_BYTES = 1 << 31  # of one that programs wrote: a month of flight
 MOST_DEEP = 100  # tables or lists in one another; ours has 6
+
+
+@contextmanager
+def or_input_error(place: object, cannot: str) -> Iterator[None]:
+    """Where the system refuses what the block does: an `InputError` of place, deed and reason."""
+    try:
+        yield
+    except OSError as error:
+        raise InputError(f"{place}: {cannot}: {error.strerror or error}") from None
 
 
 def whole_path(folder: Path, name: str | Path) -> Path:
@@ -51,10 +61,8 @@ def read_bytes(path: Path, *, most: int = TEXT_BYTES) -> bytes:
     """
     try:
         size = check_regular(path, most=most)
-        with path.open("rb") as file:
+        with or_input_error(path, "cannot be read"), path.open("rb") as file:
             return file.read(size)  # no more: /proc has files of no size that never end
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror}") from None
     except ValueError:  # a null in it
         raise InputError(f"{path}: no name of a file") from None
 
@@ -65,10 +73,8 @@ def check_regular(path: Path, *, most: int) -> int:
     Raises:
         InputError: it is not there, is no regular file, or has more than `most` bytes.
     """
-    try:
+    with or_input_error(path, "cannot be read"):
         size = path.stat().st_size
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror}") from None
     if not path.is_file():
         kind = "a folder" if path.is_dir() else "a device or a pipe"
         raise InputError(f"{path}: cannot be read: {kind}, not a file")

@@ -80,8 +80,8 @@ def check(folder: Path, *, task: Tasks | None = None, as_json: Json = False) -> 
     as_json
         Print what was found as a JSON list.
     """
-    from fl.data.fetch import TASKS
     from fl.data.fetch import check as look
+    from fl.errors import FETCHED
 
     if folder.exists() and not folder.is_dir():
         raise InputError(
@@ -90,7 +90,7 @@ def check(folder: Path, *, task: Tasks | None = None, as_json: Json = False) -> 
         )
     if not folder.is_dir():
         raise InputError(f"{folder}: no such folder; aerofed data fetch {folder} makes it")
-    found: tuple[TaskCheck, ...] = look(folder, tasks=tuple(task or TASKS))
+    found: tuple[TaskCheck, ...] = look(folder, tasks=tuple(task or FETCHED))
     console = Terminal(**PLAIN)
     for item in () if as_json else found:
         console.print(f"{item.task}: {item.status}: {item.detail}")

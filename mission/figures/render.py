@@ -15,6 +15,7 @@ from altair import SCHEMA_VERSION
 from mission.base.errors import AerofedError, InputError
 from mission.base.palette import LIGHT
 from mission.base.run_folder import write_atomically
+from mission.base.user_files import or_input_error
 from mission.figures.style import CONFIG, Chart, arranged, heading
 
 _ROUND = 65.0  # about a chart: its title and axes, in pixels
@@ -80,10 +81,8 @@ def save_all(
         InputError: they cannot be written.
         AerofedError: they cannot be drawn: no memory.
     """
-    try:
+    with or_input_error(folder, "cannot write the figures"):
         folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f"{folder}: cannot write the figures: {error.strerror}") from None
     drawn = _drawn([("png", _described(picture)) for picture in pictures.values()], started)
     for name, content in zip(pictures, drawn, strict=True):
         write_atomically(folder / name, content)

@@ -17,7 +17,7 @@ from flightdyn.state import GeodeticPoint
 from mission.base.area import Area
 from mission.base.errors import InputError
 from mission.base.run_folder import write_atomically
-from mission.base.user_files import decoded, read_bytes
+from mission.base.user_files import decoded, or_input_error, read_bytes
 from mission.flight.fence_zones import airspace_rings, fence_items
 from mission.flight.flight_plan import FlightPlan
 from mission.flight.mission_items import mission_items
@@ -216,10 +216,8 @@ def write_round_plan(path: Path, plan: FlightPlan, area: Area) -> None:
             "items": items,
         },
     }
-    try:
+    with or_input_error(path, "cannot write"):
         path.parent.mkdir(exist_ok=True)
-    except OSError as error:
-        raise InputError(f"{path}: cannot write: {error.strerror}") from None
     write_atomically(path, json.dumps(document, indent=2, allow_nan=False) + "\n")
 
 

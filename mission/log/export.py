@@ -16,6 +16,7 @@ from mission.base.errors import InputError
 from mission.base.palette import community_colour
 from mission.base.run_folder import write_atomically
 from mission.base.tables import csv_lines, parquet, told
+from mission.base.user_files import or_input_error
 from mission.log import LogError
 from mission.log.messages import feature, geojson
 from mission.log.reader import read_log
@@ -121,15 +122,14 @@ def _write_all(folder: Path, files: Mapping[str, bytes]) -> tuple[Path, ...]:
     """Make a folder with files by name; all of it or nothing."""
     partial = folder.with_name(f".{folder.name}.partial")
     try:
-        if folder.exists() and any(folder.iterdir()):
-            raise InputError(f"{folder}: the output folder is already used")
-        shutil.rmtree(partial, ignore_errors=True)
-        partial.mkdir(parents=True)
-        for name, data in files.items():
-            (partial / name).write_bytes(data)
-        partial.replace(folder)
-    except OSError as error:
-        raise InputError(f"{folder}: cannot write: {error.strerror or error}") from None
+        with or_input_error(folder, "cannot write"):
+            if folder.exists() and any(folder.iterdir()):
+                raise InputError(f"{folder}: the output folder is already used")
+            shutil.rmtree(partial, ignore_errors=True)
+            partial.mkdir(parents=True)
+            for name, data in files.items():
+                (partial / name).write_bytes(data)
+            partial.replace(folder)
     finally:
         shutil.rmtree(partial, ignore_errors=True)
     return tuple(folder / name for name in files)

@@ -8,6 +8,7 @@ from tempfile import TemporaryFile
 
 from mission.base.area import Area
 from mission.base.errors import InputError
+from mission.base.user_files import or_input_error
 from mission.flight.logs.items import record_of
 from mission.log.values import NOBODY, SetpointRecord
 from mission.log.writer import FlightLog
@@ -30,14 +31,10 @@ class FlightLogs:
         Raises:
             InputError: it cannot be made or written to.
         """
-        try:
+        with or_input_error(f"--logs {folder}", "cannot be written to"):
             folder.mkdir(parents=True, exist_ok=True)
             with TemporaryFile(dir=folder):
                 pass
-        except OSError as error:
-            raise InputError(
-                f"--logs {folder}: cannot be written to: {error.strerror or error}"
-            ) from None
         self._folder = folder
         self._area = area
         self._log: FlightLog | None = None
