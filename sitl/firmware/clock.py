@@ -9,11 +9,10 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import NamedTuple
 
-from flightdyn.frames import Triple, frozen, quaternion_from_euler, wrap_pi
+from flightdyn.frames import frozen, quaternion_from_euler, wrap_pi
 from flightdyn.plant import Plant
-from flightdyn.state import BatteryState, Kinematics, Moment
+from flightdyn.state import Kinematics, Moment
 from sitl.errors import FirmwareSilentError
 from sitl.firmware.bridge import STALL_S, Bridge
 from sitl.firmware.native import library as native
@@ -24,18 +23,6 @@ _PAUSE_S = 0.25  # wall time that an ordered pace may run ahead by
 _MOST = 1000  # ticks at once, where there is no pace to keep
 _AHEAD_NS = 500_000_000  # of the newest telemetry that was heard: five of its intervals
 _LISTEN_S = 0.001  # wall time between looks whether it was
-
-
-class _Truth(NamedTuple):
-    """The physical state as numbers (SI, NED, body FRD); arrays are made when somebody asks."""
-
-    t_ns: int
-    position_ned: Triple
-    velocity_ned: Triple
-    euler: Triple
-    rates: Triple
-    wind_ned: Triple
-    battery: BatteryState
 
 
 class TruthHistory:
@@ -64,13 +51,14 @@ class TruthHistory:
     @property
     def newest(self) -> Moment:
         """The physical state at the end of the newest guidance interval."""
-        truth = self._kept(self._ring.newest)
-        return _between(truth, truth, truth.t_ns)
+        last = self._ring.newest
+        return self._between(last, last, self._ring.of(last)[0])
 
     def motors(self, t_ns: int) -> list[float]:
         """The duty cycles that were ordered at an instant of the last while."""
         interval = min(t_ns // self._interval_ns, self._ring.newest)
-        return self._ring.of(interval)[1][native.TRUTHS :]
+        duties: list[float] = self._ring.of(interval)[1][native.TRUTHS :].tolist()
+        return duties
 
     def at(self, t_ns: int) -> Moment:
         """The truth at an instant: between two kept by both, else by the nearest one's velocity."""
@@ -78,33 +66,25 @@ class TruthHistory:
         # The oldest may be overwritten at any time.
         first = max(self._first, last - native.KEPT + 8)
         index = min(max(t_ns // self._interval_ns, first), last)
-        before = self._kept(index)
-        after = self._kept(min(index + 1, last))
-        return _between(before, after, t_ns)
+        return self._between(index, min(index + 1, last), t_ns)
 
-    def _kept(self, interval: int) -> _Truth:
-        t_ns, numbers = self._ring.of(interval)
-        n, e, d, vn, ve, vd, roll, pitch, yaw, p, q, r, wn, we, wd = numbers[: native.TRUTHS]
-        number = min(interval // _BATTERY_EVERY, self._battery)
-        motion = (n, e, d), (vn, ve, vd), (roll, pitch, yaw), (p, q, r)
-        return _Truth(t_ns, *motion, (wn, we, wd), self._batteries[number % len(self._batteries)])
-
-
-def _between(before: _Truth, after: _Truth, t_ns: int) -> Moment:
-    """The truth at an instant between two, or near the first, by its velocity."""
-    place, speed = frozen(before.position_ned), frozen(before.velocity_ned)
-    since_ns, gap_ns = t_ns - before.t_ns, after.t_ns - before.t_ns
-    if since_ns <= 0 or gap_ns <= 0:
-        place, nearer = frozen(place + since_ns * 1e-9 * speed), before
-    else:
-        share = since_ns / gap_ns
-        place = frozen(place + share * (frozen(after.position_ned) - place))
-        speed = frozen(speed + share * (frozen(after.velocity_ned) - speed))
-        nearer = after if share > 0.5 else before
-    roll, pitch, yaw = nearer.euler
-    turned = frozen(quaternion_from_euler(roll, pitch, wrap_pi(yaw)))
-    kinematics = Kinematics(t_ns, place, speed, turned, frozen(nearer.rates))
-    return Moment(kinematics, nearer.battery, frozen(nearer.wind_ned))
+    def _between(self, first: int, second: int, t_ns: int) -> Moment:
+        (before_ns, before), (after_ns, after) = self._ring.of(first), self._ring.of(second)
+        since_ns, gap_ns = t_ns - before_ns, after_ns - before_ns
+        if since_ns <= 0 or gap_ns <= 0:
+            share, motion = 0.0, before[:6].copy()
+            motion[:3] += since_ns * 1e-9 * motion[3:]
+        else:
+            share = since_ns / gap_ns
+            motion = before[:6] + share * (after[:6] - before[:6])
+        interval, nearer = (second, after) if share > 0.5 else (first, before)
+        roll, pitch, yaw, *rates = nearer[6:12].tolist()
+        turned = frozen(quaternion_from_euler(roll, pitch, wrap_pi(yaw)))
+        kinematics = Kinematics(t_ns, frozen(motion[:3]), frozen(motion[3:]), turned, frozen(rates))
+        battery = self._batteries[
+            min(interval // _BATTERY_EVERY, self._battery) % len(self._batteries)
+        ]
+        return Moment(kinematics, battery, frozen(nearer[12 : native.TRUTHS]))
 
 
 class FirmwareClock:

@@ -7,6 +7,7 @@ aircraft takes it.
 import ctypes
 
 import numpy as np
+from numpy.typing import NDArray
 
 from flightdyn.native.ticks import DRIVE_AT, PYTHON_AT, READ_AT, Driven, Imu, of_python
 from flightdyn.plant import Plant
@@ -56,10 +57,10 @@ class TruthRing:
         number: int = self._memory.newest
         return number
 
-    def of(self, interval: int) -> tuple[int, list[float]]:
+    def of(self, interval: int) -> tuple[int, NDArray[np.float64]]:
         """The instant (ns) and the numbers at the end of an interval."""
         slot = interval % self._count
-        return int(self._instants[slot]), self._rows[slot].tolist()
+        return int(self._instants[slot]), self._rows[slot].copy()
 
 
 class _World(ctypes.Structure):
