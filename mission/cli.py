@@ -142,6 +142,9 @@ def call(tokens: Sequence[str] | None = None) -> int:
     except MemoryError:
         errors.print("aerofed: out of memory")
         return AerofedError.exit_code
+    except ModuleNotFoundError as error:  # as in the image of the vehicle alone
+        errors.print(f"aerofed: {error.name} is not installed here; pip install aerofed brings it")
+        return InputError.exit_code
     except LibraryError as error:
         errors.print(f"aerofed: {error}")
         return InputError.exit_code

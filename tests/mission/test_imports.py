@@ -90,3 +90,14 @@ def test_torch_is_for_networks_of_ones_own_only(
         assert call([*run, f"{key}={name}", "--out", "none"]) == 2
         assert capsys.readouterr().err.endswith(f"{key} = '{name}': {extra}")
         assert not (tmp_path / "none").exists()
+
+
+def test_a_library_that_is_left_out_is_named() -> None:
+    """As in the image of the vehicle alone."""
+    script = (
+        "import sys; sys.modules['altair'] = None; from mission.cli import call; "
+        "sys.exit(call(['report', '.']))"
+    )
+    ended = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True)
+    said = "aerofed: altair is not installed here; pip install aerofed brings it\n"
+    assert (ended.returncode, ended.stderr) == (2, said)
