@@ -165,7 +165,7 @@ class Vehicle:
         """Everything as new, at home and at time zero; parameters and lists are on flash."""
         old = self.autopilot
         self._boot(self._new_aircraft(), old.parameters)
-        self.autopilot.restore(old.lists)
+        self.autopilot.transfer.restore(old.transfer.lists)
         self.autopilot.greet()
 
     def due(self) -> float:

@@ -43,7 +43,7 @@ from sitl.autopilot.protocol.log_server import LogServer
 from sitl.autopilot.protocol.parameter_server import ParameterServer
 from sitl.autopilot.protocol.payload import NoPayload
 from sitl.autopilot.protocol.streams import DEFAULT_RATES_HZ, SERVED_RATES_HZ, Streams
-from sitl.autopilot.protocol.transfer import Lists, MissionTransfer
+from sitl.autopilot.protocol.transfer import MissionTransfer
 from sitl.autopilot.reporter import EventSink, Reporter
 from sitl.errors import SitlInputError
 from sitl.logfolder import LogFolder
@@ -97,7 +97,7 @@ class Autopilot:
         by_sticks = self._sticks.enter
         self.failsafes = Failsafes(aircraft, flight, parameters, guard, by_sticks, report)
 
-        self._transfer = MissionTransfer(
+        self.transfer = MissionTransfer(
             self._outbox, report, check=self._check_item, store=self._take
         )
         files = logs or LogFolder(None)
@@ -125,7 +125,7 @@ class Autopilot:
         )
         self._handlers: Handlers = {
             **self.commands.handlers(),
-            **self._transfer.handlers(),
+            **self.transfer.handlers(),
             **parameter_server.handlers(),
             **log_server.handlers(),
             **ftp_server.handlers(),
@@ -139,7 +139,7 @@ class Autopilot:
             mav.MAVLink_timesync_message: self._time_sync,
             mav.MAVLink_heartbeat_message: self._heartbeat,
         }
-        servers = (self._transfer, parameter_server.burst, log_server.burst, ftp_server.burst)
+        servers = (self.transfer, parameter_server.burst, log_server.burst, ftp_server.burst)
         timers = (self._streams, *servers, self._offboard, self._sticks)
         self._timers = timers[:-2] if in_step else timers
 
@@ -173,15 +173,6 @@ class Autopilot:
             self.failsafes.poll(now)
 
     @property
-    def lists(self) -> Lists:
-        """Mission, fence and rally points as they were uploaded."""
-        return self._transfer.lists
-
-    def restore(self, lists: Lists) -> None:
-        """Take over the lists that were uploaded before a reboot."""
-        self._transfer.restore(lists)
-
-    @property
     def mode(self) -> Mode:
         """The flight mode."""
         return self.flight.mode
@@ -204,8 +195,8 @@ class Autopilot:
 
     def _not_handled(self, peer: Peer, message: mav.MAVLink_message) -> None:
         """Answer what was asked by a message whose handling failed."""
-        if type(message) in self._transfer.handlers():
-            self._transfer.give_up(peer, message)
+        if type(message) in self.transfer.handlers():
+            self.transfer.give_up(peer, message)
         elif type(message) in self.commands.handlers():
             self.commands.give_up(peer, message)
 

@@ -252,9 +252,13 @@ def test_mavproxy_lists_draws_and_downloads(tmp_path: Path) -> None:
             await console.hears("online system 1")
             await console.hears(f"Received {len(TABLE)} parameters")
             await console.type(f"fence load {fence}")
-            await until(lambda: len(vehicle.autopilot.lists[mav.MAV_MISSION_TYPE_FENCE]) == 4)
+            await until(
+                lambda: len(vehicle.autopilot.transfer.lists[mav.MAV_MISSION_TYPE_FENCE]) == 4
+            )
             await console.type(f"rally load {rally}")
-            await until(lambda: len(vehicle.autopilot.lists[mav.MAV_MISSION_TYPE_RALLY]) == 1)
+            await until(
+                lambda: len(vehicle.autopilot.transfer.lists[mav.MAV_MISSION_TYPE_RALLY]) == 1
+            )
             await console.type("log list", answer="Log 1")
             await console.type("log download 1 fetched.mcap", answer="Finished downloading")
             await console.type("long DO_GRIPPER 1 1", answer="UNSUPPORTED")

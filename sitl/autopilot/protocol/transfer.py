@@ -77,16 +77,12 @@ class MissionTransfer:
         self._report = reporter
         self._check = check
         self._store = store
-        self._lists: dict[int, tuple[MissionItem, ...]] = {MISSION: (), FENCE: (), RALLY: ()}
+        # The lists that were accepted last.
+        self.lists: dict[int, tuple[MissionItem, ...]] = {MISSION: (), FENCE: (), RALLY: ()}
         self._upload: _Upload | None = None
         self._downloads: dict[tuple[Peer, int], _Download] = {}
         self._completed: _Upload | None = None
         self._repeated: dict[Peer, _Repeated] = {}  # the newest answer to each, on a bad link
-
-    @property
-    def lists(self) -> Lists:
-        """The lists that were accepted last, by MAV_MISSION_TYPE."""
-        return self._lists
 
     def restore(self, lists: Lists) -> None:
         """Take lists that were accepted before."""
@@ -109,7 +105,7 @@ class MissionTransfer:
         }
 
         def handle(peer: Peer, msg: Any, now: float) -> None:
-            if msg.mission_type in (*self._lists, ALL):
+            if msg.mission_type in (*self.lists, ALL):
                 # Whatever the peer waits for now, it is not the answer before.
                 self._repeated.pop(peer, None)
                 handlers[type(msg)](peer, msg, now)
@@ -150,7 +146,7 @@ class MissionTransfer:
 
     def _count(self, peer: Peer, msg: mav.MAVLink_mission_count_message, now: float) -> None:
         kind = msg.mission_type
-        if kind not in self._lists:
+        if kind not in self.lists:
             self._ack(peer, kind, mav.MAV_MISSION_UNSUPPORTED)
         elif self._upload is not None and self._upload.peer != peer:
             self._ack(peer, kind, mav.MAV_MISSION_DENIED)
@@ -208,7 +204,7 @@ class MissionTransfer:
 
     def _list(self, peer: Peer, msg: mav.MAVLink_mission_request_list_message, now: float) -> None:
         kind = msg.mission_type
-        items = self._lists.get(kind)
+        items = self.lists.get(kind)
         if items is None:
             self._ack(peer, kind, mav.MAV_MISSION_UNSUPPORTED)
             return
@@ -227,7 +223,7 @@ class MissionTransfer:
             download.until = now + DOWNLOAD_KEPT_S
             items = download.items
         else:
-            items = self._lists.get(msg.mission_type, ())
+            items = self.lists.get(msg.mission_type, ())
         if msg.seq >= len(items):
             self._ack(peer, msg.mission_type, mav.MAV_MISSION_INVALID_SEQUENCE)
             return
@@ -243,7 +239,7 @@ class MissionTransfer:
         self._downloads.pop((peer, msg.mission_type), None)
 
     def _clear(self, peer: Peer, msg: mav.MAVLink_mission_clear_all_message, _now: float) -> None:
-        kinds = tuple(self._lists) if msg.mission_type == ALL else (msg.mission_type,)
+        kinds = tuple(self.lists) if msg.mission_type == ALL else (msg.mission_type,)
         verdicts = [self._take(kind, ()) for kind in kinds]
         refused = [verdict for verdict in verdicts if verdict != mav.MAV_MISSION_ACCEPTED]
         self._ack(peer, msg.mission_type, refused[0] if refused else mav.MAV_MISSION_ACCEPTED)
@@ -256,7 +252,7 @@ class MissionTransfer:
     def _take(self, kind: int, items: tuple[MissionItem, ...]) -> int:
         verdict = self._store(kind, items)
         if verdict == mav.MAV_MISSION_ACCEPTED:
-            self._lists[kind] = items
+            self.lists[kind] = items
         return verdict
 
     def _ask(self, upload: _Upload, now: float) -> None:
