@@ -38,11 +38,11 @@ class _InvalidError(Exception):
 class Offboard(StreamPilot):
     """Takes setpoints, and flies by them in the mode OFFBOARD."""
 
+    _MODES = frozenset({Mode.OFFBOARD})
+    _CAUSE, _PATIENCE = Cause.SETPOINTS_LOST, "COM_OF_LOSS_T"
+
     def __init__(self, cockpit: Cockpit) -> None:
-        parameters, cause = cockpit.parameters, Cause.SETPOINTS_LOST
-        super().__init__(
-            cockpit, {Mode.OFFBOARD}, cause, patience_s=lambda: parameters["COM_OF_LOSS_T"]
-        )
+        super().__init__(cockpit)
         self._report = cockpit.reporter
         self._order: Target | AttitudeOrder = Target()
         self._complaint = ""

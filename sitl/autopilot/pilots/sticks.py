@@ -42,9 +42,10 @@ class Position(NamedTuple):
 class Sticks(StreamPilot):
     """Takes the position of the sticks, and flies by it in the modes for that."""
 
+    _MODES, _CAUSE, _PATIENCE = _ORDERS, Cause.STICKS_LOST, "COM_RC_LOSS_T"
+
     def __init__(self, cockpit: Cockpit) -> None:
-        parameters, cause = cockpit.parameters, Cause.STICKS_LOST
-        super().__init__(cockpit, _ORDERS, cause, patience_s=lambda: parameters["COM_RC_LOSS_T"])
+        super().__init__(cockpit)
         self._at = Position()
         self._channels_us = [0] * 4  # 0: channel not overridden
         self._yaw_rad = 0.0  # heading ordered

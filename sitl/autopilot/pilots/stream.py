@@ -1,8 +1,9 @@
 """Pilots outside the vehicle whose stream of messages must not fall silent while they fly it."""
 
 import math
-from collections.abc import Callable, Collection
+from collections.abc import Collection
 from dataclasses import dataclass
+from typing import ClassVar
 
 from flightdyn.aircraft import Aircraft
 from sitl.autopilot.failsafe import Cause, Failsafes
@@ -24,30 +25,26 @@ class Cockpit:
 
 
 class StreamPilot:
-    """Flies in its `modes` by what it streams. Silence for `patience_s` then is a failsafe."""
+    """Flies in its modes by what it streams. Long silence then is a failsafe."""
 
-    def __init__(
-        self,
-        cockpit: Cockpit,
-        modes: Collection[Mode],
-        cause: Cause,
-        *,
-        patience_s: Callable[[], float],
-    ) -> None:
+    _MODES: ClassVar[Collection[Mode]]
+    _CAUSE: ClassVar[Cause]
+    _PATIENCE: ClassVar[str]  # the parameter that says how long, in seconds
+
+    def __init__(self, cockpit: Cockpit) -> None:
         self._aircraft, self._flight = cockpit.aircraft, cockpit.flight
         self._parameters = cockpit.parameters
         self._cockpit = cockpit
-        self._modes, self._cause, self._patience_s = modes, cause, patience_s
         self._heard_at = -math.inf
 
     @property
     def _alive(self) -> bool:
-        """Whether a message of the stream came within the last `patience_s`."""
-        return self._cockpit.now - self._heard_at < self._patience_s()
+        """Whether a message of the stream came lately."""
+        return self._cockpit.now - self._heard_at < self._parameters[self._PATIENCE]
 
     @property
     def _flies(self) -> bool:
-        return self._flight.mode in self._modes
+        return self._flight.mode in self._MODES
 
     def _heard(self) -> None:
         """Note that a message of the stream came now."""
@@ -55,12 +52,12 @@ class StreamPilot:
 
     def watch(self, failsafes: Failsafes) -> None:
         """Look for a loss; one that was acted on stays until the stream is back or nobody flies."""
-        missed = self._flies or failsafes.acted(self._cause)
+        missed = self._flies or failsafes.acted(self._CAUSE)
         lost = self._aircraft.armed and missed and not self._alive
         silence_s = self._cockpit.now - self._heard_at
-        failsafes.update(self._cause, lost, lambda: f"{silence_s:.1f} s")
+        failsafes.update(self._CAUSE, lost, lambda: f"{silence_s:.1f} s")
 
     def due(self) -> float:
         """When a loss will show; infinite where there is nothing to lose."""
         lose = self._flies and self._alive
-        return self._heard_at + self._patience_s() if lose else math.inf
+        return self._heard_at + self._parameters[self._PATIENCE] if lose else math.inf
