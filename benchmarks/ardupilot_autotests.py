@@ -37,7 +37,7 @@ def main() -> int:
     parser.add_argument("--binary", type=Path, help="default: the tree's build/sitl/bin/arducopter")
     parser.add_argument("--wind", type=float, default=0.0, help="m/s")
     parser.add_argument("--speed", type=float, default=3.0, help="times real time, at most")
-    given = parser.parse_args()
+    given = parser.parse_intermixed_args()  # tests may follow options
     binary = (given.binary or given.tree / "build/sitl/bin/arducopter").resolve()
     sys.path[:0] = [str((given.tree / "Tools/autotest").resolve())]
     with redirect_stdout(sys.stderr):  # which its consoles keep to
