@@ -100,7 +100,7 @@ def pose(stamp: fox.Timestamp, where: Place) -> bytes:
     )
 
 
-def success_grid(stamp: fox.Timestamp, grid: PerGrid) -> bytes:
+def success_grid(t_ns: int, grid: PerGrid) -> bytes:
     """Grid of the success of each device's packets, a byte a place and device."""
     every = math.ceil(max(grid.success.shape[1:]) / GRID_PLACES)
     shares = np.moveaxis(np.rint(255.0 * grid.success[:, ::every, ::every]), 0, -1)
@@ -110,7 +110,7 @@ def success_grid(stamp: fox.Timestamp, grid: PerGrid) -> bytes:
     byte = fox.PackedElementFieldNumericType.Uint8
     return encoded(
         fox.Grid,
-        timestamp=stamp,
+        timestamp=timestamp(t_ns),
         frame_id=FRAME,
         pose=fox.Pose(position=fox.Vector3(x=x, y=y, z=0.0), orientation=fox.Quaternion(w=1.0)),
         column_count=columns,

@@ -113,8 +113,7 @@ class FlightLog:
         grid = problem.per_grid
         if grid is not None and grid is not self._believed and round_number != self._planned:
             self._believed = grid
-            believed = messages.success_grid(messages.timestamp(t_ns), grid)
-            self._write(topics.RADIO_BELIEVED, t_ns, believed)
+            self._write(topics.RADIO_BELIEVED, t_ns, messages.success_grid(t_ns, grid))
         altitude_m = problem.channel.altitude_m
         self.plan_record(
             PlanRecord(
@@ -138,8 +137,7 @@ class FlightLog:
 
     def radio_true(self, grid: PerGrid) -> None:
         """Write with what success packets come through, which the belief is to be held against."""
-        stamp = messages.timestamp(self._now_ns)
-        self._write(topics.RADIO_TRUE, self._now_ns, messages.success_grid(stamp, grid))
+        self._write(topics.RADIO_TRUE, self._now_ns, messages.success_grid(self._now_ns, grid))
 
     def plan_record(self, written: PlanRecord) -> None:
         """Write a plan at the instant at which its flight starts, or goes on by it."""

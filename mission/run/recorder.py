@@ -164,8 +164,8 @@ def recording(run: Ready, console: RunConsole, stopwatch: Stopwatch) -> Iterator
         log.attach("devices.csv", "text/csv", scenario.devices_csv().encode())
         log.metadata("libraries", library_versions())
         if scenario.config.radio.belief not in ("channel", "truth"):
-            told = scenario.radio, scenario.channel, scenario.area, len(scenario.devices_m)
-            log.radio_true(radio_grid(*told))
+            count = len(scenario.devices_m)
+            log.radio_true(radio_grid(scenario.radio, scenario.channel, scenario.area, count))
         tables = rounds, uplinks, learnt
         recorder = FolderRecorder(run, log, *tables, progress, stopwatch)
         for notice in scenario.notices():
