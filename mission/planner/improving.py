@@ -38,7 +38,7 @@ def _changes(problem: RoundProblem) -> int:
         work += 1
     if not problem.airspace.is_open:
         ways = 1 + problem.airspace.outlines.pairs // _PAIRS
-        work += (2 if problem.limits is None else 4) * ways
+        work += (1 if problem.limits is None else 4) * ways
     if problem.upload_s is not None:
         work += 3
         if energy:

@@ -48,16 +48,19 @@ static Point between_at(Point from, Point to, double share)
     return (Point){from.x + share * (to.x - from.x), from.y + share * (to.y - from.y)};
 }
 
-/* Move a waypoint (of N, the first stays), put one near a device, elsewhere in the order, or to the one
-   before it, or reverse a stretch. */
+/* Move a waypoint (of N, the first stays) or all that are at its place, put one near a device, elsewhere in
+   the order, or to the one before it, or reverse a stretch. */
 static void change_way(int64_t steps, Point *way, Point device, uint64_t *state)
 {
     const int64_t n = 1 + draw_under(steps - 1, state), m = 1 + draw_under(steps - 1, state);
-    const int64_t kind = draw_under(6, state);
+    const int64_t kind = draw_under(7, state);
     const double x = next_random(state), y = next_random(state), nearness = x * y;
-    if (kind == 0) {
+    if (kind == 0 || kind == 6) {
         const double widest = WIDEST_M / (double)(1 << draw_under(NARROWER, state));
-        way[n] = (Point){way[n].x + (x - 0.5) * widest, way[n].y + (y - 0.5) * widest};
+        const Point old = way[n];
+        for (int64_t i = 1; i < steps; i++)
+            if (i == n || (kind == 6 && between(way[i], old) == 0.0))
+                way[i] = (Point){old.x + (x - 0.5) * widest, old.y + (y - 0.5) * widest};
     } else if (kind == 1) {
         way[n] = between_at(device, way[n], nearness);
     } else if (kind == 2) {
