@@ -13,6 +13,7 @@ from mission.analysis.compare import Comparison, Label, RunComparison
 from mission.analysis.legs import Leg
 from mission.analysis.measure import CORNER_M
 from mission.analysis.spikes import spikes
+from mission.base.explain import shown
 from mission.base.tables import count, dotted, number, told
 from mission.base.terminal import TABLE_WIDTH
 
@@ -119,9 +120,10 @@ def in_full(found: Sequence[RunComparison], *, width: int) -> Iterator[Table | s
     # Logs of others have none.
     settings = [dotted(item.run.data.config) for item in found if item.run.data.config]
     for key in dict.fromkeys(key for each in settings for key in each):
-        values = [str(each.get(key, "-"))[:_NAME_WIDTH] for each in settings]
-        if len(set(values)) > 1:
-            yield f"{key}: {' / '.join(values)}"
+        values = [each.get(key) for each in settings]
+        if any(value != values[0] for value in values):
+            told = ("-" if value is None else shown(value) for value in values)
+            yield f"{key}: {' / '.join(told)}"
     for name, item in zip(names_of(found), found, strict=True):
         for line in lines(item):
             yield f"{name}: {line}" if len(found) > 1 else line

@@ -236,7 +236,8 @@ def test_runs_side_by_side_say_in_which_settings_they_differ(tmp_path: Path) -> 
     loaded = load_run(tmp_path)
     pair = []
     for steps, extra_m in ((8, 0.0), (16, -1e-4)):
-        config = f"seed = 1\n[mission]\nsteps = {steps}\n".encode()
+        own = f'strategy = "examples.weights:of_{steps}"'
+        config = f"seed = 1\n[mission]\nsteps = {steps}\n{own}\n".encode()
         data = dataclasses.replace(loaded.data, attachments={"config.toml": config})
         path = Path(f"runs/quickstart-cov-seed1-{steps}")
         one = compare_run(dataclasses.replace(loaded, path=path, data=data))
@@ -247,7 +248,8 @@ def test_runs_side_by_side_say_in_which_settings_they_differ(tmp_path: Path) -> 
         for part in in_full(pair, width=80):
             console.print(part)
     printed = captured.get()
-    assert printed.splitlines()[-1] == "mission.steps: 8 / 16"
+    assert printed.splitlines()[-2] == "mission.steps: 8 / 16"
+    assert "'examples.weights:of_8' / 'examples.weights:of_16'" in " ".join(printed.split())
     assert "cov-seed1-8   cov-seed1-16" in printed  # broken at a hyphen, not within a word
     assert "-0.0 " not in printed
     bare = dataclasses.replace(loaded, data=dataclasses.replace(loaded.data, attachments={}))
