@@ -122,8 +122,8 @@ def in_full(found: Sequence[RunComparison], *, width: int) -> Iterator[Table | s
     for key in dict.fromkeys(key for each in settings for key in each):
         values = [each.get(key) for each in settings]
         if any(value != values[0] for value in values):
-            told = ("-" if value is None else shown(value) for value in values)
-            yield f"{key}: {' / '.join(told)}"
+            words = ("-" if value is None else shown(value) for value in values)
+            yield f"{key}: {' / '.join(words)}"
     for name, item in zip(names_of(found), found, strict=True):
         for line in lines(item):
             yield f"{name}: {line}" if len(found) > 1 else line

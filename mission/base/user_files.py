@@ -46,10 +46,8 @@ def cache_folder(name: str) -> Path:
     """
     cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
     folder = (cache / "aerofed" / name).absolute()
-    try:
+    with or_input_error(folder, "cannot be made"):
         folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f"{folder}: cannot be made: {error.strerror}") from None
     return folder
 
 

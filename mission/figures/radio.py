@@ -47,29 +47,35 @@ def gain_picture(
     j, i = (part.ravel() for part in np.meshgrid(rows, columns, indexing="ij"))
     gain_db = made.path_gain_db[device, 0, j, i]
     last_i, last_j = np.minimum(i + across, len(x)) - 1, np.minimum(j + up, len(y)) - 1
-    seam_m = 0.5 * frame.pixel_m  # cells that only touch have paper between them
-    cells = table(
-        x=x[i], x2=x2[last_i] + seam_m, y=y[j], y2=y2[last_j] + seam_m, gain=np.round(gain_db, 1)
-    )
     low, high = np.quantile(gain_db, (0.01, 1.0)) / 10.0
     ends = [10.0 * math.floor(low), 10.0 * math.ceil(high)]
     scale = alt.Scale(scheme="viridis", domain=ends, clamp=True)
     key = alt.Legend(gradientLength=260, tickCount=5)
     at_m = made.devices_m[device]
     place = table(round=[0], x=at_m[:1], y=at_m[1:])
+    colour = alt.Color("gain:Q", title="path gain (dB)", scale=scale, legend=key)
     drawn = [
-        frame.chart(cells)
-        .mark_rect(clip=True)
-        .encode(
-            alt.X2(field="x2"),
-            alt.Y2(field="y2"),
-            alt.Color("gain:Q", title="path gain (dB)", scale=scale, legend=key),
-        ),
+        _cells(frame, (x[i], x2[last_i]), (y[j], y2[last_j]), colour, gain=np.round(gain_db, 1)),
         *frame.outlines(buildings),
         frame.chart(place).mark_point(filled=True, size=150, color=BAD, stroke=PAPER, opacity=1),
     ]
     title = f"Path gain from device {device} to places {made.height_m[0]:g} m above home"
     return frame.finished(drawn, heading(title, about))
+
+
+def _cells(
+    frame: MapFrame,
+    x: tuple[Floats, Floats],
+    y: tuple[Floats, Floats],
+    colour: alt.Color,
+    **value: Floats,
+) -> alt.Chart:
+    """Rectangles from and to places (n,), in the `colour` of their value."""
+    seam_m = 0.5 * frame.pixel_m  # cells that only touch have paper between them
+    cells = table(x=x[0], x2=x[1] + seam_m, y=y[0], y2=y[1] + seam_m, **value)
+    corners = alt.X2(field="x2"), alt.Y2(field="y2")
+    drawn: alt.Chart = frame.chart(cells).mark_rect(clip=True).encode(*corners, colour)
+    return drawn
 
 
 def _edges(middles: Floats) -> tuple[Floats, Floats]:
@@ -128,17 +134,11 @@ def _belief(
         first + cell_m * (line.ravel() - 0.5)
         for first, line in zip(grid.first_m, (column, row), strict=True)
     )
-    wide_m = cell_m + 0.5 * frame.pixel_m
-    cells = table(x=x, x2=x + wide_m, y=y, y2=y + wide_m, per=np.round(1.0 - success.ravel(), 2))
+    per = np.round(1.0 - success.ravel(), 2)
+    colour = alt.Color("per:Q", title="packet error rate", scale=per_scale())
     at_m = run.devices.pos_m[device]
     drawn = [
-        frame.chart(cells)
-        .mark_rect(clip=True)
-        .encode(
-            alt.X2(field="x2"),
-            alt.Y2(field="y2"),
-            alt.Color("per:Q", title="packet error rate", scale=per_scale()),
-        ),
+        _cells(frame, (x, x + cell_m), (y, y + cell_m), colour, per=per),
         *lines,
         frame.chart(table(round=[0], x=at_m[:1], y=at_m[1:])).mark_point(
             filled=True, size=110, color=FLOWN, stroke=PAPER, opacity=1

@@ -1,5 +1,6 @@
 """Gains by ray tracing: Sionna RT over one of its cities, or a scene file of one's own."""
 
+import fcntl
 import hashlib
 import math
 from importlib.util import find_spec
@@ -12,7 +13,7 @@ from fl.radio.radio_map import RadioMap
 from mission.base.area import Area
 from mission.base.arrays import Floats
 from mission.base.errors import InputError
-from mission.base.user_files import cache_folder, check_regular
+from mission.base.user_files import cache_folder, check_regular, or_input_error
 from mission.config.models import RunConfig
 from mission.scenario.radio_maps import origin_of, write_map
 
@@ -33,19 +34,31 @@ def with_traced_map(config: RunConfig, area: Area, devices_m: Floats) -> RunConf
     scene = config.radio.scene
     if scene is None or config.radio.map_file is not None:
         return config
+    if not scene.isidentifier():  # a file may be changed, and the kept map would be another's
+        words = "must be a scene that comes with Sionna RT; aerofed radio-map makes a map of a file"
+        config.refuse([("radio.scene", scene, f"{words}, for radio.map_file")])
     heights_m = np.unique(config.mission.heights_m)
     radio = config.radio.model_dump(mode="json", include={"carrier_hz", "device_height_m"})
-    about = f"{radio} {config.area.size_m} {heights_m} {devices_m.tolist()} {config.seed}"
+    place = f"{config.area.size_m} {heights_m} {devices_m.tolist()}"
+    about = f"{radio} {place} {config.seed} {_CELL_M} {_DEPTH} {_RAYS}"
     digest = hashlib.sha256(about.encode()).hexdigest()[:16]
-    path = cache_folder("maps") / f"{Path(scene).stem}-{digest}.nc"
-    if not path.exists():
-        try:
-            made = traced_map(
-                config, scene, devices_m, middle_m=(0.0, 0.0), height_m=heights_m, cell_m=_CELL_M
-            )
-        except InputError as error:
-            config.refuse([("radio.scene", scene, str(error))])
-        write_map(path, made, origin_of(config, area, f"{scene}, Sionna RT"))
+    path = cache_folder("maps") / f"{scene}-{digest}.nc"
+    # Runs of a sweep begin at once, and maps that two of them trace differ in their last digits.
+    with or_input_error(path, "cannot be kept"), path.with_suffix(".lock").open("a") as alone:
+        fcntl.flock(alone, fcntl.LOCK_EX)
+        if not path.exists():
+            try:
+                made = traced_map(
+                    config,
+                    scene,
+                    devices_m,
+                    middle_m=(0.0, 0.0),
+                    height_m=heights_m,
+                    cell_m=_CELL_M,
+                )
+            except InputError as error:
+                config.refuse([("radio.scene", scene, str(error))])
+            write_map(path, made, origin_of(config, area, f"{scene}, Sionna RT"))
     known = {"map_file": path, "map_sha256": hashlib.sha256(path.read_bytes()).hexdigest()}
     return config.model_copy(update={"radio": config.radio.model_copy(update=known)})
 

@@ -5,6 +5,7 @@ import io
 import json
 import math
 import sys
+import threading
 import tomllib
 from dataclasses import replace
 from importlib import metadata
@@ -16,7 +17,9 @@ import numpy as np
 import pytest
 from scipy.io import netcdf_file
 
+from fl.radio.radio_map import RadioMap
 from mission.cli import call
+from mission.config.loading import load_config
 from mission.scenario import traced_map
 from mission.scenario.radio_maps import read_map, write_map
 
@@ -305,7 +308,47 @@ def test_the_map_of_a_scene_is_made_once_for_each_seed(monkeypatch: pytest.Monke
         without.setattr(traced_map, "find_spec", lambda _: None)
         assert uplinks("b", *OF_A_SCENE, "--set=seed=7") == first
     uplinks("c", *OF_A_SCENE, "--set=seed=8")
-    assert len(list(kept.parent.iterdir())) == 2
+    assert len(list(kept.parent.glob("*.nc"))) == 2
+
+
+@pytest.mark.usefixtures("_sionna")
+def test_runs_that_begin_at_once_share_the_map_of_a_scene(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", "cache")
+    config = load_config(Path("w.toml"), {"radio.truth": "map", "radio.scene": "munich"})
+    trace, traced, found = traced_map.traced_map, [], []
+
+    def run() -> None:
+        known = traced_map.with_traced_map(config, config.area.build(), np.array([[50.0, 50.0]]))
+        found.append(known.radio.map_sha256)
+
+    other = threading.Thread(target=run)
+
+    def tracing(*given: Any, **more: Any) -> RadioMap:
+        traced.append(given)
+        if len(traced) == 1:
+            other.start()
+            other.join(0.5)  # it waits for the map; where it does not, it has traced one by then
+        return trace(*given, **more)
+
+    monkeypatch.setattr(traced_map, "traced_map", tracing)
+    run()
+    other.join()
+    assert len(traced) == 1
+    assert found[0] == found[1]
+
+
+@pytest.mark.parametrize("scene", ["town.xml", "../munich"])
+def test_the_scene_of_a_run_is_no_file(scene: str, capsys) -> None:
+    assert (
+        call(["run", "w.toml", "--out=x", "--set=radio.truth=map", f"--set=radio.scene={scene}"])
+        == 2
+    )
+    (line,) = capsys.readouterr().err.strip().splitlines()
+    assert (
+        f"radio.scene = '{scene}': must be a scene that comes with Sionna RT; aerofed radio-map"
+        in line
+    )
+    assert not Path("x").exists()
 
 
 def test_a_scene_without_the_extra_is_one_line(monkeypatch: pytest.MonkeyPatch, capsys) -> None:
