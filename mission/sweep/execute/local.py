@@ -16,6 +16,8 @@ from joblib.externals.loky.process_executor import TerminatedWorkerError
 
 from mission.sweep.execute.worker import ENVIRONMENT, RunEnd, RunOrder, execute
 
+_FEEDER = "QueueFeederThread"  # loky's name for the thread that hands a worker its runs
+
 
 class LocalEngine:
     """Runs in loky's processes on this machine, each in a pool of its own."""
@@ -78,6 +80,11 @@ class LocalEngine:
             pool.shutdown(kill_workers=True)
         self._free.clear()
         self._running.clear()
+        # Their daemons may be the last to hold a semaphore; one that the end of this process cuts
+        # off while it releases it is told as a leak on standard error.
+        for thread in threading.enumerate():
+            if thread.name == _FEEDER:
+                thread.join()
 
 
 def _prepare(parent: int) -> None:

@@ -15,6 +15,7 @@ from pathlib import Path
 
 import pytest
 from drawing import outlined
+from joblib.externals.loky.backend.queues import Queue
 from joblib.externals.loky.process_executor import TerminatedWorkerError
 from patience import HANG_S, until
 from processes import writer_of
@@ -390,6 +391,24 @@ def test_a_worker_killed_while_idle_is_replaced(
     until(refuses)
     assert worker() != killed
     engine.close()
+
+
+@pytest.mark.slow
+def test_a_closed_engine_leaves_no_thread_at_work(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    feed, done = Queue._feed, threading.Event()
+
+    def feed_and_linger(*given: object) -> None:
+        feed(*given)
+        time.sleep(0.5)  # the end of a process cut it off here, one semaphore too early
+        done.set()
+
+    monkeypatch.setattr(Queue, "_feed", staticmethod(feed_and_linger))
+    engine = LocalEngine(1)
+    engine.start(RunOrder("a", load(None, ()), tmp_path / "a", None, tmp_path))
+    engine.close()
+    assert done.is_set()
 
 
 @pytest.mark.parametrize(
