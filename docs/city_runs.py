@@ -2,11 +2,13 @@
 
     python docs/city_runs.py channels MAPS                      # the averages of `CHANNELS`
     python docs/city_runs.py runs RUNS --jobs 2                 # a table for each seed and city
+    python docs/city_runs.py runs RUNS --jobs 2 --flown         # the same runs, flown
     python docs/city_runs.py tables RUNS --out docs/data/city   # or from runs.csv.gz itself
 
 Every run is one of `aerofed run city`, not flown: truth is where the plan is, and what a plan loses
-is the radio's alone. The radio over Munich and Florence is traced (Sionna RT, an extra), for
-the devices of each seed; maps are kept beside the tables, and so are runs that are done.
+is the radio's alone. With `--flown` our simulated vehicle flies, and all else is equal. The radio
+over Munich and Florence is traced (Sionna RT, an extra), for the devices of each seed; maps are
+kept beside the tables, and so are runs that are done.
 """
 
 import argparse
@@ -30,6 +32,9 @@ from fl.radio.per_grid import PerGrid
 from fl.radio.place import LinkTerms, PlacedRadio
 from mission.base.run_folder import write_atomically
 from mission.commands.radio_map import radio_map
+from mission.figures.charts import DotRow, dot_rows
+from mission.figures.render import save_all
+from mission.figures.style import BAD, COOL, GOOD, WARM, WIDTH, Chart, arranged, heading
 from mission.scenario.radio_maps import read_map
 from mission.sweep.execute.worker import ENVIRONMENT, RunOrder, execute
 from mission.sweep.outcome.curves import interval
@@ -41,6 +46,8 @@ CELL_M = 10.0
 GAP = 0.1  # to be proven: closer proofs take up to a minute a run, for plans of the same worth
 BELIEFS = ("channel", "buildings", "learned", "truth")
 REPLANS = ("round", "stop")
+LOOKS = dict(zip(BELIEFS, (BAD, WARM, COOL, GOOD), strict=True))
+FLOWN = "flown"  # value of `mission.flight`, folder of the flown runs, and name of their table
 KEYS = ["city", "seed", "belief", "replan"]
 # The channel that is nearest to the mean success at each distance; of the district, `city.toml`'s.
 CHANNELS: dict[str, dict[str, float]] = {
@@ -133,7 +140,9 @@ def averaged(maps: Sequence[Path]) -> tuple[dict[str, float], float]:
     return constants, float(np.sqrt((off(list(constants.values())) ** 2).sum()))
 
 
-def rounds_of(city: str, seed: int, belief: str, replan: str, made: Path | None) -> pd.DataFrame:
+def rounds_of(
+    city: str, seed: int, belief: str, replan: str, made: Path | None, flight: str = "none"
+) -> pd.DataFrame:
     """The rounds of a run, a row each.
 
     Raises:
@@ -144,7 +153,7 @@ def rounds_of(city: str, seed: int, belief: str, replan: str, made: Path | None)
         "radio.belief": belief,
         "mission.replan": replan,
         "mission.rounds": ROUNDS,
-        "mission.flight": "none",
+        "mission.flight": flight,
         "planner.gap": GAP,
         **{f"channel.{name}": value for name, value in CHANNELS[city].items()},
     }
@@ -175,13 +184,13 @@ def rounds_of(city: str, seed: int, belief: str, replan: str, made: Path | None)
     ).round(4)
 
 
-def runs(city: str, seed: int, folder: Path) -> str:
-    """All runs of a city and a seed."""
-    path = folder / f"{city}-{seed}.csv"
+def runs(city: str, seed: int, folder: Path, flight: str) -> str:
+    """All runs of a city and a seed; those that are flown, in a folder of their own."""
+    path = (folder if flight == "none" else folder / FLOWN) / f"{city}-{seed}.csv"
     if not path.exists():
         made = None if city == "district" else traced(city, seed, folder)
         every = [
-            rounds_of(city, seed, belief, replan, made)
+            rounds_of(city, seed, belief, replan, made, flight)
             for belief, replan in product(BELIEFS, REPLANS)
             if belief != "buildings" or made is None
         ]
@@ -190,12 +199,11 @@ def runs(city: str, seed: int, folder: Path) -> str:
     return path.name
 
 
-def collected(folder: Path) -> pd.DataFrame:
-    """A row a run of the seeds that are whole, of a folder of tables or of the table of all."""
-    files = sorted(folder.glob("*.csv")) or [folder / "rounds.csv.gz"]
+def collected(folder: Path, all_of: Path) -> pd.DataFrame:
+    """The rounds of a folder of tables, or of the table of all where there are none."""
+    files = sorted(folder.glob("*.csv")) or [all_of]
     rows = pd.concat(map(pd.read_csv, files), ignore_index=True)
-    whole = rows.groupby("seed").city.nunique() == len(CHANNELS)
-    return rows[rows.seed.isin(whole.index[whole])].sort_values([*KEYS, "round"])
+    return rows.sort_values([*KEYS, "round"], ignore_index=True)
 
 
 def summed(rows: pd.DataFrame) -> pd.DataFrame:
@@ -250,16 +258,68 @@ def tables(runs: pd.DataFrame) -> str:
     return "\n\n".join(parts)
 
 
-def write_tables(folder: Path, out: Path) -> None:
-    """The table of all rounds and README.md into `out`."""
-    rows = collected(folder)
+def flown_table(still: pd.DataFrame, flown: pd.DataFrame) -> str:
+    """Markdown: what flying changes, seed by seed."""
+    rows = []
+    for city, belief, replan in product(CHANNELS, BELIEFS, REPLANS):
+        if (city, belief) not in flown.index.droplevel(["seed", "replan"]):
+            continue
+        mine, other = (
+            of.xs((city, belief, replan), level=("city", "belief", "replan"))
+            for of in (flown, still)
+        )
+        less = (mine - other).dropna()
+        rows.append([
+            city, f"`{belief}`", f"`{replan}`", str(len(less)),
+            f"{mine.planned.mean() / ROUNDS:.2f}", f"{mine.true.mean() / ROUNDS:.2f}",
+            _shown(mine.short, 1, sign=True), f"{mine.delivered.mean():.1f}",
+            _shown(less.planned / ROUNDS, 3, sign=True),
+            _shown(less.true / ROUNDS, 3, sign=True), _shown(less.short, 1, sign=True),
+            _shown(less.delivered, 1, sign=True),
+        ])  # fmt: skip
+    heads = ["city", "belief", "replan", "seeds", "objective planned", "as flown", "%", "updates",
+             "less not flown: objective planned", "as it was", "%, points", "updates"]  # fmt: skip
+    return markdown(heads, rows)
+
+
+def picture(runs: pd.DataFrame) -> Chart:
+    """A panel a city: what arrived, by belief and by where it is decided."""
+    panels = []
+    for city in CHANNELS:
+        rows = []
+        for (belief, replan), mine in runs.loc[city].groupby(["belief", "replan"]):
+            of = interval(mine.delivered.to_numpy())
+            ends = (of.mean - of.half, of.mean + of.half)
+            rows.append(DotRow(
+                f"{belief}, {replan}", LOOKS[belief], tuple(mine.delivered), of.mean, ends
+            ))  # fmt: skip
+        rows.sort(key=lambda row: BELIEFS.index(row.label.partition(",")[0]))
+        name = "district" if city == "district" else city.capitalize()
+        chart = dot_rows(name, rows, x="updates that arrived, of 72")
+        chart["width"] = WIDTH / 2
+        for layer in chart["layer"]:  # one scale for all
+            layer["encoding"]["x"]["scale"]["domain"] = [runs.delivered.min() - 1.0, 73.0]
+        panels.append(chart)
+    title = heading("Updates that arrive, by what plans believe and when they are made")
+    return arranged(panels, how="hconcat", spacing=24, title=title)
+
+
+def write_tables(folder: Path, out: Path, figures: Path) -> None:
+    """The tables of all rounds, and README.md, into `out`; the picture into `figures`."""
     out.mkdir(parents=True, exist_ok=True)
-    text = rows.to_csv(index=False, lineterminator="\n").encode()
-    write_atomically(out / "rounds.csv.gz", gzip.compress(text, mtime=0))
+    rows = collected(folder, folder / "rounds.csv.gz")
+    whole = rows.groupby("seed").city.nunique() == len(CHANNELS)
+    rows = rows[rows.seed.isin(whole.index[whole])]
+    flown = collected(folder / FLOWN, folder / f"{FLOWN}.csv.gz")
+    for name, some in (("rounds", rows), (FLOWN, flown)):
+        text = some.to_csv(index=False, lineterminator="\n").encode()
+        write_atomically(out / f"{name}.csv.gz", gzip.compress(text, mtime=0))
     runs = summed(rows)
     seeds = sorted(rows.seed.unique().tolist())
     head = _HEAD.format(first=seeds[0], last=seeds[-1], count=len(seeds), rounds=ROUNDS, late=LATE)
-    write_atomically(out / "README.md", f"{head}\n{tables(runs)}\n")
+    save_all({"city-updates.png": picture(runs)}, figures)
+    flights = flown_table(runs, summed(flown))
+    write_atomically(out / "README.md", f"{head}\n{tables(runs)}\n\n## {FLOWN}\n\n{flights}\n")
 
 
 def main() -> None:
@@ -268,12 +328,15 @@ def main() -> None:
     parser.add_argument("what", choices=("channels", "runs", "tables"))
     parser.add_argument("folder", type=Path)
     parser.add_argument("--jobs", type=int, default=1, help="processes")
+    parser.add_argument("--flown", action="store_true", help="fly them")
+    parser.add_argument("--cities", nargs="+", choices=CHANNELS, default=list(CHANNELS))
     parser.add_argument("--out", type=Path, default=Path("docs/data/city"))
+    parser.add_argument("--figures", type=Path, default=Path("docs/images"))
     asked = parser.parse_args()
     if asked.what == "tables":
-        write_tables(asked.folder, asked.out)
+        write_tables(asked.folder, asked.out, asked.figures)
         return
-    asked.folder.mkdir(parents=True, exist_ok=True)
+    (asked.folder / FLOWN).mkdir(parents=True, exist_ok=True)
     if asked.what == "channels":
         for city in list(CHANNELS)[1:]:
             maps = [traced(city, seed, asked.folder) for seed in FIT_SEEDS]
@@ -281,10 +344,10 @@ def main() -> None:
         return
     os.environ.update(ENVIRONMENT)
     with ProcessPoolExecutor(asked.jobs) as pool:
-        for seed, city in product(SEEDS, CHANNELS):
-            pool.submit(runs, city, seed, asked.folder).add_done_callback(
-                lambda done: print(done.result(), flush=True)
-            )
+        for seed, city in product(SEEDS, asked.cities):
+            pool.submit(
+                runs, city, seed, asked.folder, FLOWN if asked.flown else "none"
+            ).add_done_callback(lambda done: print(done.result(), flush=True))
 
 
 if __name__ == "__main__":
