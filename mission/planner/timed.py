@@ -33,17 +33,19 @@ class Metres:
 
     whole: float
     hover: Floats  # (K,) while each device sends
-    after: Floats  # (K,) that are left from its turn on, its hover included
-    stop: float = 0.0  # of a stop at least, and from a leg of another length on, as many more
-    brake: float = 0.0
+    stop: tuple[float, float]  # at least, and from a leg of another length on, as many more
+    # The same of time, where the round's are of energy; (K,) of time that are left from a device's
+    # turn on, its hover included.
+    sends: Floats
+    turn: tuple[float, float]
+    after: Floats
 
     def search(self, case: Case, worth: Floats, value: float, goal: Goal) -> float:
         """A bound of what plans earn with devices that are `worth` something (K,)."""
-        hover, after = (np.ascontiguousarray(m[worth > 0.0]) for m in (self.hover, self.after))
-        devices = replace(case.devices, hover=hover, after=after)
-        limits = replace(
-            case.limits, length=self.whole, timed=True, stop=self.stop, brake=self.brake
-        )
+        each = (self.hover, self.sends, self.after)
+        hover, sends, after = (np.ascontiguousarray(metres[worth > 0.0]) for metres in each)
+        devices = replace(case.devices, hover=hover, sends=sends, after=after)
+        limits = replace(case.limits, length=self.whole, timed=True, stop=self.stop, turn=self.turn)
         nobody = np.full(len(devices.delta), -1)
         found = Found(value, np.zeros((limits.steps, 2)), nobody, math.inf)
         effort = goal.effort(found, goal.max_nodes)
@@ -98,22 +100,22 @@ def _late(problem: RoundProblem) -> Floats:
 
 def _limits(problem: RoundProblem) -> Iterator[Metres]:
     """The round's seconds and joules, as metres."""
-    limits, never = problem.limits, np.full(len(problem.importance), math.inf)
-    assert limits is not None
-    performance = limits.performance
-    upload_s = np.zeros_like(never) if problem.upload_s is None else problem.upload_s
+    assert problem.limits is not None
+    limits, performance = problem.limits, problem.limits.performance
+    upload_s = np.zeros(len(problem.importance)) if problem.upload_s is None else problem.upload_s
     hovers = bool(upload_s[problem.importance > 0.0].min() > 0.0)
     most_s, rate = problem.longest_s, performance.fastest_mps
-    (stop, brake), left_s = performance.stop_m, np.maximum(0.0, most_s - _late(problem))
+    sends, stop = rate * upload_s, performance.stop_m if hovers else (0.0, 0.0)
+    after = rate * np.maximum(0.0, most_s - _late(problem))
     if math.isfinite(most_s):
-        whole, after = performance.longest_m(most_s), rate * left_s
-        if hovers:
-            yield Metres(rate * most_s, rate * upload_s, after, stop, brake)
-        elif problem.upload_s is not None:
-            yield Metres(whole, rate * upload_s, after)
-        else:  # at its end a flight has to brake
-            braked = np.where(after > brake, after - brake / 2.0, after**2 / max(2.0 * brake, 1e-9))
-            yield Metres(min(whole, problem.most_m), upload_s, braked)
+        whole, turns = rate * most_s, after
+        if not hovers:
+            whole = performance.longest_m(most_s)
+        if problem.upload_s is None:  # at its end a flight has to brake
+            _, brake = performance.stop_m
+            whole = min(whole, problem.most_m)
+            turns = np.where(after > brake, after - brake / 2.0, after**2 / max(2.0 * brake, 1e-9))
+        yield Metres(whole, sends, stop, sends, stop, turns)
     if math.isfinite(limits.energy_j) and problem.upload_s is not None:
         # What all of the legs may spare is had at once, so that each of them takes it all.
         none = 0.0 if problem.airspace.is_open else math.inf
@@ -121,11 +123,11 @@ def _limits(problem: RoundProblem) -> Iterator[Metres]:
         spared_j = least_j(_FAR_M) - performance.least_j(_FAR_M, problem.legs)
         per_m = performance.cheapest_j(none)
         beyond = np.array([least_j(leg) for leg in _LEGS_M]) / per_m - _LEGS_M
-        stop = float(beyond[1:].min())
-        fits = [(stop + _braking(brake) <= beyond)[1:].all() for brake in _BRAKES_M]
+        least = np.array([(beyond - _braking(brake))[1:].min() for brake in _BRAKES_M])
+        best = int(np.where(least >= 0.0, least + _BRAKES_M, -1.0).argmax())  # beyond a long leg
+        each = (float(least[best]), float(_BRAKES_M[best])) if hovers else stop
         hover = upload_s * performance.hover_j(1.0) / per_m
-        whole, brake = (limits.energy_j + spared_j) / per_m, float(_BRAKES_M[fits].max())
-        yield Metres(whole, hover, never, *((stop, brake) if hovers else (0.0, 0.0)))
+        yield Metres((limits.energy_j + spared_j) / per_m, hover, each, sends, stop, after)
 
 
 def _braking(brake_m: float) -> Floats:

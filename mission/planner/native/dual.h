@@ -91,33 +91,34 @@ typedef struct {
 
 /* Of the stop at a position. What it takes is concave in its leg, so that between the leg's shortest
    and longest length it lies above the chord. */
-static Taken taken(const Node *node, int64_t k, const Problem *problem)
+static Taken taken(const Node *node, int64_t k, Stopping stop, const Problem *problem)
 {
     const Relaxation *relaxation = &problem->relaxation;
     const Point *at = problem->devices.at, here = at[node->order[k]];
     if (!is_loose(&problem->limits)) return (Taken){1.0, 0.0};
-    if (node->edge[k] == MERGED) return (Taken){1.0 + stop_of(&problem->limits, NEAR_M) / NEAR_M, 0.0};
+    if (node->edge[k] == MERGED) return (Taken){1.0 + stop_of(stop, NEAR_M) / NEAR_M, 0.0};
     double apart = between(here, k == 0 ? (Point){0.0, 0.0} : at[node->order[k - 1]]);
     double around = outer_of(relaxation, node->interval[k]);
     if (k > 0) around += outer_of(relaxation, node->interval[k - 1]);
     const double shortest = most(apart - around, node->edge[k] == BARRED ? NEAR_M : 0.0);
     const double longest = least(apart + around, problem->limits.length);
-    const double lowest = stop_of(&problem->limits, shortest);
+    const double lowest = stop_of(stop, shortest);
     if (!(longest > shortest)) return (Taken){1.0, lowest};
-    const double rise = (stop_of(&problem->limits, longest) - lowest) / (longest - shortest);
+    const double rise = (stop_of(stop, longest) - lowest) / (longest - shortest);
     return (Taken){1.0 + rise, lowest - rise * shortest};
 }
 
 /* Fill in how long the legs of a lane may be, what each metre counts, and who is off the order.
 
    What comes after a device's turn is limited by when it is ready: with a multiplier w mu, all later
-   legs count w more. */
+   legs count w more of the time that they take. */
 static void fill_timed(Solver *solver, int i, const Node *node)
 {
     const Problem *problem = solver->problem;
     const Devices *devices = &problem->devices;
     Lanes *all = &solver->all;
-    double behind = 0.0, length = 0.0, count = 1.0;
+    const Limits *limits = &problem->limits;
+    double whole = limits->length, behind = 0.0, count = 0.0;
     for (int64_t k = 0; k < devices->count; k++) {
         const int placed = node->level[k] == PLACED;
         all->promise[k][i] = placed ? -1e9 : promise_of(node, k, &problem->relaxation);
@@ -125,16 +126,19 @@ static void fill_timed(Solver *solver, int i, const Node *node)
     }
     for (int64_t k = 0; k < node->size; k++) {
         Link *link = all->link + k;
-        const Taken leg = taken(node, k, problem);
-        link->cone[i] *= (count * leg.slope) * (count * leg.slope);
+        const double slope = taken(node, k, limits->stop, problem).slope +
+                             count * taken(node, k, limits->turn, problem).slope;
+        link->cone[i] *= slope * slope;
         count += node->wait[k];
     }
     for (int64_t k = node->size - 1; k >= 0; k--) {
-        behind += devices->hover[node->order[k]];
-        if (node->wait[k] > 0.0) length += node->wait[k] * (devices->after[node->order[k]] - behind);
-        behind += taken(node, k, problem).fixed;
+        const int64_t device = node->order[k];
+        whole -= devices->hover[device] + taken(node, k, limits->stop, problem).fixed;
+        behind += devices->sends[device];
+        if (node->wait[k] > 0.0) whole += node->wait[k] * (devices->after[device] - behind);
+        behind += taken(node, k, limits->turn, problem).fixed;
     }
-    all->length[i] = problem->limits.length - behind + length;
+    all->length[i] = whole;
 }
 
 /* Fill a lane with the stops of a node. */

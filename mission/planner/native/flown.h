@@ -16,6 +16,7 @@ static const double LEAST_RATE = 0.3;  /* of the whole path's share a metre: les
                                           doing */
 static const double WITHIN = 1e-9; /* of a value: what sums of it differ by at most */
 enum { ROWS = 1024 };
+enum { RUNS = 256, SHORT_RUN = 12 }; /* flights that are remembered, of so many points at most */
 enum { CUTS = 6 };  /* of a path that is too long */
 enum { ANEW = 3 }; /* a schedule whose hovers let more devices get ready is made anew at most so often */
 
@@ -30,6 +31,15 @@ typedef struct {
     double taken; /* share of the limits */
 } Turn;
 
+/* A flight from one hover to the next, of `count` points, 0 where there is none. */
+typedef struct {
+    int64_t count;
+    int weighed; /* whether its joules were wanted */
+    double radius, seconds, joules;
+    Point at[SHORT_RUN];
+    double passed[SHORT_RUN];
+} Run;
+
 /* Memory for a plan of N steps over P points. */
 typedef struct {
     int64_t stops, *stop; /* (P,) of each point */
@@ -38,6 +48,7 @@ typedef struct {
     Point *corner, *cut;  /* (P,) of the route, and where they are passed */
     Drawing run; /* (P + 1,) */
     double *passed; /* (P + 1,) */
+    Run *runs;      /* (RUNS,) of those that were foreseen */
     double *chances, *worth; /* (N, K) of success, (K, N) */
     double *row;             /* (ROWS,) of success at 0, 1, 2, ... m */
     int64_t rows;            /* that are filled in: those that may be relied on */
@@ -63,6 +74,7 @@ static void lay_out_desk(Desk *desk, Arena *arena, const Round *round, int64_t p
     desk->run.at = claim(arena, run, sizeof(Vertex));
     desk->run.pieces = claim(arena, 4 * run, sizeof(Piece));
     desk->passed = claim(arena, run, sizeof(double));
+    desk->runs = claim(arena, RUNS, sizeof(Run));
     desk->chances = claim(arena, n * k, sizeof(double));
     desk->worth = claim(arena, n * k, sizeof(double));
     desk->row = claim(arena, ROWS, sizeof(double));
@@ -118,6 +130,55 @@ static void gather_stops(const Round *round, const Flown *plan, Desk *desk)
     }
 }
 
+/* Where a run is remembered. */
+static Run *run_at(const Stop *stop, int64_t count, Desk *desk)
+{
+    uint64_t key = 0;
+    for (int64_t i = 0; i < count; i++) {
+        uint64_t bits[2];
+        memcpy(bits, &stop[i].p, sizeof bits);
+        key = (key ^ bits[0]) * 0x9E3779B97F4A7C15u;
+        key = (key ^ key >> 29 ^ bits[1]) * 0xBF58476D1CE4E5B9u;
+    }
+    return desk->runs + (key >> 32) % RUNS;
+}
+
+static int is_run(const Run *run, const Stop *stop, int64_t count, double radius, int weighed)
+{
+    if (run->count != count || run->radius != radius || run->weighed < weighed) return 0;
+    for (int64_t i = 0; i < count; i++)
+        if (run->at[i].x != stop[i].p.x || run->at[i].y != stop[i].p.y) return 0;
+    return 1;
+}
+
+/* The seconds, and the joules if they are wanted, of guided flight through stops from rest to rest, and
+   when each is passed: most changes of a way leave most of such runs as they were. */
+static double fly_run(
+    const Flying *flying, double radius, const Stop *stop, int64_t count, double *joules, Desk *desk)
+{
+    Run *run = count > SHORT_RUN ? NULL : run_at(stop, count, desk);
+    if (run && is_run(run, stop, count, radius, joules != NULL)) {
+        memcpy(desk->passed, run->passed, (size_t)count * sizeof(double));
+        if (joules) *joules = run->joules;
+        return run->seconds;
+    }
+    Drawing *path = &desk->run;
+    path->count = count > 1 ? count : 2;
+    for (int64_t i = 0; i < path->count; i++) {
+        path->points[i][0] = i < count ? stop[i].p.x : stop[0].p.x + ASTRAY_M;
+        path->points[i][1] = i < count ? stop[i].p.y : stop[0].p.y;
+        path->speeds[i] = flying->speed;
+        path->acceptance[i] = radius;
+    }
+    const double seconds = foresee_path(
+        path, &flying->steering, joules ? &flying->air : NULL, desk->passed, joules);
+    if (!run) return seconds;
+    *run = (Run){count, joules != NULL, radius, seconds, joules ? *joules : 0.0, {{0}}, {0}};
+    for (int64_t i = 0; i < count; i++) run->at[i] = stop[i].p;
+    memcpy(run->passed, desk->passed, (size_t)count * sizeof(double));
+    return seconds;
+}
+
 /* What the flight through the stops takes, from one hover to the next: when each is reached, and
    joules where they are wanted; returns its seconds. Where nobody hovers, nobody stops. */
 static double fly_stops(const Flying *flying, double radius, double *joules, Desk *desk)
@@ -134,16 +195,7 @@ static double fly_stops(const Flying *flying, double radius, double *joules, Des
         const int64_t count = last - first + 1;
         double moving = 0.0, moved = 0.0;
         if (flying->guided) {
-            Drawing *path = &desk->run;
-            path->count = count > 1 ? count : 2;
-            for (int64_t i = 0; i < path->count; i++) {
-                path->points[i][0] = i < count ? run[i].p.x : run[0].p.x + ASTRAY_M;
-                path->points[i][1] = i < count ? run[i].p.y : run[0].p.y;
-                path->speeds[i] = flying->speed;
-                path->acceptance[i] = radius;
-            }
-            moving =
-                foresee_path(path, &flying->steering, joules ? air : NULL, desk->passed, &moved);
+            moving = fly_run(flying, radius, run, count, joules ? &moved : NULL, desk);
             moving += flying->settling;
             /* What takes longer than the guidance's own is spent hovering. */
             moved += hover_w * (flying->settling + most(0.0, moving * (flying->pace - 1.0)));

@@ -46,14 +46,15 @@ def grid_as_c(grid: PerGrid | None, devices: int) -> Grid | None:
 class _Devices(ctypes.Structure):
     _fields_ = (
         ("count", _INT), ("at", _POINTER), ("delta", _POINTER), ("hover", _POINTER),
-        ("after", _POINTER), ("rows", _INT), ("table", _POINTER), ("grid", _POINTER),
+        ("after", _POINTER), ("sends", _POINTER), ("rows", _INT), ("table", _POINTER),
+        ("grid", _POINTER),
     )  # fmt: skip
 
 
 class _Limits(ctypes.Structure):
     _fields_ = (
         ("steps", _INT), ("per_step", _INT), ("length", _DOUBLE), ("timed", _INT),
-        ("stop", _DOUBLE), ("brake", _DOUBLE),
+        ("stop", _DOUBLE * 2), ("turn", _DOUBLE * 2),
     )  # fmt: skip
 
 
@@ -100,8 +101,9 @@ class Devices:
     u: Floats  # (K, 2) positions in metres
     delta: Floats  # (K,) importance, above 0
     rows: Floats  # (R, 3) f, f', f'' of the channel, one row a metre
-    hover: Floats | None = None  # (K,) metres that could be flown while each sends
-    after: Floats | None = None  # (K,) most metres from its turn on, its own hover included
+    hover: Floats | None = None  # (K,) metres of the length that go while each sends
+    after: Floats | None = None  # (K,) most metres of time from its turn on, its hover included
+    sends: Floats | None = None  # (K,) metres that could be flown while each sends
     grid: PerGrid | None = None  # of their success, in place of the rows; about the start
 
     def as_c(self) -> _Devices:
@@ -115,7 +117,7 @@ class Devices:
             address(self.delta, np.float64, (count,)),
             *(
                 None if metres is None else address(metres, np.float64, (count,))
-                for metres in (self.hover, self.after)
+                for metres in (self.hover, self.after, self.sends)
             ),
             rows,
             address(self.rows, np.float64, (rows, 3)),
@@ -135,16 +137,17 @@ class PathLimits:
     per_step: int  # K_bar
     length: float  # L_max, metres
     # Whether hovers and turns of the devices count, for bounds only; metres that a stop takes at
-    # least beyond its leg, and from a leg of another length on, as many more.
+    # least beyond its leg, and from a leg of another length on, as many more: of the length, and of
+    # what comes after a device's turn.
     timed: bool = False
-    stop: float = 0.0
-    brake: float = 0.0
+    stop: tuple[float, float] = (0.0, 0.0)
+    turn: tuple[float, float] = (0.0, 0.0)
 
     def as_c(self) -> _Limits:
         """The structure as C takes it."""
         if self.steps < 2 or self.per_step < 1 or not 0.0 < self.length < np.inf:
             raise ValueError(f"nothing to move for: {self}")
-        return _Limits(self.steps, self.per_step, self.length, self.timed, self.stop, self.brake)
+        return _Limits(self.steps, self.per_step, self.length, self.timed, self.stop, self.turn)
 
 
 @dataclass(frozen=True, kw_only=True)

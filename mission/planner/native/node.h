@@ -61,7 +61,7 @@ static int apart(const Node *node, int64_t i)
 }
 
 /* Whether merged stops are only near each other: those that take time of their own. */
-static int is_loose(const Limits *limits) { return limits->brake > 0.0; }
+static int is_loose(const Limits *limits) { return limits->stop.brake > 0.0; }
 
 /* Fewest stops after the start that serve the order; -1 if the merges overfill one, or put devices
    together that are apart.

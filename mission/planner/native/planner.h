@@ -19,12 +19,18 @@ typedef struct {
     int64_t count;       /* K */
     const Point *at;     /* (K,) metres */
     const double *delta; /* (K,) importance, above 0 */
-    const double *hover; /* (K,) metres that could be flown in the time for which each sends */
-    const double *after; /* (K,) most metres from its turn on, hovers included */
+    const double *hover; /* (K,) metres of the length that go while each sends */
+    const double *after; /* (K,) most metres from its turn on, hovers included: of time */
+    const double *sends; /* (K,) metres that could be flown in the time for which each sends */
     int64_t rows;
     const double *table; /* (rows, 3) f, f', f'' of the channel, one row a metre */
     const Grid *grid;    /* of their success, in its place; or NULL */
 } Devices;
+
+/* Metres that a stop takes beyond its leg: at least, and as many more from a leg of that length on. */
+typedef struct {
+    double least, brake;
+} Stopping;
 
 /* What a plan may use. */
 typedef struct {
@@ -32,8 +38,8 @@ typedef struct {
     int64_t per_step; /* K_bar */
     double length;    /* L_max, metres */
     int64_t timed;    /* whether hovers and turns count; for bounds only */
-    double stop;      /* metres that a stop takes at least, beyond its leg, */
-    double brake;     /* and from a leg of this length on, as many more */
+    Stopping stop;    /* of the length */
+    Stopping turn;    /* of what comes after a device's turn: the length may be one of energy */
 } Limits;
 
 /* Tables of the dual bound; see `mission.planner.reward.Conjugates`. */

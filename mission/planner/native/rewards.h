@@ -41,11 +41,10 @@ static inline double worth(const Devices *devices, int64_t k, Point from)
 }
 
 /* Metres that a stop takes beyond its leg, of that length at least; 0 where there may be none. */
-static double stop_of(const Limits *limits, double leg)
+static double stop_of(Stopping stop, double leg)
 {
     if (!(leg > 0.0)) return 0.0;
-    return limits->stop +
-           (leg < limits->brake ? 2.0 * sqrt(leg * limits->brake) - leg : limits->brake);
+    return stop.least + (leg < stop.brake ? 2.0 * sqrt(leg * stop.brake) - leg : stop.brake);
 }
 
 /* sum of delta f over the devices assigned to a step (-1: to none). */

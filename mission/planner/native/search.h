@@ -19,7 +19,7 @@ static const double TINY = 1e-4; /* of the best value: an excess not worth branc
 enum { FIRST_LOOK = 40000 };
 static const double OVERRUN = 1.5;
 static const double STRICTER = 1.0, EASED = 0.7; /* what later legs count more, and less again */
-enum { TURNS_WEIGHED = 2 };
+enum { TURNS_WEIGHED = 2, LAST_TURNS = 30 }; /* times, in every node and in those that are not divided */
 
 /* Memory for a search. */
 typedef struct {
@@ -68,13 +68,13 @@ static int64_t pick_stop(
 static int64_t pick_stopping(const Node *node, const Path *path, const Problem *problem)
 {
     int64_t best = -1;
-    double least_m = problem->limits.stop;
+    double least_m = problem->limits.stop.least;
     for (int64_t i = 0; i < node->size; i++) {
         if (node->edge[i] != UNDECIDED) continue;
         const double leg = between(path->points[i + 1], path->points[i]);
-        const Taken counted = taken(node, i, problem);
+        const Taken counted = taken(node, i, problem->limits.stop, problem);
         const double missing =
-            stop_of(&problem->limits, leg) + (1.0 - counted.slope) * leg - counted.fixed;
+            stop_of(problem->limits.stop, leg) + (1.0 - counted.slope) * leg - counted.fixed;
         if (missing > least_m) {
             best = i;
             least_m = missing;
@@ -199,17 +199,28 @@ static void weigh_turns(Node *node, const Path *path, const Problem *problem)
     double behind = 0.0, worst = 0.0;
     int64_t at = -1;
     for (int64_t k = node->size - 1; k >= 0; k--) {
-        behind += devices->hover[node->order[k]];
+        behind += devices->sends[node->order[k]];
         const double over = behind - devices->after[node->order[k]];
         if (over > worst) {
             worst = over;
             at = k;
         }
         if (over < 0.0) node->wait[k] *= EASED;
-        const Taken leg = taken(node, k, problem);
+        const Taken leg = taken(node, k, problem->limits.turn, problem);
         behind += leg.slope * between(path->points[k + 1], path->points[k]) + leg.fixed;
     }
     if (at >= 0) node->wait[at] += STRICTER;
+}
+
+/* Weigh the turns so often, while the node is open; its relaxed path is what it has come to. */
+static void keep_to_turns(Search *all, const Problem *problem, const Goal *goal, int times)
+{
+    for (int turn = 0; turn < times && all->node.bound > goal->enough; turn++) {
+        recover(&all->node, problem, &all->path);
+        weigh_turns(&all->node, &all->path, problem);
+        if (all->node.size > 0) tighten(&all->node, goal, &all->children->solver);
+    }
+    recover(&all->node, problem, &all->path);
 }
 
 /* Put the node's relaxed path to use; 1 if the plan is better than before. Where hovers count it only
@@ -217,12 +228,7 @@ static void weigh_turns(Node *node, const Path *path, const Problem *problem)
 static int improve(Search *all, const Problem *problem, const Goal *goal, Plan *plan)
 {
     if (problem->limits.timed) {
-        for (int turn = 0; turn < TURNS_WEIGHED; turn++) {
-            recover(&all->node, problem, &all->path);
-            weigh_turns(&all->node, &all->path, problem);
-            if (all->node.size > 0) tighten(&all->node, goal, &all->children->solver);
-        }
-        recover(&all->node, problem, &all->path);
+        keep_to_turns(all, problem, goal, TURNS_WEIGHED);
         return 0;
     }
     if (recover(&all->node, problem, &all->path) <= plan->value) return 0;
@@ -311,6 +317,7 @@ static Proof prove(const Problem *problem, double gap, int64_t max_nodes, Plan *
         }
         const Contest contest = branch(all, problem, &goal, TINY * plan->value);
         if (!contest.best) {
+            if (problem->limits.timed) keep_to_turns(all, problem, &goal, LAST_TURNS);
             proof.bound = most(proof.bound, node->bound);
             continue;
         }

@@ -10,11 +10,11 @@ import pytest
 from fl.radio.channel import CHANNEL_PRESETS, average_per
 from flightdyn.config import LimitsConfig
 from mission.base.arrays import Floats
-from mission.planner.certified import Goal
+from mission.planner.certified import Goal, case_of
 from mission.planner.fitting import fitted
 from mission.planner.performance import AHEAD_S, AHEAD_SHARE, Performance, RoundLimits
 from mission.planner.problem import RoundProblem
-from mission.planner.timed import timed_bound
+from mission.planner.timed import _limits, timed_bound
 
 FLYING = Performance(20.0, 5.0, LimitsConfig())
 GOAL = Goal(0.001, 60_000)
@@ -42,6 +42,14 @@ def leg_s(metres: Floats) -> Floats:
     return np.where(metres > 0.0, moving_s + 0.7, 0.0)
 
 
+def leg_j(metres: Floats) -> Floats:
+    """Joules of the same flights."""
+    straight = np.arange(0.0, 1501.0, 5.0)
+    flights = (np.array([[0.0, 0.0], [far, 0.0]]) for far in straight[1:])
+    joules = [0.0, *(FLYING.foresee(way, [0.0, 0.0], 5.0).energy_j for way in flights)]
+    return np.interp(metres, straight, joules)
+
+
 def best_on_a_grid(given: RoundProblem) -> float:
     """The most that any schedule earns with two free waypoints on a grid, worked out from what a
     straight flight takes: every leg between hovers begins and ends at rest."""
@@ -52,7 +60,7 @@ def best_on_a_grid(given: RoundProblem) -> float:
     grid = np.vstack((given.start_m, given.devices_m, grid))
     a, b = (at.ravel() for at in np.meshgrid(np.arange(len(grid)), np.arange(len(grid))))
     lengths = np.hypot(*(grid[:, None] - grid[None]).transpose(2, 0, 1))
-    flown_s = leg_s(lengths)
+    flown_s, flown_j = leg_s(lengths), leg_j(lengths)
     far = np.hypot(*(grid[:, None] - given.devices_m[None]).transpose(2, 0, 1))
     worth = (1.0 - average_per(given.channel, far)) * given.importance
     count, upload_s = len(given.devices_m), given.upload_s
@@ -69,12 +77,15 @@ def best_on_a_grid(given: RoundProblem) -> float:
         first_s = held[0] + flown_s[0][a]
         if held[1] > 0.0:
             second_s = first_s + held[1] + flown_s[a, b]
+            takes_j = flown_j[0][a] + flown_j[a, b]
         else:  # it is passed, on a straight line at best
             second_s = held[0] + leg_s(lengths[0][a] + lengths[a, b])
             first_s = second_s - lengths[a, b] / FLYING.speed_mps
-        takes_s = second_s + held[2]
+            takes_j = leg_j(lengths[0][a] + lengths[a, b])
+        takes_s, takes_j = second_s + held[2], takes_j + FLYING.hover_j(sum(held))
         # Whoever has a turn later than it arrives could fly about until then, at no gain.
-        fits = (takes_s <= given.limits.duration_s) & (late[0] <= 0.0)
+        fits = (takes_s <= given.limits.duration_s) & (takes_j <= given.limits.energy_j)
+        fits &= late[0] <= 0.0
         if upload_s.any():
             fits &= (first_s >= late[1]) & (second_s >= late[2])
         else:
@@ -86,7 +97,7 @@ def best_on_a_grid(given: RoundProblem) -> float:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", range(4))
-@pytest.mark.parametrize("kind", ["uploads", "ready", "both"])
+@pytest.mark.parametrize("kind", ["uploads", "ready", "both", "joules"])
 def test_no_schedule_on_a_grid_exceeds_the_bound(seed: int, kind: str) -> None:
     rng = np.random.default_rng(seed)
     given = problem(seed, devices=3 + seed % 2, steps=3, duration_s=float(rng.uniform(12, 35)))
@@ -95,6 +106,9 @@ def test_no_schedule_on_a_grid_exceeds_the_bound(seed: int, kind: str) -> None:
         given = dataclasses.replace(given, ready_in_s=ready_in_s)
     if kind == "ready":
         given = dataclasses.replace(given, upload_s=None)
+    if kind == "joules":
+        limits = RoundLimits(FLYING, 60.0, float(rng.uniform(3500, 7000)))
+        given = dataclasses.replace(given, limits=limits)
     best = best_on_a_grid(given)
     assert best > 0.0
     for value in (best, 0.8 * best):  # a search may end early, and a bad plan may be all there is
@@ -132,6 +146,21 @@ def test_no_plan_that_fits_exceeds_the_bound(seed: int, kind: str) -> None:
             best = max(best, other.value)
     assert tried > 10
     assert best <= timed_bound(given, 0.7 * best, GOAL) * (1.0 + 1e-4)
+
+
+def test_turns_count_where_joules_are_what_is_searched() -> None:
+    """Two devices 240 m apart, both ready five seconds before the end: one of them is served."""
+    devices_m, both = np.array([[-120.0, 0.0], [120.0, 0.0]]), np.ones(2)
+    given = problem(0, devices=2, steps=4, duration_s=60.0, devices_m=devices_m, importance=both)
+    limits = RoundLimits(FLYING, 60.0, 12_000.0)
+    given = dataclasses.replace(given, start_m=np.zeros(2), limits=limits, upload_s=both)
+
+    def bound(ready_in_s: float) -> float:
+        late = dataclasses.replace(given, ready_in_s=np.full(2, ready_in_s))
+        *_, joules = _limits(late)
+        return joules.search(case_of(late), late.importance, 0.9, GOAL)
+
+    assert bound(55.0) < 1.4 < 1.9 < bound(0.0)
 
 
 def test_hovers_are_most_of_what_limits_a_round() -> None:
