@@ -17,7 +17,8 @@ from fl.data.partition import Partition, PartitionTask
 from fl.federation.algorithms import Algorithm, StaleStart, Update
 from fl.federation.rounds import RoundLearning
 from fl.radio.channel import Channel
-from fl.radio.place import Radio
+from fl.radio.learned import Belief, Heard
+from fl.radio.place import LinkTerms, Radio
 from fl.training.custom_trainer import DeviceData, Trainer, TrainingDevice
 from fl.training.local import LocalResult, LocalSettings
 from mission.api.comparing import compare
@@ -50,16 +51,19 @@ __all__ = [
     "Airspace",
     "Algorithm",
     "Area",
+    "Belief",
     "Callback",
     "CallbackContext",
     "Channel",
     "DeviceData",
     "Figure",
     "Foreseen",
+    "Heard",
     "ImportanceStrategy",
     "InputError",
     "LearningConfig",
     "LimitsNotMetError",
+    "LinkTerms",
     "LocalResult",
     "LocalSettings",
     "MissionConfig",

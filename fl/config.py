@@ -12,6 +12,7 @@ from fl.radio.channel import CHANNEL_PRESETS, DEFAULT_PRESET, Channel, constants
 from fl.radio.uplink import Gate
 
 RADIOS = ("channel", "buildings", "map")
+BELIEFS = (*RADIOS, "learned", "truth")
 BUILT_IN_NETWORKS = ("lenet", "mcmahan", "convnet")
 ALGORITHMS = ("fedprox", "fedavg", "fedavgm", "fedadam", "scaffold")
 WEIGHED_PARTITIONS = ("labels", "dirichlet", "iid")
@@ -103,11 +104,16 @@ class RadioConfig(_Frozen):
         "way, those of the area; a 'map' of gains; or a radio of your own that gives the PER, as "
         "'package.module:factory'",
     )
-    belief: Literal["channel", "buildings", "map", "learned", "truth"] = Field(
+    belief: Annotated[str, one_of(BELIEFS)] = Field(
         "channel",
         description="what plans are made with: the 'channel'; the 'buildings', of whose "
-        "shadowing it knows the deviation only; the 'map'; what is 'learned' "
-        "from pilot tones on the way, from the channel on; or the 'truth' itself",
+        "shadowing it knows the deviation only; the 'map'; what is 'learned' from pilot tones on "
+        "the way, from the channel on, or as 'package.module:factory' says; or the 'truth'",
+    )
+    pilots: Literal["all", "scheduled"] | None = Field(
+        None,
+        description="learned: the tones of 'all' devices are heard (the default), or of those that "
+        "are 'scheduled' in the round",
     )
     map_file: Path | None = Field(
         None,
@@ -154,6 +160,11 @@ class RadioConfig(_Frozen):
         le=30.0,
         description="standard deviation of the SNR about that of the place, from packet to packet",
     )
+
+    @property
+    def listens(self) -> bool:
+        """Whether what is believed follows from what is heard on the way."""
+        return self.belief == "learned" or self.belief not in BELIEFS
 
 
 class ConvNetConfig(_Frozen):

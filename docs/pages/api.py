@@ -17,6 +17,7 @@ SECTIONS = {
     "An algorithm of your own": "Algorithm StaleStart Update",
     "Local training of your own": "Trainer TrainingDevice DeviceData LocalSettings LocalResult",
     "A radio of your own": "Radio Channel",
+    "A belief of your own": "Belief Heard LinkTerms",
     "Data and partitions of your own": "Samples Partition PartitionTask",
     "Callbacks": "Callback CallbackContext RoundReport RoundRecord UplinkRecord RoundLearning",
     "Errors": "AerofedError InputError LimitsNotMetError PlanError UsersCodeError",

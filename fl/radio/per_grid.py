@@ -30,15 +30,21 @@ class PerGrid:
         cell_m: float,
     ) -> Self:
         """What a radio gives all over an area of that size, for so many devices."""
-        x_m, y_m = (cell_m * np.arange(max(2, 1 + int(np.ceil(side / cell_m)))) for side in size_m)
-        east_m, north_m = np.meshgrid(x_m, y_m)
-        places_m = np.column_stack(
-            (east_m.ravel(), north_m.ravel(), np.full(east_m.size, height_m))
-        )
-        per = [radio.per(np.full(len(places_m), device), places_m) for device in range(devices)]
-        success = 1.0 - np.reshape(np.asarray(per, dtype=np.float64), (devices, *east_m.shape))
+        columns, rows = (max(2, 1 + int(np.ceil(side / cell_m))) for side in size_m)
+        success = np.ones((devices, rows, columns))
+        grid = cls(success, (0.0, 0.0), cell_m)
+        places_m = grid.places_m(height_m)
+        for device in range(devices):
+            per = radio.per(np.full(len(places_m), device), places_m)
+            success[device] -= np.reshape(per, (rows, columns))
         success.flags.writeable = False
-        return cls(success, (0.0, 0.0), cell_m)
+        return grid
+
+    def places_m(self, height_m: float) -> Floats:
+        """(Y * X, 3) the places of the grid at a height above home, row by row."""
+        north, east = np.indices(self.success.shape[1:]).reshape(2, -1)
+        at_m = self.first_m + self.cell_m * np.column_stack((east, north))
+        return np.column_stack((at_m, np.full(len(at_m), height_m)))
 
     def per(self, device: Ints, place_m: Floats) -> Floats:
         """As `Radio.per`."""

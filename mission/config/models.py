@@ -452,11 +452,9 @@ class RunConfig(_Model):
 
     @model_validator(mode="after")
     def _radio_has_what_it_needs(self) -> Self:
-        area = self.area
-        keys = ("truth", "belief")
-        by_key = {key: getattr(self.radio, key) for key in keys}
-        for key in keys:
-            if by_key[key] == "buildings" and not area.buildings and area.buildings_file is None:
+        area, by_key = self.area, {"truth": self.radio.truth, "belief": self.radio.belief}
+        for key, name in by_key.items():
+            if name == "buildings" and not area.buildings and area.buildings_file is None:
                 raise ValueError(
                     f"radio.{key} = 'buildings' needs area.buildings, or area.buildings_file"
                 )
@@ -472,9 +470,9 @@ class RunConfig(_Model):
         belief, kind = self.radio.belief, self.planner.kind
         if belief == "channel":
             return self
-        if belief == "learned" and self.radio.truth not in ("buildings", "map"):
+        if self.radio.listens and self.radio.truth not in ("buildings", "map"):
             raise ValueError(
-                "radio.belief = 'learned' is learned from the SNR of places: radio.truth must be "
+                f"radio.belief = {belief!r} is learned from the SNR of places: radio.truth must be "
                 f"'buildings' or 'map', not {self.radio.truth!r}"
             )
         if self.mission.altitudes_m is not None:

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from fl.config import ALGORITHMS, BUILT_IN_NETWORKS, PARTITIONS, RADIOS, TASKS, CommunityConfig
+from fl.config import ALGORITHMS, BELIEFS, BUILT_IN_NETWORKS, PARTITIONS, RADIOS, TASKS
 from fl.data.load import CLASSES, load, needs_files
 from fl.data.partition import check_owners
 from fl.errors import DataMissingError, SettingError
@@ -22,6 +22,7 @@ from mission.config import STRATEGIES
 from sitl.autopilot.parameters import problems_of
 
 if TYPE_CHECKING:
+    from fl.config import CommunityConfig
     from mission.config.models import RunConfig
 
 
@@ -56,6 +57,7 @@ def own_code(config: "RunConfig", *, told: bool = True) -> Iterator[tuple[str, s
         ("learning.algorithm", config.learning.algorithm, ALGORITHMS),
         ("learning.trainer", config.learning.trainer, ()),
         ("radio.truth", config.radio.truth, RADIOS),
+        ("radio.belief", config.radio.belief, BELIEFS),
         ("planner.factory", config.planner.factory, ()),
         *((f"callbacks.{index}", name, ()) for index, name in callbacks),
     ]
@@ -92,7 +94,7 @@ def signing_key(path: Path) -> bytes:
         raise InputError(str(error)) from None
 
 
-def _owners(community: CommunityConfig) -> SettingError | None:
+def _owners(community: "CommunityConfig") -> SettingError | None:
     """Why labels cannot be dealt out to a community's devices, where its classes are known."""
     if community.partition == "labels" and community.task in TASKS[:-1]:
         each, coverage = community.labels_per_device, community.coverage

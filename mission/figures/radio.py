@@ -120,12 +120,7 @@ def belief_picture(panels: Sequence[Chart], about: str) -> Chart:
 
 
 def _belief(
-    run: FlightData,
-    frame: MapFrame,
-    grid: PerGrid,
-    device: int,
-    name: str,
-    lines: Sequence[alt.Chart],
+    run: FlightData, frame: MapFrame, grid: PerGrid, device: int, name: str, lines: list[alt.Chart]
 ) -> Chart:
     every = math.ceil(max(grid.success.shape[1:]) / _PANEL_CELLS)
     success, cell_m = grid.success[device, ::every, ::every], grid.cell_m * every

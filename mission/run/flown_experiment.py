@@ -10,7 +10,7 @@ import numpy as np
 from fl.federation import rounds as learning
 from fl.federation.device_work import DeviceWork
 from fl.federation.updates import begin_training
-from fl.radio.learned import LearnedRadio
+from fl.radio.learned import Heard
 from mission.base.arrays import Bools, Floats
 from mission.base.errors import FlightError, LinkLostError
 from mission.base.interrupts import BACKGROUND, in_background
@@ -29,7 +29,6 @@ from mission.run.course import Course
 from mission.run.experiment import Experiment
 from mission.run.gate import slots, turns, uplinks
 from mission.scenario.limits import Amount
-from mission.scenario.radios import learned_radio
 from mission.scenario.strategies import Sortie, Strategy
 
 PILOTS_NS = 1_000_000_000  # between two pilot tones
@@ -56,13 +55,11 @@ class FlownExperiment(Experiment):
     _most_drawn: float = field(default=0.0, init=False)  # of the battery (0..1), by a round so far
     _stage: str = field(default="", init=False)  # of the flight, for people
     _trainer: ThreadPoolExecutor = field(init=False)  # of devices, during the flight
-    _learned: LearnedRadio | None = field(init=False)  # what is believed of the radio, if it learns
+    _heard: Heard = field(default_factory=Heard, init=False)  # of pilot tones, where it listens
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        scenario = self.scenario
-        self.work = scenario.work_before()
-        self._learned = learned_radio(scenario.config, scenario.radio, scenario.per_grid)
+        self.work = self.scenario.work_before()
         # One thread: a core is left for the flight.
         self._trainer = ThreadPoolExecutor(1, thread_name_prefix=BACKGROUND)
 
@@ -203,16 +200,19 @@ class FlownExperiment(Experiment):
             )
         return sorted(records, key=lambda record: (record.step, record.device))
 
-    def _listen(self, learned: LearnedRadio, flight: Flight, part: int) -> None:
-        """Hear the pilots of a part of a round, once a second."""
+    def _listen(self, flight: Flight, part: int, plan: RoundPlan) -> None:
+        """Hear the pilots of a part of a round, once a second, where somebody learns of them."""
+        listener = self.scenario.listener
+        if listener is None:
+            return
         instants = range(int(flight.t_ns[0]), int(flight.t_ns[-1]) + 1, PILOTS_NS)
         area, passages = self.scenario.area, [flight.at(t_ns) for t_ns in instants]
         rng = self.scenario.streams.generator(f"pilots/{self.totals.next_round}/{part}")
-        est_m, true_m = (
-            np.array([area.xyz(ned_m) for ned_m in track])
-            for track in ([p.est_ned_m for p in passages], [p.true_ned_m for p in passages])
-        )
-        learned.hear(est_m, true_m, rng)
+        est_m = np.array([area.xyz(passage.est_ned_m) for passage in passages])
+        true_m = np.array([area.xyz(passage.true_ned_m) for passage in passages])
+        every = self.scenario.config.radio.pilots != "scheduled"
+        devices = np.asarray(plan.schedule.any(axis=0) | every, dtype=bool)
+        self._heard = listener.hear(self._heard, est_m, true_m, devices, rng)
 
     def _problem(self, flyer: Flyer, recalled: RoundMemory | None) -> RoundProblem:
         start = flyer.here()
@@ -224,9 +224,12 @@ class FlownExperiment(Experiment):
             work=self.work.round_begins(self.totals.next_round, start.t_ns),
             t_ns=start.t_ns,
         )
-        if self._learned is not None:
-            problem = replace(problem, per_grid=self._learned.grid())
-        return problem
+        return self._as_heard(problem)
+
+    def _as_heard(self, problem: RoundProblem) -> RoundProblem:
+        """The problem, with what is believed of the radio now."""
+        listener = self.scenario.listener
+        return replace(problem, per_grid=listener.grid(self._heard)) if listener else problem
 
     def _importance(self, t_ns: int) -> Floats:
         federation, state = self.scenario.federation, self.state
@@ -287,8 +290,7 @@ class FlownExperiment(Experiment):
                 with errors_of_learning():
                     served = self._served(flown, part)
                 flown.served += served
-                if self._learned is not None:
-                    self._listen(self._learned, flight, len(flown.flights))
+                self._listen(flight, len(flown.flights), plan)
                 lost = not all(item.delivered for item in served)
                 if by_stop and lost and await self._planned_anew(flyer, flown, recalled):
                     break
@@ -308,8 +310,7 @@ class FlownExperiment(Experiment):
         )
         if problem is None:
             return False
-        if self._learned is not None:
-            problem = replace(problem, per_grid=self._learned.grid())
+        problem = self._as_heard(problem)
         known = () if recalled is None else recalled.rests[len(flown.rests) :]
         if known:
             rest = known[0]

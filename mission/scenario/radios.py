@@ -1,22 +1,40 @@
 """The radio of a run: what decides whose update arrives."""
 
+from dataclasses import dataclass, fields, replace
+
 import numpy as np
 
 from fl.config import RADIOS
 from fl.radio.channel import Channel
 from fl.radio.city import City
-from fl.radio.learned import LearnedRadio
+from fl.radio.learned import Heard, Learned, Listener
 from fl.radio.per_grid import PerGrid
 from fl.radio.place import AverageRadio, CustomRadio, LinkTerms, PlacedRadio, Radio
 from fl.radio.radio_map import RadioMap
 from flightdyn.random import RandomStreams
 from mission.base.area import Area
 from mission.base.arrays import Floats
+from mission.base.user_code import OwnCode
 from mission.config.models import HEIGHT_MARGIN_M, RunConfig
 from mission.scenario.radio_maps import read_map
 
 _SAME_PLACE_M = 1.0
 _LEAST_CELL_M, _MOST_CELLS = 5.0, 320  # of what is believed, along the longer side
+
+
+@dataclass(frozen=True)
+class CustomBelief(OwnCode):
+    """A researcher's own belief, whose rates are checked."""
+
+    setting = "radio.belief"
+    members = ("success",)
+    devices: int = 0  # K
+
+    def success(self, heard: Heard, place_m: Floats) -> Floats:
+        """As `Belief.success`."""
+        of, shape = f" after {len(heard.device)} tones", (self.devices, len(place_m))
+        found = self.ask("success", heard, place_m, of=of)
+        return self.array(found, f"what success(){of} gives", shape=shape, low=0, high=1)
 
 
 def radio_of(
@@ -41,72 +59,58 @@ def radio_of(
     return PlacedRadio(gains, _terms(config))
 
 
-def believed_grid(
+def believed(
     config: RunConfig, channel: Channel, truth: Radio, area: Area, devices_m: Floats
-) -> PerGrid | None:
-    """What plans believe of the radio at each place; None: the channel's average.
+) -> tuple[PerGrid | None, Listener | None]:
+    """What plans believe of the radio at each place at first, and what learns from there on.
+
+    No grid: the channel's average. No listener: nothing is learned.
 
     Raises:
-        InputError: as `radio_of`.
+        InputError: as `radio_of`, or what a belief of one's own gives cannot be used.
+        UsersCodeError: it raised something.
     """
-    belief, radio = config.radio.belief, truth
+    belief, radio, count = config.radio.belief, truth, len(devices_m)
     if belief == "channel":
-        return None
-    if belief == "learned":
-        radio = AverageRadio(channel, devices_m)
-    elif belief == "map" and config.radio.truth != "map":  # which is the same file
+        return None, None
+    if config.radio.listens:
+        assert isinstance(truth, PlacedRadio)
+        prior = radio_grid(AverageRadio(channel, devices_m), channel, area, count)
+        learns = (
+            Learned(prior, truth.terms)
+            if belief == "learned"
+            else replace(CustomBelief.made(belief, prior, truth.terms, devices_m), devices=count)
+        )
+        listener = Listener(learns, truth, prior, channel.altitude_m)
+        return listener.grid(Heard()), listener
+    if belief == "map" and config.radio.truth != "map":  # which is the same file
         radio = PlacedRadio(_map_of(config, devices_m), _terms(config))
     elif belief == "buildings":  # as they stand, but nobody knows their shadowing before
-        city = _city(config, area, devices_m, None)
+        city = city_of(config, area, devices_m, None)
         unknown_db = city.shadowing_db if config.radio.shadowing else None
         radio = PlacedRadio(city, _terms(config), unknown_db)
-    return radio_grid(radio, channel, area, len(devices_m))
+    return radio_grid(radio, channel, area, count), None
 
 
 def radio_grid(radio: Radio, channel: Channel, area: Area, devices: int) -> PerGrid:
     """What a radio gives all over an area, at the channel's altitude."""
-    return PerGrid.of(
-        radio,
-        devices,
-        size_m=area.size_m,
-        height_m=channel.altitude_m,
-        cell_m=max(_LEAST_CELL_M, max(area.size_m) / _MOST_CELLS),
-    )
-
-
-def learned_radio(config: RunConfig, truth: Radio, prior: PerGrid | None) -> LearnedRadio | None:
-    """What learns from a belief on; None where nothing does."""
-    if config.radio.belief != "learned":
-        return None
-    assert isinstance(truth, PlacedRadio)
-    assert prior is not None
-    return LearnedRadio(prior, truth)
+    cell_m, height_m = max(_LEAST_CELL_M, max(area.size_m) / _MOST_CELLS), channel.altitude_m
+    return PerGrid.of(radio, devices, size_m=area.size_m, height_m=height_m, cell_m=cell_m)
 
 
 def _terms(config: RunConfig) -> LinkTerms:
-    radio = config.radio
-    return LinkTerms(
-        radio.tx_power_dbm,
-        radio.bandwidth_hz,
-        radio.noise_figure_db,
-        radio.snr_threshold_db,
-        radio.fading_db,
-    )
+    return LinkTerms(*(getattr(config.radio, item.name) for item in fields(LinkTerms)))
 
 
-def city_of(config: RunConfig, area: Area, devices_m: Floats, streams: RandomStreams) -> City:
-    """The gains from devices (K, 2) among the buildings of the area.
+def city_of(
+    config: RunConfig, area: Area, devices_m: Floats, streams: RandomStreams | None
+) -> City:
+    """The gains from devices (K, 2) among the buildings of the area; without `streams` those of no
+    shadowing.
 
     Raises:
         InputError: a device stands within one, and must not.
     """
-    shadowed = config.radio.shadowing
-    return _city(config, area, devices_m, streams.generator("shadowing") if shadowed else None)
-
-
-def _city(
-    config: RunConfig, area: Area, devices_m: Floats, rng: np.random.Generator | None
-) -> City:
     radio = config.radio
     city = City(
         area.buildings,
@@ -114,7 +118,7 @@ def _city(
         device_height_m=radio.device_height_m,
         carrier_hz=radio.carrier_hz,
         environment=radio.environment,
-        rng=rng,
+        rng=streams.generator("shadowing") if streams and radio.shadowing else None,
     )
     if radio.indoors == "refused" and city.indoors.any():
         device = int(np.argmax(city.indoors))

@@ -18,6 +18,7 @@ from fl.federation.community import Community, Federation, build_federation
 from fl.federation.device_work import DeviceWork
 from fl.plugin_code import is_plugin
 from fl.radio.channel import Channel, LinkBudget, link_budget
+from fl.radio.learned import Listener
 from fl.radio.per_grid import PerGrid
 from fl.radio.place import Radio
 from flightdyn.random import RandomStreams
@@ -48,7 +49,7 @@ from mission.scenario.limits import (
     round_limits,
     unflyable,
 )
-from mission.scenario.radios import believed_grid, radio_of
+from mission.scenario.radios import believed, radio_of
 from mission.scenario.strategies import Strategy, make_strategy
 from mission.scenario.traced_map import with_traced_map
 
@@ -66,7 +67,8 @@ class Scenario:
     devices_m: Floats  # (K, 2) area coordinates
     channel: Channel  # that rounds are planned with, at the mission's lowest altitude
     radio: Radio  # that decides whose update arrives
-    per_grid: PerGrid | None  # that rounds are planned with; None: the channel
+    per_grid: PerGrid | None  # that the first round is planned with; None: the channel
+    listener: Listener | None  # what learns of the radio on the way
     federation: Federation
     performance: Performance  # how rounds will be flown, before a vehicle is asked
     budget: Budget  # of the run
@@ -333,7 +335,7 @@ def build_scenario(config: RunConfig, *, data_dir: Path | None) -> Scenario:
     with errors_of_learning():
         channel = config.channel.channel(altitude_m=config.mission.heights_m[0])
         radio = radio_of(config, channel, area, devices_m, streams)
-        per_grid = believed_grid(config, channel, radio, area, devices_m)
+        per_grid, listener = believed(config, channel, radio, area, devices_m)
         federation = build_federation(
             config.communities, config.learning, data_dir=data_dir, stream=streams.generator
         )
@@ -348,15 +350,6 @@ def build_scenario(config: RunConfig, *, data_dir: Path | None) -> Scenario:
         else make_strategy(mission, planner, devices_m=devices_m, area=area, limits=limits)
     )
     return Scenario(
-        config,
-        streams,
-        area,
-        devices_m,
-        channel,
-        radio,
-        per_grid,
-        federation,
-        performance,
-        budget,
-        strategy,
-    )
+        config, streams, area, devices_m, channel, radio, per_grid, listener, federation,
+        performance, budget, strategy,
+    )  # fmt: skip

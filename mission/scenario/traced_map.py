@@ -49,12 +49,7 @@ def with_traced_map(config: RunConfig, area: Area, devices_m: Floats) -> RunConf
         if not path.exists():
             try:
                 made = traced_map(
-                    config,
-                    scene,
-                    devices_m,
-                    middle_m=(0.0, 0.0),
-                    height_m=heights_m,
-                    cell_m=_CELL_M,
+                    config, scene, devices_m, middle_m=(0, 0), height_m=heights_m, cell_m=_CELL_M
                 )
             except InputError as error:
                 config.refuse([("radio.scene", scene, str(error))])

@@ -62,6 +62,32 @@ class RadioOver(Radio):
 class RadioShort(Radio):
     def per(self, device, place_m): return 0.5
 
+class Belief:
+    def __init__(self, prior, terms, devices_m): self.count = len(devices_m)
+    def success(self, heard, place_m): return np.full((self.count, len(place_m)), 0.5)
+
+class BeliefFails(Belief):
+    def success(self, heard, place_m):
+        return self.walls[place_m]  # belief's slip
+
+class BeliefFailsLater(Belief):
+    def success(self, heard, place_m):
+        if len(heard.device):
+            raise KeyError("later")  # belief's later slip
+        return super().success(heard, place_m)
+
+class BeliefShort(Belief):
+    def success(self, heard, place_m): return super().success(heard, place_m)[0]
+
+class BeliefNaN(Belief):
+    def success(self, heard, place_m): return super().success(heard, place_m) * np.nan
+
+class BeliefOver(Belief):
+    def success(self, heard, place_m): return super().success(heard, place_m) + 1.0
+
+class BeliefWords(Belief):
+    def success(self, heard, place_m): return "surely"
+
 class Net(torch.nn.Module):
     def __init__(self):
         super().__init__()
@@ -145,11 +171,16 @@ KEYS = {
     "trainer": "learning.trainer",
     "algorithm": "learning.algorithm",
     "gate": "radio.truth",
+    "belief": "radio.belief",
     "network": "communities.0.network",
     "task": "communities.0.task",
     "partition": "communities.0.partition",
     "callbacks": "callbacks",
 }
+
+
+WALL = {"polygon_m": [[400, 300], [600, 300], [600, 310]], "height_m": 30.0}
+WALLED = {"area.buildings": [WALL], "radio.truth": "buildings"}  # for a belief, that needs an SNR
 
 
 @pytest.fixture(autouse=True)
@@ -164,6 +195,7 @@ def own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 def refused(kind: str, name: str) -> aerofed.AerofedError:
     value: Any = f"mine:{name}"
     more = {KEYS[kind]: [value] if kind == "callbacks" else value}
+    more |= WALLED if kind == "belief" else {}
     with pytest.raises(aerofed.AerofedError) as caught:
         aerofed.run("quickstart", {**SMALL, **more}, out="out")
     assert str(caught.value).count("\n") == 0
@@ -207,6 +239,20 @@ def refused(kind: str, name: str) -> aerofed.AerofedError:
         ("gate", "nothing", "radio.truth = 'mine:nothing': gives an object without per"),
         ("gate", "RadioOver", "what per() gives holds 1.5 at [0]: must be from 0 to 1"),
         ("gate", "RadioShort", "what per() gives is of shape (), not ("),
+        ("belief", "nothing", "radio.belief = 'mine:nothing': gives an object without success"),
+        (
+            "belief",
+            "BeliefShort",
+            "radio.belief = 'mine:BeliefShort': what success() after 0 tones gives is of shape "
+            "(25921,), not (6, 25921)",
+        ),
+        (
+            "belief",
+            "BeliefNaN",
+            "what success() after 0 tones gives holds nan at [0, 0]: must be from 0 to 1",
+        ),
+        ("belief", "BeliefOver", "gives holds 1.5 at [0, 0]: must be from 0 to 1"),
+        ("belief", "BeliefWords", "after 0 tones gives: ValueError: could not convert string"),
         (
             "task",
             "data_other",
@@ -222,13 +268,15 @@ def refused(kind: str, name: str) -> aerofed.AerofedError:
         ("callbacks", "nothing", "callbacks = 'mine:nothing': gives an object without round_fin"),
         *[
             (kind, "broken", "calling it fails: NameError: name 'undefined_name'")
-            for kind in ("algorithm", "gate", "callbacks")
+            for kind in ("algorithm", "gate", "belief", "callbacks")
         ],
         *[(kind, "missing", "cannot be imported: AttributeError") for kind in KEYS],
     ],
 )
 def test_what_breaks_the_rules(kind: str, name: str, words: str) -> None:
     assert words in str(refused(kind, name))
+    if kind == "belief":  # before anything is flown: nothing is left
+        assert not Path("out").exists()
 
 
 @pytest.mark.slow
@@ -244,6 +292,14 @@ def test_what_breaks_the_rules(kind: str, name: str, words: str) -> None:
             "# trainer's slip",
         ),
         ("gate", "RadioFails", "per()", "AttributeError", "# radio's slip"),
+        (
+            "belief",
+            "BeliefFails",
+            "success() after 0 tones",
+            "AttributeError",
+            "# belief's slip",
+        ),
+        ("belief", "BeliefFailsLater", "success() after ", "KeyError", "# belief's later slip"),
         ("network", "Net", "training", "KeyError: 'weights'", "# network's slip"),
         ("task", "data_fails", "the factory", "TypeError", "# data set's slip"),
         ("partition", "split_fails", "the partition", "AttributeError", "# partition's slip"),
@@ -257,9 +313,11 @@ def test_what_it_raises_is_named_with_its_line(
     error = refused(kind, name)
     key = KEYS[kind].replace("callbacks.0", "callbacks")
     number = next(i for i, text in enumerate(MODULE.splitlines(), 1) if slip in text)
-    assert f"{key} = 'mine:{name}': {doing}: {raised}" in str(error)
+    assert f"{key} = 'mine:{name}': {doing}" in str(error)
+    assert f": {raised}" in str(error)
     assert f"({tmp_path / 'mine.py'}, line {number})" in str(error)
-    if kind in ("task", "partition"):  # before anything is flown: nothing is left
+    # Before anything is flown: nothing is left.
+    if kind in ("task", "partition") or name == "BeliefFails":
         assert not (tmp_path / "out").exists()
     else:
         assert isinstance(error, UsersCodeError)
@@ -368,6 +426,13 @@ class Trainer:
 class Radio:
     def __init__(self, channel, devices_m): pass
     def per(self, device, place_m): scribble(device, place_m); return 0 * device
+
+class Belief:
+    def __init__(self, *given): scribble(given); self.count = len(given[2])
+    def success(self, *given):
+        print("in a belief")
+        scribble(given)
+        return np.full((self.count, len(given[1])), 0.5)
 
 class Callback:
     def __init__(self, context): pass
@@ -581,6 +646,7 @@ def test_a_module_that_is_not_there_is_found_out_at_once(kind: str) -> None:
         ("learning.algorithm", "must be one of 'fedprox', .* did you mean fedavg?"),
         ("learning.trainer", "must be an import path"),
         ("radio.truth", "must be one of 'channel', 'buildings', 'map' or the import path"),
+        ("radio.belief", "must be one of 'channel', 'buildings', 'map', 'learned', 'truth' or the"),
         ("communities.0.task", "must be one of 'digits', "),
         ("communities.0.partition", "must be one of 'labels', "),
         ("communities.0.network", "must be one of 'lenet', 'mcmahan', 'convnet' or the import"),
@@ -642,3 +708,31 @@ def test_callbacks_are_closed_once_where_the_run_cannot_be_written(
     with pytest.raises(aerofed.InputError, match=f"{name}: cannot write: Is a directory"):
         aerofed.run("quickstart", more, out=tmp_path / "out")
     assert importlib.import_module(module).closed == [True]
+
+
+def test_a_belief_is_given_what_it_cannot_write_to_and_prints_to_standard_error(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    Path("greedy.py").write_text(GREEDY)
+    sys.modules.pop("greedy", None)
+    given = {**SMALL, **WALLED, "radio.belief": "greedy:Belief"}
+    given["area.buildings"] = "[{polygon_m = [[400, 300], [600, 300], [600, 310]], height_m = 30}]"
+    sets = [f"--set={key}={value}" for key, value in given.items()]
+    assert call(["run", "--out=out", "--json", "--no-report", *sets]) == 0
+    told = capsys.readouterr()
+    assert json.loads(told.out)["folder"] == "out"
+    assert told.err.count("in a belief") == 3
+    assert aerofed.load("out").summary["plugins"] == {"greedy:Belief": digest_of("greedy:Belief")}
+
+
+def test_a_belief_of_other_code_is_not_gone_on_with(monkeypatch: pytest.MonkeyPatch) -> None:
+    more = {**SMALL, **WALLED, "radio.belief": "mine:Belief"}
+    with monkeypatch.context() as patch:
+        cut_after(patch, 1)
+        with pytest.raises(aerofed.AerofedError):
+            aerofed.run("quickstart", more, out="out")
+    Path("mine.py").write_text(f"{MODULE}# edited")
+    with pytest.raises(aerofed.InputError, match=r"^out: .* the code of plug-in 'mine:Belief'"):
+        aerofed.resume("out")
+    Path("mine.py").write_text(MODULE)
+    assert len(aerofed.resume("out").rounds) == 2

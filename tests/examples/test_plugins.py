@@ -8,12 +8,14 @@ from typing import Any
 import numpy as np
 import pytest
 from cutting import cut_after
+from scipy.stats import norm
 
 import aerofed
 from examples import (
     fedbuff,
     fednova,
     late_updates,
+    mean_gain,
     measured_radio,
     per_metre,
     quantity_skew,
@@ -39,6 +41,8 @@ SMALL = {
     "communities.1.devices": 3,
     "learning.local_epochs": 1,
 }
+WALL = {"polygon_m": [[20.0, 200.0], [780.0, 200.0], [780.0, 230.0]], "height_m": 45.0}
+WALLED = {"area.buildings": [WALL], "radio.truth": "buildings"}
 TABLES = ("rounds.csv", "uplinks.csv", "learning.csv")
 
 
@@ -68,6 +72,7 @@ def test_an_example_is_short(path: Path) -> None:
         {"learning.algorithm": "examples.fednova:make"},
         {"learning.algorithm": "examples.fedbuff:make"},
         {"radio.truth": "examples.rician:make"},
+        {"radio.belief": "examples.mean_gain:make", **WALLED},
         {"communities.0.network": "examples.batch_norm:Net"},
         {"communities.0.network": "examples.batch_norm:Net", "communities.0.buffers": "local"},
         {"communities.0.network": "examples.batch_norm:Net", "learning.algorithm": "scaffold"},
@@ -330,3 +335,17 @@ def test_an_installed_package_offers_plugins_by_name(
         assert (by_name.path / name).read_bytes() == (by_path.path / name).read_bytes()
     with pytest.raises(aerofed.InputError, match=r"'nova' or the import path.*mean nova\?"):
         aerofed.config("quickstart", {"learning.algorithm": "novas"})
+
+
+def test_the_mean_gain_moves_a_device_by_what_was_heard_of_it() -> None:
+    prior: Any = SimpleNamespace(per=lambda device, _: np.full(len(device), 0.5))  # so 10 dB
+    terms = aerofed.LinkTerms(0.0, 1e6, 7.0, 10.0, 3.0)
+    belief, place_m = mean_gain.make(prior, terms, np.zeros((3, 2))), np.zeros((4, 3))
+    assert belief.success(aerofed.Heard(), place_m) == pytest.approx(np.full((3, 4), 0.5))
+    device = np.repeat([0, 2], 5)
+    heard = aerofed.Heard(device, np.zeros((10, 3)), np.where(device == 0, 30.0, 4.0))
+    up, same, down = np.array(belief.success(heard, place_m))
+    # The mean of five tones and as many of 0 dB, over a spread of 3 and 10 dB.
+    assert up == pytest.approx(norm.cdf(10.0 / np.hypot(3.0, 10.0)))
+    assert same == pytest.approx(0.5)
+    assert down == pytest.approx(norm.cdf(-3.0 / np.hypot(3.0, 10.0)))

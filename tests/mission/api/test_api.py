@@ -78,9 +78,9 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> aerofed.Run:
 
 def test_the_public_names() -> None:
     assert aerofed.__all__ == [
-        "AerofedError", "Airspace", "Algorithm", "Area", "Callback", "CallbackContext", "Channel",
-        "DeviceData", "Figure", "Foreseen", "ImportanceStrategy", "InputError", "LearningConfig",
-        "LimitsNotMetError",
+        "AerofedError", "Airspace", "Algorithm", "Area", "Belief", "Callback", "CallbackContext",
+        "Channel", "DeviceData", "Figure", "Foreseen", "Heard", "ImportanceStrategy", "InputError",
+        "LearningConfig", "LimitsNotMetError", "LinkTerms",
         "LocalResult", "LocalSettings", "MissionConfig", "Partition", "PartitionTask",
         "Performance", "PlanError", "Planner", "Radio", "RoundInfo", "RoundLearning",
         "RoundLimits", "RoundPlan", "RoundProblem", "RoundRecord", "RoundReport", "Run",

@@ -662,7 +662,18 @@ MAP_FREE = CITY + "[radio]\nbelief = 'buildings'\n"
             BASE + "[radio]\nbelief = 'map'\n",
             "radio.belief = 'map' and radio.map_file or .scene need each",
         ),
-        (BASE + "[radio]\nbelief = 'guess'\n", "radio.belief = 'guess': must be 'channel', 'build"),
+        (
+            BASE + "[radio]\nbelief = 'guess'\n",
+            "belief = 'guess': must be one of 'channel', ",
+        ),
+        (
+            BASE + "[radio]\npilots = 'some'\n",
+            "pilots = 'some': must be 'all' or 'scheduled'",
+        ),
+        (
+            BASE + "[radio]\nbelief = 'examples.mean_gain:make'\n",
+            "'examples.mean_gain:make' is learned from the SNR of places: radio.truth must be",
+        ),
         (
             BASE + "[radio]\nbelief = 'learned'\n",
             "radio.truth must be 'buildings' or 'map', not 'channel'",

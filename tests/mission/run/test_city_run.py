@@ -2,6 +2,7 @@
 
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 
 import aerofed
+from fl.radio.learned import Heard, Listener
 from mission.base.errors import FlightError
 from mission.base.palette import per_colour
 from mission.figures.maps import overview
@@ -73,9 +75,19 @@ def test_an_aircraft_that_listens_is_sent_better_from_round_to_round(tmp_path: P
     assert heard["learned"] > 0.99
 
 
-@pytest.mark.parametrize("replan", ["round", "stop"])
-def test_what_was_learned_is_learned_again_on_resuming(tmp_path: Path, replan: str) -> None:
-    more = {**SETTINGS, "radio.belief": "learned", "mission.replan": replan, "mission.rounds": 3}
+@pytest.mark.parametrize(
+    ("belief", "more"),
+    [
+        ("learned", {}),
+        ("learned", {"mission.replan": "stop"}),
+        ("learned", {"radio.pilots": "scheduled", "mission.devices_per_step": 1}),
+        ("examples.mean_gain:make", {"mission.replan": "stop"}),
+    ],
+)
+def test_what_was_learned_is_learned_again_on_resuming(
+    tmp_path: Path, belief: str, more: dict[str, object]
+) -> None:
+    more = {**SETTINGS, "radio.belief": belief, "mission.rounds": 3, **more}
     whole = aerofed.run("quickstart", more, out=tmp_path / "whole")
     with pytest.MonkeyPatch.context() as patch:
         cut_after(patch, 2)
@@ -84,6 +96,33 @@ def test_what_was_learned_is_learned_again_on_resuming(tmp_path: Path, replan: s
     again = aerofed.resume(tmp_path / "cut")
     for name in ("rounds.csv", "uplinks.csv", "flight.mcap"):
         assert (again.path / name).read_bytes() == (whole.path / name).read_bytes()
+
+
+@pytest.mark.parametrize("replan", ["round", "stop"])
+@pytest.mark.parametrize("pilots", [None, "all", "scheduled"])
+def test_pilots_are_those_of_all_or_of_the_scheduled(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, pilots: str | None, replan: str
+) -> None:
+    heard: list[set[int]] = []
+    hear = Listener.hear
+
+    def listened(self: Listener, before: Heard, *args: Any) -> Heard:
+        after = hear(self, before, *args)
+        heard.append({*after.device[len(before.device) :].tolist()})
+        return after
+
+    monkeypatch.setattr(Listener, "hear", listened)
+    more = {**SETTINGS, "radio.belief": "learned", "mission.steps": 2, "mission.replan": replan}
+    more |= {"mission.devices_per_step": 2} | ({} if pilots is None else {"radio.pilots": pilots})
+    told = aerofed.run("quickstart", more, out=tmp_path / "run").uplinks
+    assert len(heard) >= 2
+    if pilots != "scheduled":
+        assert heard == [{*range(12)}] * len(heard)
+    else:
+        assert max(map(len, heard)) <= 4
+        assert set.union(*heard) >= {*told.device}
+        if replan == "round":
+            assert heard == [{*told.device[told["round"] == number]} for number in (1, 2)]
 
 
 def test_what_is_believed_stands_in_the_log_and_grows_in_a_picture(
