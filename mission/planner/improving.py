@@ -42,7 +42,7 @@ def _changes(problem: RoundProblem) -> int:
     if problem.upload_s is not None:
         work += 3
         if energy:
-            work += 10
+            work += 15
         elif problem.limits is not None and math.isfinite(problem.limits.duration_s):
             work += devices / _SERVED
     if problem.per_grid is not None:  # many summits, and a look is short
