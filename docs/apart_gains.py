@@ -3,6 +3,7 @@
     python docs/apart_gains.py 2a RUNS --out docs/data/apart-runs
     python docs/apart_gains.py 2b FACTORS --out docs/data/apart-factors
     python docs/apart_gains.py 2c RUNS WEIGHTS --out docs/data/apart-weights
+    python docs/apart_gains.py 3 FLOWN --out docs/data/apart-flown
 
 RUNS is what `apart_runs.py` left, finished or not: folders, and tables made from them before.
 `--out` gets all rounds as one table, rounds.csv.gz, and README.md with the tables of that stage:
@@ -17,7 +18,7 @@ from pathlib import Path
 import apart_runs
 import numpy as np
 import pandas as pd
-from apart_shift import markdown, two_sided
+from apart_shift import holm, markdown, two_sided
 from numpy.typing import NDArray
 
 from mission.sweep.outcome.curves import interval
@@ -25,6 +26,7 @@ from mission.sweep.outcome.curves import interval
 Floats = NDArray[np.float64]
 CELL = ["layout", "N", "K_bar"]
 TESTS = 13  # of stage 2, those of 2b too; times so many, no p is less than Holm's
+CLAIM, MOST_LOST = 0.14, 2.0  # the paper's relative gain; points of MNIST that it may cost
 LAST = 10  # rounds that the accuracy at an end is a mean of
 WAYS = ("metre", "round", "joule")
 TASKS = ("cifar10", "mnist")
@@ -271,7 +273,13 @@ def weight_tables(rounds: pd.DataFrame) -> str:
         ]
         heads = ["weight", "task", *(f"per {way}" for way in WAYS)]
         parts.append(f"## Points less `{other}`\n\n{markdown(heads, rows)}\n")
-    means = [
+    parts.append(f"## What each comes to\n\n{_levels('weight', runs)}\n")
+    return "\n".join(parts)
+
+
+def _levels(what: str, runs: dict[str, list[pd.DataFrame]]) -> str:
+    """The table of what each strategy comes to."""
+    rows = [
         [
             f"`{name}`",
             *(_mean([accuracy(run, task, len(run)) for run in of]) for task in TASKS),
@@ -280,10 +288,83 @@ def weight_tables(rounds: pd.DataFrame) -> str:
         ]
         for name, of in runs.items()
     ]
-    heads = ["weight", "CIFAR-10, %", "MNIST, %", "CIFAR-10 heard, %", "MNIST heard, %", "rounds"]
-    parts.append(f"## What each comes to\n\n{markdown(heads, means)}\n")
-    return "\n".join(parts)
+    heads = [what, "CIFAR-10, %", "MNIST, %", "CIFAR-10 heard, %", "MNIST heard, %", "rounds"]
+    return markdown(heads, rows)
 
+
+def _verdict(ahead: Floats, level: Floats, mnist: Floats, p: float) -> str:
+    """PLAN's word for a cell and a way, by p as Holm corrects it."""
+    found, price = interval(ahead), interval(mnist)
+    claimed = CLAIM * level.mean()
+    if claimed > found.mean + found.half:
+        return "refused"
+    if p >= 0.05 or found.mean <= 0.0:
+        return "not shown"
+    if found.mean < claimed:
+        return "ahead"
+    free = price.mean + price.half >= 0.0 and price.mean >= -MOST_LOST
+    return "the claim holds" if free else "at a price"
+
+
+def flown_tables(rounds: pd.DataFrame) -> str:
+    """README.md of stage 3.
+
+    Raises:
+        SystemExit: no three seeds have all their runs.
+    """
+    by_run = dict(iter(rounds.groupby([*CELL, "planner", "strategy", "seed"])))
+    wanted = [task.values for task in apart_runs.judging_tasks()]
+    done = {(strategy, seed, *cell, planner) for *cell, planner, strategy, seed in by_run}
+    every = apart_runs.JUDGING_SEEDS
+    whole = [s for s in every if all(task in done for task in wanted if task[1] == s)]
+    if len(whole) < 3:
+        raise SystemExit(f"{len(whole)} of {len(every)} seeds are whole: three are needed")
+
+    def runs_of(cell: apart_runs.Cell, planner: str, *names: str) -> dict[str, list[pd.DataFrame]]:
+        at = cell.layout, cell.steps, cell.per_step, planner
+        return {name: [by_run[(*at, name, seed)] for seed in whole] for name in names}
+
+    first = apart_runs.JUDGED[0]
+    names = ("cov", "no_cov", "rectangular", "barycenter")
+    cells = {_name(cell): runs_of(cell, "certified", *names) for cell in apart_runs.JUDGED}
+    cells[_name(first)] |= runs_of(first, "certified", "ideal")
+    paper = runs_of(first, "paper", "cov", "no_cov")
+    tested = {
+        (name, f"{number}, {way}, less {other}"): (runs, other, way)
+        for name, runs in cells.items()
+        for number, way, other in (
+            ("H16", "metre", "no_cov"), ("H17", "round", "no_cov"), ("H18", "joule", "no_cov"),
+            ("H20", "metre", "rectangular"), ("H21", "metre", "barycenter"),
+        )
+    }  # fmt: skip
+    tested[_name(first), "H19, metre, less no_cov, paper's planner"] = (paper, "no_cov", "metre")
+    found = {
+        what: gains(runs, other, "cifar10", way) for what, (runs, other, way) in tested.items()
+    }
+    rows = []
+    for p, (what, (runs, other, way)) in zip(
+        holm([two_sided(ahead) for ahead, _ in found.values()]), tested.items(), strict=True
+    ):
+        (ahead, level), (mnist, there) = found[what], gains(runs, other, "mnist", way)
+        verdict = _verdict(ahead, level, mnist, p)
+        rows.append([*what, _gain(ahead, level), f"{p:.1g}", _gain(mnist, there), verdict])
+    heads = ["cell", "hypothesis, per", "CIFAR-10", "p, corrected", "MNIST", "in PLAN's words"]
+    parts = [_FLOWN_HEAD.format(seeds=len(whole), of=len(every)), markdown(heads, rows)]
+    for name, runs in {**cells, f"{_name(first)}, the paper's planner": paper}.items():
+        parts.append(f"\n## {name}\n\n{_levels('strategy', runs)}")
+    return "\n".join(parts) + "\n"
+
+
+_FLOWN_HEAD = """\
+# Flown, on all data: where communities live in opposite corners
+
+Made from rounds.csv.gz by `python docs/apart_gains.py 3`; the runs by `python docs/apart_runs.py
+3`. Planned before: [PLAN](../PLAN.md), stage 3. {seeds} of {of} seeds are whole; until all are, p
+and the words are of what is there so far, and nothing is decided.
+
+Points that `cov` is ahead, mean ± 95 % interval over seeds; in brackets over the other's mean, and
+in how many seeds ahead.
+"""
 
 _WEIGHTS_HEAD = """\
 # Other weights where communities live in opposite corners
@@ -325,14 +406,14 @@ times thirteen, the tests of the stage, is at least what Holm makes of it.
 def main() -> None:
     """Collect and write."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("stage", choices=("2a", "2b", "2c"))
+    parser.add_argument("stage", choices=("2a", "2b", "2c", "3"))
     parser.add_argument("runs", type=Path, nargs="+", metavar="RUNS")
     parser.add_argument("--out", type=Path, required=True, metavar="DIR")
     options = parser.parse_args()
     rounds = collected(options.runs)
     if options.stage == "2c":
         rounds = of_cell(rounds, apart_runs.CELLS[0])
-    made = {"2a": tables, "2b": factor_tables, "2c": weight_tables}
+    made = {"2a": tables, "2b": factor_tables, "2c": weight_tables, "3": flown_tables}
     options.out.mkdir(parents=True, exist_ok=True)
     # Without a time and a name in its head, so that the same rounds are the same bytes.
     packed = gzip.compress(rounds.to_csv(index=False, lineterminator="\n").encode(), mtime=0)

@@ -227,3 +227,42 @@ def test_what_judges_is_flown_on_all_data_and_seeds_that_chose_nothing() -> None
     assert (paper.planner.kind, paper.mission.flight, paper.communities[0].subset) == (
         "paper", "flown", 1.0,
     )  # fmt: skip
+
+
+def test_what_was_flown_is_judged_in_the_plans_words() -> None:
+    """Of 30 %, 14 % are 4.2 points: here `cov` is 6 ahead, and costs MNIST nothing."""
+    lucky = {301: 0.0, 302: 0.001, 303: 0.002}
+    rows = [
+        {"strategy": task.strategy, "seed": task.seed, "planner": task.planner}
+        | {"layout": task.cell.layout, "N": task.cell.steps, "K_bar": task.cell.per_step}
+        | {"energy_used_j": 1.0, "accuracy_mnist": 0.5 + lucky[task.seed]}
+        | {"accuracy_cifar10": 0.3 + (0.06 + lucky[task.seed]) * (task.strategy == "cov")}
+        | {"participation_cifar10": 0.5, "participation_mnist": 0.5}
+        for task in apart_runs.judging_tasks()
+        if task.seed in lucky
+    ]
+    made = apart_gains.flown_tables(pd.DataFrame(rows))
+    assert "3 of 12 seeds are whole" in made
+    (paper,) = (line for line in made.splitlines() if "H19" in line)
+    assert "+6.1 ± 0.2 (+20 %, 3 of 3)" in paper
+    assert paper.endswith("| +0.0 ± 0.0 (+0 %, 0 of 3) | the claim holds |")
+    with pytest.raises(SystemExit, match="2 of 12 seeds are whole"):
+        apart_gains.flown_tables(pd.DataFrame(rows[:-1]))
+
+
+@pytest.mark.parametrize(
+    ("ahead", "mnist", "p", "word"),
+    [
+        ((6.0, 6.2, 5.8), (-1.0, 1.0, 0.0), 0.01, "the claim holds"),
+        ((6.0, 6.2, 5.8), (9.0, 9.1, 9.2), 0.01, "the claim holds"),
+        ((6.0, 6.2, 5.8), (-3.0, -3.1, -2.9), 0.01, "at a price"),
+        ((4.0, 4.4, 3.6), (0.0, 0.1, 0.2), 0.01, "ahead"),
+        ((6.0, 12.0, 0.0), (0.0, 0.1, 0.2), 0.2, "not shown"),
+        ((-1.0, -1.1, -1.2), (0.0, 0.1, 0.2), 0.01, "refused"),
+    ],
+)  # fmt: skip
+def test_words_are_the_plans(
+    ahead: tuple[float, ...], mnist: tuple[float, ...], p: float, word: str
+) -> None:
+    level = np.full(3, 30.0)
+    assert apart_gains._verdict(np.array(ahead), level, np.array(mnist), p) == word
