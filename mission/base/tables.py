@@ -76,8 +76,9 @@ def dotted(value: object, prefix: str = "") -> dict[str, object]:
 
 
 def count(number: int, noun: str) -> str:
-    """`1 round`, `2 rounds`."""
-    return f"{number} {noun}{'' if number == 1 else 's'}"
+    """`1 round`, `2 rounds of flight`: of the noun's words the first one has the plural."""
+    first, *others = noun.split(" ")
+    return " ".join((str(number), first if number == 1 else f"{first}s", *others))
 
 
 def csv_lines(rows: Iterable[Iterable[object]]) -> str:

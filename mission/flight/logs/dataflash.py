@@ -62,7 +62,7 @@ def read_dataflash(path: Path) -> FlightData:
             reader.found.skipped["message that the end cut off"] += int(end != log.data_len)
         finally:
             log.close()
-    reader.found.skipped["damaged byte"] += said.getvalue().count("bad header")
+    reader.found.skipped["byte with damage"] += said.getvalue().count("bad header")
     return reader.found.flight()
 
 

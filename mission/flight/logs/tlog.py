@@ -63,7 +63,7 @@ def _messages(content: bytes, found: Found) -> Iterator[tuple[int, Any]]:
             # To where the next message may begin.
             marks = [content.find(mark, at + _HEAD + 1) for mark in (b"\xfd", b"\xfe")]
             ahead = [mark for mark in marks if mark > 0]
-            found.skipped["damaged stretch"] += 1
+            found.skipped["part with damage"] += 1
             if not ahead:
                 return
             at = min(ahead) - _HEAD
@@ -75,7 +75,7 @@ def _messages(content: bytes, found: Found) -> Iterator[tuple[int, Any]]:
             continue
         for message in parser.parse_buffer(packet.data) or ():
             if message.get_type() == "BAD_DATA":
-                found.skipped["damaged message"] += 1
+                found.skipped["message with damage"] += 1
             else:
                 yield wall_us, message
 
@@ -109,7 +109,9 @@ class _Reader:
             self.later.append((wall_us, message))
         elif message.get_srcSystem() != self._system:
             if kind == "GLOBAL_POSITION_INT":
-                found.skipped["position of another vehicle"] += 1
+                early = self._system is None  # whose is it?
+                whose = "before the first heartbeat" if early else "of another vehicle"
+                found.skipped[f"position {whose}"] += 1
         elif kind == "GLOBAL_POSITION_INT":
             self.clock.append((wall_us, message.time_boot_ms))
             where = message.lat / 1e7, message.lon / 1e7, message.alt / 1e3

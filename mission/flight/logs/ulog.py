@@ -86,7 +86,7 @@ def read_ulog(path: Path) -> FlightData:
     _heading_for(found, topics)
     found.skipped["message that the end cut off"] += _cut_off(content)
     found.skipped["dropout"] += len(log.dropouts)
-    found.skipped["damaged stretch"] += int(log.file_corruption or bool(said.getvalue()))
+    found.skipped["part with damage"] += int(log.file_corruption or bool(said.getvalue()))
     found.skipped["event of PX4's events interface"] += len(
         topics.get("event", {"timestamp": ()})["timestamp"]
     )

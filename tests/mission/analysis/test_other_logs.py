@@ -11,14 +11,17 @@ from xml.etree import ElementTree as ET
 import numpy as np
 import pytest
 from made_up_logs import CORNERS, HEIGHT_M, HOME, write_dataflash, write_tlog, write_ulog
+from pymavlink.dialects.v20 import common as mav
 
 import aerofed
 from mission.analysis.compare import RunComparison, compare_run
+from mission.analysis.comparison_text import in_words
 from mission.analysis.load import load_run
 from mission.base.errors import EXIT_CODES, LIMITS_NOT_MET, LimitsNotMetError
 from mission.cli import call
 from mission.figures.flight import timeline_chart
 from mission.log.values import BatteryTrack
+from sitl.firmware.relay import packets
 
 Write = Callable[..., Path]
 KINDS: dict[str, Write] = {".ulg": write_ulog, ".bin": write_dataflash, ".tlog": write_tlog}
@@ -56,6 +59,25 @@ def test_a_log_that_ends_within_a_message_is_said_to(tmp_path: Path, end: str) -
     (tmp_path / f"cut{end}").write_bytes(whole[:-2])
     skipped = [load_run(tmp_path / f"{name}{end}").data.source.skipped for name in ("x", "cut")]
     assert [sum(found.values()) for found in skipped] == [0, 1]
+
+
+def test_positions_that_are_not_the_vehicles_are_counted_in_words(tmp_path: Path) -> None:
+    whole = write_tlog(tmp_path / "x.tlog").read_bytes()
+    heartbeat = 8 + len(next(packets(whole[8:])).data)  # with its time
+
+    def position(system: int) -> bytes:
+        by = mav.MAVLink(None, system, 1)
+        said = mav.MAVLink_global_position_int_message(0, 0, 0, 0, 0, 0, 0, 0, 0)
+        return whole[:8] + bytes(said.pack(by))
+
+    log = tmp_path / "more.tlog"
+    log.write_bytes(position(1) + whole[:heartbeat] + 2 * position(9) + whole[heartbeat:])
+    judged = load_run(log).judged
+    assert judged is not None
+    assert in_words(judged)[:2] == [
+        "1 position before the first heartbeat not read",
+        "2 positions of another vehicle not read",
+    ]
 
 
 def test_what_px4_adds_to_a_mission_is_no_item(tmp_path: Path) -> None:
