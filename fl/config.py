@@ -112,8 +112,8 @@ class RadioConfig(_Frozen):
     )
     pilots: Literal["all", "scheduled"] | None = Field(
         None,
-        description="learned: the tones of 'all' devices are heard (the default), or of those that "
-        "are 'scheduled' in the round",
+        description="belief learned, or your own: the tones of 'all' devices are heard (the "
+        "default), or of those that are 'scheduled' in the round",
     )
     map_file: Path | None = Field(
         None,

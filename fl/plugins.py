@@ -11,13 +11,14 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from copy import copy
 from dataclasses import dataclass, field, fields
+from types import ModuleType
 from typing import Any, ClassVar, NoReturn, Self, TypeVar
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 from fl.arrays import frozen
-from fl.errors import LearningError, LearningInputError, first_line, kind_of
+from fl.errors import LearningError, LearningInputError, did_you_mean, first_line, kind_of
 from fl.plugin_code import check_found, load, module_of
 
 Kind = TypeVar("Kind")
@@ -70,13 +71,12 @@ class PlugIn:
     """A researcher's own code at one place; the places are subclasses.
 
     Whatever it is given is read-only to it. What it raises, and answers that break a rule, become
-    one line with the setting and the name: a `failure` and a `refusal`.
+    one line with the setting and the name: an `error`, whose `__cause__` is what it raised.
     """
 
     setting: ClassVar[str]  # that names it
     members: ClassVar[tuple[str, ...]] = ()  # of what its factory makes; none: it is a function
-    refusal: ClassVar[type[Exception]] = PluginError
-    failure: ClassVar[type[Exception]] = PluginError
+    error: ClassVar[type[Exception]] = PluginError
     passed: ClassVar[tuple[type[Exception], ...]] = (LearningError,)  # told as they are
 
     name: str
@@ -95,10 +95,10 @@ class PlugIn:
         """The function of that name.
 
         Raises:
-            refusal: it cannot be imported, or cannot be called.
+            error: it cannot be imported, or cannot be called.
         """
         plugin = cls(name, None, community)
-        with failures_as(lambda error: plugin._error(cls.refusal, _not_imported(error))):
+        with failures_as(lambda error: plugin._error(_not_imported(error))):
             inner = load(name)
         if not callable(inner):
             plugin.refuse(f"is {kind_of(inner)}, not callable")
@@ -109,10 +109,10 @@ class PlugIn:
         """What the factory of that name makes of the arguments.
 
         Raises:
-            refusal: it cannot be imported or called, or makes something without the `members`.
+            error: it cannot be imported or called, or makes something without the `members`.
         """
         factory = cls.found(name)
-        with failures_as(lambda error: factory._told(cls.refusal, "calling it fails", error)):
+        with failures_as(lambda error: factory._told("calling it fails", error)):
             inner = factory.inner(*map(read_only, arguments))
         missing = [member for member in cls.members if not hasattr(inner, member)]
         if missing:
@@ -145,10 +145,14 @@ class PlugIn:
         """Numbers that it gave, as a read-only array of its own; `what` they are, in errors.
 
         Raises:
-            refusal: another shape, or a number that is not finite, or not from `low` to `high`.
+            error: another shape, or a number that is not finite, or not from `low` to `high`.
         """
         with self.guarded(what):
-            made: NDArray[Any] = np.array(found, dtype=dtype)
+            made: NDArray[Any] = np.array(found)
+            is_complex = np.iscomplexobj(made)
+            made = made.real.astype(dtype)
+        if is_complex:
+            self.refuse(f"{what} is complex: must be real numbers")
         if shape is not None and made.shape != shape:
             self.refuse(f"{what} is of shape {made.shape}, not {shape}")
         wrong = ~(np.isfinite(made) & (made >= low) & (made <= high))
@@ -164,7 +168,7 @@ class PlugIn:
         """What it gave, where it is of that kind.
 
         Raises:
-            refusal: it is of another.
+            error: it is of another.
         """
         if not isinstance(found, kind):
             self.refuse(f"{what} gives {kind_of(found)}, not a {kind.__name__}")
@@ -175,20 +179,20 @@ class PlugIn:
         """Run its code in the block: what it raises is its own, and is said to be.
 
         Raises:
-            failure: one line with the place in its file.
+            error: one line with the place in its file.
         """
-        with failures_as(lambda error: self._told(self.failure, doing, error), but=self.passed):
+        with failures_as(lambda error: self._told(doing, error), but=self.passed):
             yield
 
     def refuse(self, reason: str) -> NoReturn:
-        """Say that it breaks a rule. Raises `refusal`."""
-        raise self._error(self.refusal, reason)
+        """Say that it breaks a rule. Raises `error`."""
+        raise self._error(reason)
 
-    def _told(self, kind: type[Exception], doing: str, error: BaseException) -> Exception:
-        return self._error(kind, f"{doing}: {first_line(error)}{self._place(error)}")
+    def _told(self, doing: str, error: BaseException) -> Exception:
+        return self._error(f"{doing}: {first_line(error)}{self._place(error)}")
 
-    def _error(self, kind: type[Exception], reason: str) -> Exception:
-        return kind(f"{self.key} = {self.name!r}: {reason}")
+    def _error(self, reason: str) -> Exception:
+        return self.error(f"{self.key} = {self.name!r}: {reason}")
 
     def _place(self, error: BaseException) -> str:
         """Where in its module an error was raised, or else in any code that is not ours."""
@@ -230,6 +234,9 @@ def read_only(value: Any) -> Any:
 def _not_imported(error: BaseException) -> str:
     if getattr(error, "name", None) == "torch" and (reason := needs_torch()):
         return reason
-    missing = isinstance(error, ModuleNotFoundError)
-    where = "; looked for in the working directory, in PYTHONPATH and among what is installed"
-    return f"cannot be imported: {first_line(error)}{where if missing else ''}"
+    more = ""
+    if isinstance(error, ModuleNotFoundError):
+        more = "; looked for in the working directory, in PYTHONPATH and among what is installed"
+    elif isinstance(error, AttributeError) and isinstance(error.obj, ModuleType):
+        more = did_you_mean(str(error.name), vars(error.obj))
+    return f"cannot be imported: {first_line(error)}{more}"

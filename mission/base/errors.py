@@ -37,7 +37,7 @@ class AerofedError(Exception):
 
 
 class UsersCodeError(AerofedError):
-    """A researcher's own code failed; `__cause__` is what it raised."""
+    """A researcher's own code raised something, which is the `__cause__`, or broke a rule."""
 
     exit_code = 2
 

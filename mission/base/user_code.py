@@ -12,8 +12,7 @@ from mission.base.errors import AerofedError, InputError, TrainingError, UsersCo
 class OwnCode(PlugIn):
     """A researcher's own code at a place of the application."""
 
-    refusal = InputError
-    failure = UsersCodeError
+    error = UsersCodeError
     passed: ClassVar[tuple[type[Exception], ...]] = (AerofedError, LearningError)
 
 
@@ -22,16 +21,14 @@ def errors_of_learning() -> Iterator[None]:
     """Have errors of `fl` in the block end the run in one line.
 
     Raises:
-        UsersCodeError: a researcher's own code raised something.
-        InputError: what it answered, or a setting or a file, cannot be used.
+        UsersCodeError: a researcher's own code raised something, or answered what breaks a rule.
+        InputError: a setting or a file cannot be used.
         TrainingError: training left the finite numbers.
     """
     try:
         yield
     except PluginError as error:
-        if error.__cause__ is not None:
-            raise UsersCodeError(str(error)) from error.__cause__
-        raise InputError(str(error)) from None
+        raise UsersCodeError(str(error)) from error.__cause__
     except LearningInputError as error:
         raise InputError(str(error)) from None
     except DivergedError as error:

@@ -109,8 +109,10 @@ def beliefs(run: FlightData) -> list[Chart]:
         before = [plan for plan in run.plans if plan.round < number]
         paths = [line for line in run_lines(run, before) if line[0] == "flown"]
         lines = frame.lines(paths)
-        panels.append(_belief(run, frame, grids[number], device, f"as round {number} began", lines))
-    return [*panels, _belief(run, frame, run.radio_true, device, "as it was", [])]
+        panels.append(
+            _belief(run, frame, grids[number], device, f"believed as round {number} began", lines)
+        )
+    return [*panels, _belief(run, frame, run.radio_true, device, "true", [])]
 
 
 def belief_picture(panels: Sequence[Chart], about: str) -> Chart:
@@ -139,7 +141,7 @@ def _belief(
             filled=True, size=110, color=FLOWN, stroke=PAPER, opacity=1
         ),
     ]
-    return frame.finished(drawn, {"text": f"Device {device} {name}"})
+    return frame.finished(drawn, {"text": f"Device {device}, {name}"})
 
 
 def plan_errors(run: FlightData) -> list[Chart]:

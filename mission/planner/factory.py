@@ -17,7 +17,7 @@ def make_planner(config: PlannerConfig) -> Planner:
     solver library is imported here, not before.
 
     Raises:
-        InputError: one's own that cannot be imported or is no planner.
+        UsersCodeError: one's own that cannot be imported or is no planner.
     """
     from mission.planner.altitudes import CertifiedAltitudes, SampledAltitudes
 

@@ -44,7 +44,7 @@ class CustomCallback(OwnCode):
     """A researcher's own callback. One that fails ends the run with its name."""
 
     setting = "callbacks"
-    failure = CallbackError
+    error = CallbackError
     members = ("round_finished", "close")
 
 
@@ -83,7 +83,7 @@ def make_callbacks(context: CallbackContext) -> Callbacks:
     """What the factories that the configuration names make.
 
     Raises:
-        InputError: one cannot be imported or called, or makes something else; those before it
+        UsersCodeError: one cannot be imported or called, or makes something else; those before it
             are closed.
     """
     made: list[CustomCallback] = []

@@ -229,7 +229,10 @@ class FlownExperiment(Experiment):
     def _as_heard(self, problem: RoundProblem) -> RoundProblem:
         """The problem, with what is believed of the radio now."""
         listener = self.scenario.listener
-        return replace(problem, per_grid=listener.grid(self._heard)) if listener else problem
+        if listener is None:
+            return problem
+        with self.stopwatch("plan"):
+            return replace(problem, per_grid=listener.grid(self._heard))
 
     def _importance(self, t_ns: int) -> Floats:
         federation, state = self.scenario.federation, self.state

@@ -92,19 +92,18 @@ class Outcome:
             return
         left = "what was flown is in" if flown else "nothing was flown; the run's files are in"
         left = f"; {left} {folder}"
-        if isinstance(self.error, UsersCodeError):
+        cause = self.error.__cause__
+        if isinstance(self.error, UsersCodeError) and cause is not None:
             path = folder / TRACEBACK
-            lines = "".join(traceback.format_exception(self.error.__cause__))
+            lines = "".join(traceback.format_exception(cause))
             write_atomically(path, lines.encode("utf-8", "backslashreplace"))
-            left = f"; the whole traceback is in {path}"
+            left += f"; the whole traceback is in {path}"
         # A full disk, or a callback, can be mended; the same plan, flight, training or code fails
         # again, and with other code the run would be another.
         again = PlanError | FlightError | TrainingError | UsersCodeError
         if isinstance(self.error, CallbackError) or not isinstance(self.error, again):
             left += goes_on
-        raise self.error.in_words(
-            f"{told(self.error, most=20_000)}{left}"
-        ) from self.error.__cause__
+        raise self.error.in_words(f"{told(self.error, most=20_000)}{left}") from cause
 
 
 class Summary:

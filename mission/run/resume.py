@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from fl.plugin_code import digest_of
+from fl.plugins import problem_of
 from mission.base.errors import InputError
 from mission.base.run_folder import RunFolder, library_versions
 from mission.base.user_files import DATA_BYTES, parse_json, read_text
@@ -83,6 +84,9 @@ def read_checkpoint(path: Path) -> dict[str, Any]:
     if values["format"] == FORMAT and seal != _digest(values):
         raise damaged(file, "its checksum differs, so it was changed or cut short")
     now = {name: digest_of(name) for name in values.get("plugins", {})}
+    for name in (name for name in now if now[name] is not None):  # others were passed from Python
+        if why := problem_of(name):
+            raise InputError(f"{path}: cannot be resumed here: plug-in {name!r} {why}")
     change = _change(values, header(text, None, now))
     if change:
         raise InputError(

@@ -5,7 +5,7 @@ from typing import Protocol, runtime_checkable
 
 from mission.base.area import Area
 from mission.base.arrays import Floats, Ints
-from mission.base.errors import InputError, PlanError
+from mission.base.errors import PlanError
 from mission.base.user_code import OwnCode
 from mission.config.models import MissionConfig
 from mission.planner.check import check_plan
@@ -76,7 +76,7 @@ class CustomStrategy(OwnCode):
         """The importance that the strategy gives devices, (K,); where it gives none, the paper's.
 
         Raises:
-            InputError: of the wrong shape, negative or not finite.
+            UsersCodeError: of the wrong shape, negative or not finite.
         """
         if not isinstance(self.inner, ImportanceStrategy):
             return info.delta
@@ -89,7 +89,7 @@ class CustomStrategy(OwnCode):
         """The strategy's sortie, if its plan keeps the round's constraints.
 
         Raises:
-            InputError: no `Sortie`.
+            UsersCodeError: no `Sortie`.
             PlanError: the plan breaks a constraint.
         """
         of = f" in round {round_index + 1}"
@@ -99,7 +99,9 @@ class CustomStrategy(OwnCode):
             )
             with self.guarded("its plan"):
                 check_plan(problem, sortie.plan, hold_s=sortie.hold_s)
-        except (PlanInputError, InfeasiblePlanError) as error:  # know no strategy
-            kind = InputError if isinstance(error, PlanInputError) else PlanError
-            raise kind(f"{self.key} = {self.name!r}: round {round_index + 1}: {error}") from None
+        except PlanInputError as error:  # which knows no strategy
+            self.refuse(f"round {round_index + 1}: {error}")
+        except InfeasiblePlanError as error:
+            reason = f"round {round_index + 1}: {error}"
+            raise PlanError(f"{self.key} = {self.name!r}: {reason}") from None
         return sortie

@@ -67,8 +67,8 @@ def believed(
     No grid: the channel's average. No listener: nothing is learned.
 
     Raises:
-        InputError: as `radio_of`, or what a belief of one's own gives cannot be used.
-        UsersCodeError: it raised something.
+        InputError: as `radio_of`.
+        UsersCodeError: a belief of one's own raised something, or gave what cannot be used.
     """
     belief, radio, count = config.radio.belief, truth, len(devices_m)
     if belief == "channel":

@@ -82,6 +82,13 @@ class BeliefShort(Belief):
 class BeliefNaN(Belief):
     def success(self, heard, place_m): return super().success(heard, place_m) * np.nan
 
+class BeliefComplex(Belief):
+    def success(self, heard, place_m): return super().success(heard, place_m) + 0j
+
+class BeliefOverLater(Belief):
+    def success(self, heard, place_m):
+        return super().success(heard, place_m) + len(heard.device)
+
 class BeliefOver(Belief):
     def success(self, heard, place_m): return super().success(heard, place_m) + 1.0
 
@@ -271,6 +278,8 @@ def refused(kind: str, name: str) -> aerofed.AerofedError:
             for kind in ("algorithm", "gate", "belief", "callbacks")
         ],
         *[(kind, "missing", "cannot be imported: AttributeError") for kind in KEYS],
+        ("belief", "BelifFails", "'BelifFails'; did you mean BeliefFails?"),
+        ("belief", "BeliefComplex", "what success() after 0 tones gives is complex: must be real"),
     ],
 )
 def test_what_breaks_the_rules(kind: str, name: str, words: str) -> None:
@@ -324,6 +333,12 @@ def test_what_it_raises_is_named_with_its_line(
         assert type(error.__cause__).__name__ == raised.partition(":")[0]
         assert slip in (tmp_path / "out" / "traceback.txt").read_text()
         assert aerofed.load("out").status == "failed"
+
+
+def test_an_answer_that_breaks_a_rule_later_is_not_said_to_be_mended_by_going_on() -> None:
+    error = str(refused("belief", "BeliefOverLater"))
+    assert "tones gives holds" in error
+    assert error.endswith(": must be from 0 to 1; what was flown is in out")
 
 
 WEIRD = """
@@ -574,7 +589,7 @@ def test_code_that_was_edited_runs_as_it_is_now(tmp_path: Path) -> None:
         if now == "0.125":
             aerofed.run("quickstart", bad, out="out")
         else:
-            with pytest.raises(aerofed.InputError, match=f"momentum is {now}"):
+            with pytest.raises(UsersCodeError, match=f"momentum is {now}"):
                 aerofed.run("quickstart", bad, out="out")
 
 
@@ -733,6 +748,12 @@ def test_a_belief_of_other_code_is_not_gone_on_with(monkeypatch: pytest.MonkeyPa
             aerofed.run("quickstart", more, out="out")
     Path("mine.py").write_text(f"{MODULE}# edited")
     with pytest.raises(aerofed.InputError, match=r"^out: .* the code of plug-in 'mine:Belief'"):
+        aerofed.resume("out")
+    Path("mine.py").unlink()
+    monkeypatch.delitem(sys.modules, "mine")
+    with pytest.raises(
+        aerofed.InputError, match=r"^out: .* 'mine:Belief' cannot be imported: .*No "
+    ):
         aerofed.resume("out")
     Path("mine.py").write_text(MODULE)
     assert len(aerofed.resume("out").rounds) == 2

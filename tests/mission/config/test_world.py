@@ -688,3 +688,10 @@ MAP_FREE = CITY + "[radio]\nbelief = 'buildings'\n"
 def test_what_cannot_be_believed_is_refused(load, text: str, why: str) -> None:
     with pytest.raises(InputError, match=re.escape(why)):
         load(text)
+
+
+def test_keys_that_contradict_each_other_name_who_set_one_of_them(load) -> None:
+    with pytest.raises(
+        InputError, match=r"^command line: radio\.belief = 'learned' is learned from"
+    ):
+        load(radio__belief="learned")

@@ -145,10 +145,10 @@ def test_what_is_believed_stands_in_the_log_and_grows_in_a_picture(
     assert np.abs(true_per - [u.true_per for u in sent]).mean() < 0.02
     panels = beliefs(data)
     assert [panel["title"]["text"].split(" ", 2)[2] for panel in panels] == [
-        *(f"as round {number} began" for number in (1, 2, 3)),
-        "as it was",
+        *(f"believed as round {number} began" for number in (1, 2, 3)),
+        "true",
     ]
-    device = int(panels[0]["title"]["text"].split()[1])
+    device = int(panels[0]["title"]["text"].split()[1].rstrip(","))
     for panel, grid in zip(
         panels, (*(g for _, g in data.radio_believed), data.radio_true), strict=True
     ):

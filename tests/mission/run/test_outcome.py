@@ -111,7 +111,9 @@ def test_what_is_raised_keeps_its_cause_and_where_it_came_from(tmp_path: Path) -
     slip, outcome = KeyError("weights"), Outcome()
     with outcome.flight():
         raise UsersCodeError("theirs") from slip
-    with pytest.raises(UsersCodeError, match=r"^theirs; the whole traceback") as theirs:
+    with pytest.raises(
+        UsersCodeError, match=r"^theirs; what was flown is in .*; the whole traceback"
+    ) as theirs:
         outcome.raise_error(tmp_path)
     assert theirs.value.__cause__ is slip
     assert outcome.error is not None
