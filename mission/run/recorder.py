@@ -92,8 +92,8 @@ class FolderRecorder:
         if record.scheduled == 0:
             self.progress.notice(
                 f"round {record.round}: no device is within reach of the path, and ready in time; "
-                "area.home_m, mission.path_budget_m, the channel, what is believed of the radio and "
-                "compute times decide who is"
+                "area.home_m, mission.path_budget_m, the channel, what is believed of the "
+                "radio and compute times decide who is"
             )
         self.log.uplinks(report.uplinks)
         self.learnt(record.round, report.learning)
