@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from mission.base.area import Area
-from mission.config.models import AreaConfig
+from mission.config.area import AreaConfig
 
 SIDE_M, STREET_M = 800.0, 22.0
 BLOCKS, BUILDINGS = 9, 150

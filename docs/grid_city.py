@@ -19,7 +19,7 @@ from district import geojson, polygon
 from numpy.typing import NDArray
 
 from mission.base.area import Area
-from mission.config.models import AreaConfig
+from mission.config.area import AreaConfig
 
 WORLD = """\
 name = "{name}"

@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from mission.base.errors import InputError, PlanError
-from mission.config.models import AreaConfig
+from mission.config.area import AreaConfig
 from mission.planner.check import check_plan
 from mission.planner.files import NamedPlan, NamedProblem, write_plans
 from mission.planner.flyable import foresee_round

@@ -1,16 +1,12 @@
 """A run's configuration: every package describes what it is configured by; here is the whole."""
 
-import math
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Annotated, Literal, Self
 
-import numpy as np
 import tomli_w
 from pydantic import (
     AfterValidator,
-    BaseModel,
-    ConfigDict,
     Field,
     PrivateAttr,
     ValidationInfo,
@@ -27,149 +23,18 @@ from fl.config import (
     one_of,
 )
 from fl.plugin_code import label_of
-from fl.radio.city import Building
-from flightdyn.state import GeodeticPoint
-from mission.base.airspace import Airspace, apart_within, crossing
-from mission.base.area import Area
 from mission.base.errors import InputError
 from mission.base.explain import Blame, WrongKey, refusal
 from mission.config import PLANNED, STRATEGIES
+from mission.config.area import AreaConfig, Table
 from mission.config.url import NETWORK_FORMS, URL_FORMS, checked_url
 from mission.planner.config import PlannerConfig
 from sitl.config import VehicleConfig
 
 Altitude = Annotated[float, Field(ge=10, le=500)]
-Length = Annotated[float, Field(gt=0, le=100_000)]
-Coordinate = Annotated[float, Field(ge=-100_000, le=100_000)]
 
 
-class _Model(BaseModel):
-    # Deferred: a model within another is built with that one, once.
-    model_config = ConfigDict(frozen=True, extra="forbid", defer_build=True)
-
-
-Corners = Annotated[tuple[tuple[Coordinate, Coordinate], ...], Field(min_length=3, max_length=500)]
-HEIGHT_MARGIN_M = 5.0  # above and below the altitude, where an area counts
-
-
-class NoFlyConfig(_Model):
-    """An area that must not be flown: paths lead around it, and the vehicle has it as its fence."""
-
-    name: str = Field(
-        "no-fly area", min_length=1, max_length=60, description="for maps and messages"
-    )
-    polygon_m: Corners = Field(description="its corners in area coordinates")
-    from_m: float = Field(
-        0.0, ge=-100, le=5000, description="height above home where it begins; lower may be flown"
-    )
-    to_m: float | None = Field(
-        None, ge=-100, le=5000, description="height above home where it ends; none: nowhere"
-    )
-
-    @model_validator(mode="after")
-    def _an_area(self) -> Self:
-        if crossing(np.array(self.polygon_m)):
-            raise ValueError(f"polygon_m of {self.name!r} crosses itself, or has no area")
-        if self.to_m is not None and self.to_m <= self.from_m:
-            raise ValueError(f"to_m = {self.to_m:g} must be above from_m = {self.from_m:g}")
-        return self
-
-    def counts_at(self, lowest_m: float, highest_m: float) -> bool:
-        """Whether flights somewhere between these heights above home must keep out of it."""
-        top = math.inf if self.to_m is None else self.to_m
-        return self.from_m - HEIGHT_MARGIN_M < highest_m and lowest_m < top + HEIGHT_MARGIN_M
-
-
-class BuildingConfig(_Model):
-    """A building: radio does not pass it, and flights as low as its roof keep out of it."""
-
-    polygon_m: Corners = Field(description="its corners in area coordinates")
-    holes_m: tuple[Corners, ...] = Field((), description="corners of each courtyard")
-    height_m: float = Field(gt=0, le=1000, description="of its roof above home")
-
-    @model_validator(mode="after")
-    def _an_area(self) -> Self:
-        if any(crossing(np.array(ring)) for ring in (self.polygon_m, *self.holes_m)):
-            raise ValueError("its outline crosses itself, or has no area")
-        if self.holes_m and not apart_within(
-            np.array(self.polygon_m), list(map(np.array, self.holes_m))
-        ):
-            raise ValueError("its holes must lie within its outline, and apart from each other")
-        return self
-
-
-class AreaConfig(_Model):
-    """The ground that the devices stand on. x points east, y north, from the south-west corner."""
-
-    size_m: tuple[Length, Length] = Field((800.0, 800.0), description="width (x) and height (y)")
-    home_m: tuple[Coordinate, Coordinate] = Field(
-        (400.0, 400.0), description="take-off point in area coordinates; it may lie outside"
-    )
-    home_lat_deg: float = Field(43.6145, ge=-85, le=85, description="latitude of the home point")
-    home_lon_deg: float = Field(7.0715, ge=-180, le=180, description="longitude of the home point")
-    home_alt_msl_m: float = Field(
-        130.0, ge=-400, le=5000, description="ground altitude above mean sea level"
-    )
-    no_fly: tuple[NoFlyConfig, ...] = Field((), description="areas that must not be flown")
-    no_fly_file: str | None = Field(
-        None,
-        description="the same as GeoJSON polygons, with properties name, from_m and to_m. Beside "
-        "the configuration, or an absolute path",
-    )
-    buildings: tuple[BuildingConfig, ...] = Field(
-        (), max_length=20_000, description="what stands on the ground"
-    )
-    buildings_file: str | None = Field(
-        None,
-        description="the same as GeoJSON polygons, as OpenStreetMap exports them, with properties "
-        "height (metres) or building:levels (3 m each)",
-    )
-    building_height_m: float | None = Field(
-        None, gt=0, le=1000, description="of those that say nothing; none: the file is refused"
-    )
-    fence_m: Corners | None = Field(
-        None, description="corners of the area that flights stay within, in area coordinates"
-    )
-    fence_file: str | None = Field(None, description="the same as one GeoJSON polygon")
-    margin_m: float = Field(
-        15.0,
-        ge=5,
-        le=500,
-        description="how far paths stay away from areas that must not be flown, and from the fence",
-    )
-
-    @model_validator(mode="after")
-    def _one_fence(self) -> Self:
-        if self.fence_m is not None and self.fence_file is not None:
-            raise ValueError("fence_m and fence_file: one of them, not both")
-        if self.fence_m is not None and crossing(np.array(self.fence_m)):
-            raise ValueError("fence_m crosses itself, or has no area")
-        return self
-
-    @property
-    def zones(self) -> tuple[NoFlyConfig, ...]:
-        """What must not be flown: the areas that are said to be so, and the buildings."""
-        return *self.no_fly, *(
-            NoFlyConfig(
-                name=f"building {index}", polygon_m=building.polygon_m, to_m=building.height_m
-            )
-            for index, building in enumerate(self.buildings)
-        )
-
-    def build(self, heights_m: tuple[float, float] | None = None) -> Area:
-        """The area with its local frame, and where in it may be flown at all heights above home
-        from one to another; everywhere, where nothing is flown."""
-        home = GeodeticPoint(self.home_lat_deg, self.home_lon_deg, self.home_alt_msl_m)
-        buildings = tuple(Building.of(**dict(one)) for one in self.buildings)
-        if heights_m is None:
-            return Area(self.size_m, self.home_m, home, buildings=buildings)
-        rings = [np.array(zone.polygon_m) for zone in self.zones if zone.counts_at(*heights_m)]
-        fence = None if self.fence_m is None else np.array(self.fence_m)
-        space = Airspace(tuple(rings), fence, self.margin_m)
-        return Area(self.size_m, self.home_m, home, space, buildings)
-
-
-class MissionConfig(_Model):
+class MissionConfig(Table):
     """What is flown: the paper's symbols stand in the descriptions."""
 
     strategy: Annotated[str, one_of(STRATEGIES)] = Field(
@@ -299,7 +164,7 @@ class MissionConfig(_Model):
         return altitude_m
 
 
-class LinkConfig(_Model):
+class LinkConfig(Table):
     """How MAVSDK talks to the vehicle, and how fast simulated time runs in flight."""
 
     kind: Literal["in_process", "udp", "external"] = Field(
@@ -380,7 +245,7 @@ class LinkConfig(_Model):
         return self
 
 
-class RunConfig(_Model):
+class RunConfig(Table):
     """Everything that a run depends on, apart from the data files."""
 
     name: str = Field(

@@ -21,7 +21,8 @@ from mission.base.errors import AerofedError, FlightError, InputError
 from mission.base.record_file import RecordFile
 from mission.base.run_folder import RunFolder, write_atomically
 from mission.base.stopwatch import Stopwatch
-from mission.config.models import AreaConfig, RunConfig
+from mission.config.area import AreaConfig
+from mission.config.models import RunConfig
 from mission.flight.failures import of_settings
 from mission.flight.fence_zones import fence_of
 from mission.flight.flight_plan import Demand

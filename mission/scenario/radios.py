@@ -15,7 +15,8 @@ from flightdyn.random import RandomStreams
 from mission.base.area import Area
 from mission.base.arrays import Floats
 from mission.base.user_code import OwnCode
-from mission.config.models import HEIGHT_MARGIN_M, RunConfig
+from mission.config.area import HEIGHT_MARGIN_M
+from mission.config.models import RunConfig
 from mission.scenario.radio_maps import read_map
 
 _SAME_PLACE_M = 1.0

@@ -30,7 +30,7 @@ from mission.base.tables import csv_lines
 from mission.base.user_code import errors_of_learning
 from mission.config import STRATEGIES
 from mission.config.models import RunConfig
-from mission.config.world import check_start
+from mission.config.polygons import check_start
 from mission.planner.factory import make_planner
 from mission.planner.performance import Performance
 from mission.planner.problem import RoundProblem

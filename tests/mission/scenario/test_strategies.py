@@ -8,7 +8,8 @@ from scipy.optimize import linprog
 
 from fl.radio.channel import CHANNEL_PRESETS, average_per
 from mission.base.errors import InputError
-from mission.config.models import AreaConfig, MissionConfig
+from mission.config.area import AreaConfig
+from mission.config.models import MissionConfig
 from mission.planner.check import check_plan
 from mission.planner.config import PlannerConfig
 from mission.planner.factory import make_planner
