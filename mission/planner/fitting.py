@@ -1,6 +1,6 @@
 """Plans along given waypoints that keep to what a round may take: metres, time, energy.
 
-A flight is foreseen with all its corners, in C (`native/flown.h`).
+A flight is foreseen with all its corners, in C (`native/stops.h`).
 """
 
 from dataclasses import replace

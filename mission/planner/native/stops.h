@@ -1,0 +1,305 @@
+/* Where a plan stops and for how long, what the flight through its stops takes, and where it passes. */
+#ifndef STOPS_H
+#define STOPS_H
+
+#include "matching.h"
+
+static const double SAME_PLACE_M = 0.5; /* nearer waypoints are flown as one; no flight tells them apart */
+static const double ASTRAY_M = 0.15; /* from where it holds to where it believes to be: a hover there
+                                        begins with that */
+static const double MOST_LOST = 0.01;  /* of a plan's value, with every corner cut as far as allowed */
+enum { ROWS = 1024 };
+enum { RUNS = 256, SHORT_RUN = 12 }; /* flights that are remembered, of so many points at most */
+
+typedef struct {
+    Point p;
+    double hold, arrived; /* seconds of hover there, and when it is reached */
+    int64_t steps;        /* that are served there */
+} Stop;
+
+typedef struct {
+    int64_t step, device;
+    double taken; /* share of the limits */
+} Turn;
+
+/* A flight from one hover to the next, of `count` points, 0 where there is none. */
+typedef struct {
+    int64_t count;
+    int weighed; /* whether its joules were wanted */
+    double radius, seconds, joules;
+    Point at[SHORT_RUN];
+    double passed[SHORT_RUN];
+} Run;
+
+/* Memory for a plan of N steps over P points. */
+typedef struct {
+    int64_t stops, *stop; /* (P,) of each point */
+    Stop *at;             /* (P,) */
+    double *begins;       /* (N,) when each step begins */
+    Point *corner, *cut;  /* (P,) of the route, and where they are passed */
+    Drawing run; /* (P + 1,) */
+    double *passed; /* (P + 1,) */
+    Run *runs;      /* (RUNS,) of those that were foreseen */
+    double *chances, *worth; /* (N, K) of success, (K, N) */
+    double *row;             /* (ROWS,) of success at 0, 1, 2, ... m */
+    int64_t rows;            /* that are filled in: those that may be relied on */
+    double *best;            /* (K,) */
+    int64_t *assigned, *chosen, *order, *spare; /* (K,) */
+    Turn *turns;             /* (K,) */
+    unsigned char *other;    /* (N, K) a schedule */
+    Flown whole;             /* a path that is cut */
+    Places places;
+} Desk;
+
+static void lay_out_desk(Desk *desk, Arena *arena, const Round *round, int64_t points)
+{
+    const int64_t k = round->devices, n = round->steps, run = points + 1;
+    desk->stop = claim(arena, points, sizeof(int64_t));
+    desk->at = claim(arena, points, sizeof(Stop));
+    desk->begins = claim(arena, n, sizeof(double));
+    desk->corner = claim(arena, points, sizeof(Point));
+    desk->cut = claim(arena, points, sizeof(Point));
+    desk->run.points = claim(arena, run, 3 * sizeof(double));
+    desk->run.speeds = claim(arena, run, sizeof(double));
+    desk->run.acceptance = claim(arena, run, sizeof(double));
+    desk->run.at = claim(arena, run, sizeof(Vertex));
+    desk->run.pieces = claim(arena, 4 * run, sizeof(Piece));
+    desk->passed = claim(arena, run, sizeof(double));
+    desk->runs = claim(arena, RUNS, sizeof(Run));
+    desk->chances = claim(arena, n * k, sizeof(double));
+    desk->worth = claim(arena, n * k, sizeof(double));
+    desk->row = claim(arena, ROWS, sizeof(double));
+    desk->rows = 0;
+    desk->best = claim(arena, k, sizeof(double));
+    desk->assigned = claim(arena, k, sizeof(int64_t));
+    desk->chosen = claim(arena, k, sizeof(int64_t));
+    desk->order = claim(arena, k, sizeof(int64_t));
+    desk->spare = claim(arena, k, sizeof(int64_t));
+    desk->turns = claim(arena, k, sizeof(Turn));
+    desk->other = claim(arena, n * k, 1);
+    desk->whole.route = claim(arena, points, sizeof(Point));
+    desk->whole.at = claim(arena, n, sizeof(int64_t));
+    desk->places = lay_out_places(arena, k, n, round->per_step);
+}
+
+/* 0 where memory is short. */
+static int open_desk(Desk *desk, Arena *arena, const Round *round, int64_t points)
+{
+    *arena = (Arena){0};
+    lay_out_desk(desk, arena, round, points);
+    if (!provide(arena)) return 0;
+    lay_out_desk(desk, arena, round, points);
+    return 1;
+}
+
+/* Merge consecutive points of the route nearer than `SAME_PLACE_M` to the first of them. The hover
+   that is held at every stop but the first, or at the only one, is shared by its steps; each lasts
+   until its devices have sent, one after another, and a stop until all of its steps have. `begins` is
+   after the arrival. */
+static void gather_stops(const Round *round, const Flown *plan, Desk *desk)
+{
+    desk->stops = 0;
+    for (int64_t p = 0; p < plan->points; p++) {
+        if (!desk->stops || between(plan->route[p], desk->at[desk->stops - 1].p) > SAME_PLACE_M)
+            desk->at[desk->stops++] = (Stop){.p = plan->route[p]};
+        desk->stop[p] = desk->stops - 1;
+    }
+    for (int64_t n = 0; n < round->steps; n++) desk->at[desk->stop[plan->at[n]]].steps++;
+    double free = 0.0, hover = 0.0;
+    for (int64_t n = 0, rank = 0; n < round->steps; n++, rank++) {
+        const int64_t s = desk->stop[plan->at[n]];
+        if (n == 0 || s != desk->stop[plan->at[n - 1]]) {
+            hover = desk->stops == 1 || s > 0 ? round->hold : 0.0;
+            free = 0.0;
+            rank = 0;
+        }
+        desk->begins[n] = most(hover * (double)rank / (double)desk->at[s].steps, free);
+        free = desk->begins[n];
+        for (int64_t k = 0; round->upload && k < round->devices; k++)
+            if (plan->schedule[n * round->devices + k]) free += round->upload[k];
+        desk->at[s].hold = most(hover, free);
+    }
+}
+
+/* Where a run is remembered. */
+static Run *run_at(const Stop *stop, int64_t count, Desk *desk)
+{
+    uint64_t key = 0;
+    for (int64_t i = 0; i < count; i++) {
+        uint64_t bits[2];
+        memcpy(bits, &stop[i].p, sizeof bits);
+        key = (key ^ bits[0]) * 0x9E3779B97F4A7C15u;
+        key = (key ^ key >> 29 ^ bits[1]) * 0xBF58476D1CE4E5B9u;
+    }
+    return desk->runs + (key >> 32) % RUNS;
+}
+
+static int is_run(const Run *run, const Stop *stop, int64_t count, double radius, int weighed)
+{
+    if (run->count != count || run->radius != radius || run->weighed < weighed) return 0;
+    for (int64_t i = 0; i < count; i++)
+        if (run->at[i].x != stop[i].p.x || run->at[i].y != stop[i].p.y) return 0;
+    return 1;
+}
+
+/* The seconds, and the joules if they are wanted, of guided flight through stops from rest to rest, and
+   when each is passed: most changes of a way leave most of such runs as they were. */
+static double fly_run(
+    const Flying *flying, double radius, const Stop *stop, int64_t count, double *joules, Desk *desk)
+{
+    Run *run = count > SHORT_RUN ? NULL : run_at(stop, count, desk);
+    if (run && is_run(run, stop, count, radius, joules != NULL)) {
+        memcpy(desk->passed, run->passed, (size_t)count * sizeof(double));
+        if (joules) *joules = run->joules;
+        return run->seconds;
+    }
+    Drawing *path = &desk->run;
+    path->count = count > 1 ? count : 2;
+    for (int64_t i = 0; i < path->count; i++) {
+        path->points[i][0] = i < count ? stop[i].p.x : stop[0].p.x + ASTRAY_M;
+        path->points[i][1] = i < count ? stop[i].p.y : stop[0].p.y;
+        path->speeds[i] = flying->speed;
+        path->acceptance[i] = radius;
+    }
+    const double seconds = foresee_path(
+        path, &flying->steering, joules ? &flying->air : NULL, desk->passed, joules);
+    if (!run) return seconds;
+    *run = (Run){count, joules != NULL, radius, seconds, joules ? *joules : 0.0, {{0}}, {0}};
+    for (int64_t i = 0; i < count; i++) run->at[i] = stop[i].p;
+    memcpy(run->passed, desk->passed, (size_t)count * sizeof(double));
+    return seconds;
+}
+
+/* What the flight through the stops takes, from one hover to the next: when each is reached, and
+   joules where they are wanted; returns its seconds. Where nobody hovers, nobody stops. */
+static double fly_stops(const Flying *flying, double radius, double *joules, Desk *desk)
+{
+    const Air *air = &flying->air;
+    const double hover_w = power_at(size3(air->wind[0], air->wind[1], 0.0), 0.0, air);
+    const int64_t final = desk->stops - 1;
+    double now = 0.0, energy = 0.0;
+    desk->at[0].arrived = 0.0;
+    for (int64_t first = 0, last = 0; last <= final; last++) {
+        const double hover = desk->at[last].hold;
+        if (!(hover > 0.0 || (last == final && final > 0))) continue;
+        const Stop *run = desk->at + first;
+        const int64_t count = last - first + 1;
+        double moving = 0.0, moved = 0.0;
+        if (flying->guided) {
+            moving = fly_run(flying, radius, run, count, joules ? &moved : NULL, desk);
+            moving += flying->settling;
+            /* What takes longer than the guidance's own is spent hovering. */
+            moved += hover_w * (flying->settling + most(0.0, moving * (flying->pace - 1.0)));
+            moving *= flying->pace;
+            for (int64_t i = 1; i < count; i++) desk->passed[i] *= flying->pace;
+        } else {
+            for (int64_t i = 1; i < count; i++) {
+                moving += between(run[i - 1].p, run[i].p) / flying->speed;
+                desk->passed[i] = moving;
+            }
+            moved = power_at(flying->speed, 0.0, air) * moving;
+        }
+        for (int64_t i = 1; i < count; i++) desk->at[first + i].arrived = now + desk->passed[i];
+        now += moving + hover;
+        energy += moved + hover_w * hover;
+        first = last;
+    }
+    if (joules) *joules = energy;
+    return now;
+}
+
+/* How much of the tighter limit the flight of a plan takes; more than 1 does not fit. */
+static double share_of(const Round *round, const Flown *plan, double radius, Desk *desk)
+{
+    const Flying *flying = round->flying;
+    double joules = 0.0;
+    gather_stops(round, plan, desk);
+    /* Energy takes most of the work to foresee. */
+    const double seconds = fly_stops(flying, radius, isinf(flying->energy) ? NULL : &joules, desk);
+    return most(seconds / flying->duration, joules / flying->energy);
+}
+
+/* When each step begins at the earliest, in seconds into the round: as foreseen with the widest
+   corners, less what a flight may be ahead of that. */
+static void time_steps(const Round *round, const Flown *plan, Desk *desk)
+{
+    const Flying *flying = round->flying;
+    gather_stops(round, plan, desk);
+    fly_stops(flying, flying->widest, NULL, desk);
+    for (int64_t n = 0; n < round->steps; n++) {
+        const double at = desk->at[desk->stop[plan->at[n]]].arrived + desk->begins[n];
+        desk->begins[n] = most(0.0, at * (1.0 - flying->ahead_share) - flying->ahead);
+    }
+}
+
+/* Where each point of the route is passed by a path that cuts corners by up to a radius.
+
+   A corner is cut along its bisector. The arc is a parabola that takes up half of either leg at most,
+   so that its depth is limited to a quarter of the shorter leg times sin(phi / 2). */
+static void cut_corners(const Flown *plan, double radius, Desk *desk)
+{
+    int64_t count = 0;
+    Point *corner = desk->corner;
+    for (int64_t p = 0; p < plan->points; p++) {
+        if (!p || between(plan->route[p - 1], plan->route[p]) > SAME_PLACE_M)
+            corner[count++] = plan->route[p];
+        desk->stop[p] = count - 1;
+    }
+    for (int64_t i = 0; i < count; i++) {
+        desk->cut[i] = corner[i];
+        if (i == 0 || i == count - 1) continue;
+        const double into = between(corner[i - 1], corner[i]), out = between(corner[i], corner[i + 1]);
+        /* A path may come back in steps that are dropped: such a leg has no direction. */
+        const double a = most(into, 1e-9), b = most(out, 1e-9);
+        const double x = (corner[i + 1].x - corner[i].x) / b - (corner[i].x - corner[i - 1].x) / a;
+        const double y = (corner[i + 1].y - corner[i].y) / b - (corner[i].y - corner[i - 1].y) / a;
+        const double twice_sine = sqrt(x * x + y * y);
+        if (!(twice_sine > 1e-9)) continue;
+        const double depth = least(radius, least(into, out) * twice_sine / 8.0);
+        desk->cut[i].x += depth / twice_sine * x;
+        desk->cut[i].y += depth / twice_sine * y;
+    }
+}
+
+/* Of success at a distance: exactly, or between the desk's rows. */
+static double chance_by(const Round *round, double far, const Desk *desk)
+{
+    const int64_t i = far < ROWS ? (int64_t)far : ROWS;
+    if (i + 1 >= desk->rows) return 1.0 - per_at(round->channel, far, round->altitude);
+    return desk->row[i] + (desk->row[i + 1] - desk->row[i]) * (far - (double)i);
+}
+
+/* Of device k's success at a place. */
+static double chance_at(const Round *round, int64_t k, Point place, const Desk *desk)
+{
+    if (round->grid) return spot_at(round->grid, k, place).f;
+    return chance_by(round, between(place, round->at[k]), desk);
+}
+
+/* The widest acceptance radius of the round's that costs a plan 1 % of its value at most; where none
+   does, the narrowest. */
+static double radius_of(const Round *round, const Flown *plan, Desk *desk)
+{
+    for (int64_t i = 0; i < round->radii; i++) {
+        double flown = 0.0;
+        cut_corners(plan, round->radius[i], desk);
+        for (int64_t n = 0; n < round->steps; n++)
+            for (int64_t k = 0; k < round->devices; k++) {
+                if (!plan->schedule[n * round->devices + k]) continue;
+                const Point passed = desk->cut[desk->stop[plan->at[n]]];
+                flown += chance_at(round, k, passed, desk) * round->importance[k];
+            }
+        if (flown >= (1.0 - MOST_LOST) * plan->value) return round->radius[i];
+    }
+    return round->radius[round->radii - 1];
+}
+
+static void set_chances(const Round *round, const Flown *plan, Desk *desk)
+{
+    double *chance = desk->chances;
+    for (int64_t n = 0; n < round->steps; n++)
+        for (int64_t k = 0; k < round->devices; k++)
+            *chance++ = chance_at(round, k, plan->route[plan->at[n]], desk);
+}
+
+#endif
