@@ -150,7 +150,7 @@ def _line(
         return f"{blame.on(name)}: {name}: {reason}"
     if isinstance(value, dict) and kind == "value_error":
         # Rules of a table as a whole say themselves which of its keys they are about.
-        named = [key for key in blame.given if key in reason]
+        named = [key for key in blame.given if re.search(rf"(?<![\w.]){re.escape(key)}\b", reason)]
         source = blame.giver if named else blame.on(name)
         return f"{source}: {f'{name}: ' if name else ''}{reason}"
     return refusal(name or "configuration", value, reason, blame)
