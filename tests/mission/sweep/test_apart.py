@@ -258,7 +258,8 @@ def test_what_was_flown_is_judged_in_the_plans_words() -> None:
         ((6.0, 6.2, 5.8), (-3.0, -3.1, -2.9), 0.01, "at a price"),
         ((4.0, 4.4, 3.6), (0.0, 0.1, 0.2), 0.01, "ahead"),
         ((6.0, 12.0, 0.0), (0.0, 0.1, 0.2), 0.2, "not shown"),
-        ((-1.0, -1.1, -1.2), (0.0, 0.1, 0.2), 0.01, "refused"),
+        ((2.0, 2.1, 1.9), (0.0, 0.1, 0.2), 0.01, "ahead; 14 % refused"),
+        ((-1.0, -1.1, -1.2), (0.0, 0.1, 0.2), 0.01, "not shown; 14 % refused"),
     ],
 )  # fmt: skip
 def test_words_are_the_plans(
