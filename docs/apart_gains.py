@@ -13,14 +13,18 @@ docs/data/PLAN.md.
 import argparse
 import gzip
 from collections.abc import Iterator, Sequence
+from itertools import product
 from pathlib import Path
 
 import apart_runs
 import numpy as np
 import pandas as pd
-from apart_shift import holm, markdown, two_sided
+from apart_shift import corrected_half, holm, markdown, two_sided
 from numpy.typing import NDArray
 
+from mission.figures.charts import DotRow, dot_rows
+from mission.figures.render import save_all
+from mission.figures.style import COOL, WARM, WIDTH, Chart, arranged, heading
 from mission.sweep.outcome.curves import interval
 
 Floats = NDArray[np.float64]
@@ -305,8 +309,9 @@ def _verdict(ahead: Floats, level: Floats, mnist: Floats, p: float) -> str:
     return "the claim holds" if free else "at a price"
 
 
-def flown_tables(rounds: pd.DataFrame) -> str:
-    """README.md of stage 3.
+def flown_cells(rounds: pd.DataFrame) -> dict[str, dict[str, list[pd.DataFrame]]]:
+    """The runs of stage 3 by cell and strategy, one a seed that is whole; last, the first cell with
+    the paper's planner.
 
     Raises:
         SystemExit: no three seeds have all their runs.
@@ -327,33 +332,72 @@ def flown_tables(rounds: pd.DataFrame) -> str:
     names = ("cov", "no_cov", "rectangular", "barycenter")
     cells = {_name(cell): runs_of(cell, "certified", *names) for cell in apart_runs.JUDGED}
     cells[_name(first)] |= runs_of(first, "certified", "ideal")
-    paper = runs_of(first, "paper", "cov", "no_cov")
+    return cells | {
+        f"{_name(first)}, the paper's planner": runs_of(first, "paper", "cov", "no_cov")
+    }
+
+
+def flown_picture(rounds: pd.DataFrame) -> Chart:
+    """A panel a cell: what `cov` gains on `no_cov`, by task and way."""
+    cells, colours, panels = flown_cells(rounds), {"cifar10": WARM, "mnist": COOL}, []
+    for cell, runs in cells.items():
+        rows = []
+        for task, way in product(TASKS, WAYS):
+            ahead, _ = gains(runs, "no_cov", task, way)
+            of = interval(ahead)
+            ends = of.mean - of.half, of.mean + of.half
+            name = f"{NAMES[task]} per {way}"
+            rows.append(DotRow(name, colours[task], tuple(ahead), of.mean, ends))
+        panel = dot_rows(cell, rows, x="accuracy, points", zero=True)
+        panel["width"] = WIDTH / 2
+        panels.append(panel)
+    scales = [layer["encoding"]["x"]["scale"] for p in panels for layer in p["layer"]]
+    ends = [scale["domain"] for scale in scales]
+    for scale in scales:  # one for all
+        scale["domain"] = [min(map(min, ends)), max(map(max, ends))]
+    title = heading("Flown: what cov gains on no_cov where communities live in corners")
+    return arranged(panels, how="hconcat", spacing=24, title=title)
+
+
+def flown_tables(rounds: pd.DataFrame) -> str:
+    """README.md of stage 3.
+
+    Raises:
+        SystemExit: as `flown_cells`.
+    """
+    every = flown_cells(rounds)
+    *cells, last = every
+    paper, first = every[last], cells[0]
     tested = {
         (name, f"{number}, {way}, less {other}"): (runs, other, way)
-        for name, runs in cells.items()
+        for name, runs in ((name, every[name]) for name in cells)
         for number, way, other in (
             ("H16", "metre", "no_cov"), ("H17", "round", "no_cov"), ("H18", "joule", "no_cov"),
             ("H20", "metre", "rectangular"), ("H21", "metre", "barycenter"),
         )
     }  # fmt: skip
-    tested[_name(first), "H19, metre, less no_cov, paper's planner"] = (paper, "no_cov", "metre")
+    tested[first, "H19, metre, less no_cov, paper's planner"] = (paper, "no_cov", "metre")
     found = {
         what: gains(runs, other, "cifar10", way) for what, (runs, other, way) in tested.items()
     }
     rows = []
-    for p, (what, (runs, other, way)) in zip(
-        holm([two_sided(ahead) for ahead, _ in found.values()]), tested.items(), strict=True
+    every_p = [two_sided(ahead) for ahead, _ in found.values()]
+    for index, (p, (what, (runs, other, way))) in enumerate(
+        zip(holm(every_p), tested.items(), strict=True)
     ):
         (ahead, level), (mnist, there) = found[what], gains(runs, other, "mnist", way)
+        half = corrected_half(ahead, every_p, index)
+        ends = f"{ahead.mean() - half:+.1f} to {ahead.mean() + half:+.1f} (p {p:.1g})"
         verdict = _verdict(ahead, level, mnist, p)
-        rows.append([*what, _gain(ahead, level), f"{p:.1g}", _gain(mnist, there), verdict])
-    undecided = "" if len(whole) == len(every) else "; until all are, nothing is decided"
-    heads = ["cell", "hypothesis, per", "CIFAR-10", "p, corrected", "MNIST", "in PLAN's words"]
+        rows.append([*what, _gain(ahead, level), ends, _gain(mnist, there), verdict])
+    seeds, wanted = len(paper["cov"]), len(apart_runs.JUDGING_SEEDS)
+    undecided = "" if seeds == wanted else "; until all are, nothing is decided"
+    heads = ["cell", "hypothesis, per", "CIFAR-10", "corrected by Holm", "MNIST", "in PLAN's words"]
     parts = [
-        _FLOWN_HEAD.format(seeds=len(whole), of=len(every), undecided=undecided),
+        _FLOWN_HEAD.format(seeds=seeds, of=wanted, undecided=undecided),
         markdown(heads, rows),
     ]
-    for name, runs in {**cells, f"{_name(first)}, the paper's planner": paper}.items():
+    for name, runs in every.items():
         parts.append(f"\n## {name}\n\n{_levels('strategy', runs)}")
     return "\n".join(parts) + "\n"
 
@@ -365,7 +409,7 @@ Made from rounds.csv.gz by `python docs/apart_gains.py 3`; the runs by `python d
 3`. Planned before: [PLAN](../PLAN.md), stage 3. {seeds} of {of} seeds are whole{undecided}.
 
 Points that `cov` is ahead, mean ± 95 % interval over seeds; in brackets over the other's mean, and
-in how many seeds ahead.
+in how many seeds ahead; then CIFAR-10's interval at the level at which Holm tests it.
 """
 
 _WEIGHTS_HEAD = """\
@@ -411,6 +455,7 @@ def main() -> None:
     parser.add_argument("stage", choices=("2a", "2b", "2c", "3"))
     parser.add_argument("runs", type=Path, nargs="+", metavar="RUNS")
     parser.add_argument("--out", type=Path, required=True, metavar="DIR")
+    parser.add_argument("--figures", type=Path, metavar="DIR", help="draw stage 3 into it")
     options = parser.parse_args()
     rounds = collected(options.runs)
     if options.stage == "2c":
@@ -421,6 +466,8 @@ def main() -> None:
     packed = gzip.compress(rounds.to_csv(index=False, lineterminator="\n").encode(), mtime=0)
     (options.out / "rounds.csv.gz").write_bytes(packed)
     (options.out / "README.md").write_text(made[options.stage](rounds), encoding="utf-8")
+    if options.figures and options.stage == "3":
+        save_all({"apart-flown.png": flown_picture(rounds)}, options.figures)
 
 
 if __name__ == "__main__":

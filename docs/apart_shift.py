@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
-from scipy.special import stdtr
+from scipy.special import stdtr, stdtrit
 
 from mission.sweep.outcome.curves import Interval, interval
 
@@ -70,6 +70,14 @@ def holm(p_values: Sequence[float]) -> list[float]:
     corrected = np.empty_like(p)
     corrected[order] = steps
     return [float(value) for value in corrected]
+
+
+def corrected_half(values: NDArray[np.float64], p_values: Sequence[float], index: int) -> float:
+    """Half of the interval of a mean of values (n,), at the level at which Holm tests `index`."""
+    rank = int(np.argsort(np.argsort(p_values))[index])
+    level, freedom = 0.05 / (len(p_values) - rank), len(values) - 1
+    spread = values.std(ddof=1) / np.sqrt(len(values))
+    return float(stdtrit(freedom, 1.0 - level / 2.0) * spread)
 
 
 def two_sided(differences: NDArray[np.float64]) -> float:
