@@ -149,10 +149,9 @@ class PlugIn:
         """
         with self.guarded(what):
             made: NDArray[Any] = np.array(found)
-            is_complex = np.iscomplexobj(made)
-            made = made.real.astype(dtype)
-        if is_complex:
-            self.refuse(f"{what} is complex: must be real numbers")
+            if np.iscomplexobj(made):
+                self.refuse(f"{what} is complex: must be real numbers")
+            made = made.astype(dtype)
         if shape is not None and made.shape != shape:
             self.refuse(f"{what} is of shape {made.shape}, not {shape}")
         wrong = ~(np.isfinite(made) & (made >= low) & (made <= high))

@@ -84,8 +84,8 @@ def read_checkpoint(path: Path) -> dict[str, Any]:
     if values["format"] == FORMAT and seal != _digest(values):
         raise damaged(file, "its checksum differs, so it was changed or cut short")
     now = {name: digest_of(name) for name in values.get("plugins", {})}
-    for name in (name for name in now if now[name] is not None):  # others were passed from Python
-        if why := problem_of(name):
+    for name, digest in now.items():
+        if digest is not None and (why := problem_of(name)):  # others were passed from Python
             raise InputError(f"{path}: cannot be resumed here: plug-in {name!r} {why}")
     change = _change(values, header(text, None, now))
     if change:
