@@ -8,22 +8,27 @@
 Every run is one of `aerofed run city`, not flown: truth is where the plan is, and what a plan loses
 is the radio's alone. With `--flown` our simulated vehicle flies, and all else is equal. The radio
 over Munich and Florence is traced (Sionna RT, an extra), for the devices of each seed; maps are
-kept beside the tables, and so are runs that are done.
+kept beside the tables, and so are runs that are done. `buildings` believes in the walls of the
+same scenes.
 """
 
 import argparse
 import gzip
 import os
+from collections import defaultdict
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
+from functools import cache
 from itertools import product
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
 import pandas as pd
+import shapely
 from apart_shift import markdown
+from grid_city import rings_of
 from scipy.optimize import least_squares
 
 import aerofed
@@ -32,6 +37,7 @@ from fl.radio.per_grid import PerGrid
 from fl.radio.place import LinkTerms, PlacedRadio
 from mission.base.run_folder import write_atomically
 from mission.commands.radio_map import radio_map
+from mission.config.area import HEIGHT_MARGIN_M, BuildingConfig
 from mission.figures.charts import DotRow, dot_rows
 from mission.figures.render import save_all
 from mission.figures.style import BAD, COOL, GOOD, WARM, WIDTH, Chart, arranged, heading
@@ -107,6 +113,42 @@ def traced(city: str, seed: int, folder: Path) -> Path:
     return path
 
 
+@cache
+def walls(scene: str) -> list[BuildingConfig]:
+    """The buildings of a scene: outlines from above, roofs at their mean height.
+
+    They stop no flight, as they do not where a plan believes in something else: the few that are
+    as high end below it, and none stands where it takes off.
+    """
+    import sionna.rt as rt
+
+    area, mission = aerofed.config("city").area, aerofed.config("city").mission
+    middle_m, most_m = np.array(area.size_m) / 2.0, mission.heights_m[0] - HEIGHT_MARGIN_M
+    field = shapely.Point(area.home_m).buffer(area.margin_m + 1.0)
+    ours = shapely.box(0.0, 0.0, *area.size_m).difference(field)
+    faces: dict[str, list[np.ndarray]] = defaultdict(list)  # of walls and roof together
+    for name, one in rt.load_scene(getattr(rt.scene, scene), merge_shapes=False).objects.items():
+        corners = np.array(one.mi_mesh.vertex_positions_buffer()).reshape(-1, 3)
+        whole = name.rpartition("-")[0] or name
+        faces[whole].append(corners[np.array(one.mi_mesh.faces_buffer()).reshape(-1, 3)])
+    del faces["ground"]
+    found = []
+    for triangles in map(np.concatenate, faces.values()):
+        flat = shapely.polygons(triangles[..., :2] + middle_m)
+        seen, up_m = shapely.area(flat) > 1e-3, triangles[..., 2]  # from above; no walls
+        roof = seen & (up_m.min(axis=1) > up_m.min() + 0.5)
+        height_m = np.average(up_m.mean(axis=1)[roof], weights=shapely.area(flat[roof]))
+        ground = shapely.union_all(shapely.set_precision(flat[seen], 0.01)).simplify(0.5)
+        inside = ground.intersection(ours)
+        for part in getattr(inside, "geoms", [inside]):
+            if part.geom_type == "Polygon" and part.area > 4.0:
+                outline, *holes = (ring.tolist() for ring in rings_of(part))
+                found.append(BuildingConfig(
+                    polygon_m=outline, holes_m=holes, height_m=min(float(height_m), most_m)
+                ))  # fmt: skip
+    return found
+
+
 def averaged(maps: Sequence[Path]) -> tuple[dict[str, float], float]:
     """The constants of the channel that comes nearest to maps, and how far off it is (rms)."""
     config = aerofed.config("city")
@@ -168,6 +210,8 @@ def rounds_of(
     if made is not None:
         settings |= {"radio.truth": "map", "radio.map_file": str(made)}
         settings["area.buildings_file"] = None
+        if belief == "buildings":
+            settings["area.buildings"] = [one.model_dump() for one in walls(city)]
     config = aerofed.config("city", settings)
     with TemporaryDirectory() as folder:
         path = Path(folder) / "run"
@@ -200,7 +244,6 @@ def runs(city: str, seed: int, folder: Path, flight: str) -> str:
         every = [
             rounds_of(city, seed, belief, replan, made, flight)
             for belief, replan in product(BELIEFS, REPLANS)
-            if belief != "buildings" or made is None
         ]
         table = pd.concat(every).to_csv(index=False, lineterminator="\n")
         write_atomically(path, table)
