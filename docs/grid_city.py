@@ -87,6 +87,7 @@ def write(name: str, pixels: NDArray[np.uint8], cell_m: float, low_m: float, hig
         y=home_m[1], no_fly=no_fly, altitude=(low_m + high_m) / 2.0, budget=60.0 * cell_m,
     )  # fmt: skip
     Path(f"{name}.toml").write_text(text)
+    print(f"{name}.toml, with what lies beside it: aerofed run {name}.toml")
 
 
 def rings_of(one: shapely.Polygon) -> list[NDArray[np.float64]]:
@@ -106,6 +107,8 @@ def main() -> None:
     asked = parser.parse_args()
     from PIL import Image
 
+    if not asked.picture.is_file():
+        parser.error(f"{asked.picture}: no such file")
     pixels = np.array(Image.open(asked.picture).convert("RGB"))
     write(asked.name, pixels, asked.cell, asked.low, asked.high)
 

@@ -47,7 +47,7 @@ aerofed.plan(problem)  # a path, a schedule, and a proven bound
 aerofed.channel("suburban").per([0.0, 100.0, 200.0], 60.0)
 aerofed.sweep("quickstart", strategies=["cov", "no_cov"], seeds=3).runs
 
-with aerofed.vehicle(wind_mps=6) as vehicle:  # see "Flights in tests"
+with aerofed.vehicle(home="survey.plan", wind_mps=6) as vehicle:  # see "Flights in tests"
     vehicle.fly("survey.plan")
 ```
 

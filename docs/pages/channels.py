@@ -17,7 +17,7 @@ device and the drone. It says how likely a packet is lost at a given distance: t
 rate* (PER).
 
 Choose one of the presets below, and change single numbers of it if you like. All keys are under
-[`channel`](configuration.md#channel):
+[`channel`](configuration.md#channel), but the height of the flight, which is `mission.altitude_m`:
 
     aerofed run --set channel.preset=urban
     aerofed link-budget --set channel.preset=urban --set channel.extra_gain_db=3

@@ -57,7 +57,10 @@ def known_limits(limits: Mapping[str, object], source: str) -> dict[str, float]:
     for name, value in limits.items():
         if name not in _MADE:
             hint = did_you_mean(name, _MADE)
-            raise InputError(f"{source}: {name}: the comparison has no such number{hint}")
+            known = ", ".join(_MADE)
+            raise InputError(
+                f"{source}: {name}: the comparison has no such number{hint} (it has: {known})"
+            )
         if (
             isinstance(value, bool)
             or not isinstance(value, int | float)

@@ -126,7 +126,9 @@ def _load(path: Path) -> LoadedRun:
     log = kept if kept.is_file() else folder.log
     if not log.is_file():
         first = flights_in(path)[0]
-        others = "" if first == path else f"; give one of its logs, as {first}"
+        others = (
+            ", nor another flight log" if first == path else f"; give one of its logs, as {first}"
+        )
         raise InputError(f"{path}: not a run folder: it has no {log.name}{others}")
     summary = _summary(folder.summary)
     try:

@@ -1,6 +1,6 @@
 """What a run is told: configurations by name, file or value, and channels."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias
@@ -28,6 +28,13 @@ def config(
     Raises:
         InputError: there is no such file, or a key or value is refused; a line for each.
     """
+    return config_of(source, overrides)
+
+
+def config_of(
+    source: Source, overrides: Mapping[str, object] | None, counts: Sequence[str] = ()
+) -> "RunConfig":
+    """As `config`; where only some keys and tables `counts`, overrides of others are refused."""
     from mission.config.loading import load_config
     from mission.config.models import RunConfig
 
@@ -40,7 +47,7 @@ def config(
             f"overrides = {overrides!r}: must be a dictionary, such as {{'mission.rounds': 3}}"
         )
     found = source if isinstance(source, RunConfig) else Path(source)
-    return load_config(found, overrides, giver="overrides")
+    return load_config(found, overrides, giver="overrides", counts=counts)
 
 
 def channel(

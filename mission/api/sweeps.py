@@ -44,7 +44,11 @@ class Sweep:
         Raises:
             InputError: there is none of that name.
         """
-        return load(self.path / "runs" / name)
+        runs = self.path / "runs"
+        if not (runs / name).is_dir():
+            there = ", ".join(sorted(path.name for path in runs.glob("*/"))) or "none"
+            raise InputError(f"{self.path}: no run {name!r}; there are: {there}")
+        return load(runs / name)
 
     def figure(self, name: str = "final") -> Figure:
         """A picture of the sweep, by the name of its file in `figures/`.

@@ -7,9 +7,10 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, TypeAlias
 
-from mission.api.configuring import Source, as_path, config
+from mission.api.configuring import Source, as_path, config_of
 from mission.api.runs import Run, flown
 from mission.base.errors import InputError
+from mission.config import OF_FLIGHT, OF_VEHICLE
 
 if TYPE_CHECKING:
     from mission.api.simulated_vehicle import SimulatedVehicle
@@ -145,7 +146,7 @@ def vehicle_config(
         **({} if seed is None else {"seed": seed}),
         **({} if home is None else dict(zip(PX4_HOME, _place(home), strict=True))),
     }
-    return config("quickstart" if source is None else source, given)
+    return config_of("quickstart" if source is None else source, given, OF_VEHICLE)
 
 
 def _place(home: Home) -> tuple[float, float, float]:
@@ -191,7 +192,7 @@ def fly(
     """
     from mission.base.run_folder import output_folder
 
-    file, resolved = as_path(plan, "plan"), config(source, overrides)
+    file, resolved = as_path(plan, "plan"), config_of(source, overrides, OF_FLIGHT)
     given = None if out is None else as_path(out, "out")
     with output_folder(given, file.stem) as path:
 

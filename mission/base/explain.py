@@ -184,7 +184,8 @@ def _hint(key: Path, model: type[BaseModel], *, sets: bool, notation: Notation) 
     elsewhere = [".".join(map(str, (*path, name))) for path, known in every if name in known]
     if name in elsewhere and notation == "TOML" and not sets:
         return f"; {name} belongs to the top level, before the first table"
-    if elsewhere:  # the right name in the wrong table
-        return f"; did you mean {' or '.join(elsewhere[:3])}?"
     known = sorted({one for path, names in every if path == tuple(way) for one in names})
+    has_unit = name in {one.rpartition("_")[0] for one in known}
+    if elsewhere and not has_unit:  # the right name in the wrong table
+        return f"; did you mean {' or '.join(elsewhere[:3])}?"
     return f"{did_you_mean(str(name), known)} (known: {', '.join(known)})"

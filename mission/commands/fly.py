@@ -4,8 +4,7 @@ from pathlib import Path
 
 from mission.commands.options import LIVE_PORT, Flag, Json, Limits, Overrides, console, load
 from mission.commands.run import bounds_of, judge, summary_of, write_page
-
-_COUNTS = ("vehicle", "link", "limits", "seed", "area.home_alt_msl_m")
+from mission.config import OF_FLIGHT
 
 
 def fly(
@@ -68,7 +67,7 @@ def fly(
     """
     watching = console(quiet=quiet or as_json, live=live, live_port=live_port)
     external = {"link.kind": None if vehicle is None else "external", "link.url": vehicle}
-    resolved = load(config, set_, external, counts=_COUNTS)
+    resolved = load(config, set_, external, counts=OF_FLIGHT)
     bounds = bounds_of(resolved, limit)
     # Only now, so that wrong input is answered at once.
     from mission.base.run_folder import output_folder

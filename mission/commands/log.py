@@ -142,10 +142,10 @@ def export(
         The new folder, or file for kml, geojson and ulog. Default: beside the log.
     to
         csv or parquet: one table each of track, plans, devices, rounds, uplinks, learning, events,
-        battery, wind and innovations; kml: devices, planned and flown paths; geojson: planned and
-        flown paths in latitude and longitude, also of a .ulg, .bin or .tlog; ulog: the flight as
-        PX4 logs one, for Flight Review and PlotJuggler; attachments: the files inside the log
-        (configuration, a Foxglove layout).
+        battery, wind, control and innovations; kml: devices, planned and flown paths; geojson:
+        planned and flown paths in latitude and longitude, also of a .ulg, .bin or .tlog; ulog: the
+        flight as PX4 logs one, for Flight Review and PlotJuggler; attachments: the files inside the
+        log (configuration, a Foxglove layout).
     as_json
         Print the new files' paths as a JSON list.
     """

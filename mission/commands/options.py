@@ -49,11 +49,10 @@ def load(
 
     `options` maps keys to values; None where the option was not given. `usual` are values that
     count where `--set` gives no other. Where only some keys and tables `counts`, a file needs no
-    others.
+    others, and no other is set.
 
     Raises:
-        InputError: a key is set twice, by an option of its own too, or counts for nothing; or see
-            `load_config`.
+        InputError: a key is set twice, by an option of its own too; or see `load_config`.
     """
     # Only now: the configuration's models take half a second to import.
     from mission.config.loading import builtin_config, load_config
@@ -61,8 +60,6 @@ def load(
 
     overrides: dict[str, object] = {}
     for key, value in map(parse_override, set_):
-        if counts and not any(f"{key}.".startswith(f"{name}.") for name in counts):
-            raise InputError(f"--set {key}: counts for nothing here; {', '.join(counts)} do")
         if key in overrides:
             raise InputError(f"--set {key}: given twice; leave one of them out")
         overrides[key] = value
@@ -75,7 +72,11 @@ def load(
     source = config or builtin_config("quickstart.toml")
     beneath = {"communities": [_NOBODY]} if counts else {}
     return load_config(
-        source, {**(usual or {}), **overrides, **mine}, options=named, beneath=beneath
+        source,
+        {**(usual or {}), **overrides, **mine},
+        options=named,
+        beneath=beneath,
+        counts=counts,
     )
 
 

@@ -2,7 +2,9 @@
 
 import math
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
+
+from cyclopts import Parameter
 
 from mission.base.errors import InputError
 from mission.base.terminal import PLAIN, Terminal
@@ -19,7 +21,7 @@ def radio_map(
     cell: float = 5.0,
     engine: Literal["buildings", "sionna"] = "buildings",
     scene: str = "munich",
-    middle: tuple[float, float] = (0.0, 0.0),
+    middle: Annotated[tuple[float, float], Parameter(negative=())] = (0.0, 0.0),
     figure: Path | None = None,
     device: int = 0,
     set_: Overrides = (),
@@ -63,7 +65,9 @@ def radio_map(
     if figure is not None and figure.suffix not in (".png", ".svg", ".pdf"):
         raise InputError(f"--figure {figure}: must end in .png, .svg or .pdf")
     if engine == "buildings" and not resolved.area.buildings:
-        raise InputError(f"{config}: area.buildings_file: missing; a map is made of buildings")
+        raise InputError(
+            f"{config}: area.buildings: missing, or area.buildings_file; a map is made of them"
+        )
     from importlib.metadata import version
 
     import numpy as np

@@ -11,9 +11,8 @@ from cyclopts import Parameter
 from mission.base.errors import InputError
 from mission.base.terminal import PLAIN, Terminal
 from mission.commands.options import Overrides, load
+from mission.config import OF_VEHICLE
 from mission.flight.serve import PX4_HOME
-
-_COUNTS = ("area", "vehicle", "link", "seed")
 
 
 def sitl(
@@ -67,16 +66,15 @@ def sitl(
     if speed != "max" and not 0 < speed <= 1000:
         raise InputError(f'--speed {speed:g}: more than 0 and at most 1000, or "max"')
     usual = None if config else _usual_home()
-    resolved = load(config, set_, _home(home), usual=usual, counts=_COUNTS)
+    resolved = load(config, set_, _home(home), usual=usual, counts=OF_VEHICLE)
     # Only now, so that wrong input is answered at once.
     from mission.flight.serve.vehicle import make_vehicles, serve
 
     served = make_vehicles(resolved, count=count, udp=udp, logs=logs, instance=instance)
-    kept = (
-        "no flight is logged; --logs FOLDER logs each"
-        if logs is None
-        else f"each flight is logged in {logs}, for aerofed compare {logs}"
-    )
+    kept = "no flight is logged; --logs FOLDER logs each"
+    if logs is not None:
+        of_one = logs if count == 1 else logs / "vehicle-1"
+        kept = f"each flight is logged in {logs}, for aerofed compare {of_one}"
     pace, say = math.inf if speed == "max" else speed, Terminal(**PLAIN).print
     serve(served, speed=pace, say=say, first=kept)
     return 0

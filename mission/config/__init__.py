@@ -2,3 +2,6 @@
 
 STRATEGIES = ("cov", "no_cov", "barycenter", "rectangular", "ideal")
 PLANNED = ("cov", "no_cov")  # of them, those whose rounds a planner plans
+# Keys and tables that count where no experiment is run.
+OF_FLIGHT = ("vehicle", "link", "limits", "seed", "area.home_alt_msl_m")  # `aerofed fly`
+OF_VEHICLE = ("area", "vehicle", "link", "seed")  # `aerofed sitl`

@@ -5,7 +5,7 @@ Anything wrong becomes one line per key: file, dotted path, value, what is allow
 
 import json
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -74,17 +74,22 @@ def load_config(
     options: Mapping[str, str] | None = None,
     giver: str = "command line",
     beneath: Mapping[str, object] | None = None,
+    counts: Sequence[str] = (),
 ) -> RunConfig:
     """Read a TOML file, or a shipped configuration by its name, or take a configuration; apply
     overrides by dotted path, and validate.
 
     `giver` is what an error calls the place that the overrides come from; `options` says which of
-    them an option of the command line made; `beneath` are keys that a file may leave out.
+    them an option of the command line made; `beneath` are keys that a file may leave out. Where
+    only some keys and tables `counts`, no other may be set.
 
     Raises:
         InputError: the file cannot be read or parsed, a key is unknown or out of range, or it
             names a file, parameter or module that is not there; a line for each.
     """
+    for dotted in overrides or {}:
+        if counts and not any(f"{dotted}.".startswith(f"{name}.") for name in counts):
+            raise InputError(f"{giver}: {dotted}: counts for nothing here; {', '.join(counts)} do")
     if isinstance(source, RunConfig):
         path = Path("configuration")
         data = source.model_dump(mode="json", exclude_none=True)

@@ -26,7 +26,7 @@ from mission.base.area import Area
 from mission.base.arrays import Floats, Ints
 from mission.base.errors import InputError
 from mission.base.explain import WrongKey
-from mission.base.tables import csv_lines
+from mission.base.tables import count, csv_lines
 from mission.base.user_code import errors_of_learning
 from mission.config import STRATEGIES
 from mission.config.models import RunConfig
@@ -246,8 +246,9 @@ class Scenario:
                 )
             orphans = np.flatnonzero(community.counts.sum(axis=0) == 0).tolist()
             if orphans:
+                classes = "class" if len(orphans) == 1 else "classes"
                 lines.append(
-                    f"{community.name}: no device owns class {', '.join(map(str, orphans))}, "
+                    f"{community.name}: no device owns {classes} {', '.join(map(str, orphans))}, "
                     f"so accuracy cannot reach 1{_owners_for_all(index, community)}"
                 )
         return lines
@@ -271,16 +272,16 @@ def _owners_for_all(index: int, community: Community) -> str:
     way = f"communities.{index}.coverage = true gives all an owner"
     if config.devices * config.labels_per_device < classes:
         way = (
-            f"{config.devices} devices with {config.labels_per_device} labels each cannot own "
-            f"{classes} classes: with more devices or labels_per_device, {way}"
+            f"{count(config.devices, 'device')} with {count(config.labels_per_device, 'label')} "
+            f"each cannot own {classes} classes: with more devices or labels_per_device, {way}"
         )
     return f" ({way})"
 
 
 def device_places(config: RunConfig, area: Area, streams: RandomStreams) -> Floats:
     """(K, 2) where the devices stand: as configured, else where they are drawn."""
-    count, first = sum(community.devices for community in config.communities), 0
-    devices_m = streams.generator("devices").uniform((0.0, 0.0), area.size_m, (count, 2))
+    total, first = sum(community.devices for community in config.communities), 0
+    devices_m = streams.generator("devices").uniform((0.0, 0.0), area.size_m, (total, 2))
     for index, community in enumerate(config.communities):
         if community.positions_file is not None:
             raise InputError(

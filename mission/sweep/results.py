@@ -201,12 +201,18 @@ def _results(folder: Path, by_name: Mapping[str, Point]) -> tuple[RunResult, ...
     return tuple(results)
 
 
-def _read_rows(folder: Path, name: str) -> list[Row]:
+def table_of(folder: Path, name: str) -> Path:
+    """A table of a sweep; packed, where it is there in that form alone."""
     plain = folder / f"{name}.csv"
     packed = plain.with_name(f"{plain.name}.gz")
-    path = packed if packed.is_file() and not plain.is_file() else plain
+    return packed if packed.is_file() and not plain.is_file() else plain
+
+
+def _read_rows(folder: Path, name: str) -> list[Row]:
+    path = table_of(folder, name)
     try:
-        raw = gzip.decompress(path.read_bytes()) if path is packed else path.read_bytes()
+        raw = path.read_bytes()
+        raw = gzip.decompress(raw) if path.suffix == ".gz" else raw
         rows = list(csv.DictReader(io.StringIO(raw.decode("utf-8")), strict=True))
     except (OSError, EOFError, zlib.error, ValueError, csv.Error) as error:
         raise InputError(f"{path}: cannot read the table: {error}") from None

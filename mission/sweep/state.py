@@ -7,7 +7,7 @@ from pathlib import Path
 from mission.base.errors import InputError
 from mission.base.run_folder import RunFolder
 from mission.sweep.folder import SweepFolder, points_of, read_manifest
-from mission.sweep.results import RunResult, read_results, read_run, with_equals
+from mission.sweep.results import RunResult, read_results, read_run, table_of, with_equals
 
 _NAMED = 6  # runs that are missing, in one line
 
@@ -60,7 +60,7 @@ def read_sweep(path: Path) -> SweepState:
         InputError: not a sweep's folder, or none of its runs is done, or one is damaged.
     """
     manifest, folder = read_manifest(path), SweepFolder(path)
-    if (path / "runs.csv").is_file() and not folder.runs.is_dir():
+    if table_of(path, "runs").is_file() and not folder.runs.is_dir():
         return SweepState(manifest["config"], read_results(path, points_of(manifest)), ())
     results, missing = [], []
     for point in points_of(manifest):

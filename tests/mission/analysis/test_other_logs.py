@@ -203,7 +203,7 @@ def test_a_limit_that_is_not_met_is_told_with_where_and_when(
     assert call(["compare", str(log), "--limits", str(table)]) == LIMITS_NOT_MET
     assert "wind_max_mps = not known" in capsys.readouterr().err
     assert call(["compare", str(log), "--limit", "cross_trak_max_m=2"]) == 2
-    assert "did you mean cross_track_max_m?" in capsys.readouterr().err
+    assert "did you mean cross_track_max_m? (it has: plan_path_m, " in capsys.readouterr().err
     assert EXIT_CODES[LIMITS_NOT_MET] == "limits not met"
 
 
@@ -262,7 +262,7 @@ def test_a_file_with_limits_alone_will_do_and_keys_that_count_for_nothing_are_re
         given = [str(plan)] if what == "fly" else []
         assert call([what, *given, "--set", "mission.speed_mps=3"]) == 2
         (line,) = capsys.readouterr().err.splitlines()
-        assert "--set mission.speed_mps: counts for nothing here; " in line
+        assert "command line: mission.speed_mps: counts for nothing here; " in line
 
 
 @pytest.mark.parametrize(

@@ -309,7 +309,7 @@ def test_configurations(tmp_path: Path) -> None:
         (lambda: aerofed.run("paper"), "needs files: give their folder .* in Python data_dir"),
         (lambda: aerofed.sweep("paper"), "needs files: give their folder .* in Python data_dir"),
         (lambda: aerofed.run(out="/proc/a"), r"/proc/a: cannot write .* name another folder$"),
-        (lambda: aerofed.Sweep(Path("some")).run("nope"), "^some/runs/nope: "),
+        (lambda: aerofed.Sweep(Path("some")).run("nope"), "^some: no run 'nope'; there are: none"),
         (aerofed.compare, "give at least one run"),
         (lambda: aerofed.compare("x", rounds=0), "rounds = 0: must be at least 1"),
         (
@@ -498,6 +498,8 @@ def test_sweeps(tmp_path: Path) -> None:
     assert len(one.rounds) == 2
     assert swept.figure("final")._repr_png_().startswith(b"\x89PNG")
     assert len(aerofed.load_sweep(tmp_path / "s").runs) == 4
+    with pytest.raises(aerofed.AerofedError, match="no run 'cov'; there are: cov-"):
+        aerofed.load_sweep(tmp_path / "s").run("cov")
     assert aerofed.load_sweep(tmp_path / "s").report() == tmp_path / "s" / "report.html"
     assert (tmp_path / "s" / "report.html").is_file()
 

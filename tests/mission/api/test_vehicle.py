@@ -177,6 +177,10 @@ def test_time_passes_by_itself_at_other_paces() -> None:
         ({"home": "nowhere.plan"}, "nowhere.plan"),
         ({"wind_mps": -1.0}, "vehicle.aircraft.wind.speed_mps = -1.0"),
         ({"overrides": {"vehicle.spedd": 1}}, "vehicle.spedd"),
+        (
+            {"overrides": {"mission.steps": 3}},
+            "^overrides: mission.steps: counts for nothing here; area, vehicle, link, seed do",
+        ),
         ({"firmware": "betaflight"}, "firmware = 'betaflight': must be 'px4' or 'arducopter'"),
         ({"overrides": UNDER_PX4, "pace": "moving"}, "pace = 'moving': of a firmware time passes"),
         ({"overrides": UNDER_PX4}, "nowhere/px4: no such file"),

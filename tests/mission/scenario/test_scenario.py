@@ -40,7 +40,7 @@ def test_classes_without_an_owner_are_said() -> None:
     community = scenario.federation.communities[0]
     orphans = sorted(set(range(10)) - set(np.flatnonzero(community.counts.any(axis=0)).tolist()))
     assert orphans
-    notice = f"{community.name}: no device owns class {', '.join(map(str, orphans))}, "
+    notice = f"{community.name}: no device owns classes {', '.join(map(str, orphans))}, "
     (line,) = (line for line in scenario.notices() if line.startswith(notice))
     # 6 devices with a class each; the advice must not be refused when it is followed.
     assert "more devices or labels_per_device, communities.0.coverage = true" in line
