@@ -3,7 +3,7 @@
     python docs/city_runs.py channels MAPS                      # the averages of `CHANNELS`
     python docs/city_runs.py runs RUNS --jobs 2 --flown         # a table for each seed and city
     python docs/city_runs.py runs RUNS --jobs 2                 # the same runs, not flown
-    python docs/city_runs.py tables RUNS --out docs/data/city   # or from runs.csv.gz itself
+    python docs/city_runs.py tables RUNS --out docs/data/city   # or of docs/data/city itself
 
 Every run is one of `aerofed run city`. With `--flown` our simulated vehicle flies; without it truth
 is where the plan is, so what a plan loses is the radio's alone, and all else is equal. The radio
@@ -354,8 +354,8 @@ def write_tables(folder: Path, out: Path, figures: Path) -> None:
     head = _HEAD.format(first=seeds[0], last=seeds[-1], count=len(seeds), rounds=ROUNDS, late=LATE)
     runs = summed(flown)
     save_all({"city-updates.png": picture(runs)}, figures)
-    changed = flown_table(runs, summed(still))
-    write_atomically(out / "README.md", f"{head}\n{tables(runs)}\n\n## Flown\n\n{changed}\n")
+    changed = f"## What flying changed\n\n{flown_table(runs, summed(still))}"
+    write_atomically(out / "README.md", f"{head}\n{tables(runs)}\n\n{changed}\n")
 
 
 def main() -> None:

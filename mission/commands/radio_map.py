@@ -66,7 +66,7 @@ def radio_map(
         raise InputError(f"--figure {figure}: must end in .png, .svg or .pdf")
     if engine == "buildings" and not resolved.area.buildings:
         raise InputError(
-            f"{config}: area.buildings: missing, or area.buildings_file; a map is made of them"
+            f"{config}: area.buildings: missing, as is area.buildings_file; a map is made of them"
         )
     from importlib.metadata import version
 

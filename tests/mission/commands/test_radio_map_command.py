@@ -180,7 +180,7 @@ def test_a_linear_map_a_map_that_is_gone_and_one_that_is_there(capsys) -> None:
     ("more", "words"),
     [
         (["--cell=0.1"], "--cell 0.1: must be from 0.5 m to the area's 200 m"),
-        (["--set=area.buildings=[]"], "area.buildings: missing, or area.buildings_file; a map is "),
+        (["--set=area.buildings=[]"], "area.buildings: missing, as is area.buildings_file; a map"),
         (["--device=2"], "--device 2: must be from 0 to 1"),
         (["--figure=w.gif"], "--figure w.gif: must end in .png, .svg or .pdf"),
         (["none/w.nc"], "none/w.nc: cannot write: No such file or directory"),
