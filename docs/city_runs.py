@@ -50,9 +50,10 @@ FIT_SEEDS = range(1, 4)  # whose maps the averages are of
 ROUNDS, LATE = 6, 3  # rounds of a run, and how many at its end are late ones
 CELL_M = 10.0
 GAP = 0.1  # to be proven: closer proofs take up to a minute a run, for plans of the same worth
-BELIEFS = ("channel", "buildings", "learned", "truth")
+WALLS_FIRST = "learned from buildings"  # learned, with them as its prior
+BELIEFS = ("channel", "buildings", "learned", WALLS_FIRST, "truth")
 REPLANS = ("round", "stop")
-LOOKS = dict(zip(BELIEFS, (BAD, WARM, COOL, GOOD), strict=True))
+LOOKS = dict(zip(BELIEFS, (BAD, WARM, COOL, "#56B4E9", GOOD), strict=True))
 FLOWN = "flown"  # value of `mission.flight`, folder of the flown runs, and name of their table
 KEYS = ["city", "seed", "belief", "replan"]
 # The channel that is nearest to the mean success at each distance; of the district, `city.toml`'s.
@@ -193,7 +194,8 @@ def rounds_of(
     """
     settings: dict[str, object] = {
         "seed": seed,
-        "radio.belief": belief,
+        "radio.belief": "learned" if belief == WALLS_FIRST else belief,
+        "radio.prior": "buildings" if belief == WALLS_FIRST else None,
         "mission.replan": replan,
         "mission.rounds": ROUNDS,
         "mission.flight": flight,
@@ -203,7 +205,7 @@ def rounds_of(
     if made is not None:
         settings |= {"radio.truth": "map", "radio.map_file": str(made)}
         settings["area.buildings_file"] = None
-        if belief == "buildings":
+        if belief in ("buildings", WALLS_FIRST):
             settings["area.buildings"] = [one.model_dump() for one in walls(city)]
     config = aerofed.config("city", settings)
     with TemporaryDirectory() as folder:

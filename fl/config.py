@@ -108,7 +108,12 @@ class RadioConfig(_Frozen):
         "channel",
         description="what plans are made with: the 'channel'; the 'buildings', of whose "
         "shadowing it knows the deviation only; the 'map'; what is 'learned' from pilot tones on "
-        "the way, from the channel on, or as 'package.module:factory' says; or the 'truth'",
+        "the way, from the prior on, or as 'package.module:factory' says; or the 'truth'",
+    )
+    prior: Literal["channel", "buildings", "map"] | None = Field(
+        None,
+        description="belief learned, or your own: what is believed before anything is heard; the "
+        "'channel' (the default), the 'buildings' or the 'map'",
     )
     pilots: Literal["all", "scheduled"] | None = Field(
         None,

@@ -317,7 +317,7 @@ class RunConfig(Table):
 
     @model_validator(mode="after")
     def _radio_has_what_it_needs(self) -> Self:
-        area, by_key = self.area, {"truth": self.radio.truth, "belief": self.radio.belief}
+        area, by_key = self.area, self.radio.model_dump(include={"truth", "belief", "prior"})
         for key, name in by_key.items():
             if name == "buildings" and not area.buildings and area.buildings_file is None:
                 raise ValueError(
@@ -326,8 +326,14 @@ class RunConfig(Table):
         mapped = self.radio.map_file is not None or self.radio.scene is not None
         if ("map" in by_key.values()) != mapped:
             raise ValueError(
-                "radio.truth or radio.belief = 'map' and radio.map_file or .scene need each other"
+                "radio.truth, .belief or .prior = 'map' needs radio.map_file or .scene, and they it"
             )
+        for key in ("prior", "pilots"):
+            if getattr(self.radio, key) is not None and not self.radio.listens:
+                raise ValueError(
+                    f"radio.{key} is of a belief that listens: radio.belief = 'learned', or your "
+                    f"own, not {self.radio.belief!r}"
+                )
         return self
 
     @model_validator(mode="after")

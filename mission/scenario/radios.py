@@ -71,26 +71,29 @@ def believed(
         InputError: as `radio_of`.
         UsersCodeError: a belief of one's own raised something, or gave what cannot be used.
     """
-    belief, radio, count = config.radio.belief, truth, len(devices_m)
+    radio, belief, count = truth, config.radio.belief, len(devices_m)
     if belief == "channel":
         return None, None
-    if config.radio.listens:
-        assert isinstance(truth, PlacedRadio)
-        prior = radio_grid(AverageRadio(channel, devices_m), channel, area, count)
-        learns = (
-            Learned(prior, truth.terms)
-            if belief == "learned"
-            else replace(CustomBelief.made(belief, prior, truth.terms, devices_m), devices=count)
-        )
-        listener = Listener(learns, truth, prior, channel.altitude_m)
-        return listener.grid(Heard()), listener
-    if belief == "map" and config.radio.truth != "map":  # which is the same file
+    before = config.radio.prior or "channel" if config.radio.listens else belief
+    if before == "channel":
+        radio = AverageRadio(channel, devices_m)
+    elif before == "map" and config.radio.truth != "map":  # which is the same file
         radio = PlacedRadio(_map_of(config, devices_m), _terms(config))
-    elif belief == "buildings":  # as they stand, but nobody knows their shadowing before
+    elif before == "buildings":  # as they stand, but nobody knows their shadowing before
         city = city_of(config, area, devices_m, None)
         unknown_db = city.shadowing_db if config.radio.shadowing else None
         radio = PlacedRadio(city, _terms(config), unknown_db)
-    return radio_grid(radio, channel, area, count), None
+    prior = radio_grid(radio, channel, area, count)
+    if not config.radio.listens:
+        return prior, None
+    assert isinstance(truth, PlacedRadio)
+    learns = (
+        Learned(prior, truth.terms)
+        if belief == "learned"
+        else replace(CustomBelief.made(belief, prior, truth.terms, devices_m), devices=count)
+    )
+    listener = Listener(learns, truth, prior, channel.altitude_m)
+    return listener.grid(Heard()), listener
 
 
 def radio_grid(radio: Radio, channel: Channel, area: Area, devices: int) -> PerGrid:

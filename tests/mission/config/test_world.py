@@ -660,8 +660,18 @@ MAP_FREE = CITY + "[radio]\nbelief = 'buildings'\n"
         (BASE + "[radio]\nbelief = 'buildings'\n", "radio.belief = 'buildings' needs area.buildin"),
         (
             BASE + "[radio]\nbelief = 'map'\n",
-            "radio.belief = 'map' and radio.map_file or .scene need each",
+            "radio.truth, .belief or .prior = 'map' needs radio.map_file or .scene, and they it",
         ),
+        (
+            BASE + "[radio]\nbelief = 'learned'\nprior = 'buildings'\n",
+            "radio.prior = 'buildings' needs area.buildings",
+        ),
+        (
+            MAP_FREE + "prior = 'buildings'\n",
+            "radio.prior is of a belief that listens: radio.belief = 'learned', or your own, not "
+            "'buildings'",
+        ),
+        (MAP_FREE + "pilots = 'all'\n", "radio.pilots is of a belief that listens: radio.belief ="),
         (
             BASE + "[radio]\nbelief = 'guess'\n",
             "belief = 'guess': must be one of 'channel', ",

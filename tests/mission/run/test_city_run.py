@@ -125,6 +125,18 @@ def test_pilots_are_those_of_all_or_of_the_scheduled(
             assert heard == [{*told.device[told["round"] == number]} for number in (1, 2)]
 
 
+def test_what_listens_begins_with_its_prior(tmp_path: Path) -> None:
+    begun = {}
+    for prior in (None, "buildings"):
+        more = {**SETTINGS, "radio.belief": "learned", "radio.prior": prior, "mission.rounds": 1}
+        begun[prior] = aerofed.run("quickstart", more, out=tmp_path / f"{prior}").uplinks
+    walls = aerofed.run("quickstart", {**SETTINGS, "radio.belief": "buildings"}, out=tmp_path / "w")
+    first = walls.uplinks[walls.uplinks["round"] == 1]
+    assert begun["buildings"].device.tolist() == first.device.tolist()
+    assert begun["buildings"].plan_per.to_numpy() == pytest.approx(first.plan_per.to_numpy())
+    assert begun["buildings"].plan_per.tolist() != begun[None].plan_per.tolist()
+
+
 def test_what_is_believed_stands_in_the_log_and_grows_in_a_picture(
     run: aerofed.Run, tmp_path: Path
 ) -> None:
