@@ -23,7 +23,7 @@ def radio_map(
     scene: str = "munich",
     middle: Annotated[tuple[float, float], Parameter(negative=())] = (0.0, 0.0),
     figure: Path | None = None,
-    device: int = 0,
+    device: int | None = None,
     set_: Overrides = (),
 ) -> int:
     """Write the gains of all paths from the devices to the places of the aircraft, as a file.
@@ -52,7 +52,7 @@ def radio_map(
     figure
         Also draw the gains of one device, at the lowest height: FILE.png, .svg or .pdf.
     device
-        Which one is drawn, from 0.
+        --figure: which one is drawn, from 0; the first by default.
     set_
         Override any key: --set radio.environment=UMa
     """
@@ -64,6 +64,8 @@ def radio_map(
         raise InputError(f"--cell {cell:g}: must be from 0.5 m to the area's {min(size_m):g} m")
     if figure is not None and figure.suffix not in (".png", ".svg", ".pdf"):
         raise InputError(f"--figure {figure}: must end in .png, .svg or .pdf")
+    if device is not None and figure is None:
+        raise InputError(f"--device {device}: says what --figure draws; give one, or leave it out")
     if engine == "buildings" and not resolved.area.buildings:
         raise InputError(
             f"{config}: area.buildings: missing, as is area.buildings_file; a map is made of them"
@@ -83,6 +85,7 @@ def radio_map(
     heights_m = np.unique(np.append(heights_m, high_m))
     streams, area = RandomStreams(resolved.seed), resolved.area.build()
     devices_m = device_places(resolved, area, streams)
+    device = device or 0
     if not 0 <= device < len(devices_m):
         raise InputError(f"--device {device}: must be from 0 to {len(devices_m) - 1}")
     cells = len(devices_m) * len(heights_m) * math.prod(math.ceil(side / cell) for side in size_m)

@@ -181,7 +181,8 @@ def test_a_linear_map_a_map_that_is_gone_and_one_that_is_there(capsys) -> None:
     [
         (["--cell=0.1"], "--cell 0.1: must be from 0.5 m to the area's 200 m"),
         (["--set=area.buildings=[]"], "area.buildings: missing, as is area.buildings_file; a map"),
-        (["--device=2"], "--device 2: must be from 0 to 1"),
+        (["--device=2", "--figure=w.svg"], "--device 2: must be from 0 to 1"),
+        (["--device=1"], "--device 1: says what --figure draws; give one, or leave it out"),
         (["--figure=w.gif"], "--figure w.gif: must end in .png, .svg or .pdf"),
         (["none/w.nc"], "none/w.nc: cannot write: No such file or directory"),
         (["--cell=0.5", "--set=area.size_m=[9e4,9e4]"], "50000000 are allowed; take larger ones"),
