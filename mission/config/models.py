@@ -326,7 +326,8 @@ class RunConfig(Table):
         mapped = self.radio.map_file is not None or self.radio.scene is not None
         if ("map" in by_key.values()) != mapped:
             raise ValueError(
-                "radio.truth, .belief or .prior = 'map' needs radio.map_file or .scene, and they it"
+                "radio.map_file or .scene, and 'map' as radio.truth, .belief or .prior, need each "
+                "other"
             )
         for key in ("prior", "pilots"):
             if getattr(self.radio, key) is not None and not self.radio.listens:

@@ -197,7 +197,7 @@ def test_what_cannot_be_mapped_is_refused(capsys, more, words: str) -> None:
 def test_a_map_needs_a_file_and_a_file_its_use(capsys) -> None:
     for alone in (ON_MAP[0], "--set=radio.map_file=w.nc"):
         assert call(["run", "w.toml", alone, "--out=x", "--quiet"]) == 2
-        assert "= 'map' needs radio.map_file or .scene, and they it" in capsys.readouterr().err
+        assert "'map' as radio.truth, .belief or .prior, need each other" in capsys.readouterr().err
 
 
 def test_what_is_no_building_is_counted_for_the_user(capsys) -> None:

@@ -660,7 +660,7 @@ MAP_FREE = CITY + "[radio]\nbelief = 'buildings'\n"
         (BASE + "[radio]\nbelief = 'buildings'\n", "radio.belief = 'buildings' needs area.buildin"),
         (
             BASE + "[radio]\nbelief = 'map'\n",
-            "radio.truth, .belief or .prior = 'map' needs radio.map_file or .scene, and they it",
+            "radio.map_file or .scene, and 'map' as radio.truth, .belief or .prior, need",
         ),
         (
             BASE + "[radio]\nbelief = 'learned'\nprior = 'buildings'\n",
