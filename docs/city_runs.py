@@ -93,7 +93,8 @@ Mean ± 95 % interval over seeds (Student's t), differences seed by seed. Object
 round: of its first plan, and by the true success of all that were asked, twice who was asked twice;
 % is the second beside the first. Success is the mean of those who were asked in the last {late}
 rounds, as hoped for and true. For all three each seed counts with the mean of its cities. The runs
-are of commit 21a4bd0f. They were flown; what that changed is at the end.
+are of commit 21a4bd0f, those that learned from buildings of abfa614f. They were flown; what that
+changed is at the end.
 """
 
 
