@@ -74,7 +74,7 @@ def believed(
     radio, belief, count = truth, config.radio.belief, len(devices_m)
     if belief == "channel":
         return None, None
-    before = config.radio.prior or "channel" if config.radio.listens else belief
+    before = (config.radio.prior or "channel") if config.radio.listens else belief
     if before == "channel":
         radio = AverageRadio(channel, devices_m)
     elif before == "map" and config.radio.truth != "map":  # which is the same file
