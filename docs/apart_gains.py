@@ -3,34 +3,28 @@
     python docs/apart_gains.py 2a RUNS --out docs/data/apart-runs
     python docs/apart_gains.py 2b FACTORS --out docs/data/apart-factors
     python docs/apart_gains.py 2c RUNS WEIGHTS --out docs/data/apart-weights
-    python docs/apart_gains.py 3 FLOWN --out docs/data/apart-flown
 
 RUNS is what `apart_runs.py` left, finished or not: folders, and tables made from them before.
 `--out` gets all rounds as one table, rounds.csv.gz, and README.md with the tables of that stage:
-docs/data/PLAN.md.
+docs/data/PLAN.md. What was flown, stage 3, is judged by `apart_flown.py`.
 """
 
 import argparse
 import gzip
 from collections.abc import Iterator, Sequence
-from itertools import product
 from pathlib import Path
 
 import apart_runs
 import numpy as np
 import pandas as pd
-from apart_shift import corrected_half, holm, markdown, two_sided
+from apart_shift import markdown, two_sided
 from numpy.typing import NDArray
 
-from mission.figures.charts import DotRow, dot_rows
-from mission.figures.render import save_all
-from mission.figures.style import COOL, WARM, WIDTH, Chart, arranged, heading
 from mission.sweep.outcome.curves import interval
 
 Floats = NDArray[np.float64]
 CELL = ["layout", "N", "K_bar"]
 TESTS = 13  # of stage 2, those of 2b too; times so many, no p is less than Holm's
-CLAIM, MOST_LOST = 0.14, 2.0  # the paper's relative gain; points of MNIST that it may cost
 LAST = 10  # rounds that the accuracy at an end is a mean of
 WAYS = ("metre", "round", "joule")
 TASKS = ("cifar10", "mnist")
@@ -99,18 +93,28 @@ def gains(
     return ahead - level, level
 
 
-def _gain(of: Floats, level: Floats) -> str:
+def need_three(whole: int, seeds: Sequence[int]) -> None:
+    """An interval of fewer seeds says nothing.
+
+    Raises:
+        SystemExit: fewer than three of the seeds have all their runs.
+    """
+    if whole < 3:
+        raise SystemExit(f"{whole} of {len(seeds)} seeds are whole: three are needed")
+
+
+def gain(of: Floats, level: Floats) -> str:
     found = interval(of)
     share = 100.0 * found.mean / level.mean()
     return f"{found.mean:+.1f} ± {found.half:.1f} ({share:+.0f} %, {(of > 0.0).sum()} of {len(of)})"
 
 
-def _mean(values: Sequence[float] | Floats) -> str:
+def mean_of(values: Sequence[float] | Floats) -> str:
     found = interval(values)
     return f"{found.mean:.1f} ± {found.half:.1f}"
 
 
-def _name(cell: apart_runs.Cell) -> str:
+def name_of(cell: apart_runs.Cell) -> str:
     return f"{cell.layout}, N = {cell.steps}, K_bar = {cell.per_step}"
 
 
@@ -139,43 +143,25 @@ def _hypotheses(cells: dict[apart_runs.Cell, dict[str, list[pd.DataFrame]]]) -> 
 def tables(rounds: pd.DataFrame) -> str:
     """README.md of the runs."""
     cells = dict(whole_cells(rounds))
-    missing = [_name(cell) for cell in apart_runs.CELLS if cell not in cells]
-    ahead, level, last = [], [], []
+    missing = [name_of(cell) for cell in apart_runs.CELLS if cell not in cells]
+    ahead, last = [], []
     for cell, runs in cells.items():
         for task in TASKS:
-            by_way = [_gain(*gains(runs, "no_cov", task, way)) for way in WAYS]
-            ahead.append([_name(cell), NAMES[task], *by_way])
+            by_way = [gain(*gains(runs, "no_cov", task, way)) for way in WAYS]
+            ahead.append([name_of(cell), NAMES[task], *by_way])
             single = [
                 accuracy(a, task, len(a), last=1) - accuracy(b, task, len(b), last=1)
                 for a, b in zip(runs["cov"], runs["no_cov"], strict=True)
             ]
-            last.append([_name(cell), NAMES[task], _mean(single)])
-        for strategy, of in runs.items():
-            level.append(
-                [
-                    _name(cell), f"`{strategy}`",
-                    *(_mean([accuracy(run, task, len(run)) for run in of]) for task in TASKS),
-                    *(_mean([heard(run, task) for run in of]) for task in TASKS),
-                    _mean([len(run) for run in of]),
-                ]
-            )  # fmt: skip
+            last.append([name_of(cell), NAMES[task], mean_of(single)])
     parts = {
         "Hypotheses": _hypotheses(cells),
         "`cov` less `no_cov`, three ways": markdown(
             ["cell", "task", *(f"per {way}" for way in WAYS)], ahead
         ),
         "The same of the last round alone, per metre": markdown(["cell", "task", "points"], last),
-        "What each strategy comes to": markdown(
-            [
-                "cell",
-                "strategy",
-                "CIFAR-10, %",
-                "MNIST, %",
-                "CIFAR-10 heard, %",
-                "MNIST heard, %",
-                "rounds",
-            ],
-            level,
+        "What each strategy comes to": levels(
+            {name_of(cell): runs for cell, runs in cells.items()}
         ),
         "Not computed": "\n".join(f"- {name}" for name in missing) or "Nothing is missing.",
     }
@@ -220,10 +206,7 @@ def factor_tables(rounds: pd.DataFrame) -> str:
         (task, way): effects(factor_gains(rounds, task, way)) for task in TASKS for way in WAYS
     }
     seeds = len(added["cifar10", "metre"])
-    if seeds < 3:
-        raise SystemExit(
-            f"{seeds} of {len(apart_runs.FACTOR_SEEDS)} seeds are whole: three are needed"
-        )
+    need_three(seeds, apart_runs.FACTOR_SEEDS)
     rows = []
     for number, (name, factor) in enumerate(apart_runs.FACTORS.items()):
         of = {key: each[:, number] for key, each in added.items()}
@@ -232,10 +215,10 @@ def factor_tables(rounds: pd.DataFrame) -> str:
         rows.append(
             [
                 f"H{9 + number}: {name}, {first} to {second}",
-                f"{_mean(judged)}, {(judged > 0.0).sum()} of {seeds}",
+                f"{mean_of(judged)}, {(judged > 0.0).sum()} of {seeds}",
                 f"{min(1.0, TESTS * two_sided(judged)):.1g}",
-                *(_mean(of["cifar10", way]) for way in WAYS[1:]),
-                *(_mean(of["mnist", way]) for way in WAYS),
+                *(mean_of(of["cifar10", way]) for way in WAYS[1:]),
+                *(mean_of(of["mnist", way]) for way in WAYS),
             ]
         )
     ways = [f"{NAMES[task]} per {way}" for task in TASKS for way in WAYS]
@@ -258,10 +241,7 @@ def weight_tables(rounds: pd.DataFrame) -> str:
     cell, strategies = apart_runs.CELLS[0], ("cov", "no_cov", *apart_runs.WEIGHTS)
     by_run = dict(iter(of_cell(rounds, cell).groupby(["strategy", "seed"])))
     whole = [s for s in apart_runs.SEEDS if all((name, s) in by_run for name in strategies)]
-    if len(whole) < 3:
-        raise SystemExit(
-            f"{len(whole)} of {len(apart_runs.SEEDS)} seeds are whole: three are needed"
-        )
+    need_three(len(whole), apart_runs.SEEDS)
     runs = {name: [by_run[name, seed] for seed in whole] for name in strategies}
     parts = [_WEIGHTS_HEAD.format(seeds=len(whole), of=len(apart_runs.SEEDS))]
     for other in ("no_cov", "cov"):
@@ -269,7 +249,7 @@ def weight_tables(rounds: pd.DataFrame) -> str:
             [
                 f"`{name}`",
                 NAMES[task],
-                *(_gain(*gains(runs, other, task, w, of=name)) for w in WAYS),
+                *(gain(*gains(runs, other, task, w, of=name)) for w in WAYS),
             ]
             for name in strategies
             for task in TASKS
@@ -277,140 +257,25 @@ def weight_tables(rounds: pd.DataFrame) -> str:
         ]
         heads = ["weight", "task", *(f"per {way}" for way in WAYS)]
         parts.append(f"## Points less `{other}`\n\n{markdown(heads, rows)}\n")
-    parts.append(f"## What each comes to\n\n{_levels('weight', runs)}\n")
+    parts.append(f"## What each comes to\n\n{levels({name_of(cell): runs})}\n")
     return "\n".join(parts)
 
 
-def _levels(what: str, runs: dict[str, list[pd.DataFrame]]) -> str:
-    """The table of what each strategy comes to."""
+def levels(cells: dict[str, dict[str, list[pd.DataFrame]]]) -> str:
+    """The table of what each strategy comes to, by cell."""
     rows = [
         [
-            f"`{name}`",
-            *(_mean([accuracy(run, task, len(run)) for run in of]) for task in TASKS),
-            *(_mean([heard(run, task) for run in of]) for task in TASKS),
-            _mean([len(run) for run in of]),
+            cell, f"`{name}`",
+            *(mean_of([accuracy(run, task, len(run)) for run in of]) for task in TASKS),
+            *(mean_of([heard(run, task) for run in of]) for task in TASKS),
+            mean_of([len(run) for run in of]),
         ]
+        for cell, runs in cells.items()
         for name, of in runs.items()
-    ]
-    heads = [what, "CIFAR-10, %", "MNIST, %", "CIFAR-10 heard, %", "MNIST heard, %", "rounds"]
-    return markdown(heads, rows)
+    ]  # fmt: skip
+    said = [f"{NAMES[task]}{what}, %" for what in ("", " heard") for task in TASKS]
+    return markdown(["cell", "strategy", *said, "rounds"], rows)
 
-
-def _verdict(ahead: Floats, level: Floats, mnist: Floats, p: float) -> str:
-    """PLAN's words for a cell and a way, by p as Holm corrects it."""
-    found, price = interval(ahead), interval(mnist)
-    claimed = CLAIM * level.mean()
-    refused = "; 14 % refused" if claimed > found.mean + found.half else ""
-    if p >= 0.05 or found.mean <= 0.0:
-        return f"not shown{refused}"
-    if found.mean < claimed:
-        return f"ahead{refused}"
-    free = price.mean + price.half >= 0.0 and price.mean >= -MOST_LOST
-    return "the claim holds" if free else "at a price"
-
-
-def flown_cells(rounds: pd.DataFrame) -> dict[str, dict[str, list[pd.DataFrame]]]:
-    """The runs of stage 3 by cell and strategy, one a seed that is whole; last, the first cell with
-    the paper's planner.
-
-    Raises:
-        SystemExit: no three seeds have all their runs.
-    """
-    by_run = dict(iter(rounds.groupby([*CELL, "planner", "strategy", "seed"])))
-    wanted = [task.values for task in apart_runs.judging_tasks()]
-    done = {(strategy, seed, *cell, planner) for *cell, planner, strategy, seed in by_run}
-    every = apart_runs.JUDGING_SEEDS
-    whole = [s for s in every if all(task in done for task in wanted if task[1] == s)]
-    if len(whole) < 3:
-        raise SystemExit(f"{len(whole)} of {len(every)} seeds are whole: three are needed")
-
-    def runs_of(cell: apart_runs.Cell, planner: str, *names: str) -> dict[str, list[pd.DataFrame]]:
-        at = cell.layout, cell.steps, cell.per_step, planner
-        return {name: [by_run[(*at, name, seed)] for seed in whole] for name in names}
-
-    first = apart_runs.JUDGED[0]
-    names = ("cov", "no_cov", "rectangular", "barycenter")
-    cells = {_name(cell): runs_of(cell, "certified", *names) for cell in apart_runs.JUDGED}
-    cells[_name(first)] |= runs_of(first, "certified", "ideal")
-    return cells | {
-        f"{_name(first)}, the paper's planner": runs_of(first, "paper", "cov", "no_cov")
-    }
-
-
-def flown_picture(rounds: pd.DataFrame) -> Chart:
-    """A panel a cell: what `cov` gains on `no_cov`, by task and way."""
-    cells, colours, panels = flown_cells(rounds), {"cifar10": WARM, "mnist": COOL}, []
-    for cell, runs in cells.items():
-        rows = []
-        for task, way in product(TASKS, WAYS):
-            ahead, _ = gains(runs, "no_cov", task, way)
-            of = interval(ahead)
-            ends = of.mean - of.half, of.mean + of.half
-            name = f"{NAMES[task]} per {way}"
-            rows.append(DotRow(name, colours[task], tuple(ahead), of.mean, ends))
-        panel = dot_rows(cell, rows, x="accuracy, points", zero=True)
-        panel["width"] = WIDTH / 2
-        panels.append(panel)
-    scales = [layer["encoding"]["x"]["scale"] for p in panels for layer in p["layer"]]
-    ends = [scale["domain"] for scale in scales]
-    for scale in scales:  # one for all
-        scale["domain"] = [min(map(min, ends)), max(map(max, ends))]
-    title = heading("Flown: what cov gains on no_cov where communities live in corners")
-    return arranged(panels, how="hconcat", spacing=24, title=title)
-
-
-def flown_tables(rounds: pd.DataFrame) -> str:
-    """README.md of stage 3.
-
-    Raises:
-        SystemExit: as `flown_cells`.
-    """
-    every = flown_cells(rounds)
-    *cells, last = every
-    paper, first = every[last], cells[0]
-    tested = {
-        (name, f"{number}, {way}, less {other}"): (runs, other, way)
-        for name, runs in ((name, every[name]) for name in cells)
-        for number, way, other in (
-            ("H16", "metre", "no_cov"), ("H17", "round", "no_cov"), ("H18", "joule", "no_cov"),
-            ("H20", "metre", "rectangular"), ("H21", "metre", "barycenter"),
-        )
-    }  # fmt: skip
-    tested[first, "H19, metre, less no_cov, paper's planner"] = (paper, "no_cov", "metre")
-    found = {
-        what: gains(runs, other, "cifar10", way) for what, (runs, other, way) in tested.items()
-    }
-    rows = []
-    every_p = [two_sided(ahead) for ahead, _ in found.values()]
-    for index, (p, (what, (runs, other, way))) in enumerate(
-        zip(holm(every_p), tested.items(), strict=True)
-    ):
-        (ahead, level), (mnist, there) = found[what], gains(runs, other, "mnist", way)
-        half = corrected_half(ahead, every_p, index)
-        ends = f"{ahead.mean() - half:+.1f} to {ahead.mean() + half:+.1f} (p {p:.1g})"
-        verdict = _verdict(ahead, level, mnist, p)
-        rows.append([*what, _gain(ahead, level), ends, _gain(mnist, there), verdict])
-    seeds, wanted = len(paper["cov"]), len(apart_runs.JUDGING_SEEDS)
-    undecided = "" if seeds == wanted else "; until all are, nothing is decided"
-    heads = ["cell", "hypothesis, per", "CIFAR-10", "corrected by Holm", "MNIST", "in PLAN's words"]
-    parts = [
-        _FLOWN_HEAD.format(seeds=seeds, of=wanted, undecided=undecided),
-        markdown(heads, rows),
-    ]
-    for name, runs in every.items():
-        parts.append(f"\n## {name}\n\n{_levels('strategy', runs)}")
-    return "\n".join(parts) + "\n"
-
-
-_FLOWN_HEAD = """\
-# Flown, on all data: where communities live in opposite corners
-
-Made from rounds.csv.gz by `python docs/apart_gains.py 3`; the runs by `python docs/apart_runs.py
-3`. Planned before: [PLAN](../PLAN.md), stage 3. {seeds} of {of} seeds are whole{undecided}.
-
-Points that `cov` is ahead, mean ± 95 % interval over seeds; in brackets over the other's mean, and
-in how many seeds ahead; then CIFAR-10's interval at the level at which Holm tests it.
-"""
 
 _WEIGHTS_HEAD = """\
 # Other weights where communities live in opposite corners
@@ -449,25 +314,27 @@ times thirteen, the tests of the stage, is at least what Holm makes of it.
 """
 
 
+def write(out: Path, rounds: pd.DataFrame, readme: str) -> None:
+    """All rounds as one table, and the page on them."""
+    out.mkdir(parents=True, exist_ok=True)
+    # Without a time and a name in its head, so that the same rounds are the same bytes.
+    packed = gzip.compress(rounds.to_csv(index=False, lineterminator="\n").encode(), mtime=0)
+    (out / "rounds.csv.gz").write_bytes(packed)
+    (out / "README.md").write_text(readme, encoding="utf-8")
+
+
 def main() -> None:
     """Collect and write."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("stage", choices=("2a", "2b", "2c", "3"))
+    parser.add_argument("stage", choices=("2a", "2b", "2c"))
     parser.add_argument("runs", type=Path, nargs="+", metavar="RUNS")
     parser.add_argument("--out", type=Path, required=True, metavar="DIR")
-    parser.add_argument("--figures", type=Path, metavar="DIR", help="draw stage 3 into it")
     options = parser.parse_args()
     rounds = collected(options.runs)
     if options.stage == "2c":
         rounds = of_cell(rounds, apart_runs.CELLS[0])
-    made = {"2a": tables, "2b": factor_tables, "2c": weight_tables, "3": flown_tables}
-    options.out.mkdir(parents=True, exist_ok=True)
-    # Without a time and a name in its head, so that the same rounds are the same bytes.
-    packed = gzip.compress(rounds.to_csv(index=False, lineterminator="\n").encode(), mtime=0)
-    (options.out / "rounds.csv.gz").write_bytes(packed)
-    (options.out / "README.md").write_text(made[options.stage](rounds), encoding="utf-8")
-    if options.figures and options.stage == "3":
-        save_all({"apart-flown.png": flown_picture(rounds)}, options.figures)
+    made = {"2a": tables, "2b": factor_tables, "2c": weight_tables}[options.stage]
+    write(options.out, rounds, made(rounds))
 
 
 if __name__ == "__main__":

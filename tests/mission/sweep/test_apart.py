@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import apart
+import apart_flown
 import apart_gains
 import apart_runs
 import apart_shift
@@ -241,13 +242,13 @@ def test_what_was_flown_is_judged_in_the_plans_words() -> None:
         for task in apart_runs.judging_tasks()
         if task.seed in lucky
     ]
-    made = apart_gains.flown_tables(pd.DataFrame(rows))
+    made = apart_flown.tables(pd.DataFrame(rows))
     assert "3 of 12 seeds are whole" in made
     (paper,) = (line for line in made.splitlines() if "H19" in line)
     assert "+6.1 ± 0.2 (+20 %, 3 of 3)" in paper
     assert paper.endswith("| +0.0 ± 0.0 (+0 %, 0 of 3) | the claim holds |")
     with pytest.raises(SystemExit, match="2 of 12 seeds are whole"):
-        apart_gains.flown_tables(pd.DataFrame(rows[:-1]))
+        apart_flown.tables(pd.DataFrame(rows[:-1]))
 
 
 @pytest.mark.parametrize(
@@ -266,4 +267,4 @@ def test_words_are_the_plans(
     ahead: tuple[float, ...], mnist: tuple[float, ...], p: float, word: str
 ) -> None:
     level = np.full(3, 30.0)
-    assert apart_gains._verdict(np.array(ahead), level, np.array(mnist), p) == word
+    assert apart_flown.verdict_of(np.array(ahead), level, np.array(mnist), p) == word
