@@ -64,13 +64,13 @@ def outcome(
 ) -> Cells:
     """A row for each strategy and setting; `seeds` says how many of a group there are.
 
-    Without the columns that no run has.
+    Without the columns that no run has a number for, as energy where nothing was flown.
     """
     each = [
         (column, name)
         for column in columns
         for name in (communities_of(results) if "{}" in column.name else ("",))
-        if any(column.name.format(name) in run.summary | run.equal for run in results)
+        if not all(math.isnan(of) for of in _values(results, column.name.format(name)))
     ]
     heads = ["strategy", "seeds", *(column.head.format(name) for column, name in each)]
     rows = [
@@ -101,8 +101,12 @@ def final_table(results: Sequence[RunResult]) -> Table:
 
 def over_seeds(runs: Sequence[RunResult], column: str) -> Interval:
     """Mean and interval of a column of `runs.csv`, or of those at equal rounds, metres, energy."""
+    return interval(_values(runs, column))
+
+
+def _values(runs: Sequence[RunResult], column: str) -> list[float]:
     rows = (run.summary | run.equal for run in runs)
-    return interval([float(row[column]) for row in rows if column in row])
+    return [float(row[column]) for row in rows if column in row]
 
 
 def percent(value: Interval, *, signed: bool = False) -> str:
