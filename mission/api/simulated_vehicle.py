@@ -204,7 +204,13 @@ class SimulatedVehicle:
             raise InputError(f"fly({file.path}): the vehicle is armed; a plan begins on the ground")
         home, host = self._host.area.home, self._host
         file = replace(file, items=placed(file.items, home))
-        path = planned_path(file, home, parameters=host.parameters, limits=host.guidance)
+        try:
+            path = planned_path(file, home, parameters=host.parameters, limits=host.guidance)
+        except InputError as error:
+            if file.home is None or file.home == home:
+                raise
+            begin = f"aerofed.vehicle(home={str(file.path)!r}) stands at the plan's own home"
+            raise error.in_words(f"{error}; {begin}") from None
         self._do(host.fly(file, path))
 
     def mavlink(self) -> Any:
