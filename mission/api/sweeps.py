@@ -122,8 +122,9 @@ def sweep(
     """
     from rich.console import Console
 
-    from fl.plugin_code import named
     from mission.base.run_folder import RUNS
+    from mission.config.loading import plain
+    from mission.config.models import RunConfig
     from mission.sweep.execute.engine import EngineChoice
     from mission.sweep.grid import Axis, make_grid
 
@@ -134,10 +135,15 @@ def sweep(
             raise InputError(f"{name} = {values!r}: must be a list of values, also where it is one")
     if not isinstance(seeds, SupportsIndex):
         raise InputError(f"seeds = {seeds!r}: must be a whole number")
-    base = config(source, overrides)
-    axes = [Axis(key, tuple(map(named, values))) for key, values in (settings or {}).items()]
-    names = [str(named(strategy)) for strategy in strategies]
-    grid = make_grid(base, strategies=names, seeds=seeds, axes=axes, giver="sweep")
+    config(source, overrides)  # what is wrong with these is said of these
+    grid = make_grid(
+        source if isinstance(source, RunConfig) else Path(source),
+        strategies=[str(plain(strategy)) for strategy in strategies],
+        seeds=seeds,
+        axes=[Axis(key, tuple(map(plain, values))) for key, values in (settings or {}).items()],
+        common=overrides,
+        giver="sweep",
+    )
     path = as_path(out, "out") if out is not None else RUNS / f"sweep-{grid.base.name}"
     data = folder(data_dir, "data_dir")
     from mission.sweep.sweep import sweep as execute

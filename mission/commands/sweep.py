@@ -76,8 +76,8 @@ def sweep(
         config,
         strategies=names,
         seeds=seeds,
-        rounds=rounds,
         axes=[parse_axis(text) for text in set_],
+        common={} if rounds is None else {"mission.rounds": rounds},
     )
     if data_dir is not None and not data_dir.is_dir():
         raise InputError(f"--data-dir {data_dir}: no such folder")

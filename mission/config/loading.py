@@ -100,12 +100,14 @@ def load_config(
     name = str(path)
     for dotted, value in (overrides or {}).items():
         override(data, dotted, value, giver=giver)
+    if "radio.map_file" in (overrides or {}) and "radio.map_sha256" not in (overrides or {}):
+        data["radio"].pop("map_sha256", None)  # of another file
     _make_absolute(data, Path())
     named = options or {}
     blame = Blame(name, {key: named.get(key, "") for key in overrides or {}}, giver)
     with explained(RunConfig, data, blame):
         # By way of JSON, where pydantic tells lists, numbers, texts and truths apart as TOML does.
-        config = RunConfig.model_validate_json(json.dumps(data, default=_plain), strict=True)
+        config = RunConfig.model_validate_json(_json(data), strict=True)
     config = with_world(config, blame).read_from(blame)
     lines = [refusal(*problem, blame) for problem in problems(config)]
     if lines:
@@ -124,10 +126,17 @@ def _make_absolute(data: Mapping[str, Any], folder: Path) -> None:
             table[key] = str(whole_path(folder, path))
 
 
-def _plain(value: object) -> object:
-    """What JSON does not have: arrays and their scalars, as lists and numbers; plug-ins that are
-    passed as objects, by their names; dates as text."""
-    return value.tolist() if hasattr(value, "tolist") else told(named(value))
+def plain(value: object) -> object:
+    """A value of a key as files have it: arrays and their scalars as lists and numbers, tuples as
+    lists, plug-ins that are passed as objects by their names, paths and dates as text."""
+    return json.loads(_json(value))
+
+
+def _json(value: object) -> str:
+    def of_other(it: object) -> object:
+        return it.tolist() if hasattr(it, "tolist") else told(named(it))
+
+    return json.dumps(value, default=of_other)
 
 
 def _read(path: Path) -> dict[str, Any]:

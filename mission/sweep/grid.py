@@ -3,7 +3,7 @@
 import hashlib
 import itertools
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -94,14 +94,15 @@ def make_grid(
     *,
     strategies: Sequence[str],
     seeds: int,
-    rounds: int | None = None,
     axes: Sequence[Axis] = (),
+    common: Mapping[str, object] | None = None,
     giver: str = "command line",
 ) -> Grid:
     """Every run of a sweep over a configuration, or that in a file, each validated.
 
-    Seeds count up from the configuration's. `giver` is what an error calls where the values come
-    from.
+    Seeds count up from the configuration's. All runs have the `common` values by dotted key. They
+    are set together with those of a run: of a file that both name, the run's is read. `giver` is
+    what an error calls where the values come from.
 
     Raises:
         InputError: a value is refused, named twice, or belongs to an option of its own.
@@ -119,10 +120,8 @@ def make_grid(
     for axis in axes:
         _refuse_twice(axis.key, axis.values)
     # What has one value is common to all runs and need not be told in every row.
-    common = {axis.key: axis.values[0] for axis in axes if len(axis.values) == 1}
-    axes = [axis for axis in axes if len(axis.values) > 1]
-    if rounds is not None:
-        common["mission.rounds"] = rounds
+    single = {axis.key: axis.values[0] for axis in axes if len(axis.values) == 1}
+    common, axes = {**(common or {}), **single}, [axis for axis in axes if len(axis.values) > 1]
     base = load_config(source, common, giver=giver)
     numbers = tuple(range(base.seed, base.seed + seeds))
     runs = []

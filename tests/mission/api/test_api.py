@@ -485,12 +485,13 @@ def test_sweeps(tmp_path: Path) -> None:
         return aerofed.sweep(
             "quickstart", strategies=["cov", "ideal"], seeds=1,
             overrides={**SMALL, "mission.flight": "none"},
-            settings={"learning.mu": [0.0, 0.1]}, out=tmp_path / "s", jobs=1,
+            settings={"area.home_m": [(200, 300), np.array([200.5, 300.0])]},
+            out=tmp_path / "s", jobs=1,
         )  # fmt: skip
 
     swept = asyncio.run(cell())
     assert len(swept.runs) == 4
-    assert set(swept.runs["learning.mu"]) == {0.0, 0.1}
+    assert set(swept.runs["area.home_m"]) == {"[200, 300]", "[200.5, 300.0]"}
     assert len(swept.rounds) == 8
     written = pd.read_csv(tmp_path / "s" / "runs.csv")
     pd.testing.assert_frame_equal(swept.runs, written, check_dtype=False)

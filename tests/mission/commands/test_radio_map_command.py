@@ -115,6 +115,8 @@ def test_a_run_is_repeated_with_the_same_map_only(capsys) -> None:
     line = capsys.readouterr().err.strip()
     assert "radio.map_sha256" in line
     assert "it is another map; put the map of radio.map_sha256 back there, or begin a new" in line
+    of_another = "--set=radio.map_file=w.nc"
+    assert call(["run", "a/config.toml", of_another, "--out", "c", "--quiet", "--no-report"]) == 0
     Path("w.nc").unlink()
     Path("a/summary.json").unlink()
     assert call(["run", "--resume", "a", "--quiet"]) == 2

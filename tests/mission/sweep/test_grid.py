@@ -1,6 +1,7 @@
 """Which runs a sweep consists of, and what it refuses."""
 
 import errno
+import json
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +23,9 @@ def grid(*, strategies: tuple[str, ...] = ("cov", "ideal"), seeds: int = 2, **mo
 
 
 def test_every_strategy_with_every_seed_and_value() -> None:
-    found = grid(sets=["channel.extra_gain_db=0,3", "mission.steps=5"], rounds=7)
+    found = grid(
+        sets=["channel.extra_gain_db=0,3", "mission.steps=5"], common={"mission.rounds": 7}
+    )
     assert [(r.strategy, r.keys["channel.extra_gain_db"], r.seed) for r in found.runs] == [
         ("cov", 0, 1), ("ideal", 0, 1), ("cov", 3, 1), ("ideal", 3, 1),
         ("cov", 0, 2), ("ideal", 0, 2), ("cov", 3, 2), ("ideal", 3, 2),
@@ -103,7 +106,7 @@ def test_values_are_separated_by_commas(text: str, values: tuple[object, ...]) -
         ({"strategies": ("best",)}, ["mission.strategy", "'best'"]),
         ({"sets": ["link.kind=udp"]}, ["link.kind = 'udp'", "in_process"]),
         ({"seeds": 0}, ["seeds = 0", "at least 1"]),
-        ({"rounds": 0}, ["mission.rounds = 0"]),
+        ({"common": {"mission.rounds": 0}}, ["mission.rounds = 0"]),
     ],
 )
 def test_refused_in_words_that_help(more: dict[str, Any], words: list[str]) -> None:
@@ -137,7 +140,7 @@ def test_a_sweep_may_grow(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("more", "words"),
     [
-        ({"rounds": 9}, ["mission.rounds was 6, is 9"]),
+        ({"common": {"mission.rounds": 9}}, ["mission.rounds was 6, is 9"]),
         ({"sets": ["learning.mu=0.5"]}, ["learning.mu was 0.1, is 0.5"]),
         ({"sets": ["communities.1.devices=3"]}, ["communities.1.devices was 6, is 3"]),
         ({"sets": ["mission.steps=5,6"]}, ["mission.steps was not swept"]),
@@ -200,3 +203,21 @@ def test_what_fails_under_the_lock_is_not_blamed_on_the_folder(tmp_path: Path) -
     ):
         raise failure
     assert caught.value is failure
+
+
+def test_what_all_runs_have_is_set_together_with_what_one_has(tmp_path: Path) -> None:
+    """A file of `common` and another of a run's own: the second replaces the first."""
+    rings = [[[7.07, 43.61], [7.071, 43.61], [7.071, 43.611], [7.07, 43.61]]]
+    for name in ("one", "other"):
+        geometry = {"type": "Polygon", "coordinates": rings}
+        (tmp_path / f"{name}.geojson").write_text(json.dumps(geometry))
+    one, other = (str(tmp_path / f"{name}.geojson") for name in ("one", "other"))
+    swept = [Axis("area.no_fly_file", (one, other))]
+    found = make_grid(
+        builtin_config("paper.toml"),
+        strategies=["cov"],
+        seeds=1,
+        axes=swept,
+        common={"area.no_fly_file": one, "mission.flight": "none"},
+    )
+    assert [len(run.config.area.no_fly) for run in found.runs] == [1, 1]

@@ -135,7 +135,10 @@ def test_a_narrow_terminal_cuts_no_number(strategy: str) -> None:
 
 def test_the_bar_counts_rounds_and_names_the_runs_at_work(tmp_path: Path) -> None:
     grid = make_grid(
-        builtin_config("quickstart.toml"), strategies=("cov", "ideal"), seeds=1, rounds=10
+        builtin_config("quickstart.toml"),
+        strategies=("cov", "ideal"),
+        seeds=1,
+        common={"mission.rounds": 10},
     )
     folder, (cov, ideal) = SweepFolder(tmp_path), grid.runs
     screen = Console(width=120, force_terminal=True)
