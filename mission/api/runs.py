@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from mission.api.configuring import Source, as_path, config, folder
 from mission.api.figures import Figure, chosen
 from mission.base.errors import INTERRUPTED, InputError
+from mission.base.user_files import parse_toml, read_text
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -174,14 +175,15 @@ def run(
         quiet: show nothing; False shows what `aerofed run` shows.
 
     Raises:
-        AerofedError: what `aerofed run` would end with. What was flown before stays in `out`.
+        LimitsNotMetError: it is flown, and does not meet a limit of the table [limits].
+        AerofedError: what else `aerofed run` would end with. What was flown stays in `out`.
         KeyboardInterrupt: it was interrupted; `resume(out)` goes on.
     """
     from mission.base.run_folder import output_folder
 
     resolved = config(source, overrides)
     if strategy is not None:
-        resolved = config(resolved, {"mission.strategy": strategy})
+        resolved = config(source, {**(overrides or {}), "mission.strategy": strategy})
     data = folder(data_dir, "data_dir")
     given = None if out is None else as_path(out, "out")
     with output_folder(given, resolved.run_name) as path:
@@ -192,7 +194,7 @@ def run(
 
             return fly_session(resolved, path, Around(console), data_dir=data)
 
-        return flown(fly, path, quiet=quiet)
+        return flown(fly, path, resolved.limits, quiet=quiet)
 
 
 def resume(path: Path | str, *, quiet: bool = True) -> Run:
@@ -202,8 +204,11 @@ def resume(path: Path | str, *, quiet: bool = True) -> Run:
         AerofedError: not a run, or one that cannot go on here; or what ends it this time.
         KeyboardInterrupt: it was interrupted again.
     """
+    from mission.base.run_folder import RunFolder
 
     found = as_path(path, "path")
+    kept = RunFolder(found).config
+    limits = parse_toml(read_text(kept)).get("limits") if kept.is_file() else None
 
     def fly(console: "RunConsole") -> int:
         from mission.run.recorded import Around
@@ -211,7 +216,7 @@ def resume(path: Path | str, *, quiet: bool = True) -> Run:
 
         return resume_session(found, Around(console))
 
-    return flown(fly, found, quiet=quiet)
+    return flown(fly, found, limits, quiet=quiet)
 
 
 def load(path: Path | str) -> Run:
@@ -226,11 +231,21 @@ def load(path: Path | str) -> Run:
 
 
 def flown(
-    fly: "Callable[[RunConsole], int]", path: Path, *, quiet: bool, goes_on: bool = True
+    fly: "Callable[[RunConsole], int]",
+    path: Path,
+    limits: Mapping[str, float] | None,
+    *,
+    quiet: bool,
+    goes_on: bool = True,
 ) -> Run:
-    """What `fly` left at `path`; it returns an exit code. Whether one interrupted `goes_on`."""
+    """What `fly` left at `path`, where that keeps to `limits`; it returns an exit code. Whether one
+    interrupted `goes_on`."""
     from rich.console import Console
 
+    if limits:  # of which each must be known before anything is flown
+        from mission.analysis.limits import known_limits
+
+        known_limits(limits, "limits")
     from mission.base.console import RunConsole
     from mission.base.interrupts import in_a_thread
 
@@ -239,6 +254,10 @@ def flown(
     if code == INTERRUPTED:
         more = f"; resume({str(path)!r}) goes on" if goes_on else ""
         raise KeyboardInterrupt(f"{path} was interrupted{more}")
+    if limits:
+        from mission.api.comparing import compare
+
+        compare(path).check(**limits)
     return Run(path)
 
 

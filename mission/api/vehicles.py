@@ -202,4 +202,4 @@ def fly(
 
             return fly_plan(resolved, file, path, Around(console, figures=False))
 
-        return flown(flight, path, quiet=quiet, goes_on=False)
+        return flown(flight, path, resolved.limits, quiet=quiet, goes_on=False)

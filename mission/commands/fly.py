@@ -68,7 +68,7 @@ def fly(
     watching = console(quiet=quiet or as_json, live=live, live_port=live_port)
     external = {"link.kind": None if vehicle is None else "external", "link.url": vehicle}
     resolved = load(config, set_, external, counts=OF_FLIGHT)
-    bounds = bounds_of(resolved, limit)
+    bounds = bounds_of(resolved.limits, limit)
     # Only now, so that wrong input is answered at once.
     from mission.base.run_folder import output_folder
     from mission.run.plan_flight import fly_plan

@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 from cyclopts import Parameter
 
@@ -21,9 +21,6 @@ from mission.commands.options import (
     load,
     print_json,
 )
-
-if TYPE_CHECKING:
-    from mission.config.models import RunConfig
 
 
 def run(
@@ -78,7 +75,8 @@ def run(
         Port of the live view; 0 takes a free one.
     resume
         Go on with the run in this folder, from its last finished round; takes no other setting:
-        the folder has them all, also --no-report.
+        the folder has them all, also --no-report. What judges it may be given again: --limit and
+        --junit.
     limit
         NAME=VALUE, once for each limit on a number of `aerofed compare`, beside those of the
         table [limits]: exit code 6 and a line for each that is not met.
@@ -94,10 +92,12 @@ def run(
     watching = console(quiet=quiet or as_json, live=live, live_port=live_port)
     stopwatch = Stopwatch()
     if resume is not None:
-        others = (config, out, data_dir, seed, rounds, vehicle, junit, *set_, *gcs, *limit)
+        others = (config, out, data_dir, seed, rounds, vehicle, *set_, *gcs)
         if no_report or any(value is not None for value in others):
-            raise InputError("--resume takes no other setting: the folder has them all")
-        return _resume(resume, watching, stopwatch, as_json=as_json)
+            raise InputError(
+                "--resume takes no other setting: the folder has them all but --limit and --junit"
+            )
+        return _resume(resume, limit, junit, watching, stopwatch, as_json=as_json)
     options = {
         "seed": seed,
         "mission.rounds": rounds,
@@ -106,7 +106,7 @@ def run(
         "link.url": vehicle,
     }
     resolved = load(config, set_, options)
-    bounds = bounds_of(resolved, limit)
+    bounds = bounds_of(resolved.limits, limit)
     if data_dir is not None and not data_dir.is_dir():
         raise InputError(f"--data-dir {data_dir}: no such folder")
     from mission.base.run_folder import RunFolder, output_folder
@@ -129,32 +129,40 @@ def run(
             return code or judge(folder, bounds, junit, more, quiet=watching.out.quiet)
 
 
-def _resume(path: Path, watching: RunConsole, stopwatch: Stopwatch, *, as_json: bool) -> int:
+def _resume(
+    path: Path,
+    limit: Sequence[str],
+    junit: Path | None,
+    watching: RunConsole,
+    stopwatch: Stopwatch,
+    *,
+    as_json: bool,
+) -> int:
     from mission.base.run_folder import RunFolder
     from mission.run.resume import read_checkpoint
 
     if RunFolder(path).status() != "finished":
         read_checkpoint(path)  # refuses what cannot be resumed, before anything heavy is imported
+    bounds = bounds_of(parse_toml(read_text(RunFolder(path).config)).get("limits"), limit)
     with stopwatch("setup"), watching.waiting("loading"):
         from mission.run.recorded import Around
         from mission.run.session import resume_session
-    limits = parse_toml(read_text(RunFolder(path).config)).get("limits", {})
     with summary_of(path, as_json=as_json) as more:
         code = resume_session(path, Around(watching, stopwatch, page=write_page))
-        return code or judge(path, limits, None, more, quiet=watching.out.quiet)
+        return code or judge(path, bounds, junit, more, quiet=watching.out.quiet)
 
 
-def bounds_of(config: "RunConfig", options: Sequence[str]) -> dict[str, float]:
-    """The limits of a configuration, under those of `--limit`.
+def bounds_of(table: Mapping[str, object] | None, options: Sequence[str]) -> dict[str, float]:
+    """The limits of a configuration's table, under those of `--limit`.
 
     Raises:
         InputError: one of them is none.
     """
-    if not (config.limits or options):
+    if not (table or options):
         return {}
     from mission.analysis.limits import given_limits
 
-    return given_limits(options, config.limits)
+    return given_limits(options, table)
 
 
 def judge(

@@ -21,7 +21,7 @@ from drawing import outlined
 
 import aerofed
 from fl.radio.channel import CHANNEL_PRESETS, average_per
-from mission.base.errors import PlanError
+from mission.base.errors import LIMITS_NOT_MET, PlanError
 from mission.base.interrupts import in_a_thread, run_flight
 from mission.base.run_folder import RunFolder
 from mission.cli import call
@@ -310,6 +310,7 @@ def test_configurations(tmp_path: Path) -> None:
         (lambda: aerofed.sweep("paper"), "needs files: give their folder .* in Python data_dir"),
         (lambda: aerofed.run(out="/proc/a"), r"/proc/a: cannot write .* name another folder$"),
         (lambda: aerofed.Sweep(Path("some")).run("nope"), "^some: no run 'nope'; there are: none"),
+        (lambda: aerofed.run(overrides={"limits.cros": 1.0}), "^limits: cros: the comparison has"),
         (aerofed.compare, "give at least one run"),
         (lambda: aerofed.compare("x", rounds=0), "rounds = 0: must be at least 1"),
         (
@@ -477,6 +478,17 @@ def test_an_interruption_before_the_flight_begins_ends_it_as_it_begins() -> None
     with pytest.raises(KeyboardInterrupt):
         in_a_thread(work)
     assert begun.is_set()
+
+
+def test_a_run_is_judged_by_its_limits_also_when_it_is_gone_on_with(tmp_path: Path) -> None:
+    out, verdict = tmp_path / "out", tmp_path / "verdict.xml"
+    with pytest.raises(aerofed.LimitsNotMetError, match="height_max_m"):
+        aerofed.run("quickstart", {**SMALL, "limits.height_max_m": 1e-4}, out=out)
+    with pytest.raises(aerofed.LimitsNotMetError, match="height_max_m"):
+        aerofed.resume(out)
+    given = ["--limit", "height_max_m=9", "--limit", "cross_track_max_m=1e-4", "--junit"]
+    assert call(["run", "--resume", str(out), "--quiet", *given, str(verdict)]) == LIMITS_NOT_MET
+    assert 'failures="1"' in verdict.read_text()
 
 
 @pytest.mark.slow
