@@ -85,7 +85,7 @@ def _read_qgroundcontrol(path: Path, content: bytes, text: str) -> PlanFile:
     ]
     planned, home = document.mission.plannedHomePosition, None
     if planned is not None:
-        home = _home(path, *(math.nan if value is None else value for value in planned))
+        home = checked_home(path, *(math.nan if value is None else value for value in planned))
     drawn = document.geoFence
     fence = fence_items(
         ((ring.inclusion, ring.polygon) for ring in drawn.polygons),
@@ -134,7 +134,7 @@ def _read_waypoints(path: Path, content: bytes, text: str) -> PlanFile:
     home = None
     # By convention row 0 is the home: a waypoint at a height above the sea.
     if rows and rows[0][2] == mav.MAV_FRAME_GLOBAL and rows[0][3] == mav.MAV_CMD_NAV_WAYPOINT:
-        home = _home(path, *rows[0][8:11])
+        home = checked_home(path, *rows[0][8:11])
         rows = [_counted_without_home(row) for row in rows[1:]]
     if not rows:
         raise InputError(f"{path}: the mission is empty")
@@ -163,11 +163,26 @@ def _row(path: Path, number: int, line: str) -> Sequence[float]:
     return row
 
 
-def _home(path: Path, lat_deg: float, lon_deg: float, alt_msl_m: float = math.nan) -> GeodeticPoint:
-    high_enough = math.isnan(alt_msl_m) or -400 <= alt_msl_m <= 5000
-    if not (abs(lat_deg) <= 85 and abs(lon_deg) <= 180 and high_enough):
+def checked_home(
+    path: Path,
+    lat_deg: float,
+    lon_deg: float,
+    alt_msl_m: float = math.nan,
+    *,
+    name: str = "planned home",
+) -> GeodeticPoint:
+    """The home that a plan file gives, called `name` there; without an altitude it is NaN.
+
+    Raises:
+        InputError: nobody flies there.
+    """
+    no_height = math.isnan(alt_msl_m)
+    if not (
+        abs(lat_deg) <= 85 and abs(lon_deg) <= 180 and (no_height or -400 <= alt_msl_m <= 5000)
+    ):
+        height = "" if no_height else f", {alt_msl_m} m"
         raise InputError(
-            f"{path}: planned home {lat_deg}, {lon_deg}, {alt_msl_m} m: latitude is -85..85, "
+            f"{path}: {name} {lat_deg}, {lon_deg}{height}: latitude is -85..85, "
             "longitude -180..180 deg, altitude -400..5000 m"
         )
     return GeodeticPoint(lat_deg, lon_deg, alt_msl_m)

@@ -73,14 +73,18 @@ class PlannedPath:
         return -float(self.points_ned_m[:, 2].min())
 
 
+def nowhere(item: MissionItem) -> bool:
+    """Whether an item has no place: it is carried out where the vehicle is."""
+    return item.x == item.y == 0.0 or (math.isnan(item.x) and math.isnan(item.y))
+
+
 def placed(items: Sequence[MissionItem], home: GeodeticPoint) -> tuple[MissionItem, ...]:
     """Mission items with places for take-offs and landings that have none: where they happen."""
     lat_deg, lon_deg = home.lat_deg, home.lon_deg
     found_items = []
     for item in items:
         found = item
-        nowhere = item.x == item.y == 0.0 or (math.isnan(item.x) and math.isnan(item.y))
-        if item.command in (mav.MAV_CMD_NAV_TAKEOFF, mav.MAV_CMD_NAV_LAND) and nowhere:
+        if item.command in (mav.MAV_CMD_NAV_TAKEOFF, mav.MAV_CMD_NAV_LAND) and nowhere(item):
             found = replace(item, x=lat_deg, y=lon_deg)
         if found.command in PLACES:
             lat_deg, lon_deg = found.x, found.y

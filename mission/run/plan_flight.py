@@ -10,7 +10,6 @@ import numpy as np
 from pymavlink.dialects.v20 import common as mav
 
 from flightdyn.random import RandomStreams
-from flightdyn.state import GeodeticPoint
 from mission.analysis.compare import RunComparison, compare_run
 from mission.analysis.comparison_text import in_full
 from mission.analysis.load import load_run
@@ -31,8 +30,8 @@ from mission.flight.flyers.flyers import Attached, Flyers, Task
 from mission.flight.flyers.open import flyers_for
 from mission.flight.logs.items import record_of
 from mission.flight.pilot.limits import VehicleLimits
-from mission.flight.plan_file import PlanFile, read_plan_file
-from mission.flight.plan_path import PlannedPath, placed, planned_path
+from mission.flight.plan_file import PlanFile, checked_home, read_plan_file
+from mission.flight.plan_path import PlannedPath, nowhere, placed, planned_path
 from mission.log.export import csv_table, tables
 from mission.log.live import LiveView, live_views
 from mission.log.values import NOBODY, PlanRecord
@@ -225,10 +224,11 @@ def _order(config: RunConfig, plan: PlanFile, speeds: Mapping[str, float] | None
     """
     home = plan.home
     if home is None:
-        first = next((item for item in plan.items if item.command in PLACES), None)
-        if first is None:
+        places = (item for item in plan.items if item.command in PLACES and not nowhere(item))
+        if (first := next(places, None)) is None:
             raise InputError(f"{plan.path}: neither a planned home nor an item that has a place")
-        home = GeodeticPoint(first.x, first.y, math.nan)
+        name = f"item {first.seq}, the first place, which counts as home,"
+        home = checked_home(plan.path, first.x, first.y, name=name)
     if math.isnan(home.alt_msl_m):
         home = replace(home, alt_msl_m=config.area.home_alt_msl_m)
     with of_settings():

@@ -26,8 +26,11 @@ from test_planfile import HOME_ROW, ROW, plan_document, simple
 
 from mission.analysis.load import LoadedRun, load_run
 from mission.cli import call
+from mission.commands.options import load
+from mission.flight.plan_file import read_plan_file
 from mission.log import DamagedLogError
 from mission.log.reader import read_log
+from mission.run import plan_flight
 
 TAKE_OFF = simple(22, 15, 0, 0, None, 47.4, 8.5, 50)
 SPEED = simple(178, 1, 15, -1, 0, 0, 0, 0, frame=2)
@@ -240,6 +243,36 @@ def test_what_may_not_be_flown_is_named_and_leaves_nothing(
     for word in (str(plan), *words):
         assert word in printed.err
     assert not out.exists()
+
+
+@pytest.mark.parametrize(
+    "lat_lon", [(474_000_000.0, 85_000_000.0), (88.0, 8.5), (None, 8.5), (47.4, None)]
+)
+def test_a_first_place_that_cannot_be_home_is_named_and_leaves_nothing(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], lat_lon: tuple[float | None, float | None]
+) -> None:
+    """Where no home is planned; in ten-millionths of a degree, or half a place, too."""
+    plan, out = tmp_path / "homeless.plan", tmp_path / "out"
+    first = simple(22, 0, 0, 0, None, *lat_lon, 20)
+    plan.write_text(json.dumps(plan_document(first, *CORNERS, plannedHomePosition=None)))
+    assert call(["fly", str(plan), "--out", str(out)]) == 2
+    said = capsys.readouterr().err
+    assert "item 0, the first place, which counts as home" in said
+    assert "latitude is -85..85" in said
+    assert not out.exists()
+
+
+@pytest.mark.parametrize("lat_lon", [(None, None), (0.0, 0.0)])
+def test_home_is_the_first_item_that_has_a_place(
+    tmp_path: Path, lat_lon: tuple[float | None, float | None]
+) -> None:
+    plan = tmp_path / "homeless.plan"
+    first = simple(22, 0, 0, 0, None, *lat_lon, 20)
+    plan.write_text(json.dumps(plan_document(first, *CORNERS, plannedHomePosition=None)))
+    found = read_plan_file(plan)
+    assert found.home is None
+    order = plan_flight._order(load(None, ()), found)
+    assert (order.area.home.lat_deg, order.area.home.lon_deg) == pytest.approx((NORTH, 8.5))
 
 
 def fenced(tmp_path: Path, *circles: tuple[bool, float, float]) -> Path:
