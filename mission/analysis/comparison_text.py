@@ -231,6 +231,12 @@ def names_of(comparisons: Sequence[RunComparison]) -> list[str]:
     return ["/".join(path[-_telling(path, paths) :]) for path in paths]
 
 
+def labels_of(comparisons: Sequence[RunComparison]) -> list[str]:
+    """What the runs are about; what they are called where two are about the same."""
+    about = [item.run.about for item in comparisons]
+    return about if len(set(about)) == len(about) else names_of(comparisons)
+
+
 def _telling(path: tuple[str, ...], others: Sequence[tuple[str, ...]]) -> int:
     counts = range(1, len(path))
     alike = {n: sum(other[-n:] == path[-n:] for other in others) for n in counts}

@@ -223,7 +223,8 @@ def _labels(series: Sequence[Series], name: str) -> list[str]:
 
 
 def _joined(series: Sequence[Series], name: str) -> Floats:
-    return np.concatenate([np.asarray(getattr(item, name), dtype=np.float64) for item in series])
+    parts = [np.asarray(getattr(item, name), dtype=np.float64) for item in series]
+    return np.concatenate((np.zeros(0), *parts))
 
 
 def _range(values: Floats, most: float) -> list[float]:

@@ -6,6 +6,7 @@ import altair as alt
 import numpy as np
 
 from mission.analysis.compare import RunComparison
+from mission.analysis.comparison_text import labels_of
 from mission.analysis.spikes import events, spikes
 from mission.base.airspace import thin
 from mission.base.arrays import Floats
@@ -30,12 +31,10 @@ def profile_charts(flights: Sequence[RunComparison]) -> list[Chart]:
     plan = flights[0].run.data.plans[0]
     along_m = flights[0].measured[0].fit.waypoints_at_m
     height, cross, speed, error = [], [], [], []
+    alone, labels = len(flights) == 1, labels_of(flights)
     for index, flight in enumerate(flights):
-        alone = len(flights) == 1
         for measured in flight.measured:
-            name, colour = (
-                ("flown", FLOWN) if alone else (flight.run.about, community_colour(index))
-            )
+            name, colour = ("flown", FLOWN) if alone else (labels[index], community_colour(index))
             if len(flight.measured) > 1:
                 name = f"{name}, pass {measured.record.round}"
             track, fit = measured.truth, measured.fit
@@ -49,13 +48,13 @@ def profile_charts(flights: Sequence[RunComparison]) -> list[Chart]:
             sides = ("horizontal", COOL), ("height", GOOD)
             both = (measured.estimate_m, np.abs(measured.estimate_height_m))
             for (side, shade), values in zip(sides, both, strict=True):
-                label = side if len(flights) == len(flight.measured) == 1 else f"{side}, {name}"
+                label = side if alone and len(flight.measured) == 1 else f"{side}, {name}"
                 error.append(_thinned(label, shade if alone else colour, t_s, values))
                 if not alone:
                     break  # the horizontal one is enough to compare
     planned = Series("planned", PLANNED, along_m, plan.route_height_m, dashed=True)  # above all
     return [
-        *(timeline_chart(flight, alone=len(flights) == 1) for flight in flights),
+        *(timeline_chart(flight, alone=alone) for flight in flights),
         line_chart("Height above home", [*height, planned], x=_ALONG, y="height (m)"),
         *([line_chart("Distance from the path", cross, x=_ALONG, y="distance (m)")] * bool(cross)),
         line_chart("Ground speed", speed, x=_ALONG, y="speed (m/s)"),

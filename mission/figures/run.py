@@ -6,6 +6,7 @@ from pathlib import Path
 from altair.utils.schemapi import debug_mode
 
 from mission.analysis.compare import Comparison, RunComparison, compare_run
+from mission.analysis.comparison_text import labels_of
 from mission.analysis.load import LoadedRun, load_run
 from mission.base.palette import community_colour
 from mission.figures.charts import Series, line_chart
@@ -65,12 +66,13 @@ def comparison_figure(runs: Sequence[RunComparison]) -> Chart:
     """
     if all(run.run.judged is not None for run in runs):
         return profiles(runs)
+    labels = labels_of(runs)
     charts = [
         line_chart(
             title,
             [
                 Series(
-                    run.run.about,
+                    labels[index],
                     community_colour(index),
                     [item.round or 0 for item in run.rounds],
                     [value(item) for item in run.rounds],

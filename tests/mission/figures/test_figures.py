@@ -391,6 +391,9 @@ def test_runs_side_by_side(tmp_path: Path) -> None:
     for run, label in zip(runs, keys(spec)["color"], strict=True):
         drawn = [row["y"] for row in spec["datasets"][name] if row["series"] == label]
         np.testing.assert_allclose(drawn, [r.true_objective for r in run.rounds], rtol=1e-5)
+    moved = replace(runs[1].run, path=tmp_path / "other" / "one")
+    alike = described(comparison_figure([runs[0], replace(runs[1], run=moved)]))
+    assert keys(alike)["color"] == [f"{tmp_path.name}/one", "other/one"]
     save(comparison_figure(runs), tmp_path / "c.png")
     assert (tmp_path / "c.png").read_bytes().startswith(PNG)
     with pytest.raises(InputError, match="not a kind of picture"):

@@ -154,6 +154,26 @@ def test_each_panel_begins_a_row_and_all_have_one_key() -> None:
     assert ["layer" in chart for chart in few["vconcat"]] == [True, True]
 
 
+@pytest.mark.slow
+def test_a_community_that_only_some_settings_have_leaves_room(tmp_path: Path) -> None:
+    def renamed(row: Row) -> Row:
+        return {re.sub("_a$", "_c", key): value for key, value in row.items()}
+
+    results = [
+        replace(one, summary=renamed(one.summary), rounds=tuple(map(renamed, one.rounds)))
+        if one.point.settings[0][1]
+        else one
+        for one in by_setting(4, 2)
+    ]
+    pictures = sweep_pictures("s", results)
+    spec = described(pictures["accuracy-rounds.png"])
+    panels = [chart for block in spec["vconcat"] for chart in block.get("concat", [block])]
+    titles = [chart["title"]["text"].partition(",")[0] for chart in panels]
+    assert titles == [f"{name}: accuracy" for name in ("a", "a", "b", "b", "c", "c")]
+    with drawn():
+        assert save_all(pictures, tmp_path)
+
+
 @pytest.mark.parametrize(("groups", "dotted"), [(7, False), (8, True)])
 def test_lines_of_one_colour_differ_in_their_dashes(groups: int, dotted: bool) -> None:
     one = result("cov", 1)
