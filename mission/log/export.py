@@ -119,19 +119,22 @@ def export_attachments(path: Path, folder: Path) -> tuple[Path, ...]:
 
 
 def _write_all(folder: Path, files: Mapping[str, bytes]) -> tuple[Path, ...]:
-    """Make a folder with files by name; all of it or nothing."""
-    partial = folder.with_name(f".{folder.name}.partial")
-    try:
-        with or_input_error(folder, "cannot write"):
-            if folder.exists() and any(folder.iterdir()):
-                raise InputError(f"{folder}: the output folder is already used")
-            shutil.rmtree(partial, ignore_errors=True)
+    """Write files by name into a folder that is new or empty; all of them or none."""
+    with or_input_error(folder, "cannot write"):
+        if folder.exists() and any(folder.iterdir()):
+            raise InputError(f"{folder}: the output folder is already used")
+        named = folder.resolve()  # "." has no name
+        partial = named.with_name(f".{named.name}.partial")
+        shutil.rmtree(partial, ignore_errors=True)
+        try:
             partial.mkdir(parents=True)
             for name, data in files.items():
                 (partial / name).write_bytes(data)
-            partial.replace(folder)
-    finally:
-        shutil.rmtree(partial, ignore_errors=True)
+            folder.mkdir(exist_ok=True)  # one that is there stays: a shell may be in it
+            for name in files:
+                (partial / name).replace(folder / name)
+        finally:
+            shutil.rmtree(partial, ignore_errors=True)
     return tuple(folder / name for name in files)
 
 

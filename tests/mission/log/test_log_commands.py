@@ -199,6 +199,21 @@ def test_attachments_come_out_as_they_went_in(made: Fixed, tmp_path: Path) -> No
     assert (tmp_path / "a" / "foxglove-layout.json").stat().st_size > 1000
 
 
+@pytest.mark.parametrize("to", ["csv", "parquet", "attachments"])
+def test_an_export_fills_the_empty_folder_that_one_is_in(
+    made: Fixed, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, to: Any
+) -> None:
+    here = tmp_path / "here"
+    here.mkdir()
+    monkeypatch.chdir(here)
+    assert log.export(made.log, Path(), to=to) == 0
+    assert list(Path().iterdir()), "the folder is another one now"
+    assert [path.name for path in tmp_path.iterdir()] == ["here"]
+    for used in (Path(), Path("/")):
+        with pytest.raises(InputError, match="already used"):
+            log.export(made.log, used, to=to)
+
+
 @pytest.mark.parametrize("to", ["csv", "kml", "attachments"])
 def test_export_never_overwrites(made: Fixed, tmp_path: Path, to: Any) -> None:
     target = tmp_path / "out"
