@@ -1,5 +1,6 @@
 """`aerofed sweep`."""
 
+from contextlib import suppress
 from pathlib import Path
 from typing import Literal
 
@@ -100,9 +101,13 @@ def sweep(
             console=console,
             page=None if no_report else _page,
         )
+    except InputError:
+        as_json = False  # what is in a folder that is refused is none of this command
+        raise
     finally:
-        if as_json and (folder / "sweep.json").is_file():
-            _print_results(folder)
+        if as_json:
+            with suppress(InputError):  # no run is done: why is said on standard error
+                _print_results(folder)
 
 
 def _page(folder: Path) -> None:

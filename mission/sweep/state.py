@@ -60,14 +60,20 @@ def read_sweep(path: Path) -> SweepState:
         InputError: not a sweep's folder, or none of its runs is done, or one is damaged.
     """
     manifest, folder = read_manifest(path), SweepFolder(path)
+    points = points_of(manifest)
+    results: list[RunResult] = []
+    missing: list[Missing] = []
     if table_of(path, "runs").is_file() and not folder.runs.is_dir():
-        return SweepState(manifest["config"], read_results(path, points_of(manifest)), ())
-    results, missing = [], []
-    for point in points_of(manifest):
-        if folder.done(point):
-            results.append(read_run(folder.run(point), point))
-        else:
-            missing.append(Missing(point.name, point.label, _why(folder.run(point))))
+        results += read_results(path, points)
+        done = {result.point.name for result in results}
+        left = [point for point in points if point.name not in done]
+        missing += [Missing(point.name, point.label, "not in the tables") for point in left]
+    else:
+        for point in points:
+            if folder.done(point):
+                results.append(read_run(folder.run(point), point))
+            else:
+                missing.append(Missing(point.name, point.label, _why(folder.run(point))))
     if not results:
         raise InputError(f"{path}: none of the {len(missing)} runs of this sweep is done")
     return SweepState(manifest["config"], with_equals(results), tuple(missing))

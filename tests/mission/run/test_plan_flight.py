@@ -140,6 +140,8 @@ def test_landing_elsewhere(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -
     printed = json.loads(capsys.readouterr().out)
     assert printed == {"folder": str(out), **summary(out)}
     assert not (out / "report.html").exists()
+    assert call(["fly", str(plan), "--out", str(out), "--json"]) == 2
+    assert capsys.readouterr().out == ""  # not what the flight before it said
     data = np.genfromtxt(tmp_path / "out" / "track.csv", delimiter=",", names=True)
     assert data["true_y_m"][-1] - data["true_y_m"][0] == pytest.approx(0.0015 * 111_180, abs=4)
     assert abs(data["true_alt_m"][-1]) < 0.5

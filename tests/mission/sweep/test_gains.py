@@ -25,7 +25,7 @@ from mission.report.sweep_page import sweep_html
 from mission.sweep.grid import Axis, points
 from mission.sweep.outcome.figures import sweep_pictures
 from mission.sweep.outcome.gains import gain_table, paired_gains
-from mission.sweep.results import Row, RunResult, write_results
+from mission.sweep.results import Row, RunResult, with_equals, write_results
 from mission.sweep.state import SweepState, read_sweep
 
 AXES = [Axis("mission.steps", (2, 10)), Axis("channel.extra_gain_db", (-7.0, 0.0))]
@@ -160,6 +160,14 @@ def test_the_tables_alone_are_a_sweep(tables: Path) -> None:
         for found, written in zip(state.results, results(longer=3), strict=True):
             assert found.point == written.point
             assert found.summary == pytest.approx(written.summary, nan_ok=True)
+
+
+def test_tables_of_a_sweep_that_is_not_over_say_so(tables: Path) -> None:
+    part = results(longer=3)[:-1]
+    write_results(tables, part)
+    state = read_sweep(tables)
+    assert [item.why for item in state.missing] == ["not in the tables"]
+    assert [run.equal for run in state.results] == [run.equal for run in with_equals(part)]
 
 
 def test_the_script_makes_its_figures_and_tables_anew(

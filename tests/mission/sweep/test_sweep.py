@@ -131,10 +131,12 @@ def test_a_finished_sweep_flies_nothing_again(
 
 @pytest.mark.slow
 def test_a_changed_sweep_is_one_line(swept: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert call(command(swept, rounds=5)) == 2
-    errors = capsys.readouterr().err
-    assert errors.count("\n") == 1
-    assert "mission.rounds was 2, is 5" in errors
+    for more in ([], ["--json"]):
+        assert call(command(swept, *more, rounds=5)) == 2
+        printed = capsys.readouterr()
+        assert printed.err.count("\n") == 1
+        assert "mission.rounds was 2, is 5" in printed.err
+        assert printed.out == ""  # not what the sweep before it found
 
 
 @pytest.mark.slow
@@ -301,6 +303,9 @@ def test_a_single_run_that_fails_says_why_once(
     printed = capsys.readouterr()
     assert (printed.out + printed.err).count("a tree") == 1
     assert "1 run, 1 at a time" in printed.out
+    assert call_inline([*command(tmp_path / "two", seeds=1), "--json"]) == 4
+    printed = capsys.readouterr()
+    assert (printed.out, printed.err.count("a tree")) == ("", 2)
 
 
 @pytest.mark.slow
