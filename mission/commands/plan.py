@@ -169,19 +169,21 @@ def _write_qgc(
 
 
 def _row(named: "NamedPlan") -> dict[str, float]:
-    """What the table shows of a plan, by heading; without what it does not have."""
+    """What the table shows of a plan, by heading; NaN for what it does not have."""
     made = named.plan
-    row = {"value": made.value, "upper\nbound": made.upper_bound, "gap\n%": 100.0 * made.gap}
-    row["path\nm"] = made.path_m
-    if made.altitude_m is not None:
-        row["alt.\nm"] = made.altitude_m
-    if made.foreseen is not None:  # where time or energy is limited
-        row["takes\ns"] = made.foreseen.duration_s
-        row["takes\nkJ"] = made.foreseen.energy_j / 1000.0
-    row["served"] = int(made.schedule.sum())
-    row["nodes"] = made.nodes
-    row["ms"] = 1e3 * named.time_s
-    return row
+    flight = made.foreseen  # where time or energy is limited
+    return {
+        "value": made.value,
+        "upper\nbound": made.upper_bound,
+        "gap\n%": 100.0 * made.gap,
+        "path\nm": made.path_m,
+        "alt.\nm": math.nan if made.altitude_m is None else made.altitude_m,
+        "takes\ns": math.nan if flight is None else flight.duration_s,
+        "takes\nkJ": math.nan if flight is None else flight.energy_j / 1000.0,
+        "served": int(made.schedule.sum()),
+        "nodes": made.nodes,
+        "ms": 1e3 * named.time_s,
+    }
 
 
 def _nobody(problem: "RoundProblem", made: "RoundPlan") -> str:
@@ -243,12 +245,11 @@ def _print(plans: "Sequence[NamedPlan]") -> None:
     table = Table(box=box.SIMPLE_HEAD, show_edge=False, pad_edge=False, collapse_padding=True)
     table.add_column("problem", overflow="fold")
     rows = [_row(named) for named in plans]
-    headings = max(rows, key=len)  # plans of one command have the same, or some fewer
+    # Only some plans may choose their altitude, or have limits of time and energy.
+    headings = [name for name in rows[0] if not all(math.isnan(row[name]) for row in rows)]
     for heading in headings:
         table.add_column(heading, justify="right", no_wrap=True)
     for named, row in zip(plans, rows, strict=True):
-        cells = (
-            number(row.get(heading, math.nan), _DIGITS.get(heading, 1)) for heading in headings
-        )
+        cells = (number(row[heading], _DIGITS.get(heading, 1)) for heading in headings)
         table.add_row(named.id, *cells)
     Terminal.for_tables().print(table)

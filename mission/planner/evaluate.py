@@ -17,7 +17,7 @@ from mission.base.explain import shown
 from mission.planner.errors import PlanInputError
 from mission.planner.native import library
 from mission.planner.native.rounds import Flown
-from mission.planner.problem import BoundError, RoundPlan, RoundProblem, as_waypoints
+from mission.planner.problem import MOST_COUNT, BoundError, RoundPlan, RoundProblem, as_waypoints
 
 ALTITUDES = 17  # that are looked at together
 FINE_STEP_M = 0.5  # of altitudes, where the path is a point
@@ -25,6 +25,7 @@ ALTITUDE_STEP_M, ALTITUDE_DIGITS = 0.1, 1
 # Success at a distance is tabled to this share (`mission.planner.reward`).
 TABLED = 1e-4
 LENGTH_TOLERANCE_M = 1e-3  # of a plan's length, and of where it starts
+_MOST_IMPORTANCE = 1e300  # in all, so that no sum and no bound of it overflows
 
 
 def distances(problem: RoundProblem, waypoints_m: Floats) -> Floats:
@@ -304,8 +305,14 @@ def check_problem(problem: RoundProblem) -> None:
     if problem.path_budget_m < 0.0:
         raise PlanInputError(f"path_budget_m = {problem.path_budget_m}: must be 0 or more")
     for name, count in (("steps", problem.steps), ("per_step", problem.per_step)):
-        if count < 1:
-            raise PlanInputError(f"{name} = {count}: must be a whole number of 1 or more")
+        if not 1 <= count <= MOST_COUNT:
+            raise PlanInputError(
+                f"{name} = {count}: must be a whole number of 1 or more, {MOST_COUNT} at most"
+            )
+    with np.errstate(over="ignore"):
+        total = float(problem.importance.sum())
+    if total > _MOST_IMPORTANCE:
+        raise PlanInputError(f"importance sums to {total:g}: {_MOST_IMPORTANCE:g} at most")
 
 
 def _check_types(problem: RoundProblem) -> None:

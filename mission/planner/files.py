@@ -24,7 +24,7 @@ from mission.base.run_folder import write_atomically
 from mission.base.user_files import read_json
 from mission.planner.errors import PlanInputError
 from mission.planner.performance import Performance, RoundLimits
-from mission.planner.problem import RoundPlan, RoundProblem
+from mission.planner.problem import MOST_COUNT, RoundPlan, RoundProblem
 
 # Strict: neither texts nor true and false are numbers.
 Number = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=-1e7, le=1e7)]
@@ -73,7 +73,7 @@ class ProblemEntry(BaseModel):
     importance: tuple[Annotated[float, Field(strict=True, allow_inf_nan=False, ge=0.0)], ...]
     start: Point
     steps: int = Field(strict=True, ge=1, le=1000)
-    per_step: int = Field(strict=True, ge=1)
+    per_step: int = Field(strict=True, ge=1, le=MOST_COUNT)
     path_budget_m: float = Field(strict=True, allow_inf_nan=False, ge=0.0, le=1e6)
     channel: ChannelEntry
     altitudes_m: tuple[Height, Height] | None = None

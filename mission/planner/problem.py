@@ -21,6 +21,7 @@ from mission.planner.errors import PlanInputError
 from mission.planner.native.rounds import Flown, Round
 from mission.planner.performance import Foreseen, RoundLimits, acceptance_radii
 
+MOST_COUNT = 1_000_000  # steps, and devices a step: places are counted in 64 bits
 _SLOWER = 1.1  # times what legs take that each begin and end at rest: no round lasts longer
 
 

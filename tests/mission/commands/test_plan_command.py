@@ -280,6 +280,18 @@ def test_the_table_fits_eighty_columns_with_all_that_may_be_limited(
     assert float(row.split()[6]) <= 40.0
 
 
+def test_a_number_that_only_some_plans_have_has_its_column(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    source = tmp_path / "problems.json"
+    both = [{**PROBLEM, "id": "a", "altitudes_m": [40.0, 120.0]}, {**PROBLEM, "deadline_s": 60.0}]
+    source.write_text(json.dumps(both))
+    assert call(["plan", "--problem", str(source)]) == 0
+    head, _, first, second = capsys.readouterr().out.splitlines()[-4:]
+    assert " ".join(head.split()) == "problem value bound % m m s kJ served nodes ms"
+    assert (first.split()[6:8], second.split()[5]) == (["-", "-"], "-")
+
+
 def test_no_problem_has_no_plan(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     none = tmp_path / "none.json"
     none.write_text("[]")
