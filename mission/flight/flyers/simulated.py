@@ -4,7 +4,7 @@ import asyncio
 import math
 from collections.abc import AsyncIterator, Callable, Sequence
 from contextlib import asynccontextmanager, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Self
 
 from flightdyn.config import LimitsConfig
@@ -51,6 +51,13 @@ def simulated_vehicle(config: VehicleConfig, *, area: Area, streams: RandomStrea
     return vehicle
 
 
+def _arrival(flight: Flight, reported: Passage | None, hold_s: float) -> Passage | None:
+    """When a stop was arrived at: where the aircraft hovers, it reports the end of the hover."""
+    if reported is None or hold_s == 0.0:
+        return reported
+    return flight.at(reported.t_ns - round(1e9 * hold_s))
+
+
 @dataclass
 class SimulatedFlyer(Flyer):
     """Flies the simulated vehicle, whose truth is known."""
@@ -89,7 +96,11 @@ class SimulatedFlyer(Flyer):
             return Flight.standing(self.here(), self.battery_remaining)
         self.recorder.start(self.here(), goes_on=plan.goes_on)
         await self.pilot.fly()
-        return self.recorder.finish(self.here(), self.battery_remaining, items=stop_items(plan))
+        items = stop_items(plan)
+        flight = self.recorder.finish(self.here(), self.battery_remaining, items=items)
+        passed = zip(plan.stops, flight.passages, strict=True)
+        arrivals = tuple(_arrival(flight, over, stop.hold_s) for stop, over in passed)
+        return replace(flight, passages=arrivals)
 
     async def carry_out(
         self, plan: PlanFile, path: PlannedPath, *, begins: Callable[[], None]

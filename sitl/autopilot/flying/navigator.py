@@ -158,11 +158,10 @@ class Navigator:
                 match stage:
                     case route.Fly(path, at):
                         yield do.Follow(self._aircraft, path, passed=partial(tell, at))
-                    case route.Wait(duration_s, seq, reports):
+                    case route.Wait(duration_s, seq):
                         if duration_s > 0:
                             yield do.pause(self._aircraft, duration_s)
-                        if reports:
-                            reached(seq)
+                        reached(seq)
                     case route.Circle(orbit, phase_rad, turns, seq):
                         yield do.Circle(self._aircraft, orbit, phase_rad=phase_rad, turns=turns)
                         reached(seq)

@@ -39,11 +39,10 @@ class Fly:
 
 @dataclass(frozen=True, slots=True)
 class Wait:
-    """Hold still for some simulated time."""
+    """Hold still for some simulated time; then the item counts as reached."""
 
     duration_s: float
     seq: int
-    reports: bool  # the item counts as reached when the wait is over
 
 
 @dataclass(frozen=True, slots=True)
@@ -179,12 +178,14 @@ class _Compiler:
         """Carry out one item after those added before."""
         match item.command:
             case mav.MAV_CMD_NAV_WAYPOINT:
-                self._go(self._place(item), item.seq, acceptance_m=item.params[1])
-                if item.params[0] > 0:
-                    self._then(Wait(item.params[0], item.seq, reports=False))
+                hold_s = _positive(item.params[0])
+                through = hold_s == 0.0
+                self._go(self._place(item), item.seq, acceptance_m=item.params[1], report=through)
+                if not through:
+                    self._then(Wait(hold_s, item.seq))
             case mav.MAV_CMD_NAV_LOITER_TIME:
                 self._go(self._place(item), item.seq, acceptance_m=math.nan, report=False)
-                self._then(Wait(_positive(item.params[0]), item.seq, reports=True))
+                self._then(Wait(_positive(item.params[0]), item.seq))
             case mav.MAV_CMD_NAV_LOITER_TO_ALT:
                 self._go(self._place(item), item.seq, acceptance_m=math.nan)
                 self.close()  # where it stands at the altitude
@@ -203,7 +204,7 @@ class _Compiler:
             case mav.MAV_CMD_NAV_RETURN_TO_LAUNCH:
                 self._then(End(item.command, item.seq))
             case mav.MAV_CMD_NAV_DELAY | mav.MAV_CMD_CONDITION_DELAY:
-                self._then(Wait(item.params[0], item.seq, reports=True))
+                self._then(Wait(item.params[0], item.seq))
             case mav.MAV_CMD_CONDITION_YAW:
                 yaw_rad, relative = turn_of(item.params)
                 self._then(Turn(yaw_rad, relative=relative, seq=item.seq))

@@ -1,10 +1,18 @@
 """When a vehicle of which only telemetry tells has passed its stops."""
 
+import asyncio
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
+from mission.commands.options import load
+from mission.flight.flight_plan import FlightPlan
+from mission.flight.flyers.simulated import SimulatedFlyer
 from mission.flight.passages import passages
-from mission.flight.track import Flight, Passage
+from mission.flight.track import Flight, FlightRecorder, Passage
+from mission.planner.stops import Stop
+from sitl.observer import VehicleEvent
 
 S = 1_000_000_000
 
@@ -64,3 +72,32 @@ def test_a_hover_is_reached_when_it_begins() -> None:
         reported_ns=[0, 11 * S], hovers=[False, True],
     )  # fmt: skip
     assert 2.8 < found[1].t_ns / S < 4.0
+
+
+def test_the_built_in_vehicle_reports_the_end_of_a_hover_whose_passage_is_its_beginning() -> None:
+    recorder, config = FlightRecorder(), load(None, ())
+    now = SimpleNamespace(pos_ned_m=np.zeros(3))
+    aircraft = SimpleNamespace(truth=now, belief=now, battery=SimpleNamespace(remaining=1.0))
+    vehicle = SimpleNamespace(t_ns=0, aircraft=aircraft)
+
+    async def fly() -> None:  # 100 m at 10 m/s, a hover of 4 s, 50 m: items 0, 2 and 3
+        for second in range(20):
+            now.pos_ned_m = np.array([min(10.0 * second, max(100.0, 10.0 * second - 40.0)), 0, 0])
+            vehicle.t_ns = second * S
+            recorder.sampled(
+                SimpleNamespace(  # type: ignore[arg-type]
+                    t_ns=vehicle.t_ns, truth=now, belief=now,
+                    battery=SimpleNamespace(consumed_mah=0.0, voltage_v=0.0),
+                )
+            )  # fmt: skip
+            if second in (0, 14, 19):
+                seq = {0: 0, 14: 2, 19: 3}[second]
+                recorder.happened(VehicleEvent(vehicle.t_ns, "reached", "", now, now, seq, 6))  # type: ignore[arg-type]
+
+    flyer = SimulatedFlyer(
+        SimpleNamespace(fly=fly), vehicle, recorder,  # type: ignore[arg-type]
+        area=config.area.build(), mission=config.mission, guidance=None,  # type: ignore[arg-type]
+    )  # fmt: skip
+    places = [Stop(np.array([0.0, x]), (), hold_s=h) for x, h in ((0, 0), (100, 4), (150, 0))]
+    flown = asyncio.run(flyer.fly(FlightPlan(tuple(places), 60.0, 10.0, 5.0)))
+    assert [p.t_ns / S for p in flown.passages if p is not None] == [0.0, 10.0, 19.0]

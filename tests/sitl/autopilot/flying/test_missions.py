@@ -98,7 +98,30 @@ def test_hold_times_stop_and_wait_in_simulated_time() -> None:
     began = desk.vehicle.t_ns
     desk.fly()
     seconds = [(event.t_ns - began) * 1e-9 for event in desk.recorder.of_kind("reached")]
-    assert seconds == pytest.approx([5.0, 5 + 4 + 5 + 3, 19.0, 24.0], abs=0.1)
+    assert seconds == pytest.approx([5.0 + 4, 5 + 4 + 5 + 3, 19.0, 24.0], abs=0.1)
+
+
+@pytest.mark.parametrize("speed", [None, 12.0])
+def test_a_hold_that_was_interrupted_is_held_anew(speed: float | None) -> None:
+    desk = Desk()
+    desk.take_off(30.0)
+    held = item(0, WAYPOINT, north=50.0, params=(10.0, 0, 0, NAN))
+    desk.upload([held, item(1, WAYPOINT, north=100.0)])
+    start(desk)
+    desk.fly(seconds=9.0)  # four of them at the waypoint
+    assert reached(desk) == []
+    if speed is not None:
+        desk.command(mav.MAV_CMD_DO_CHANGE_SPEED, 1, speed)
+    else:
+        desk.command(PAUSE, 0)
+        desk.fly()
+        desk.command(PAUSE, 1)
+    went_on = desk.vehicle.t_ns
+    desk.fly()
+    over = desk.recorder.of_kind("reached")[0]
+    assert (over.seq, over.t_ns - went_on) == (0, pytest.approx(10e9, abs=1e9))
+    assert over.belief.pos_ned_m == pytest.approx([50.0, 0.0, -30.0], abs=0.5)
+    assert reached(desk) == [0, 1]
 
 
 @pytest.mark.parametrize("height_m", [45.0, 18.0])
