@@ -1,6 +1,7 @@
 """A minute's share of the attack; `python benchmarks/fuzz.py` goes on for as long as wanted."""
 
 import math
+from copy import copy
 from typing import Any
 
 import pytest
@@ -134,10 +135,9 @@ class Station(RuleBasedStateMachine):
         if hasattr(self, "desk"):
             flight = self.desk.vehicle.autopilot.flight
             for seq in range(len(flight.mission.items)):
-                before = flight.mission.current, flight.mission.complete
-                flight.mission.current, flight.mission.complete = seq, False
-                flight._stages()
-                flight.mission.current, flight.mission.complete = before
+                rewound = copy(flight.mission)
+                rewound.rewind(seq)
+                flight._stages(rewound)
 
     def teardown(self) -> None:
         if hasattr(self, "desk"):

@@ -1,6 +1,7 @@
 """What the aircraft is doing: mode, manoeuvre and mission, and what follows what."""
 
 from collections.abc import Callable, Sequence
+from copy import copy
 from dataclasses import dataclass
 
 import numpy as np
@@ -225,12 +226,9 @@ class Flight:
         """Start the mission, or go on with it."""
         if self.mode is Mode.MISSION:
             return None
-        stages = self._stages()
-        if self.mission.items and not stages:
-            return f"from item {self.mission.next_start[0]} on the mission holds nothing to fly"
-        paths = route.points_of(stages)
-        if paths and (forbidden := self.guard.forbidden(np.vstack(paths))):
-            return f"the mission leads {forbidden}"
+        stages = self._stages(self.mission)
+        if barred := self._barred(self.mission, stages):
+            return barred
         return self.order(Trigger.ORDER_MISSION, lambda: self._fly_on(stages))
 
     def replace_mission(self, items: tuple[MissionItem, ...]) -> str | None:
@@ -247,11 +245,16 @@ class Flight:
         """Go on with item `seq`, at once if the mission is being flown."""
         if seq >= max(len(self.mission.items), 1):
             return f"mission has {len(self.mission.items)} items, no item {seq}"
-        flying = self.mode is Mode.MISSION
-        if not (flying and seq == self.mission.current):
+        if self.mode is not Mode.MISSION:
             self.mission.rewind(seq)
-            if flying:
-                self._manoeuvre = self._fly_on(self._stages())
+        elif seq != self.mission.current:
+            rewound = copy(self.mission)
+            rewound.rewind(seq)
+            stages = self._stages(rewound)
+            if barred := self._barred(rewound, stages):
+                return barred
+            self.mission = rewound
+            self._manoeuvre = self._fly_on(stages)
         self._report.nudge(mav.MAVLINK_MSG_ID_MISSION_CURRENT)
         return None
 
@@ -296,7 +299,7 @@ class Flight:
         self._ordered_speed_mps = speed_mps
         self.mission.item_speed_mps = None
         if self.mode is Mode.MISSION and self.moving:
-            self._manoeuvre = self._fly_on(self._stages())
+            self._manoeuvre = self._fly_on(self._stages(self.mission))
         elif self._goal is not None:
             self._manoeuvre = self._go(self._goal)
 
@@ -402,9 +405,17 @@ class Flight:
     def _land_here(self) -> do.Manoeuvre:
         return self.navigator.land(self.here(), sure=self.guard.position_ok())
 
-    def _stages(self) -> tuple[route.Stage, ...]:
-        """Stages of the mission that are still to be flown, from the present position."""
-        return self.navigator.stages(self.mission, self.here(), self._ordered_speed_mps)
+    def _stages(self, mission: Mission) -> tuple[route.Stage, ...]:
+        """Stages of a mission that are still to be flown, from the present position."""
+        return self.navigator.stages(mission, self.here(), self._ordered_speed_mps)
+
+    def _barred(self, mission: Mission, stages: Sequence[route.Stage]) -> str:
+        """Why the stages of a mission may not be flown; empty if they may."""
+        if mission.items and not stages:
+            return f"from item {mission.next_start[0]} on the mission holds nothing to fly"
+        paths = route.points_of(stages)
+        forbidden = self.guard.forbidden(np.vstack(paths)) if paths else ""
+        return f"the mission leads {forbidden}" if forbidden else ""
 
     def _fly_on(self, stages: Sequence[route.Stage]) -> do.Manoeuvre:
         """Begin the stages of the mission, or go on with them."""

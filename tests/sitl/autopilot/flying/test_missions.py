@@ -324,6 +324,27 @@ def test_set_current_is_answered_and_jumps() -> None:
     assert reached(desk) == [2, 3, 0, 1, 2, 3]
 
 
+def test_where_a_mission_in_flight_cannot_go_on_it_is_not_sent() -> None:
+    desk = Desk()
+    desk.take_off(30.0)
+    over = item(4, mav.MAV_CMD_DO_JUMP, params=(0, 0, 0, 0), frame=mav.MAV_FRAME_MISSION)
+    north_m = (50.0, 100.0, 400.0, 50.0)
+    desk.upload([*(item(i, WAYPOINT, north=north) for i, north in enumerate(north_m)), over])
+    start(desk)
+    desk.fly(seconds=6.0)
+    desk.vehicle.autopilot.parameters.set("GF_MAX_HOR_DIST", 200.0)
+    path = desk.mass.paths[-1]
+    for seq, why in ((4, "holds nothing to fly"), (0, "the mission leads farther than 200 m")):
+        result = desk.command(mav.MAV_CMD_DO_SET_MISSION_CURRENT, seq)
+        assert result == mav.MAV_RESULT_DENIED
+        assert why in "".join(desk.texts())
+        assert current(desk) == (1, 5, mav.MISSION_STATE_ACTIVE, 1)
+        assert desk.mass.paths[-1] is path
+    assert desk.command(mav.MAV_CMD_DO_SET_MISSION_CURRENT, 3) == mav.MAV_RESULT_ACCEPTED
+    assert current(desk)[0] == 3
+    assert desk.mass.paths[-1] is not path
+
+
 def test_a_mission_being_flown_is_not_replaced() -> None:
     desk = Desk()
     desk.take_off(30.0)
