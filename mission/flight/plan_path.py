@@ -18,7 +18,6 @@ from flightdyn.frames import LocalFrame
 from flightdyn.guidance.path import FlightPath
 from flightdyn.guidance.path_plan import passing_times
 from flightdyn.state import GeodeticPoint
-from mission.base import polyline
 from mission.base.area import Area
 from mission.base.arrays import Floats
 from mission.base.errors import InputError
@@ -215,9 +214,9 @@ def _duration_s(
                 here = path.points_ned_m[-1]
             case route.Wait(wait_s):
                 duration_s += wait_s
-            case route.Circle(orbit):
-                duration_s += polyline.length(stage.points_ned_m) / abs(orbit.speed_mps)
-                here = stage.points_ned_m[-1]
+            case route.Circle(orbit, phase_rad, turns):
+                duration_s += turns * math.tau * orbit.radius_m / abs(orbit.speed_mps)
+                here = orbit.after(phase_rad, turns)
             case route.End(command):
                 down_m = float(here[2])
                 if command == mav.MAV_CMD_NAV_RETURN_TO_LAUNCH:

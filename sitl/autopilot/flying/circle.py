@@ -9,6 +9,7 @@ from flightdyn.state import Vector
 
 DEFAULT_RADIUS_M = 10.0
 _INWARDS_MPS2 = 2.0  # greatest centripetal acceleration
+_LOOKS = 16  # points of a turn that the fence is asked about
 
 
 def fastest(radius_m: float) -> float:
@@ -30,3 +31,13 @@ class Orbit:
         north, east, down = self.center_ned_m
         r = self.radius_m
         return np.array([north + r * math.cos(phase_rad), east + r * math.sin(phase_rad), down])
+
+    def after(self, phase_rad: float, turns: float) -> Vector:
+        """Where so many turns from `phase_rad` on lead."""
+        return self.point(phase_rad + math.copysign(turns * math.tau, self.speed_mps))
+
+    def points(self, phase_rad: float = 0.0, turns: float = 1.0) -> Vector:
+        """(P, 3) that the fence is asked about: once round at most, however many turns it is."""
+        turns = min(turns, 1.0)
+        parts = np.linspace(0.0, turns, 1 + math.ceil(turns * _LOOKS))
+        return np.array([self.after(phase_rad, part) for part in parts])

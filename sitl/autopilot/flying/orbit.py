@@ -22,7 +22,6 @@ from sitl.autopilot.protocol.commands import (
 )
 
 _DEFAULT_SPEED_MPS = 2.0
-_LOOKS = 16  # points of the circle that the fence is asked about
 
 
 class Orbits:
@@ -46,8 +45,7 @@ class Orbits:
         orbit, flight = self._asked(order), self._flight
         if far := flight.navigator.too_far(np.array(orbit.center_ned_m)):
             raise RefusedError(f"the orbit is {far}")
-        circle = np.array([orbit.point(math.tau * i / _LOOKS) for i in range(_LOOKS)])
-        if forbidden := flight.guard.forbidden(circle):
+        if forbidden := flight.guard.forbidden(orbit.points()):
             raise RefusedError(f"the orbit leads {forbidden}")
         if orbit != self.current:
             demand(flight.order(Trigger.ORDER_ORBIT, lambda: self._fly(orbit)))

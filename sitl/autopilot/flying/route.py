@@ -25,7 +25,6 @@ from sitl.autopilot.protocol.item_rules import PLACES
 _JUMPS = frozenset({mav.MAV_CMD_DO_JUMP})
 _ENDS = frozenset({mav.MAV_CMD_NAV_RETURN_TO_LAUNCH, mav.MAV_CMD_NAV_LOITER_UNLIM})
 MAX_STEPS = 10_000  # items carried out, jumps included
-_SIDES = 72  # of the polygon that a circle is taken for, a turn
 MAX_JUMPS = 100  # items of a mission that jump; ArduPilot's limit, too
 
 
@@ -53,14 +52,6 @@ class Circle:
     phase_rad: float
     turns: float
     seq: int
-
-    @property
-    def points_ned_m(self) -> Vector:
-        """(P, 3) the circle as a polyline, from its first point to its last."""
-        count = 2 + math.ceil(abs(self.turns) * _SIDES)
-        swept = math.copysign(self.turns * math.tau, self.orbit.speed_mps)
-        phases = self.phase_rad + np.linspace(0.0, swept, count)
-        return np.array([self.orbit.point(phase) for phase in phases])
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,7 +98,9 @@ def leg_speed(start: Vector, end: Vector, speed_mps: float, parameters: Paramete
 def points_of(stages: Sequence[Stage]) -> list[Vector]:
     """(P, 3) each: where the stages lead, one after another."""
     return [
-        stage.path.points_ned_m[1:] if isinstance(stage, Fly) else stage.points_ned_m
+        stage.path.points_ned_m[1:]
+        if isinstance(stage, Fly)
+        else stage.orbit.points(stage.phase_rad, stage.turns)
         for stage in stages
         if isinstance(stage, Fly | Circle)
     ]
@@ -264,7 +257,7 @@ class _Compiler:
         circle = Circle(orbit, phase_rad, _positive(item.params[0]), item.seq)
         self._go(orbit.point(phase_rad), item.seq, acceptance_m=math.nan, report=False)
         self._then(circle)
-        self.here = circle.points_ned_m[-1]
+        self.here = orbit.after(phase_rad, circle.turns)
         self.leg = self._new_leg()
 
     def _go(self, point: Vector, seq: int, *, acceptance_m: float, report: bool = True) -> None:

@@ -277,6 +277,16 @@ def test_home_is_the_first_item_that_has_a_place(
     assert (order.area.home.lat_deg, order.area.home.lon_deg) == pytest.approx((NORTH, 8.5))
 
 
+def test_turns_are_timed_by_their_number(tmp_path: Path) -> None:
+    def planned_s(turns: float) -> float:
+        circle = simple(18, turns, 0, 20, 0, 47.401, 8.5, 50)
+        plan = read_plan_file(written(tmp_path, TAKE_OFF, circle, RETURN))
+        return plan_flight._order(load(None, ()), plan).path.duration_s
+
+    each_s = 2.0 * math.pi * 20.0 / math.sqrt(2.0 * 20.0)  # no faster than presses with 2 m/s2
+    assert planned_s(8) - planned_s(3) == pytest.approx(5.0 * each_s)
+
+
 def fenced(tmp_path: Path, *circles: tuple[bool, float, float]) -> Path:
     """To the north and home, with circles: whether to stay inside, their latitude and radius."""
     document = plan_document(TAKE_OFF, place(NORTH, 8.5), RETURN)

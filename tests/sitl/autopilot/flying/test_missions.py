@@ -9,6 +9,7 @@ from pymavlink.dialects.v20 import common as mav
 from sitl_desk import Desk, item, of, speed_item, the
 from sitl_mavsdk import HOME
 
+from sitl.autopilot.flying import route
 from sitl.autopilot.modes import Mode
 
 WAYPOINT = mav.MAV_CMD_NAV_WAYPOINT
@@ -464,6 +465,31 @@ def test_turns_round_a_place_keep_within_the_fence() -> None:
     desk.upload([item(0, mav.MAV_CMD_NAV_LOITER_TURNS, north=100.0, params=(1.0, 0.0, 20.0, 0.0))])
     assert start(desk) == mav.MAV_RESULT_TEMPORARILY_REJECTED
     assert "the mission leads" in "".join(desk.texts())
+
+
+def test_the_fence_is_asked_about_a_circle_once_however_often_it_is_flown(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    desk, asked = Desk(), []
+    desk.take_off(30.0)
+    guard = desk.vehicle.autopilot.flight.guard
+    monkeypatch.setattr(guard, "forbidden", lambda places: asked.append(len(places)))
+    turns = item(0, mav.MAV_CMD_NAV_LOITER_TURNS, north=20.0, params=(1000.0, 0.0, 20.0, 0.0))
+    again = item(1, mav.MAV_CMD_DO_JUMP, params=(0, 2000, 0, 0), frame=mav.MAV_FRAME_MISSION)
+    assert desk.upload([turns, again]) == ACCEPTED
+    assert start(desk) == mav.MAV_RESULT_ACCEPTED
+    assert asked[0] < 2001 * 20
+
+
+def test_after_many_turns_and_a_quarter_the_mission_goes_on_where_they_end() -> None:
+    desk = Desk()
+    desk.take_off(30.0)
+    turns = item(0, mav.MAV_CMD_NAV_LOITER_TURNS, north=20.0, params=(999.25, 0.0, 20.0, 0.0))
+    assert desk.upload([turns, item(1, WAYPOINT, north=80.0)]) == ACCEPTED
+    flight = desk.vehicle.autopilot.flight
+    onwards = flight._stages(flight.mission)[-1]
+    assert isinstance(onwards, route.Fly)  # from the south clockwise by a quarter: in the west
+    np.testing.assert_allclose(onwards.path.points_ned_m[0], [20.0, -20.0, -30.0], atol=0.05)
 
 
 def test_the_nose_turns_to_what_is_looked_at_from_its_item_on() -> None:
