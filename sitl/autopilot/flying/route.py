@@ -23,7 +23,9 @@ from sitl.autopilot.parameters import Parameters
 from sitl.autopilot.protocol.item_rules import PLACES
 
 _JUMPS = frozenset({mav.MAV_CMD_DO_JUMP})
-_ENDS = frozenset({mav.MAV_CMD_NAV_RETURN_TO_LAUNCH, mav.MAV_CMD_NAV_LOITER_UNLIM})
+_ENDS = frozenset(
+    {mav.MAV_CMD_NAV_LAND, mav.MAV_CMD_NAV_RETURN_TO_LAUNCH, mav.MAV_CMD_NAV_LOITER_UNLIM}
+)
 MAX_STEPS = 10_000  # items carried out, jumps included
 MAX_JUMPS = 100  # items of a mission that jump; ArduPilot's limit, too
 

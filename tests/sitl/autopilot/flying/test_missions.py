@@ -169,6 +169,21 @@ def test_take_off_item_then_land_item() -> None:
     assert desk.vehicle.autopilot.mode is Mode.HOLD
 
 
+def test_what_stands_behind_a_landing_is_not_judged() -> None:
+    desk = Desk()
+    desk.take_off(30.0)
+    desk.vehicle.autopilot.parameters.set("GF_MAX_HOR_DIST", 100.0)
+    landing = item(1, mav.MAV_CMD_NAV_LAND, north=60.0, height=0.0)
+    endless = item(3, mav.MAV_CMD_DO_JUMP, params=(0, 30_000, 0, 0), frame=mav.MAV_FRAME_MISSION)
+    mission = [item(0, WAYPOINT, north=40.0), landing, item(2, WAYPOINT, north=500.0), endless]
+    assert desk.upload(mission) == ACCEPTED
+    assert start(desk) == mav.MAV_RESULT_ACCEPTED
+    desk.fly()
+    assert reached(desk) == [0, 1]
+    assert not desk.mass.armed
+    assert current(desk)[2] == mav.MISSION_STATE_COMPLETE
+
+
 def test_return_item_ends_the_mission_and_flies_home() -> None:
     desk = Desk()
     desk.take_off(30.0)
