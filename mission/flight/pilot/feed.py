@@ -86,6 +86,8 @@ class TelemetryFeed:
         self._control_hz = known.control_hz if known and known.motors else 0.0
         self._origin = (math.nan,) * 3  # of the vehicle's local frame, NED about home
         self._battery = BatteryState(math.nan, math.nan, math.nan, math.nan)
+        # The lowest heard of is the one that counts: 0, but PX4 calls a smart battery 255.
+        self._battery_id = math.inf
         self._moment: tuple[Kinematics, Kinematics] | None = None  # the newest truth and belief
         self._mode: tuple[str, bool] | None = None
         self._estimator = ""
@@ -261,6 +263,9 @@ class TelemetryFeed:
         self._origin = place[0] - fields["x"], place[1] - fields["y"], -fields["z"]
 
     def _hear_battery(self, fields: Fields) -> None:
+        if fields["id"] > self._battery_id:
+            return
+        self._battery_id = fields["id"]
         percent, consumed = fields["battery_remaining"], fields["current_consumed"]
         cells = [cell for cell in fields["voltages"] if cell < 65535]
         current = fields["current_battery"]
