@@ -73,7 +73,7 @@ def sitl(
     served = make_vehicles(resolved, count=count, udp=udp, logs=logs, instance=instance)
     kept = "no flight is logged; --logs FOLDER logs each"
     if logs is not None:
-        of_one = logs if count == 1 else logs / "vehicle-1"
+        of_one = logs if count == 1 else logs / served[0].name
         kept = f"each flight is logged in {logs}, for aerofed compare {of_one}"
     pace, say = math.inf if speed == "max" else speed, Terminal(**PLAIN).print
     serve(served, speed=pace, say=say, first=kept)

@@ -54,6 +54,7 @@ def link_url(text: str) -> str:
 class Served:
     """One vehicle, where it speaks, and what writes its flights."""
 
+    name: str  # by its number from 1; of its folder of logs, too
     vehicle: Vehicle
     area: Area  # with home where this one stands
     guidance: LimitsConfig
@@ -109,7 +110,7 @@ def _urls(udp: Sequence[str], number: int) -> dict[str, int]:
         url = link_url(_counted_up(text, number) if alone else text)
         if url in found:
             raise InputError(
-                f"--udp {text}: vehicle {number + 1} speaks there already; ports count up from the "
+                f"--udp {text}: {_name(number)} speaks there already; ports count up from the "
                 f"first, {udp[0]}, and the others are for all vehicles"
             )
         own = _OWN_PORTS.get(int(text), 0) if text.isdecimal() else 0
@@ -142,8 +143,12 @@ def _holder(port: int) -> str:
     return ""
 
 
+def _name(i: int) -> str:
+    return f"vehicle-{i + 1}"
+
+
 def _own(logs: Path | None, i: int, count: int) -> Path | None:
-    return logs if logs is None or count == 1 else logs / f"vehicle-{i + 1}"
+    return logs if logs is None or count == 1 else logs / _name(i)
 
 
 def _served(
@@ -170,7 +175,8 @@ def _served(
             standalone=True,
             in_step=in_step,
         )
-    return Served(vehicle, area, guidance_of(config.vehicle), urls, recorder, config.link)
+    guidance = guidance_of(config.vehicle)
+    return Served(_name(i), vehicle, area, guidance, urls, recorder, config.link)
 
 
 def _counted_up(text: str, i: int) -> str:
@@ -220,12 +226,11 @@ async def _serve(
                     Simulation(one.vehicle, *links, speed=speed, runs="always")
                 )
             say(first)
-            for i, one in enumerate(served):
+            for one in served:
                 home = one.vehicle.aircraft.frame.origin
-                name = "vehicle" if len(served) == 1 else f"vehicle {i + 1}"
                 end = "; Ctrl-C ends" if one is served[-1] else ""
                 say(
-                    f"{name} at {home.lat_deg:.7f}, {home.lon_deg:.7f}, "
+                    f"{one.name} at {home.lat_deg:.7f}, {home.lon_deg:.7f}, "
                     f"{home.alt_msl_m:g} m, {pace}, MAVLink on {', '.join(one.urls)}{end}"
                 )
             await stop.wait()

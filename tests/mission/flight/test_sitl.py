@@ -1,5 +1,6 @@
 """`aerofed sitl`: any ground station may come, several at once, until Ctrl-C."""
 
+import asyncio
 import functools
 import math
 import os
@@ -181,7 +182,7 @@ def test_a_vehicle_calls_a_station_over_tcp() -> None:
         (["--home", "47,8"], ["--home 47,8", "LAT,LON,ALT", "--home 47.3977,8.54559,488"]),
         (["--count", "0"], ["--count 0", "from 1 to 64"]),
         (["--count", "3", "--set", "vehicle.system_id=249"], ["--count 3", "up to 250"]),
-        (["--count", "2", "--udp", "20540", "--udp", "20541"], ["--udp 20541: vehicle 2 speaks"]),
+        (["--count", "2", "--udp", "20540", "--udp", "20541"], ["--udp 20541: vehicle-2 speaks"]),
         (["--instance", "-1"], ["--instance -1 --count 1"]),
         (["--instance", "250"], ["--instance 250 --count 1", "up to 250"]),
         (["--home", "north,8,1"], ["--home north,8,1", "LAT,LON,ALT"]),
@@ -225,6 +226,22 @@ def test_an_instance_is_the_vehicle_of_that_number() -> None:
         "tcp://127.0.0.1:7000",
     ]  # fmt: skip
     assert alone.vehicle.aircraft.frame.origin == third.vehicle.aircraft.frame.origin
+
+
+def test_vehicles_are_called_by_their_numbers_as_their_folders_are(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    async def interrupted(_: asyncio.Event) -> None:
+        """All is said by then."""
+
+    monkeypatch.setattr(asyncio.Event, "wait", interrupted)
+    port = str(free_port())
+    arguments = ["--instance", "1", "--count", "2", "--udp", f"udpout://127.0.0.1:{port}"]
+    assert call(["sitl", *arguments, "--logs", str(tmp_path)]) == 0
+    first, *each = capsys.readouterr().out.splitlines()
+    folders = sorted(path.name for path in tmp_path.iterdir())
+    assert folders == [line.split()[0] for line in each] == ["vehicle-2", "vehicle-3"]
+    assert first.endswith(f"aerofed compare {tmp_path / folders[0]}")
 
 
 def test_the_environment_of_px4s_simulators_is_heard(
