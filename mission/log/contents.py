@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any, TypeAlias
 
 import zstandard
+from google.protobuf.message import DecodeError
 from mcap.exceptions import McapError
 from mcap.records import (
     Attachment,
@@ -126,15 +127,17 @@ class Contents:
                 self.path, f"{topic.name} has schema {schema.name}, not {topic.schema_name}"
             )
         decode: Callable[[bytes], Any] = json.loads
-        if topic.encoding == "protobuf":
-            decode = DecoderFactory().decoder_for(topic.encoding, schema)
-        for message in rows:
-            try:
+        part = "its schema"
+        try:
+            if topic.encoding == "protobuf":
+                decode = DecoderFactory().decoder_for(topic.encoding, schema)
+            for message in rows:
+                part = f"message {message.sequence}"
                 yield message.log_time, decode(message.data)
-            except ValueError as error:
-                raise ForeignLogError(
-                    self.path, f"{topic.name}: message {message.sequence} does not decode: {error}"
-                ) from None
+        except (ValueError, TypeError, McapError, DecodeError) as error:
+            raise ForeignLogError(
+                self.path, f"{topic.name}: {part} does not decode: {error}"
+            ) from None
 
 
 def load(path: Path) -> Contents:

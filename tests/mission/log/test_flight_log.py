@@ -398,3 +398,14 @@ def test_a_log_of_another_version_is_refused_in_one_line(made: Fixed) -> None:
     contents.metadata["aerofed"]["format"] = "1"
     with pytest.raises(ForeignLogError, match=r"log format '1', this version reads '2'"):
         decode(contents)
+
+
+@pytest.mark.parametrize("part", [r"message \d+", "its schema"])
+def test_what_is_no_protobuf_is_refused_in_one_line(made: Fixed, part: str) -> None:
+    contents = load(made.log)
+    if part == "its schema":
+        contents.schema("/true/pose").data = b"\xff" * 9
+    else:
+        contents.messages["/true/pose"][7].data = b"\xff" * 9
+    with pytest.raises(ForeignLogError, match=rf"^.*/true/pose: {part} does not decode: .*$"):
+        decode(contents)
