@@ -10,7 +10,7 @@ from mission.base.area import Area
 from mission.base.arrays import Floats
 from mission.log.values import Zone
 from sitl.autopilot.codec.orders import MissionItem
-from sitl.autopilot.fence import Circle, Polygon, compile_fence
+from sitl.autopilot.fence import Circle, Shape, compile_fence
 from sitl.autopilot.parameters import Parameters
 
 _RINGS = (
@@ -91,11 +91,11 @@ def drawn(items: Sequence[MissionItem], area: Area) -> tuple[Zone, ...]:
     )
 
 
-def _outline(shape: Polygon | Circle, area: Area) -> Floats:
-    if isinstance(shape, Polygon):
-        north, east = shape.corners_ne_m.T
-    else:
+def _outline(shape: Shape, area: Area) -> Floats:
+    if isinstance(shape, Circle):
         turn = np.linspace(0.0, 2 * math.pi, _CORNERS, endpoint=False)
         north = shape.north_m + shape.radius_m * np.cos(turn)
         east = shape.east_m + shape.radius_m * np.sin(turn)
+    else:
+        north, east = shape.T
     return area.from_ned(np.column_stack((north, east, np.zeros(len(north)))))

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TypeAlias
 
 import numpy as np
 from pymavlink.dialects.v20 import common as mav
@@ -23,13 +24,6 @@ _CIRCLES = frozenset(
 
 
 @dataclass(frozen=True, slots=True)
-class Polygon:
-    """An area with these corners, in either direction of rotation."""
-
-    corners_ne_m: Vector  # (M, 2)
-
-
-@dataclass(frozen=True, slots=True)
 class Circle:
     """A circular area about a point."""
 
@@ -38,13 +32,16 @@ class Circle:
     radius_m: float
 
 
+Shape: TypeAlias = Circle | Vector  # of a polygon the corners (M, 2), either way round
+
+
 class _Areas:
     """Polygons and circles, prepared to be asked about many points."""
 
-    def __init__(self, shapes: Sequence[Polygon | Circle]) -> None:
+    def __init__(self, shapes: Sequence[Shape]) -> None:
         circles = [(s.north_m, s.east_m, s.radius_m) for s in shapes if isinstance(s, Circle)]
         self._circles = np.array(circles).reshape(-1, 3).T
-        rings = [s.corners_ne_m for s in shapes if isinstance(s, Polygon)]
+        rings = [shape for shape in shapes if not isinstance(shape, Circle)]
         self._polygons = Obstacles([((ring,), np.inf) for ring in rings])  # of any height
 
     def contain(self, north: float, east: float) -> bool:
@@ -58,8 +55,8 @@ class _Areas:
 class Fence:
     """Be inside one of `inclusions`, if there are any, and outside all `exclusions`."""
 
-    inclusions: tuple[Polygon | Circle, ...] = ()
-    exclusions: tuple[Polygon | Circle, ...] = ()
+    inclusions: tuple[Shape, ...] = ()
+    exclusions: tuple[Shape, ...] = ()
 
     @cached_property
     def _prepared(self) -> tuple[_Areas, _Areas]:
@@ -103,14 +100,14 @@ def compile_fence(items: Sequence[MissionItem], frame: LocalFrame) -> Fence:
     Raises:
         SitlInputError: the vertices of a polygon are not as many as each of them says.
     """
-    areas: dict[bool, list[Polygon | Circle]] = {True: [], False: []}
+    areas: dict[bool, list[Shape]] = {True: [], False: []}
     index = 0
     while index < len(items):
         item = items[index]
         count = 1
         if item.command in _CIRCLES:
             north, east, _ = frame.to_ned(item.x, item.y, frame.origin.alt_msl_m)
-            area: Polygon | Circle = Circle(float(north), float(east), item.params[0])
+            area: Shape = Circle(float(north), float(east), item.params[0])
         else:
             count = round(item.params[0])
             group = items[index : index + count]
@@ -118,7 +115,7 @@ def compile_fence(items: Sequence[MissionItem], frame: LocalFrame) -> Fence:
             if len(group) < count or not same:
                 raise SitlInputError(f"fence item {index}: a polygon of {count} corners is needed")
             points = [frame.to_ned(i.x, i.y, frame.origin.alt_msl_m)[:2] for i in group]
-            area = Polygon(np.array(points))
+            area = np.array(points)
         areas[item.command in _INCLUSIONS].append(area)
         index += count
     return Fence(tuple(areas[True]), tuple(areas[False]))

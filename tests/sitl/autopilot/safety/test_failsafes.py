@@ -13,7 +13,7 @@ from flightdyn.config import AircraftConfig
 from flightdyn.faults import GnssOff, WindBurst
 from flightdyn.state import BatteryState
 from sitl.autopilot.failsafe import RULES, Action, Cause
-from sitl.autopilot.fence import Fence, Polygon
+from sitl.autopilot.fence import Fence
 from sitl.autopilot.modes import Mode
 from sitl.autopilot.parameters import SPECS
 from sitl.config import VehicleConfig
@@ -297,7 +297,7 @@ def test_polygons_may_be_concave_and_turn_either_way() -> None:
     inside = [(1, 1), (39, 1), (39, 39), (21, 39), (1, 19), (19, 19)]
     outside = [(-1, 1), (41, 1), (-30, 10), (1, 21), (19, 21), (19, 39), (60, 39), (1, -1), (1, 50)]
     for shape in (corners, corners[::-1]):
-        fence = Fence((Polygon(shape),))
+        fence = Fence((shape,))
         assert fence.breach(np.array([(*place, -9.0) for place in inside])) == ""
         assert all(fence.breach(np.array([*place, -9.0])) for place in outside)
 
