@@ -1,9 +1,9 @@
-"""Flight modes, and what leads from one to another: one table.
+"""Flight modes, and which order leads to which: one table.
 
 The numbers are PX4's (main and sub mode), because ground stations know them.
 """
 
-from dataclasses import dataclass
+from collections.abc import Mapping
 from enum import Enum
 
 
@@ -38,7 +38,7 @@ def mode_of_custom(custom_mode: int) -> Mode | None:
 
 
 class Trigger(Enum):
-    """What can change the mode: orders from outside and ends of manoeuvres."""
+    """The orders that lead to a mode; the value is said of the change."""
 
     ORDER_TAKEOFF = "take-off ordered"
     ORDER_MISSION = "mission ordered"
@@ -53,13 +53,10 @@ class Trigger(Enum):
     ORDER_MANUAL = "manual control ordered"
     ORDER_ORBIT = "orbit ordered"
     ORDER_FOLLOW = "following ordered"
-    ORDER_TERMINATE = "termination ordered"
-    DONE = "manoeuvre finished"
-    DONE_LAND_NEXT = "manoeuvre finished, landing follows"
 
 
 class Need(Enum):
-    """What must be true before a transition; the value is said when it is not."""
+    """What must be true for an order; the value is said when it is not."""
 
     ARMED = "not armed"
     ON_GROUND = "already in the air"
@@ -70,53 +67,32 @@ class Need(Enum):
     STICKS = "no manual control input"
 
 
-@dataclass(frozen=True, slots=True)
-class Transition:
-    """From one of `sources` on `trigger`, if all `needs` hold, to `target`."""
-
-    trigger: Trigger
-    sources: frozenset[Mode]
-    target: Mode
-    needs: tuple[Need, ...] = ()
-
-
 # Flown by somebody outside, who may land; what lands has landed for good.
 PILOTED = frozenset(
     {Mode.OFFBOARD, Mode.POSITION, Mode.ALTITUDE, Mode.STABILIZED, Mode.MANUAL, Mode.FOLLOW}
 )
-_FLYING = PILOTED | {Mode.HOLD, Mode.TAKEOFF, Mode.MISSION, Mode.RETURN, Mode.LAND, Mode.ORBIT}
 _IN_AIR = (Need.ARMED, Need.AIRBORNE)
 
-TRANSITIONS: tuple[Transition, ...] = (
-    Transition(
-        Trigger.ORDER_TAKEOFF,
-        PILOTED | {Mode.HOLD, Mode.TAKEOFF},
-        Mode.TAKEOFF,
-        (Need.ARMED, Need.ON_GROUND, Need.POSITION),
-    ),
-    Transition(
-        Trigger.ORDER_MISSION, _FLYING, Mode.MISSION, (Need.ARMED, Need.MISSION, Need.POSITION)
-    ),
-    Transition(Trigger.ORDER_HOLD, _FLYING, Mode.HOLD),
-    Transition(Trigger.ORDER_GOTO, _FLYING, Mode.HOLD, (*_IN_AIR, Need.POSITION)),
-    Transition(Trigger.ORDER_RETURN, _FLYING, Mode.RETURN, (*_IN_AIR, Need.POSITION)),
-    Transition(Trigger.ORDER_LAND, _FLYING, Mode.LAND, _IN_AIR),
-    Transition(Trigger.ORDER_OFFBOARD, _FLYING, Mode.OFFBOARD, (Need.SETPOINTS,)),
-    Transition(Trigger.ORDER_POSITION, _FLYING, Mode.POSITION, (Need.STICKS, Need.POSITION)),
-    Transition(Trigger.ORDER_ALTITUDE, _FLYING, Mode.ALTITUDE, (Need.STICKS,)),
-    Transition(Trigger.ORDER_STABILIZED, _FLYING, Mode.STABILIZED, (Need.STICKS,)),
-    Transition(Trigger.ORDER_MANUAL, _FLYING, Mode.MANUAL, (Need.STICKS,)),
-    Transition(Trigger.ORDER_ORBIT, _FLYING, Mode.ORBIT, (*_IN_AIR, Need.POSITION)),
-    Transition(Trigger.ORDER_FOLLOW, _FLYING, Mode.FOLLOW, (*_IN_AIR, Need.POSITION)),
-    Transition(Trigger.ORDER_TERMINATE, frozenset(Mode), Mode.TERMINATED),
-    Transition(Trigger.DONE, _FLYING, Mode.HOLD),
-    Transition(Trigger.DONE, frozenset({Mode.TERMINATED}), Mode.TERMINATED),
-    Transition(Trigger.DONE_LAND_NEXT, _FLYING, Mode.LAND),
-)
-
-_BY_SOURCE = {(t.trigger, source): t for t in TRANSITIONS for source in t.sources}
+# The mode that an order leads to, and what it needs.
+ORDERS: Mapping[Trigger, tuple[Mode, tuple[Need, ...]]] = {
+    Trigger.ORDER_TAKEOFF: (Mode.TAKEOFF, (Need.ARMED, Need.ON_GROUND, Need.POSITION)),
+    Trigger.ORDER_MISSION: (Mode.MISSION, (Need.ARMED, Need.MISSION, Need.POSITION)),
+    Trigger.ORDER_HOLD: (Mode.HOLD, ()),
+    Trigger.ORDER_GOTO: (Mode.HOLD, (*_IN_AIR, Need.POSITION)),
+    Trigger.ORDER_RETURN: (Mode.RETURN, (*_IN_AIR, Need.POSITION)),
+    Trigger.ORDER_LAND: (Mode.LAND, _IN_AIR),
+    Trigger.ORDER_OFFBOARD: (Mode.OFFBOARD, (Need.SETPOINTS,)),
+    Trigger.ORDER_POSITION: (Mode.POSITION, (Need.STICKS, Need.POSITION)),
+    Trigger.ORDER_ALTITUDE: (Mode.ALTITUDE, (Need.STICKS,)),
+    Trigger.ORDER_STABILIZED: (Mode.STABILIZED, (Need.STICKS,)),
+    Trigger.ORDER_MANUAL: (Mode.MANUAL, (Need.STICKS,)),
+    Trigger.ORDER_ORBIT: (Mode.ORBIT, (*_IN_AIR, Need.POSITION)),
+    Trigger.ORDER_FOLLOW: (Mode.FOLLOW, (*_IN_AIR, Need.POSITION)),
+}
 
 
-def transition(mode: Mode, trigger: Trigger) -> Transition | None:
-    """The row of the table for this mode and trigger; None where there is none."""
-    return _BY_SOURCE.get((trigger, mode))
+def possible(mode: Mode, trigger: Trigger) -> bool:
+    """Whether an order can be given in a mode at all, whatever it needs."""
+    if trigger is Trigger.ORDER_TAKEOFF:
+        return mode in PILOTED | {Mode.HOLD, Mode.TAKEOFF}
+    return mode is not Mode.TERMINATED

@@ -15,7 +15,7 @@ from sitl.autopilot.flying import route
 from sitl.autopilot.flying.mission import Mission
 from sitl.autopilot.flying.navigator import Navigator
 from sitl.autopilot.guard import Guard
-from sitl.autopilot.modes import PILOTED, Mode, Need, Trigger, transition
+from sitl.autopilot.modes import ORDERS, PILOTED, Mode, Need, Trigger, possible
 from sitl.autopilot.parameters import Parameters
 from sitl.autopilot.protocol.item_rules import LOOKS, NAVIGATION
 from sitl.autopilot.reporter import Reporter
@@ -183,7 +183,7 @@ class Flight:
             self._enter(Mode.HOLD, "disarmed", None)
         return None
 
-    def terminate(self, why: str = Trigger.ORDER_TERMINATE.value) -> str | None:
+    def terminate(self, why: str = "termination ordered") -> str | None:
         """Stop the motors wherever the aircraft is."""
         self._settling = False
         self._stop_motors()
@@ -316,20 +316,20 @@ class Flight:
         """Begin the manoeuvre that `make` makes, if the mode and its needs allow it."""
         if self._settling:
             return _STARTING
-        row = transition(self.mode, trigger)
-        if row is None:
+        if not possible(self.mode, trigger):
             return f"not possible in mode {self.mode.name}"
-        for need in row.needs:
+        target, needs = ORDERS[trigger]
+        for need in needs:
             if not self.needs[need]():
                 return need.value
         lifts = trigger in _LIFTS and not self.airborne
         if lifts and (denied := self.guard.arming_denied()):
             return denied  # what keeps it from being armed may have come since it was
-        if row.target is Mode.HOLD and not self.airborne:
+        if target is Mode.HOLD and not self.airborne:
             self._aircraft.idle()
-            self._enter(row.target, why or trigger.value, None)
+            self._enter(target, why or trigger.value, None)
         else:
-            self._enter(row.target, why or trigger.value, make())
+            self._enter(target, why or trigger.value, make())
         return None
 
     def _enter(self, mode: Mode, why: str, manoeuvre: do.Manoeuvre | None) -> None:
@@ -354,15 +354,15 @@ class Flight:
         elif self.mode is Mode.MISSION:
             self._mission_ended()
         elif self.mode is Mode.RETURN:
-            self._enter(Mode.LAND, Trigger.DONE_LAND_NEXT.value, self._land_here())
+            self._enter(Mode.LAND, "manoeuvre finished, landing follows", self._land_here())
         elif self.mode is Mode.LAND or self.mode in PILOTED:
             self._landed()
         else:
             self._done()
 
     def _done(self) -> None:
-        if row := transition(self.mode, Trigger.DONE):
-            self._enter(row.target, Trigger.DONE.value, None)
+        mode = self.mode if self.mode is Mode.TERMINATED else Mode.HOLD
+        self._enter(mode, "manoeuvre finished", None)
 
     def _mission_ended(self) -> None:
         last = self._ended_by

@@ -8,7 +8,7 @@ from pymavlink.dialects.v20 import common as mav
 from sitl_desk import Desk, of, the
 from sitl_mavsdk import HOME
 
-from sitl.autopilot.modes import Mode, Trigger, mode_of_custom, transition
+from sitl.autopilot.modes import ORDERS, PILOTED, Mode, Trigger, mode_of_custom, possible
 
 NAN = math.nan
 OK, REJECTED, DENIED, UNSUPPORTED = (
@@ -395,11 +395,15 @@ def test_what_arrives_in_flight_does_not_change_the_flight() -> None:
     assert fly(talk=True) == fly(talk=False)
 
 
-def test_every_mode_can_be_left_and_every_number_is_its_own() -> None:
+def test_every_mode_but_terminated_can_be_left_and_every_number_is_its_own() -> None:
     assert {mode_of_custom(mode.custom_mode) for mode in Mode} == set(Mode)
     assert mode_of_custom(0) is None
+    assert set(ORDERS) == set(Trigger)
     for mode in Mode:
-        assert transition(mode, Trigger.ORDER_TERMINATE) is not None
-        ends = [transition(mode, trigger) for trigger in (Trigger.DONE, Trigger.ORDER_HOLD)]
-        assert ends[0] is not None
-        assert (ends[1] is None) == (mode is Mode.TERMINATED)
+        orders = {trigger for trigger in Trigger if possible(mode, trigger)}
+        if mode is Mode.TERMINATED:
+            assert not orders
+        else:
+            assert orders | {Trigger.ORDER_TAKEOFF} == set(Trigger)
+    starts = {mode for mode in Mode if possible(mode, Trigger.ORDER_TAKEOFF)}
+    assert starts == PILOTED | {Mode.HOLD, Mode.TAKEOFF}
