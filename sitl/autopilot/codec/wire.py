@@ -51,7 +51,8 @@ class Wire:
             return False  # our own words, come back over another link
         if isinstance(msg, mav.MAVLink_ping_message) and msg.target_system != 0:
             return False  # an answer, and nothing here asks
-        system = getattr(msg, "target_system", 0)
+        # MANUAL_CONTROL is alone in calling it `target`.
+        system = getattr(msg, "target_system", getattr(msg, "target", 0))
         component = getattr(msg, "target_component", 0)
         return system in (0, self._system) and component in (0, self._component)
 

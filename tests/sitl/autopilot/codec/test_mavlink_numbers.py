@@ -227,9 +227,11 @@ def test_nobody_elses_messages_are_read() -> None:
     other_vehicle = mav.MAVLink_mission_request_list_message(2, 1, 0)
     camera = mav.MAVLink_mission_request_list_message(1, 100, 0)
     everybody = mav.MAVLink_mission_request_list_message(0, 0, 0)
+    sticks = [mav.MAVLink_manual_control_message(to, 0, 0, 500, 0, 0) for to in (0, 1, 2)]
     assert wire.read(other_vehicle.pack(station)) == []
     assert wire.read(camera.pack(station)) == []
     assert len(wire.read(everybody.pack(station))) == 1
+    assert [len(wire.read(held.pack(station))) for held in sticks] == [1, 1, 0]
 
 
 def test_damaged_datagrams_do_not_harm_the_next() -> None:
