@@ -21,6 +21,7 @@ from sitl.autopilot.codec.orders import (
 from sitl.autopilot.reporter import Reporter
 
 _RETRANSMISSION_S = 5.0  # a repeated command gets the first one's answer for so long
+_PEERS = 16  # whose last commands are remembered
 
 
 class RefusedError(Exception):
@@ -64,17 +65,16 @@ def demand_global(order: CommandOrder) -> None:
 
 @dataclass(frozen=True, slots=True)
 class _Done:
-    peer: Peer
     order: CommandOrder
     result: int
     at: float
 
-    def again(self, peer: Peer, order: CommandOrder, now: float) -> bool:
+    def again(self, order: CommandOrder, now: float) -> bool:
         """Whether `order` is a retransmission of this one."""
         return (
             order.confirmation > 0
             and now - self.at < _RETRANSMISSION_S
-            and (peer, order.command) == (self.peer, self.order.command)
+            and order.command == self.order.command
             and all(map(_same, order.params, self.order.params))
         )
 
@@ -89,7 +89,7 @@ class CommandServer:
     def __init__(self, outbox: Outbox, reporter: Reporter, commands: Commands) -> None:
         self._outbox = outbox
         self._report = reporter
-        self._last: _Done | None = None
+        self._last: dict[Peer, _Done] = {}  # who was silent for longest first
         self._commands = commands
 
     @property
@@ -121,8 +121,8 @@ class CommandServer:
         msg: mav.MAVLink_command_long_message | mav.MAVLink_command_int_message,
         now: float,
     ) -> None:
-        order, last = read_order(msg), self._last
-        if last is not None and last.again(peer, order, now):
+        order, last = read_order(msg), self._last.get(peer)
+        if last is not None and last.again(order, now):
             # Our answer was late or lost: answer again, do nothing again.
             self._answer(peer, order.command, last.result)
             return
@@ -134,8 +134,14 @@ class CommandServer:
             command(order)
         except RefusedError as refused:
             result, reason = refused.result, str(refused)
-        self._last = _Done(peer, order, result, now)
+        self._remember(peer, _Done(order, result, now))
         self._answer(peer, order.command, result)
         if reason:
             name = command_name if command is None else bare_name
             self._report.say(f"{name(order.command)} refused: {reason}")
+
+    def _remember(self, peer: Peer, done: _Done) -> None:
+        self._last.pop(peer, None)
+        self._last[peer] = done
+        if len(self._last) > _PEERS:
+            del self._last[next(iter(self._last))]

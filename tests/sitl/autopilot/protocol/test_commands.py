@@ -151,6 +151,22 @@ def test_a_retransmitted_command_is_answered_and_not_repeated() -> None:
     assert desk.vehicle.autopilot.flight.guard.home != home
 
 
+def test_a_retransmission_is_known_whoever_spoke_in_between() -> None:
+    desk = Desk()
+    desk.take_off()
+    turn = (mav.MAV_CMD_CONDITION_YAW, 90, 20, 1, 1)
+    assert desk.command(*turn) == OK
+    desk.fly()
+    asked = mav.MAVLink_command_long_message(1, 1, mav.MAV_CMD_REQUEST_MESSAGE, 0, 148, *[0] * 6)
+    for other in range(10):
+        station = mav.MAVLink(None, srcSystem=100 + other, srcComponent=190)
+        desk.vehicle.receive(bytes(asked.pack(station)), desk.now)
+    desk.exchange()
+    assert desk.command(*turn, confirmation=1) == OK
+    desk.fly()
+    assert desk.mass.yaw_rad == pytest.approx(math.radians(90))
+
+
 @pytest.mark.parametrize(("frame", "z"), [(RELATIVE, 40.0), (0, 528.0)])
 def test_reposition_with_yaw(frame: int, z: float) -> None:
     desk = Desk()
