@@ -99,7 +99,7 @@ class MissionTransfer:
             mav.MAVLink_mission_request_message: self._request,
             mav.MAVLink_mission_request_int_message: self._request,
             mav.MAVLink_mission_clear_all_message: self._clear,
-            mav.MAVLink_mission_ack_message: self._end_download,
+            mav.MAVLink_mission_ack_message: self._end,
             mav.MAVLink_mission_request_partial_list_message: self._refuse_partial,
             mav.MAVLink_mission_write_partial_list_message: self._refuse_partial,
         }
@@ -235,8 +235,13 @@ class MissionTransfer:
             if download.lossy:
                 self._repeated[peer] = _Repeated(answer, now + _REPEAT_S)
 
-    def _end_download(self, peer: Peer, msg: mav.MAVLink_mission_ack_message, _now: float) -> None:
-        self._downloads.pop((peer, msg.mission_type), None)
+    def _end(self, peer: Peer, msg: mav.MAVLink_mission_ack_message, _now: float) -> None:
+        """A download is over; so is an upload that its station breaks off."""
+        key, upload = (peer, msg.mission_type), self._upload
+        self._downloads.pop(key, None)
+        broken_off = msg.type != mav.MAV_MISSION_ACCEPTED
+        if broken_off and upload is not None and (upload.peer, upload.kind) == key:
+            self._upload = None
 
     def _clear(self, peer: Peer, msg: mav.MAVLink_mission_clear_all_message, _now: float) -> None:
         kinds = tuple(self.lists) if msg.mission_type == ALL else (msg.mission_type,)

@@ -491,6 +491,20 @@ def test_only_one_station_uploads_at_a_time() -> None:
     assert vehicle.say(waypoints(2)[0], peer=OTHER) == []
 
 
+def test_an_upload_that_its_station_cancels_is_over() -> None:
+    vehicle = Vehicle()
+    vehicle.say(count_of(2))
+    cancelled = mav.MAV_MISSION_OPERATION_CANCELLED
+    # None of these is about that upload, or says that it is over.
+    vehicle.say(ack(cancelled, to=VEHICLE), peer=OTHER)
+    vehicle.say(ack(cancelled, FENCE, to=VEHICLE))
+    vehicle.say(ack(ACCEPTED, to=VEHICLE))
+    assert vehicle.transfer.due() == REQUEST_AGAIN_S
+    assert vehicle.say(ack(cancelled, to=VEHICLE)) == []
+    assert vehicle.transfer.due() == math.inf
+    assert vehicle.say(count_of(2), peer=OTHER) == [request_for(0, to=OTHER)]
+
+
 def test_a_download_is_of_one_list_even_if_it_is_replaced_meanwhile() -> None:
     vehicle = Vehicle()
     old, new = waypoints(2), waypoints(4, shift=1.0)
