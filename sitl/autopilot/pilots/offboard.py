@@ -190,9 +190,13 @@ def _attitude_order(msg: _AttitudeTarget) -> AttitudeOrder:
 
 
 def _turned(vector: Triple, yaw: float) -> Triple:
-    """A vector (forward, right, down) in NED, by the heading; open (NaN) where a component is."""
+    """A vector (forward, right, down) in NED, by the heading; what is open (NaN) stays so.
+
+    But of forward and right, which share north and east, one that is open alone counts as 0.
+    """
     x, y, z = vector
+    if math.isnan(x) and math.isnan(y):
+        return vector
+    x, y = (0.0 if math.isnan(part) else part for part in (x, y))
     c, s_ = math.cos(yaw), math.sin(yaw)
-    if math.isnan(x + y + z):
-        return OPEN
     return c * x - s_ * y, s_ * x + c * y, z

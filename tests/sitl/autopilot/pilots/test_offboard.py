@@ -193,6 +193,28 @@ def test_a_velocity_in_the_body_frame_is_turned_with_the_nose() -> None:
     np.testing.assert_allclose(pilot.velocity, [-1.0, 2.0, 0.0], atol=0.15)
 
 
+@pytest.mark.parametrize(
+    ("velocity", "north_east_down"),
+    [
+        ((2.0, 1.0, NAN), (-1.0, 2.0, NAN)),
+        ((2.0, NAN, NAN), (0.0, 2.0, NAN)),
+        ((NAN, 1.0, -3.0), (-1.0, 0.0, -3.0)),
+        ((NAN, NAN, -3.0), (NAN, NAN, -3.0)),
+    ],
+)
+def test_in_the_body_frame_each_component_is_open_for_itself(
+    velocity: tuple[float, ...], north_east_down: tuple[float, ...]
+) -> None:
+    desk = Desk()
+    desk.take_off()
+    assert desk.command(mav.MAV_CMD_CONDITION_YAW, 90, 20, 0, 0) == OK
+    desk.fly()
+    desk.send(local(vel=velocity, frame=mav.MAV_FRAME_BODY_NED))
+    assert offboard(desk) == OK
+    assert desk.mass.target is not None
+    assert desk.mass.target.vel == pytest.approx(north_east_down, abs=1e-6, nan_ok=True)
+
+
 def test_a_position_that_moves_is_met_without_lag() -> None:
     pilot = Pilot()
     pilot.start()
