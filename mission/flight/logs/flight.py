@@ -86,10 +86,11 @@ class Found:
         places = self._of_one_clock(self.places)
         if len(places) < 2:
             raise InputError(f"{self.path}: the log has no positions, so there is no flight in it")
-        # Home may be set anew on the ground: that of the flight is the one in force at its top.
+        # Home may be set anew on the ground: that of the flight is the last one before its top.
         top_ns = places[places[:, 3].argmax(), 0]
-        homes = [home for home in self.homes if home[0] <= top_ns] or self.homes[:1]
-        home = GeodeticPoint(*(homes[-1] if homes else places[0].tolist())[1:])
+        known = _places(self.homes)
+        homes = [*places[:1], *known[:1], *known[known[:, 0] <= top_ns]]
+        home = GeodeticPoint(*homes[-1][1:].tolist())
         t_ns, ned = _ned(places, home)
         area = Area.around(home, ned, margin_m=_MARGIN_M)
         truth = belief = Track(t_ns, area.xyz(ned))
@@ -128,12 +129,8 @@ class Found:
 
     def _of_one_clock(self, rows: Sequence[tuple[float, ...]]) -> Floats:
         """The rows in order of time, thinned; those of a clock that started anew are refused."""
-        table = _rows(rows, 4)
-        finite = (np.abs(table) < _BOUNDS).all(axis=1)  # and no NaN
-        finite &= (np.abs(table[:, 1]) > 1e-9) | (np.abs(table[:, 2]) > 1e-9)
-        if not finite.all():
-            self.skipped["position without a value"] += int((~finite).sum())
-        table = table[finite]
+        table = _places(rows)
+        self.skipped["position without a value"] += len(rows) - len(table)
         back = np.flatnonzero(np.diff(table[:, 0]) < -_BACK_NS)
         if len(back):
             before, after = table[back[0], 0] / 1e9, table[back[0] + 1, 0] / 1e9
@@ -143,6 +140,13 @@ class Found:
             )
         _, kept = np.unique(np.round(table[:, 0] / _CLOSEST_NS), return_index=True)
         return table[kept]
+
+
+def _places(rows: Sequence[tuple[float, ...]]) -> Floats:
+    """The rows that have a place: finite, and not at 0/0."""
+    table = _rows(rows, 4)
+    some = (np.abs(table) < _BOUNDS).all(axis=1)  # and no NaN
+    return table[some & (np.abs(table[:, 1:3]) > 1e-9).any(axis=1)]
 
 
 def _ned(rows: Floats, home: GeodeticPoint) -> tuple[Ints, Floats]:

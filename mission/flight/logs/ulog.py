@@ -44,6 +44,7 @@ MISSIONS = "aerofed_missions"  # what a ULog of ours holds more
 _LOG_LEVEL = ord("0")  # of a message: a digit
 _MSL = mav.MAV_FRAME_GLOBAL
 _FIX_3D = 3
+_UNKNOWN = -1.0  # number of a battery
 _HEADER = 16  # bytes before the first message, which begins with its length and kind: 3 bytes
 
 Columns = dict[str, NDArray[np.float64]]
@@ -68,14 +69,13 @@ def read_ulog(path: Path) -> FlightData:
     if not found.places:
         found.places = list(_local(topics.get("vehicle_local_position")))
     found.truth = list(_places(topics, ("vehicle_global_position_groundtruth",)))
-    found.homes = list(_rows(topics.get("home_position"), "lat", "lon", "alt"))
+    found.homes = list(_homes(topics.get("home_position")))
     _status(found, topics.get("vehicle_status"))
     for message in log.logged_messages:
         level = message.log_level - _LOG_LEVEL
         text = message.message.strip()
         found.event(_ns(message.timestamp), "status", text, severity=level)
-    names = ("voltage_v", "current_a", "discharged_mah", "remaining")
-    found.battery = list(_rows(topics.get("battery_status"), *names))
+    found.battery = list(_battery(topics.get("battery_status")))
     wind = topics.get("wind", topics.get("wind_estimate"))
     found.wind = list(_rows(wind, "windspeed_east", "windspeed_north"))
     fixes = topics.get("vehicle_gps_position")
@@ -127,6 +127,21 @@ def _places(topics: dict[str, Columns], names: tuple[str, ...]) -> Iterator[tupl
         whole = abs(lat) > 90 or abs(lon) > 180
         scale, tall = (1e-7, 1e-3) if whole else (1.0, 1.0)
         yield int(t_ns), lat * scale, lon * scale, alt * tall
+
+
+def _homes(data: Columns | None) -> Iterator[tuple[float, ...]]:
+    """Homes that PX4 says are some: before, they are zeros."""
+    says = [name for name in ("valid_hpos", "valid_alt") if data and name in data]
+    for t_ns, lat, lon, alt, *valid in _rows(data, "lat", "lon", "alt", *says):
+        if all(valid):
+            yield t_ns, lat, lon, alt
+
+
+def _battery(data: Columns | None) -> Iterator[tuple[float, ...]]:
+    """Rows of the battery; PX4 writes -1 for what it does not know."""
+    names = ("voltage_v", "current_a", "discharged_mah", "remaining")
+    for t_ns, *values in _rows(data, *names):
+        yield t_ns, *(math.nan if value == _UNKNOWN else value for value in values)
 
 
 def _local(data: Columns | None) -> Iterator[tuple[float, ...]]:

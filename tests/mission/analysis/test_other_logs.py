@@ -1,6 +1,7 @@
 """Logs of PX4, ArduPilot and ground stations, compared with their missions; and the verdict."""
 
 import json
+import math
 import os
 import tomllib
 from collections.abc import Callable
@@ -85,6 +86,39 @@ def test_what_px4_adds_to_a_mission_is_no_item(tmp_path: Path) -> None:
     assert [leg.item for leg in found.legs] == [0, 1, 3, 4]
     assert found.total.corner_cut_max_m < 0.05
     assert found.total.slots == len(CORNERS)
+
+
+@pytest.mark.parametrize(
+    ("fields", "form", "unknown"),
+    [
+        ("double lat;double lon;float alt", "ddf", (math.nan, math.nan, 0.0)),
+        ("double lat;double lon;float alt", "ddf", (0.0, 0.0, 0.0)),
+        ("double lat;double lon;float alt;bool valid_hpos", "ddf?", (HOME.lat_deg, 1.0, 0.0, 0)),
+    ],
+)
+def test_a_home_that_px4_does_not_know_is_none(
+    tmp_path: Path, fields: str, form: str, unknown: tuple[float, ...]
+) -> None:
+    known = (HOME.lat_deg, HOME.lon_deg, HOME.alt_msl_m, 1)[: len(unknown)]
+    homes = (0.0, *known), (1.0, *unknown)
+    for rows in (homes, homes[1:]):
+        log = write_ulog(
+            tmp_path / f"{len(rows)}.ulg", instead={"home_position": (fields, form, rows)}
+        )
+        total = compared(log).total
+        assert total.cross_track_max_m < 0.05
+        assert total.height_max_m < 0.05
+
+
+def test_what_px4_does_not_know_of_its_battery_is_not_known(tmp_path: Path) -> None:
+    fields = "float voltage_v;float current_a;float discharged_mah;float remaining"
+    rows = [(t_s, 15.0, -1.0, -1.0, -1.0) for t_s in range(60)]
+    log = write_ulog(tmp_path / "x.ulg", instead={"battery_status": (fields, "ffff", rows)})
+    found = compared(log)
+    assert math.isnan(found.rounds[0].battery_remaining)
+    track = found.run.data.battery
+    assert np.isnan([track.current_a, track.consumed_mah, track.remaining]).all()
+    assert set(track.voltage_v) == {15.0}
 
 
 @pytest.mark.parametrize("end", [".bin", ".tlog"])

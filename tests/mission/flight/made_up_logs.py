@@ -2,7 +2,7 @@
 
 import math
 import struct
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -88,9 +88,17 @@ def around() -> list[tuple[int, int]]:
     ]
 
 
-def write_ulog(path: Path, *, kind: int = 1, off_m: float = 0.0, returns: bool = False) -> Path:
+def write_ulog(
+    path: Path,
+    *,
+    kind: int = 1,
+    off_m: float = 0.0,
+    returns: bool = False,
+    instead: Mapping[str, tuple[str, str, Sequence[tuple[Any, ...]]]] | None = None,
+) -> Path:
     """As PX4 writes it: what it headed for, not the mission. It takes off where it stands, on its
-    way to item 0, and hovers where it is after the last one."""
+    way to item 0, and hovers where it is after the last one. `instead`: topics of the test's own,
+    each its fields, their format for `struct`, and its rows, which begin with a time in seconds."""
     setpoint = "bool current.valid;uint8_t current.type;double current.lat;double current.lon;float current.alt"  # noqa: E501
     topics = {
         "vehicle_global_position": ("double lat;double lon;float alt", "<Qddf"),
@@ -101,6 +109,8 @@ def write_ulog(path: Path, *, kind: int = 1, off_m: float = 0.0, returns: bool =
         "position_setpoint_triplet": (setpoint, "<Q?Bddf"),
         "mission_result": ("uint32_t mission_id;uint16_t seq_current;bool finished", "<QIH?"),
     }  # fmt: skip
+    own = instead or {}
+    topics |= {name: (fields, f"<Q{form}") for name, (fields, form, _) in own.items()}
     out = bytearray(b"ULog\x01\x12\x35\x01" + struct.pack("<Q", 0))
 
     def message(mark: bytes, data: bytes) -> None:
@@ -117,23 +127,30 @@ def write_ulog(path: Path, *, kind: int = 1, off_m: float = 0.0, returns: bool =
         row = struct.pack(topics[name][1], round(t_s * 1e6), *values)
         message(b"D", struct.pack("<H", number) + row)
 
-    data("home_position", 0.0, HOME.lat_deg, HOME.lon_deg, HOME.alt_msl_m)
+    def made(name: str, t_s: float, *values: Any) -> None:
+        if name not in own:
+            data(name, t_s, *values)
+
+    made("home_position", 0.0, HOME.lat_deg, HOME.lon_deg, HOME.alt_msl_m)
     toward = -1
     up_m = HOME.alt_msl_m + HEIGHT_M
     for s in samples(off_m=off_m, returns=returns):
-        data("vehicle_global_position", s.t_s, s.lat_deg, s.lon_deg, s.alt_msl_m)
-        data("vehicle_status", s.t_s, 3 if s.mission else 5 if returns else 4, 2, False, kind)
+        made("vehicle_global_position", s.t_s, s.lat_deg, s.lon_deg, s.alt_msl_m)
+        made("vehicle_status", s.t_s, 3 if s.mission else 5 if returns else 4, 2, False, kind)
         if s.mission and s.toward != toward:
             toward = s.toward
             _, lat, lon = places()[toward]
-            data("mission_result", s.t_s, 7, toward + (toward > 1), False)  # 2 has no place
+            made("mission_result", s.t_s, 7, toward + (toward > 1), False)  # 2 has no place
             if toward == 0:
-                data("position_setpoint_triplet", s.t_s, True, 3, lat + 1e-5, lon, up_m)
-            data("position_setpoint_triplet", s.t_s, True, 0, lat, lon, up_m)
+                made("position_setpoint_triplet", s.t_s, True, 3, lat + 1e-5, lon, up_m)
+            made("position_setpoint_triplet", s.t_s, True, 0, lat, lon, up_m)
         elif s.t_s > 60.0 and toward == 3:
             toward = 4
-            data("mission_result", s.t_s, 7, 4, True)
-            data("position_setpoint_triplet", s.t_s, True, 2, lat + 1e-5, lon, up_m)
+            made("mission_result", s.t_s, 7, 4, True)
+            made("position_setpoint_triplet", s.t_s, True, 2, lat + 1e-5, lon, up_m)
+    for name, (_, _, rows) in own.items():
+        for row in rows:
+            data(name, *row)
     message(b"L", b"4" + struct.pack("<Q", 1_000_000) + b"low battery")
     path.write_bytes(out)
     return path
