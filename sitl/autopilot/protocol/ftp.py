@@ -72,9 +72,9 @@ class FtpServer:
         self._parameters = parameters
         self._sessions: dict[int, _File] = {}  # the least recently used one first
         self.burst = Burst(outbox, at_once=30, every_s=0.005)
-        self._bursting: int | None = None  # the session
-        # Request and answer, None while it is worked out.
-        self._last: tuple[Peer, bytes, bytes | None] | None = None
+        # What the burst is for: the session that is read, or the request for a checksum.
+        self._bursting: int | tuple[Peer, bytes] | None = None
+        self._last: tuple[Peer, bytes, bytes] | None = None  # request and answer
         self._handlers: dict[int, Callable[[_Request], tuple[int, bytes]]] = {
             mav.MAV_FTP_OPCODE_NONE: lambda r: (r.session, b""),
             mav.MAV_FTP_OPCODE_TERMINATESESSION: self._terminate,
@@ -93,9 +93,10 @@ class FtpServer:
         self, peer: Peer, msg: mav.MAVLink_file_transfer_protocol_message, now: float
     ) -> None:
         payload, last = bytes(msg.payload), self._last
+        if self._bursting == (peer, payload):
+            return  # it is being worked out
         if last is not None and last[:2] == (peer, payload):
-            if last[2] is not None:
-                self._send(peer, last[2])  # our answer was lost
+            self._send(peer, last[2])  # our answer was lost
             return
         number, session, opcode, size, _, _, offset = _HEADER.unpack_from(payload)
         data = payload[_HEADER.size : _HEADER.size + min(size, _DATA)]
@@ -108,8 +109,7 @@ class FtpServer:
                 return
             if opcode == mav.MAV_FTP_OPCODE_CALCFILECRC:
                 file = self._find(request.path)
-                self._last = (peer, payload, None)
-                self._bursting = None
+                self._bursting = (peer, payload)
                 self.burst.start(self._checksum(peer, payload, request, file), now)
                 return
             handler = self._handlers.get(opcode)
@@ -165,11 +165,15 @@ class FtpServer:
     def _close(self, session: int) -> None:
         del self._sessions[session]
         if self._bursting == session:
-            self.burst.stop()
+            self._stop()
+
+    def _stop(self) -> None:
+        self._bursting = None
+        self.burst.stop()
 
     def _reset(self, request: _Request) -> tuple[int, bytes]:
         self._sessions.clear()
-        self.burst.stop()
+        self._stop()
         return request.session, b""
 
     def _list(self, request: _Request) -> tuple[int, bytes]:
@@ -235,7 +239,7 @@ class FtpServer:
         # FTP's starts at zero and is not inverted at the end.
         answer = struct.pack("<I", checksum ^ 0xFFFFFFFF)
         packed = _packed(request, mav.MAV_FTP_OPCODE_ACK, answer)
-        self._last = (peer, payload, packed)
+        self._bursting, self._last = None, (peer, payload, packed)
         yield _message(peer, packed)
 
     def _parameter_pack(self) -> bytes:

@@ -233,6 +233,25 @@ def test_the_checksum_of_a_long_file_blocks_nobody(folder: Path) -> None:
     assert bytes(answer.payload)[12:16] == struct.pack("<I", expected)
 
 
+@pytest.mark.parametrize("op", [BURST, mav.MAV_FTP_OPCODE_RESETSESSION])
+def test_a_checksum_that_another_request_ended_is_worked_out_when_asked_again(
+    folder: Path, op: int
+) -> None:
+    desk, path = Files(folder), b"/log/flight-0005.mcap"
+    (folder / "flight-0005.mcap").write_bytes(random.Random(7).randbytes(1 << 20) * 8)
+    _, session, _ = desk.ftp(OPEN, path)
+    head = struct.pack("<HBBBBBxI", 3, 0, mav.MAV_FTP_OPCODE_CALCFILECRC, len(path), 0, 0, 0)
+    checksum = list((head + path).ljust(251, b"\0"))
+    other = list(struct.pack("<HBBBBBxI", 7, session, op, 239, 0, 0, 0).ljust(251, b"\0"))
+    message = mav.MAVLink_file_transfer_protocol_message
+    assert of(desk.send(message(0, 1, 1, checksum)), "FILE_TRANSFER_PROTOCOL") == []
+    desk.send(message(0, 1, 1, other))
+    desk.send(message(0, 1, 1, checksum))
+    heard = of(desk.pass_wall_time(0.1, step=0.01), "FILE_TRANSFER_PROTOCOL")
+    asked = [bytes(answer.payload)[5] for answer in heard]
+    assert asked == [mav.MAV_FTP_OPCODE_CALCFILECRC]
+
+
 def test_a_session_that_nobody_closed_is_used_again(folder: Path) -> None:
     desk, log = Files(folder), b"/log/flight-0001.mcap"
     assert [desk.ftp(OPEN, log)[1] for _ in range(8)] == [*range(8)]
