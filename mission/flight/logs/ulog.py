@@ -11,6 +11,7 @@ from bisect import bisect
 from collections.abc import Iterator
 from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -40,6 +41,8 @@ COMMANDS = {  # of position_setpoint.type
     3: mav.MAV_CMD_NAV_TAKEOFF,
     4: mav.MAV_CMD_NAV_LAND,
 }
+# Of mission_result, from PX4 1.15 on, before, and long before: another mission has another one.
+_IDENTITIES = ("mission_id", "instance_count", "seq_total")
 MISSIONS = "aerofed_missions"  # what a ULog of ours holds more
 _LOG_LEVEL = ord("0")  # of a message: a digit
 _MSL = mav.MAV_FRAME_GLOBAL
@@ -182,26 +185,26 @@ def _heading_for(found: Found, topics: dict[str, Columns]) -> None:
     """The missions, as far as they were flown: what was headed for in the mission mode, while which
     item was current. What has no place of its own, as a change of speed, is an item left open."""
     result = topics.get("mission_result", {})
-    known = "mission_id" if "mission_id" in result else "seq_total"  # before PX4 1.15
-    told = list(_rows(result, "seq_current", "finished", known))
+    identity = next((name for name in _IDENTITIES if name in result), _IDENTITIES[-1])
+    told = list(_rows(result, "seq_current", "finished", identity))
     for t, seq, *_ in told:
         found.heads_for(int(t), int(seq))
     if found.missions or not told:
         return
-    missions: dict[float, dict[int, MissionItem]] = {row[3]: {} for row in told}
+    since = [told[0][0], *(now[0] for last, now in pairwise(told) if now[3] != last[3])]
+    missions: list[dict[int, MissionItem]] = [{} for _ in since]
     modes, at = [t for t, _ in found.modes], [row[0] for row in told]
     names = ("current.valid", "current.type", "current.lat", "current.lon", "current.alt")
     for t, valid, kind, lat, lon, alt in _rows(topics.get("position_setpoint_triplet"), *names):
         mode = found.modes[max(bisect(modes, t) - 1, 0)][1] if modes else ""
         if not valid or mode != "MISSION" or int(kind) not in COMMANDS:
             continue
-        _, seq, finished, mission = told[max(bisect(at, t) - 1, 0)]
+        _, seq, finished, _ = told[max(bisect(at, t) - 1, 0)]
         if not finished:  # then it hovers where it is
             item = MissionItem(int(seq), COMMANDS[int(kind)], _MSL, (0.0,) * 4, lat, lon, alt)
-            missions[mission][int(seq)] = item
+            missions[max(bisect(since, t) - 1, 0)][int(seq)] = item
     nowhere = MissionItem(0, 0, mav.MAV_FRAME_MISSION, (0.0,) * 4, 0.0, 0.0, 0.0)
-    for mission, items in missions.items():
-        since_ns = next(int(row[0]) for row in told if row[3] == mission)
+    for since_ns, items in zip(since, missions, strict=True):
         numbers = range(max(items, default=-1) + 1)
         if items:
-            found.took(since_ns, {n: items.get(n, replace(nowhere, seq=n)) for n in numbers})
+            found.took(int(since_ns), {n: items.get(n, replace(nowhere, seq=n)) for n in numbers})

@@ -15,12 +15,14 @@ from made_up_logs import CORNERS, HEIGHT_M, HOME, write_dataflash, write_tlog, w
 from pymavlink.dialects.v20 import common as mav
 
 import aerofed
+from flightdyn.frames import LocalFrame
 from mission.analysis.compare import RunComparison, compare_run
 from mission.analysis.comparison_text import in_words
 from mission.analysis.load import load_run
 from mission.base.errors import EXIT_CODES, LIMITS_NOT_MET, LimitsNotMetError
 from mission.cli import call
 from mission.figures.flight import timeline_chart
+from mission.flight.logs.items import items_of, place_m
 from mission.log.values import BatteryTrack
 from sitl.firmware.relay import packets
 
@@ -108,6 +110,41 @@ def test_a_home_that_px4_does_not_know_is_none(
         total = compared(log).total
         assert total.cross_track_max_m < 0.05
         assert total.height_max_m < 0.05
+
+
+@pytest.mark.parametrize("identity", ["uint32_t mission_id", "uint32_t instance_count"])
+def test_missions_that_follow_each_other_are_as_many(tmp_path: Path, identity: str) -> None:
+    """A, B, and A again, of three items each; the second time A is only flown as far as item 1."""
+    frame = LocalFrame(HOME)
+    places = {
+        1: ((50.0, 0.0), (50.0, 50.0), (0.0, 50.0)),
+        2: ((0.0, 90.0), (9.0, 90.0), (9.0, 0.0)),
+    }
+    told, headed_for = [], []
+    for begin_s, mission, flown in ((10.0, 1, 3), (25.0, 2, 3), (40.0, 1, 2)):
+        for seq, place in enumerate(places[mission][:flown]):
+            at = frame.to_geodetic(np.array([*place, 0.0]))
+            t_s = begin_s + 4.0 * seq
+            told.append((t_s, mission, 3, seq, False))
+            headed_for.append((t_s, True, 0, at.lat_deg, at.lon_deg, HOME.alt_msl_m + HEIGHT_M))
+    result = f"{identity};uint16_t seq_total;uint16_t seq_current;bool finished"
+    setpoint = (
+        "bool current.valid;uint8_t current.type;"
+        "double current.lat;double current.lon;float current.alt"
+    )
+    log = write_ulog(
+        tmp_path / "x.ulg",
+        instead={
+            "mission_result": (result, "IHH?", told),
+            "position_setpoint_triplet": (setpoint, "?Bddf", headed_for),
+        },
+    )
+    found = load_run(log).data
+    assert [record.t_ns / 1e9 for record in found.missions] == [10.0, 25.0, 40.0]
+    for record, (mission, flown) in zip(found.missions, ((1, 3), (2, 3), (1, 2)), strict=True):
+        led = [place_m(item, found.area)[:2] - found.area.home_m for item in items_of(record)]
+        wanted = [(east, north) for north, east in places[mission][:flown]]
+        np.testing.assert_allclose(led, wanted, atol=0.01)
 
 
 def test_what_px4_does_not_know_of_its_battery_is_not_known(tmp_path: Path) -> None:
