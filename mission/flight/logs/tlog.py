@@ -22,7 +22,7 @@ _ROTARY = frozenset({0, 2, 3, 4, 13, 14, 15, 18, 29, 35})  # MAV_TYPE
 _OTHERS = frozenset({1, 7, 8, 9, 10, 11, 12, 16, *range(19, 26), 36})  # that fly or drive otherwise
 _NO_AUTOPILOT = mav.MAV_AUTOPILOT_INVALID
 _FIX_3D = 3
-_ITEMS = ("MISSION_ITEM_INT", "MISSION_ITEM")
+_TRANSFERS = ("MISSION_COUNT", "MISSION_ITEM_INT", "MISSION_ITEM")  # they go both ways
 
 
 def read_tlog(path: Path) -> FlightData:
@@ -87,8 +87,8 @@ class _Reader:
         self._found = found
         self._system: int | None = None
         self._ardupilot = False
-        # By MAV_MISSION_TYPE: how many are being transferred, and those that were.
-        self._lists: dict[int, tuple[int, dict[int, MissionItem]]] = {}
+        # By MAV_MISSION_TYPE and the system that sends: how many it transfers, and those that came.
+        self._lists: dict[tuple[int, int], tuple[int, dict[int, MissionItem]]] = {}
         self.clock: list[tuple[int, int]] = []  # the recorder's (us), the vehicle's (ms)
         self.later: list[tuple[int, Any]] = []
 
@@ -105,7 +105,7 @@ class _Reader:
             if message.type in _ROTARY:
                 self._system = message.get_srcSystem()
                 self._ardupilot = message.autopilot == mav.MAV_AUTOPILOT_ARDUPILOTMEGA
-        if kind in (*_ITEMS, "MISSION_COUNT"):  # they go both ways
+        if kind in _TRANSFERS:
             self.later.append((wall_us, message))
         elif message.get_srcSystem() != self._system:
             if kind == "GLOBAL_POSITION_INT":
@@ -147,17 +147,29 @@ class _Reader:
                 found.battery.append((t_ns, volts, amperes, float("nan"), left))
             case "WIND_COV":
                 found.wind.append((t_ns, message.wind_y, message.wind_x))
-            case "MISSION_COUNT" if message.mission_type in KINDS:
-                self._lists[message.mission_type] = message.count, {}
-            case "MISSION_ITEM" | "MISSION_ITEM_INT" if message.mission_type in self._lists:
-                self._item(t_ns, message)
+            case "MISSION_ACK" if message.type != mav.MAV_MISSION_INVALID_SEQUENCE:  # it goes on
+                self._answered(t_ns, message)
+            case kind if kind in _TRANSFERS and message.mission_type in KINDS:
+                if self._system in (message.get_srcSystem(), message.target_system):
+                    self._transferred(t_ns, message)
 
-    def _item(self, t_ns: int, message: Any) -> None:
-        item, kind = read_item(message), message.mission_type
-        if self._ardupilot and item.seq == 0 and kind == mav.MAV_MISSION_TYPE_MISSION:
-            item = MissionItem(0, 0, item.frame, item.params, item.x, item.y, item.z)  # home
-        count, items = self._lists[kind]
-        items[item.seq] = item
-        if len(items) == count:
-            self._found.took(t_ns, items, kind)  # a download says it again
-            del self._lists[kind]
+    def _transferred(self, t_ns: int, message: Any) -> None:
+        """A part of a transfer from or to the vehicle. What it sends itself, it has."""
+        kind, sender = message.mission_type, message.get_srcSystem()
+        if message.get_type() == "MISSION_COUNT":
+            self._lists[kind, sender] = message.count, {}
+        elif (kind, sender) in self._lists:
+            item = read_item(message)
+            if self._ardupilot and item.seq == 0 and kind == mav.MAV_MISSION_TYPE_MISSION:
+                item = MissionItem(0, 0, item.frame, item.params, item.x, item.y, item.z)  # home
+            count, items = self._lists[kind, sender]
+            items[item.seq] = item
+            if sender == self._system and len(items) == count:
+                self._found.took(t_ns, items, kind)  # it may say again what was uploaded
+                del self._lists[kind, sender]
+
+    def _answered(self, t_ns: int, ack: Any) -> None:
+        """The vehicle's word on an upload: only one that it accepts is its mission."""
+        count, items = self._lists.pop((ack.mission_type, ack.target_system), (0, {}))
+        if ack.type == mav.MAV_MISSION_ACCEPTED and items and len(items) == count:
+            self._found.took(t_ns, items, ack.mission_type)

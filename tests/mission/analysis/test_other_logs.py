@@ -4,7 +4,7 @@ import json
 import math
 import os
 import tomllib
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree as ET
@@ -81,6 +81,41 @@ def test_positions_that_are_not_the_vehicles_are_counted_in_words(tmp_path: Path
         "1 position before the first heartbeat not read",
         "2 positions of another vehicle not read",
     ]
+
+
+def transfer(to: int, *, accepted: bool | None = None) -> list[tuple[Any, int]]:
+    """Messages, and the system of each: a mission of one item to a system; from vehicle 1 where
+    that is a station, else from station 255, with the vehicle's answer where there is one."""
+    sender = 1 if to == 255 else 255
+    count = mav.MAVLink_mission_count_message(to, 1, 1, 0)
+    item = mav.MAVLink_mission_item_int_message(
+        to, 1, 0, 3, mav.MAV_CMD_NAV_LAND, 0, 1, 0, 0, 0, 0, 474000000, 85460000, 9, 0
+    )
+    said = mav.MAV_MISSION_ACCEPTED if accepted else mav.MAV_MISSION_INVALID
+    answer = mav.MAVLink_mission_ack_message(255, 190, said, 0), to
+    return [(count, sender), (item, sender), *([] if accepted is None else [answer])]
+
+
+ACCEPTED = transfer(1, accepted=True)
+
+
+@pytest.mark.parametrize(
+    ("messages", "sizes"),
+    [
+        (ACCEPTED, [4, 1]),
+        (transfer(1, accepted=False), [4]),
+        (transfer(1), [4]),
+        (transfer(2, accepted=True), [4]),  # another vehicle
+        (transfer(255), [4, 1]),  # a download
+        ([*transfer(1, accepted=False), ACCEPTED[-1]], [4]),  # of something else
+        ([ACCEPTED[0], *transfer(2), *ACCEPTED[1:]], [4, 1]),
+    ],
+)
+def test_a_mission_in_a_telemetry_log_is_one_that_the_vehicle_has(
+    tmp_path: Path, messages: Sequence[tuple[Any, int]], sizes: list[int]
+) -> None:
+    found = load_run(write_tlog(tmp_path / "x.tlog", before=messages)).data.missions
+    assert [len(record.items) for record in found if record.kind == "mission"] == sizes
 
 
 def test_what_px4_adds_to_a_mission_is_no_item(tmp_path: Path) -> None:

@@ -228,9 +228,16 @@ def write_dataflash(
 
 
 def write_tlog(
-    path: Path, *, kind: int = 2, reboot: bool = False, off_m: float = 0.0, returns: bool = False
+    path: Path,
+    *,
+    kind: int = 2,
+    reboot: bool = False,
+    off_m: float = 0.0,
+    returns: bool = False,
+    before: Sequence[tuple[Any, int]] = (),
 ) -> Path:
-    """As a ground station of PX4 writes it, with the upload of the mission."""
+    """As a ground station of PX4 writes it, with the upload of the mission. `before` it takes off
+    more messages come, each from a system."""
     out = bytearray()
     vehicle, station = mav.MAVLink(None, 1, 1), mav.MAVLink(None, 255, 190)
 
@@ -249,6 +256,7 @@ def write_tlog(
         at = round(lat * 1e7), round(lon * 1e7), HEIGHT_M
         told(0.1, mav.MAVLink_mission_item_int_message(
             1, 1, seq, 3, command, 0, 1, 0, 0, 0, 0, *at, 0), station)  # fmt: skip
+    told(0.1, mav.MAVLink_mission_ack_message(255, 190, 0, 0))
     fence, (lat, lon, _) = around(), home
     drawn = [(5001, len(fence), *corner) for corner in fence] + [(5004, 12.5, lat, lon)]
     for kind_of, rows in ((1, drawn), (2, [(5100, 0, *fence[0])])):
@@ -257,6 +265,9 @@ def write_tlog(
             told(0.2, mav.MAVLink_mission_item_int_message(
                 1, 1, seq, 3, command, 0, 1, size, 0, 0, 0, x, y, 20, kind_of
             ), station)  # fmt: skip
+        told(0.2, mav.MAVLink_mission_ack_message(255, 190, 0, kind_of))
+    for message, system in before:
+        told(0.3, message, mav.MAVLink(None, system, 1))
     mission, toward = False, -1
     for s in samples(off_m=off_m, returns=returns):
         if s.mission != mission:
