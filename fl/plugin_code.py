@@ -157,7 +157,9 @@ def named(value: object) -> object:
     path = f"{module}:{qualified}"
     if is_import_path(path) and module != "__main__":
         found = getattr(sys.modules.get(module), qualified, None)
-        if found is value or (callable(found) and module in _imported):
+        # Imported anew, it is another object; wrapped by somebody else, it is other code.
+        alike = callable(found) and hasattr(found, "__wrapped__") == hasattr(value, "__wrapped__")
+        if found is value or (alike and module in _imported):
             return path
     inner = getattr(value, "func", value)  # of a functools.partial
     label = re.sub(r"\W", "", getattr(inner, "__name__", type(value).__name__))

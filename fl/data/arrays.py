@@ -2,7 +2,6 @@
 
 import hashlib
 from dataclasses import dataclass
-from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -39,7 +38,6 @@ class CustomDataset(PlugIn):
 
     setting = "communities.task"
 
-    @lru_cache(maxsize=3)  # noqa: B019  # as many data sets stay in memory as of files
     def load(self, data_dir: Path | None) -> Dataset:
         """The data set that it gives for a data folder.
 

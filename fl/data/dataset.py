@@ -105,6 +105,12 @@ def checked(
             f"training images of {train.images.shape[1:]},"
             f" validation images of {validation.images.shape[1:]}",
         )
+    if train.images.dtype != validation.images.dtype:
+        raise DataLayoutError(
+            source,
+            f"training images of {train.images.dtype}, validation images of "
+            f"{validation.images.dtype}: they must be alike, as they are scaled alike",
+        )
     _, height, width, channels = train.images.shape
     shape, counts = (height, width, channels), np.bincount(validation.labels, minlength=classes)
     return Dataset(

@@ -111,8 +111,9 @@ def download(
     Raises:
         FetchError: names the address.
     """
-    handle, part = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+    part = ""
     try:
+        handle, part = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
         with os.fdopen(handle, "wb") as out:
             try:
                 # The addresses are constants of this module (or a caller's own).
@@ -143,15 +144,14 @@ def download(
     except OSError as error:
         raise FetchError(url, f"cannot be stored as {path}: {error.strerror}") from error
     finally:
-        Path(part).unlink(missing_ok=True)
+        if part:
+            Path(part).unlink(missing_ok=True)
 
 
 def _sum_of(path: Path) -> str:
     """The MD5 sum to compare: of an IDX file's content, of an archive itself."""
-    content = path.read_bytes()
-    if "idx" not in path.name:
-        return md5(content)
     try:
-        return md5(gzip.decompress(content))
-    except UNPACKING_ERRORS:
+        content = path.read_bytes()
+        return md5(gzip.decompress(content) if "idx" in path.name else content)
+    except (OSError, *UNPACKING_ERRORS):
         return ""

@@ -25,7 +25,10 @@ _BUNDLED: dict[str, Callable[[], Dataset]] = {
 }
 Source = tuple[str, Path | None, str | None]  # task, data folder, data file
 
+_KEPT = 3  # data sets that stay in memory, of files and of own code
 _brought: dict[Source, Dataset] = {}
+# The plug-in is kept, too, so that its number stays its own.
+_own: dict[tuple[int, Path | None, Stamp], tuple[CustomDataset, Dataset]] = {}
 CLASSES = 10  # of every task but npz, whose file must be read
 
 
@@ -60,13 +63,26 @@ def load(
     if (task, data_dir, data_file) in _brought:
         return _brought[task, data_dir, data_file]
     if task not in TASKS:
-        return CustomDataset.found(task, community).load(data_dir)
+        return _of_own(CustomDataset.found(task, community), data_dir)
     if data_file is not None and Path(data_file).is_absolute():
         data_dir = Path(data_file).parent
     return _read(task, data_dir, data_file, _stamp(data_dir, data_file))
 
 
-@lru_cache(maxsize=3)
+def _of_own(plugin: CustomDataset, data_dir: Path | None) -> Dataset:
+    """What code of one's own gives for a folder; once, while the code and the files are as they
+    were."""
+    folder = None if data_dir is None else data_dir.resolve()
+    key = id(plugin.inner), folder, _stamp(folder)
+    if key not in _own:
+        loaded = plugin.load(data_dir)
+        while len(_own) >= _KEPT:
+            del _own[next(iter(_own))]
+        _own[key] = plugin, loaded
+    return _own[key][1]
+
+
+@lru_cache(maxsize=_KEPT)
 def _read(
     task: str,
     data_dir: Path | None,

@@ -84,7 +84,7 @@ def to_bytes(federation: Federation, state: FederationState) -> bytes:
     out = io.BytesIO()
     out.write(json.dumps(header).encode() + b"\n")
     for array in arrays.values():
-        npy.write_array(out, np.ascontiguousarray(array), allow_pickle=False)
+        npy.write_array(out, np.asarray(array, order="C"), allow_pickle=False)
     return out.getvalue()
 
 

@@ -85,8 +85,12 @@ class Network(Protocol):
 
 
 def scaling_of(split: Split) -> Scaling:
-    """Zero mean and unit variance per channel over a split."""
-    channels = split.images.shape[-1]
+    """Zero mean and unit variance per channel over a split.
+
+    Of images a deviation counts as a thousandth of their range at least; of features, whose range
+    nobody knows, one that is lost in the rounding of its mean counts as 1.
+    """
+    _, height, width, channels = split.images.shape
     unit = 255.0 if split.images.dtype == np.uint8 else 1.0
     rows = split.images.reshape(len(split.images), -1)
     total = np.zeros(rows.shape[1])
@@ -98,7 +102,11 @@ def scaling_of(split: Split) -> Scaling:
     total, squares = (x.reshape(-1, channels).sum(axis=0) for x in (total, squares))
     count = split.images.size // channels
     mean = total / count
-    deviation = np.sqrt(np.maximum(squares / count - mean**2, (1e-3 * unit) ** 2))
+    variance = squares / count - mean**2
+    if height == width == 1:
+        deviation = np.sqrt(np.where(variance > (1e-6 * mean) ** 2, variance, 1.0))
+    else:
+        deviation = np.sqrt(np.maximum(variance, (1e-3 * unit) ** 2))
     return Scaling((1.0 / deviation).astype(np.float32), (-mean / deviation).astype(np.float32))
 
 

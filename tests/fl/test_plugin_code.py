@@ -1,5 +1,6 @@
 """Code of one's own is loaded as it stands in its files, and its digest tells it from other."""
 
+import functools
 import importlib
 import json
 import sys
@@ -11,7 +12,7 @@ import numpy as np
 import pytest
 
 from fl.arrays import frozen
-from fl.plugin_code import checked_name, digest_of, label_of, load
+from fl.plugin_code import checked_name, digest_of, label_of, load, named
 from fl.plugins import read_only
 
 
@@ -50,6 +51,18 @@ def test_what_the_session_has_imported_itself_is_loaded_as_it_is_now() -> None:
     assert importlib.import_module("edited_b").make() == 1
     write(edited_b="def make(): return 2")
     assert made("edited_b:make") == 2
+
+
+def test_a_function_that_is_wrapped_here_is_not_taken_for_the_one_of_its_module() -> None:
+    write(edited_w="def make(): return 1")
+    inner: Any = load("edited_w:make")
+
+    @functools.wraps(inner)
+    def traced() -> int:
+        return 2
+
+    assert named(inner) == "edited_w:make"
+    assert load(str(named(traced))) is traced
 
 
 @pytest.mark.parametrize(

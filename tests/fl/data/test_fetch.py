@@ -74,12 +74,22 @@ def test_no_network_is_said_plainly(tmp_path: Path) -> None:
         assert "\n" not in str(caught.value)
 
 
-def test_unknown_task_and_unwritable_folder(tmp_path: Path) -> None:
+def test_unknown_task_and_unwritable_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     with pytest.raises(SettingError, match="'digits': can be fetched: mnist, fashion-mnist"):
         fetch("digits", tmp_path)
     (tmp_path / "file").write_text("in the way")
     with pytest.raises(SettingError, match="cannot be written"):
         fetch("mnist", tmp_path / "file")
+    (tmp_path / "mnist").mkdir()
+
+    def no_room(**_: object) -> tuple[int, str]:
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr("tempfile.mkstemp", no_room)
+    with pytest.raises(FetchError, match=r"cannot be stored as .*mnist/.*: Permission denied"):
+        fetch("mnist", tmp_path)
 
 
 def test_check_says_what_a_folder_holds(shared_data: Path, tmp_path: Path) -> None:

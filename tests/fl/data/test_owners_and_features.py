@@ -9,8 +9,10 @@ import pytest
 from fl.data import npz
 from fl.data.arrays import CustomDataset, Samples
 from fl.data.dataset import hold_out
+from fl.data.load import load
 from fl.data.partition import by_owner
 from fl.errors import DataDamagedError, SettingError
+from fl.plugins import PluginError
 
 
 def test_owners_stay_with_their_samples_when_some_are_held_out(tmp_path: Path) -> None:
@@ -64,6 +66,38 @@ def test_what_does_not_fit_is_refused(tmp_path: Path, arrays: dict[str, Any], wo
     np.savez(tmp_path / "a.npz", labels=np.arange(6) % 2, **arrays)
     with pytest.raises(DataDamagedError, match=words):
         npz.load("a.npz", tmp_path)
+
+
+def test_images_of_two_kinds_are_refused() -> None:
+    mixed = Samples(
+        np.ones((6, 4, 4), np.uint8), np.arange(6), np.ones((3, 4, 4), np.float32), np.arange(3)
+    )
+    with pytest.raises(PluginError, match="training images of uint8, validation images of float"):
+        CustomDataset("mine:data", lambda _: mixed).load(None)
+
+
+def test_an_own_data_set_is_that_of_its_folder_as_it_is_now(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "own_data.py").write_text(
+        "import numpy as np\n"
+        "from fl.data.arrays import Samples\n"
+        "def load(folder):\n"
+        "    x = np.load(folder / 'x.npy')\n"
+        "    return Samples(x, np.arange(len(x)) % 2, x, np.arange(len(x)) % 2)\n"
+    )
+    monkeypatch.syspath_prepend(str(tmp_path))
+
+    def count(samples: int, project: str) -> int:
+        folder = tmp_path / project / "data"
+        folder.mkdir(parents=True, exist_ok=True)
+        np.save(folder / "x.npy", np.zeros((samples, 4, 4), np.uint8))
+        monkeypatch.chdir(folder.parent)
+        found = [load("own_data:load", data_dir=Path("data")) for _ in range(2)]
+        assert found[0] is found[1]
+        return len(found[0].labels)
+
+    assert [count(6, "a"), count(8, "b"), count(7, "a")] == [6, 8, 7]
 
 
 @pytest.mark.parametrize("kind", [np.uint8, np.float32])

@@ -309,6 +309,15 @@ def test_any_number_of_workers_gives_the_same_bytes() -> None:
     assert len(saved) == 1
 
 
+def test_a_checkpoint_keeps_the_shape_of_a_number_that_an_algorithm_counts() -> None:
+    federation = build(FAST, DIGITS)
+    state = fed.init(federation)
+    (one,) = state.communities
+    counted = replace(state, communities=(replace(one, algorithm={"t": np.array(3.0)}),))
+    back = from_bytes(federation, to_bytes(federation, counted)).communities[0].algorithm["t"]
+    assert (back.shape, float(back)) == ((), 3.0)
+
+
 def test_training_that_began_before_who_arrives_was_known_gives_the_same_bytes() -> None:
     """What is done, at work, still waiting; asked for or not: all of it comes out the same."""
     federation = build(FAST, DIGITS, SHAPES)

@@ -175,6 +175,15 @@ def test_scaling_gives_zero_mean_unit_variance_per_channel() -> None:
     assert np.isfinite(floats(dark, scaling_of(dark))).all()
 
 
+def test_features_of_any_magnitude_are_scaled_and_constant_ones_left() -> None:
+    rng, each = np.random.default_rng(3), (300, 1, 1, 1)
+    features = [rng.normal(mean, dev, each) for mean, dev in ((5e-7, 1e-7), (1e6, 1e3), (4.0, 0))]
+    split = Split(np.concatenate(features, axis=3).astype(np.float32), np.zeros(300, np.int64))
+    scaled = floats(split, scaling_of(split)).reshape(-1, 3)
+    np.testing.assert_allclose(scaled.mean(axis=0), 0.0, atol=1e-3)
+    np.testing.assert_allclose(scaled.std(axis=0), (1.0, 1.0, 0.0), atol=1e-3)
+
+
 def test_correct_per_class_counts_what_the_plain_network_gets_right() -> None:
     split = random_split((28, 28, 1), 330)
     net = conv_net("lenet", (28, 28, 1))
