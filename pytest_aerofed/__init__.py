@@ -48,10 +48,12 @@ def vehicles(
     with ExitStack() as opened:
 
         def made(count: int, **options: Any) -> "list[SimulatedVehicle]":
-            overrides, marked = ((), {}) if marker is None else (marker.args, marker.kwargs)
+            first, marked = ((), {}) if marker is None else (marker.args, dict(marker.kwargs))
+            keys = *first, marked.pop("overrides", None), options.pop("overrides", None)
+            overrides = {key: value for some in keys for key, value in dict(some or {}).items()}
             given = {"logs": logs, **marked, **options}
             try:
-                return opened.enter_context(aerofed.vehicles(count, *overrides, **given))
+                return opened.enter_context(aerofed.vehicles(count, overrides, **given))
             except NoFirmwareError as error:
                 pytest.skip(str(error))
 

@@ -115,6 +115,16 @@ def test_a_round_starts_where_runs_do() -> None:
     assert ((env.problem.devices_m >= 0.0) & (env.problem.devices_m <= size_m)).all()
 
 
+def test_what_is_believed_by_place_is_of_the_devices_of_the_episode() -> None:
+    env: Any = gymnasium.make(
+        "aerofed/Round-v0", source="city", overrides={"radio.belief": "buildings"}
+    ).unwrapped
+    env.reset(seed=3)
+    devices_m = env.problem.devices_m
+    above_m = np.column_stack((devices_m, np.full(len(devices_m), 60.0)))
+    assert (env.problem.radio.per(np.arange(len(devices_m)), above_m) < 0.5).mean() > 0.8
+
+
 @pytest.mark.parametrize("kind", ["metres", "time", "energy"])
 def test_a_plan_carried_out_stop_by_stop_is_worth_what_the_planner_says(kind: str) -> None:
     # What was decided so far has to fit, too, and may be flown with sharper corners than all of it:

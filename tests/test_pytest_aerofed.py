@@ -42,10 +42,14 @@ def test_several(vehicles):
     a, b = vehicles(2)
     b.step(3)
     assert b.t_s - a.t_s == 3
+
+@pytest.mark.aerofed({{"vehicle.aircraft.wind.speed_mps": 3}})
+def test_keys_of_both(vehicles):
+    vehicles(1, overrides={{"seed": 4}})
 """,
     )
     assert code == 1, words
-    assert "1 failed, 2 passed" in words
+    assert "1 failed, 3 passed" in words
     assert "cross_track_max_m = " in words
     _, _, after = words.partition("flight logs")
     log = Path(after.splitlines()[1])

@@ -24,7 +24,7 @@ from mission.planner.evaluate import check_problem, in_time, objective
 from mission.planner.flyable import foresee_round, share_of
 from mission.planner.performance import WITHIN_ROUNDING
 from mission.planner.problem import RoundPlan, RoundProblem
-from mission.scenario.radios import radio_of
+from mission.scenario.radios import believed, radio_of
 from mission.scenario.scenario import build_scenario, device_places
 
 Observation: TypeAlias = dict[str, NDArray[Any]]
@@ -120,10 +120,11 @@ class RoundEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         super().reset(seed=seed, options=options)
         if self._draws is not None:
             streams = RandomStreams(int(self.np_random.integers(2**31)))
-            devices_m = device_places(*self._draws, streams)
-            self._problem = replace(self._problem, devices_m=devices_m)
             asked, area = self._draws
-            self._radio = radio_of(asked, self._problem.channel, area, devices_m, streams)
+            devices_m, channel = device_places(asked, area, streams), self._problem.channel
+            self._radio = radio_of(asked, channel, area, devices_m, streams)
+            per_grid, _ = believed(asked, channel, self._radio, area, devices_m)
+            self._problem = replace(self._problem, devices_m=devices_m, per_grid=per_grid)
         else:
             self._radio = AverageRadio(self._problem.channel, self._problem.devices_m)
         problem, count = self._problem, len(self._problem.devices_m)

@@ -12,7 +12,7 @@ from fl.errors import did_you_mean
 from mission.analysis.compare import Comparison, Made, RunComparison
 from mission.analysis.measure import Measured
 from mission.base.arrays import Floats
-from mission.base.errors import InputError
+from mission.base.errors import InputError, LimitsNotMetError
 from mission.base.run_folder import write_atomically
 from mission.base.tables import told
 from mission.base.user_files import parse_toml, read_text
@@ -111,6 +111,18 @@ def verdicts(comparison: RunComparison, limits: Mapping[str, float]) -> tuple[Ve
         where = "" if met else _where(comparison, name)
         found.append(Verdict(comparison.run.name, name, value, limit, met, where))
     return tuple(found)
+
+
+def kept(flights: Sequence[RunComparison], limits: Mapping[str, float]) -> tuple[Verdict, ...]:
+    """The verdicts on flights that keep to all limits.
+
+    Raises:
+        LimitsNotMetError: one does not.
+    """
+    found = tuple(item for flight in flights for item in verdicts(flight, limits))
+    if broken := [item.words for item in found if not item.met]:
+        raise LimitsNotMetError("\n".join(broken), found)
+    return found
 
 
 def _where(comparison: RunComparison, name: str) -> str:

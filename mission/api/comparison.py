@@ -29,11 +29,6 @@ class Comparison(pd.DataFrame):  # type: ignore[misc]  # pandas has no types her
                 when, and its `verdicts` are all of them.
             InputError: the comparison has no such number.
         """
-        from mission.analysis.limits import known_limits, verdicts
-        from mission.base.errors import LimitsNotMetError
+        from mission.analysis.limits import kept, known_limits
 
-        known = known_limits(limits, "check")
-        found = tuple(item for flight in self.flights for item in verdicts(flight, known))
-        if broken := [item.words for item in found if not item.met]:
-            raise LimitsNotMetError("\n".join(broken), found)
-        return found
+        return kept(self.flights, known_limits(limits, "check"))

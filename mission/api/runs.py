@@ -181,9 +181,9 @@ def run(
     """
     from mission.base.run_folder import output_folder
 
+    if strategy is not None and isinstance(overrides, Mapping | None):
+        overrides = {**(overrides or {}), "mission.strategy": strategy}
     resolved = config(source, overrides)
-    if strategy is not None:
-        resolved = config(source, {**(overrides or {}), "mission.strategy": strategy})
     data = folder(data_dir, "data_dir")
     given = None if out is None else as_path(out, "out")
     with output_folder(given, resolved.run_name) as path:
@@ -255,9 +255,11 @@ def flown(
         more = f"; resume({str(path)!r}) goes on" if goes_on else ""
         raise KeyboardInterrupt(f"{path} was interrupted{more}")
     if limits:
-        from mission.api.comparing import compare
+        from mission.analysis.compare import compare_run
+        from mission.analysis.limits import kept
+        from mission.analysis.load import load_run
 
-        compare(path).check(**limits)
+        kept([compare_run(load_run(path))], limits)
     return Run(path)
 
 

@@ -3,9 +3,12 @@
 from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
+import numpy as np
+
 from mission.base.area import Area
 from mission.base.arrays import Floats, Ints
 from mission.base.errors import PlanError
+from mission.base.explain import shown
 from mission.base.user_code import OwnCode
 from mission.config.models import MissionConfig
 from mission.planner.check import check_plan
@@ -64,7 +67,10 @@ class CustomStrategy(OwnCode):
     @property
     def fairness(self) -> bool:
         """As `Strategy.fairness`."""
-        return bool(self.value("fairness"))
+        found = self.value("fairness")
+        if not isinstance(found, bool | np.bool_):
+            self.refuse(f"fairness is {shown(found)}: must be True or False")
+        return bool(found)
 
     @property
     def approach_m(self) -> Floats | None:

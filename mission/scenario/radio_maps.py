@@ -82,8 +82,9 @@ def read_map(path: Path) -> RadioMap:
 
     content = read_bytes(path, most=MOST_BYTES)
     try:
-        file = netcdf_file(io.BytesIO(content), "r", mmap=False)
-        found = {name: np.array(v[:], dtype=np.float64) for name, v in file.variables.items()}
+        file = netcdf_file(io.BytesIO(content), "r", mmap=False, maskandscale=True)  # as packed
+        every = {name: np.ma.asarray(v[:], dtype=np.float64) for name, v in file.variables.items()}
+        found = {name: values.filled(np.nan) for name, values in every.items()}
         axes = file.variables["path_gain"].dimensions
     except Exception as error:  # whatever the reader of a damaged file raises
         raise InputError(f"{path}: {_WRONG} ({type(error).__name__})") from None

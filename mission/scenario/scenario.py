@@ -244,7 +244,8 @@ class Scenario:
                     f"{community.name}: data in {source.source} are intact, but not the official "
                     "files (a subset?); used as they are"
                 )
-            orphans = np.flatnonzero(community.counts.sum(axis=0) == 0).tolist()
+            owned, asked = community.counts.sum(axis=0), community.dataset.held_out
+            orphans = np.flatnonzero((owned == 0) & (asked > 0)).tolist()
             if orphans:
                 classes = "class" if len(orphans) == 1 else "classes"
                 lines.append(
@@ -267,7 +268,7 @@ class Scenario:
 def _owners_for_all(index: int, community: Community) -> str:
     """What gives every class an owner, where settings can."""
     config, classes = community.config, community.dataset.classes
-    if config.partition != "labels":
+    if config.partition != "labels" or config.coverage:  # nobody has a sample of it
         return ""
     way = f"communities.{index}.coverage = true gives all an owner"
     if config.devices * config.labels_per_device < classes:

@@ -416,6 +416,9 @@ class Far(Strategy):
 class Near(Strategy):
     approach_m = "home"
 
+class Fair(Strategy):
+    def fairness(self): return False
+
 class Planner:
     def plan(self, problem):
         scribble(problem)
@@ -506,8 +509,12 @@ def test_nobody_can_write_to_what_is_not_theirs_wherever_code_of_ones_own_may_be
     by_name = aerofed.run("quickstart", own, out="out")
     assert by_name.uplinks["delivered"].all()
     assert len(by_name.summary["plugins"]) == len(EVERY_POINT)
-    for name, words in (("Far", r" is of shape \(3,\), not"), ("Near", ": ValueError: could not")):
-        with pytest.raises(aerofed.AerofedError, match=f"'mine:{name}': approach_m{words}"):
+    for name, words in (
+        ("Far", r"approach_m is of shape \(3,\), not"),
+        ("Near", "approach_m: ValueError: could not"),
+        ("Fair", "fairness is .*method.*: must be True or False"),
+    ):
+        with pytest.raises(aerofed.AerofedError, match=f"'mine:{name}': {words}"):
             aerofed.run("quickstart", {**own, "mission.strategy": f"mine:{name}"}, out=name)
 
 

@@ -482,8 +482,10 @@ def test_an_interruption_before_the_flight_begins_ends_it_as_it_begins() -> None
 
 def test_a_run_is_judged_by_its_limits_also_when_it_is_gone_on_with(tmp_path: Path) -> None:
     out, verdict = tmp_path / "out", tmp_path / "verdict.xml"
+    hovering = aerofed.config("quickstart", {"mission.strategy": "barycenter"})
+    keys = {**SMALL, "limits.height_max_m": 1e-4, "mission.replan": "stop"}
     with pytest.raises(aerofed.LimitsNotMetError, match="height_max_m"):
-        aerofed.run("quickstart", {**SMALL, "limits.height_max_m": 1e-4}, out=out)
+        aerofed.run(hovering, keys, strategy="cov", out=out)  # only then it may be replanned
     with pytest.raises(aerofed.LimitsNotMetError, match="height_max_m"):
         aerofed.resume(out)
     given = ["--limit", "height_max_m=9", "--limit", "cross_track_max_m=1e-4", "--junit"]

@@ -18,6 +18,7 @@ import pytest
 from scipy.io import netcdf_file
 
 from fl.radio.radio_map import RadioMap
+from mission.base.errors import InputError
 from mission.cli import call
 from mission.config.loading import load_config
 from mission.scenario import traced_map
@@ -142,6 +143,26 @@ def test_a_map_of_something_else_is_refused(capsys, change: str) -> None:
     line = capsys.readouterr().err
     assert BAD_MAPS[change] in line
     assert line.count("\n") == 1
+
+
+def test_a_map_that_is_packed_into_whole_numbers_is_the_same() -> None:
+    """As xarray and NCO pack it: with a factor, and a number for what is not known."""
+    plain = read_map(mapped())
+    with netcdf_file("w.nc", mmap=False) as file, netcdf_file("packed.nc", "w") as packed:
+        for name, size in file.dimensions.items():
+            packed.createDimension(name, size)
+        for name, of in file.variables.items():
+            is_gain = name == "path_gain"
+            variable = packed.createVariable(name, "h" if is_gain else "d", of.dimensions)
+            variable[:] = np.round(of[:] / 0.01) if is_gain else of[:]
+            if is_gain:
+                variable.scale_factor, variable._FillValue = 0.01, -32768
+    found = read_map(Path("packed.nc"))
+    np.testing.assert_allclose(found.path_gain_db, plain.path_gain_db, atol=0.0051)
+    with netcdf_file("packed.nc", "a") as packed:
+        packed.variables["path_gain"][0, 0, 0, 0] = -32768
+    with pytest.raises(InputError, match="path_gain holds a number that is not finite"):
+        read_map(Path("packed.nc"))
 
 
 @pytest.mark.parametrize("content", [b"", b"CDF\x02", b"PK\x03\x04" * 50])

@@ -70,6 +70,18 @@ def test_own_data_are_not_measured_against_official_files() -> None:
     assert not any("official" in line for line in notices)
 
 
+def from_one(data_dir: Path | None) -> Samples:
+    """Labels numbered from 1: nobody has a 0, and nobody asks for it."""
+    found = own_data(data_dir)
+    return Samples(found.x_train, found.y_train + 1, found.x_test, found.y_test + 1)
+
+
+def test_a_class_of_which_there_is_no_sample_is_not_missed() -> None:
+    settings = {"communities.0.task": f"{__name__}:from_one", "communities.0.partition": "iid"}
+    config = load_config(builtin_config("quickstart.toml"), settings)
+    assert not any("owns class" in line for line in build_scenario(config, data_dir=None).notices())
+
+
 def test_a_run_takes_no_failsafe_that_goes_by_wall_time() -> None:
     settings = {"vehicle.parameters.NAV_DLL_ACT": 2}
     config = load_config(builtin_config("quickstart.toml"), settings)
