@@ -42,8 +42,9 @@ from mission.log.values import NS_PER_S, area_from_text
 
 Batch: TypeAlias = list[Message] | Attachment | Metadata
 
-# All that the library raises of bytes that are not MCAP; ValueError: text, or a checksum.
-_BROKEN = (McapError, ValueError, struct.error, zstandard.ZstdError, OverflowError)
+# All that the library raises of bytes that are not MCAP; ValueError: text, or a checksum;
+# RuntimeError: LZ4.
+_BROKEN = (McapError, ValueError, struct.error, zstandard.ZstdError, OverflowError, RuntimeError)
 _CHUNK_BYTES = 2**28  # unpacked; our writer's have a hundredth: more is damage
 
 

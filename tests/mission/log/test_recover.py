@@ -6,6 +6,7 @@ import struct
 import subprocess
 import sys
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -17,10 +18,11 @@ from mcap.data_stream import ReadDataStream
 from mcap.reader import make_reader
 from mcap.records import Chunk, Message
 from mcap.stream_reader import breakup_chunk
-from mcap.writer import MCAP0_MAGIC
+from mcap.writer import MCAP0_MAGIC, CompressionType, Writer
 from synthetic_flight import AREA, Fixed, fly
 
 from mission.base.errors import InputError
+from mission.cli import call
 from mission.log import DamagedLogError, LogError
 from mission.log.contents import load, recover
 from mission.log.inspection import check, diff
@@ -176,6 +178,24 @@ def test_an_altered_chunk_costs_itself_alone(tmp_path: Path, made: Fixed) -> Non
     run = read_log(tmp_path / "saved.mcap")
     assert run.rounds == tuple(made.rounds)
     np.testing.assert_array_equal(run.devices.pos_m, made.world.pos_m)
+
+
+def test_a_chunk_that_does_not_unpack_as_lz4_costs_itself_alone(
+    tmp_path: Path, made: Fixed, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Our writer compresses by Zstandard; other tools rewrite logs with LZ4."""
+    lz4 = partial(Writer, compression=CompressionType.LZ4)
+    monkeypatch.setattr("mission.log.contents.Writer", lz4)
+    whole, broken = (tmp_path / f"{name}.mcap" for name in ("whole", "broken"))
+    recover(made.log, whole)
+    data, chunks = bytearray(whole.read_bytes()), whole_chunks(whole)
+    at = [at for opcode, at, _ in frames_of(bytes(data)) if opcode == 6][2]
+    data[data.index(b"lz4", at) + 11] ^= 1  # after the length: how LZ4 begins
+    broken.write_bytes(data)
+    assert call(["log", "check", str(broken)]) == 2
+    saved = recover(broken, tmp_path / "saved.mcap")
+    assert len(saved.losses) == 1
+    assert saved.messages == chunks[-1][1] - (chunks[2][1] - chunks[1][1])
 
 
 def test_messages_that_nothing_describes_any_more_are_told(tmp_path: Path, made: Fixed) -> None:
