@@ -27,6 +27,7 @@ from sitl.autopilot.codec.orders import MissionItem
 
 MOST_BYTES = 1 << 30
 _CLOSEST_NS = 20_000_000  # samples of positions that are kept
+_HELD_NS = 1_000_000_000  # at most the true place is held before its first and after its last one
 _BACK_NS = 1_000_000_000  # a clock that goes back by more started anew
 _MISSION = mav.MAV_MISSION_TYPE_MISSION
 _BOUNDS = (9e18, 90.0, 360.0, 1e6)  # of times and places that are some
@@ -94,10 +95,14 @@ class Found:
         t_ns, ned = _ned(places, home)
         area = Area.around(home, ned, margin_m=_MARGIN_M)
         truth = belief = Track(t_ns, area.xyz(ned))
-        believed_only = len(self.truth) < 2
-        if not believed_only:
-            at_ns, true_ned = _ned(self._of_one_clock(self.truth), home)
+        true = self._of_one_clock(self.truth)
+        begin_ns, end_ns = int(t_ns[0]) + _HELD_NS, int(t_ns[-1]) - _HELD_NS
+        spans = len(true) > 0 and true[0, 0] <= begin_ns and true[-1, 0] >= end_ns
+        if spans:
+            at_ns, true_ned = _ned(true, home)
             truth = Track(at_ns, area.xyz(true_ned)).at(t_ns)
+        else:
+            self.skipped["position of a ground truth that does not span the log"] += len(true)
         battery, wind = _rows(self.battery, 5), _rows(self.wind, 3)
         if not wind[:, 1:].any():  # a filter that estimates none writes zeros
             wind = wind[:0]
@@ -123,7 +128,7 @@ class Found:
             current=(times, seqs),
             gnss_ns=np.array(self.fixes, dtype=np.int64),
             source=Source(
-                self.kind, self.clock, "believed" if believed_only else None, dict(+self.skipped)
+                self.kind, self.clock, None if spans else "believed", dict(+self.skipped)
             ),
         )
 

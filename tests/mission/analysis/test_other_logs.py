@@ -11,7 +11,15 @@ from xml.etree import ElementTree as ET
 
 import numpy as np
 import pytest
-from made_up_logs import CORNERS, HEIGHT_M, HOME, write_dataflash, write_tlog, write_ulog
+from made_up_logs import (
+    CORNERS,
+    HEIGHT_M,
+    HOME,
+    samples,
+    write_dataflash,
+    write_tlog,
+    write_ulog,
+)
 from pymavlink.dialects.v20 import common as mav
 
 import aerofed
@@ -180,6 +188,31 @@ def test_missions_that_follow_each_other_are_as_many(tmp_path: Path, identity: s
         led = [place_m(item, found.area)[:2] - found.area.home_m for item in items_of(record)]
         wanted = [(east, north) for north, east in places[mission][:flown]]
         np.testing.assert_allclose(led, wanted, atol=0.01)
+
+
+@pytest.mark.parametrize(
+    ("times_s", "known", "skipped"),
+    [
+        ((0.0, 999.0), True, None),
+        ((40.0, 999.0), True, "position of a ground truth that does not span the log"),
+        ((0.0, 40.0), True, "position of a ground truth that does not span the log"),
+        ((0.0, 999.0), False, "position without a value"),
+    ],
+)
+def test_ground_truth_counts_where_it_spans_the_flight(
+    tmp_path: Path, times_s: tuple[float, float], known: bool, skipped: str | None
+) -> None:
+    rows = [
+        (s.t_s, s.lat_deg, s.lon_deg, s.alt_msl_m) if known else (s.t_s, 0.0, 0.0, 0.0)
+        for s in samples(off_m=3.0)
+        if times_s[0] <= s.t_s <= times_s[1]
+    ]
+    truth = ("double lat;double lon;float alt", "ddf", rows)
+    log = write_ulog(tmp_path / "x.ulg", instead={"vehicle_global_position_groundtruth": truth})
+    found = compared(log)
+    assert found.run.data.source.only == ("believed" if skipped else None)
+    assert found.total.cross_track_max_m == pytest.approx(0.0 if skipped else 3.0, abs=0.05)
+    assert found.run.data.source.skipped == ({skipped: len(rows)} if skipped else {})
 
 
 def test_what_px4_does_not_know_of_its_battery_is_not_known(tmp_path: Path) -> None:
