@@ -26,7 +26,6 @@ from mission.flight.plan_file import PlanFile
 from sitl.autopilot.codec.orders import GLOBAL_FRAMES, MissionItem, bare_name, command_name
 from sitl.autopilot.fence import breach_of, compile_fence
 from sitl.autopilot.flying import route
-from sitl.autopilot.flying.circle import DEFAULT_RADIUS_M
 from sitl.autopilot.parameters import Parameters
 from sitl.autopilot.protocol.item_rules import (
     ABSENT,
@@ -131,7 +130,7 @@ def planned_path(
         raise InputError(f"{plan.path}: {reason}")
     area = Area((1.0, 1.0), (0.0, 0.0), home)
     rally = [place_m(item, area) for item in plan.rally]
-    way = mission_path([_circled(item) for item in plan.items], area, np.zeros(3), rally_m=rally)
+    way = mission_path(plan.items, area, np.zeros(3), rally_m=rally)
     points = area.to_ned(way.points_m[:, :2], way.points_m[:, 2])
     places, begin = [], 0
     for at in np.flatnonzero(way.seqs >= 0).tolist():
@@ -159,13 +158,6 @@ def planned_path(
     ends = plan.items[-1].command in _LAST
     duration_s = _duration_s(plan.items, home, p, limits, points[-1])
     return PlannedPath(points, tuple(places), rally_ned_m, ends, duration_s)
-
-
-def _circled(item: MissionItem) -> MissionItem:
-    """With the radius that circles have which leave it open."""
-    if item.command != mav.MAV_CMD_NAV_LOITER_TURNS or abs(item.params[2]) > 0.0:
-        return item
-    return replace(item, params=(*item.params[:2], DEFAULT_RADIUS_M, item.params[3]))
 
 
 def _wrong(item: MissionItem, *, first: bool, last: bool) -> str:

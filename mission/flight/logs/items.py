@@ -12,6 +12,7 @@ from mission.base.area import Area
 from mission.base.arrays import Bools, Floats, Ints
 from mission.log.values import MissionRecord
 from sitl.autopilot.codec.orders import GLOBAL_FRAMES, MissionItem, bare_name
+from sitl.autopilot.flying.circle import DEFAULT_RADIUS_M
 from sitl.autopilot.flying.route import MAX_STEPS, flown_order, item_altitude, repeats
 
 KINDS = {
@@ -126,7 +127,8 @@ def mission_path(
             if command in _TAKEOFFS or (len(points) == 1 and here[2] < _LOW_M):
                 go(np.array([*here[:2], at_m[2]]), -1)
             if command in _CIRCLES:
-                for point in _circle(at_m, item.params[2], here, laps=item.params[0]):
+                laps = min(max(0.0, item.params[0]), _MOST_LAPS)
+                for point in _circle(at_m, item.params[2], here, laps=laps):
                     go(point, -1, height=level)
                 seqs[-1] = item.seq
             else:
@@ -143,12 +145,12 @@ def mission_path(
 
 
 def _circle(centre_m: Floats, radius_m: float, here_m: Floats, *, laps: float) -> Floats:
-    """(n, 3) points of circles flown clockwise, or with a negative radius the other way; only the
-    centre where the vehicle chooses the radius."""
-    if not abs(radius_m) > 0:
-        return centre_m[None]
+    """(n, 3) points of circles from the nearest one on, clockwise or with a negative radius the
+    other way."""
+    # Left open, it is the same for our vehicle and, unless it is set otherwise, for ArduCopter.
+    radius_m = radius_m if abs(radius_m) > 0.0 else DEFAULT_RADIUS_M
     east, north = (here_m - centre_m)[:2].tolist()
-    steps = np.arange(round(_CORNERS * min(max(1.0, laps), _MOST_LAPS)) + 1)
-    bearing = math.atan2(east, north) + steps * math.copysign(2 * math.pi / _CORNERS, radius_m)
-    away = np.column_stack((np.sin(bearing), np.cos(bearing), np.zeros(len(steps))))
+    turned = np.linspace(0.0, laps, math.ceil(laps * _CORNERS) + 1)
+    bearing = math.atan2(east, north) + turned * math.copysign(math.tau, radius_m)
+    away = np.column_stack((np.sin(bearing), np.cos(bearing), np.zeros(len(bearing))))
     return np.asarray(centre_m + abs(radius_m) * away)

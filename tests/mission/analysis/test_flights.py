@@ -161,6 +161,20 @@ def test_an_offset_is_found_at_its_leg(tmp_path: Path, offset_m: float) -> None:
         assert spike.words.startswith(f"at {spike.start_s:.1f}-{spike.end_s:.1f} s cross-track")
 
 
+@pytest.mark.parametrize(
+    ("turns", "radius_m"), [(1.25, 40.0), (1.1, -40.0), (0.5, 40.0), (0.0, 40.0), (1.0, 0.0)]
+)
+def test_a_circle_is_compared_with_the_one_that_is_flown(
+    tmp_path: Path, turns: float, radius_m: float
+) -> None:
+    round_a_place = item(1, mav.MAV_CMD_NAV_LOITER_TURNS, turns, 0.0, radius_m, at=(0, 120.0, 30.0))
+    last = item(2, mav.MAV_CMD_NAV_WAYPOINT, at=(120.0, 120.0, 30.0))
+    total = compared(flown(tmp_path, [take_off(), round_a_place, last])).total
+    assert total.cross_track_max_m < 0.5
+    assert total.plan_path_m == pytest.approx(total.flown_path_m, abs=1.0)
+    assert total.slots_missed == 0
+
+
 def test_laps_by_a_jump_are_told_apart(tmp_path: Path) -> None:
     items = [take_off(), *square(), item(5, mav.MAV_CMD_DO_JUMP, 1, 2)]
     found = compared(flown(tmp_path, items))
