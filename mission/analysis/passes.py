@@ -27,6 +27,7 @@ _MISSION = ("MISSION", "AUTO")  # what autopilots call the mode that flies a mis
 _RETURNS = ("RETURN", "RETURN_TO_LAUNCH", "RTL", "SMART_RTL")  # and those that may end one,
 _ENDS = (*_RETURNS, "LAND")
 _PAUSES = ("HOLD", "LOITER")
+_PAUSE_M = 30.0  # at most from where a mission was left to where it goes on, braking included
 _PAUSE_S = 60.0  # at most, before a return that belongs to the mission; who orders it may be slow
 _SURE_S = 5.0  # by which a return that is told may differ from one that shows
 _LEAST_S = 2.0  # a pass, or a time outside, that is shorter is none
@@ -106,8 +107,8 @@ def judged(path: object, data: FlightData, given: Plan | None) -> Judged:
         stretches = [(plans[0], start_ns, end_ns)]
     passes: list[Pass] = []
     left_out: Counter[str] = Counter()
-    for plan, begin_ns, until_ns in stretches:
-        for found in _passes(path, data, plan, begin_ns, until_ns, first=len(passes) + 1):
+    for plan, times_ns in _joined(data, stretches):
+        for found in _passes(path, data, plan, times_ns, first=len(passes) + 1):
             passes.append(found)
             left_out |= Counter(found.path.left_out)
     if not passes:
@@ -199,10 +200,41 @@ def _stretches(
                 yield plan, first_ns, last_ns
 
 
+def _joined(
+    data: FlightData, stretches: Sequence[tuple[Plan, int, int]]
+) -> list[tuple[Plan, list[tuple[int, int]]]]:
+    """From when to when each plan was flown: several times where there were pauses."""
+    found: list[tuple[Plan, list[tuple[int, int]]]] = []
+    for plan, begin_ns, until_ns in stretches:
+        if found and found[-1][0] is plan and _goes_on(data, plan, found[-1][1][-1][1], begin_ns):
+            found[-1][1].append((begin_ns, until_ns))
+        else:
+            found.append((plan, [(begin_ns, until_ns)]))
+    return found
+
+
+def _goes_on(data: FlightData, plan: Plan, left_ns: int, begin_ns: int) -> bool:
+    """Whether a mission goes on where it was left before: at that place, and no earlier item."""
+    # A plan file may number its items otherwise, but the log's numbers tell this, too.
+    times, seqs = _current(data, replace(plan, logged=True))
+    left, begun = seqs[times <= left_ns].tolist(), seqs[times <= begin_ns].tolist()
+    if not left:
+        return False
+    done = [-1, *left][-2]  # what was flown to last may only be known from what was reached later
+    left_m, begin_m = data.truth.at(np.array([left_ns, begin_ns])).pos_m
+    return begun[-1] > done and float(np.linalg.norm(begin_m - left_m)) <= _PAUSE_M
+
+
 def _passes(
-    path: object, data: FlightData, plan: Plan, begin_ns: int, until_ns: int, *, first: int
+    path: object,
+    data: FlightData,
+    plan: Plan,
+    times_ns: Sequence[tuple[int, int]],
+    *,
+    first: int,
 ) -> Iterator[Pass]:
     """A pass, or several where the vehicle went back to an earlier item on the way."""
+    begin_ns, until_ns = times_ns[0][0], times_ns[-1][1]
     times, seqs = _current(data, plan)
     before = seqs[times <= begin_ns]
     item = int(before[-1]) if len(before) and before[-1] < len(plan.items) else 0
@@ -218,6 +250,8 @@ def _passes(
     for number, (start_ns, item) in enumerate(zip(cuts, firsts, strict=True)):
         end_ns = cuts[number + 1] if number + 1 < len(cuts) else until_ns
         track = data.truth.between(start_ns, end_ns)
+        kept = [(track.t_ns >= since_ns) & (track.t_ns <= to_ns) for since_ns, to_ns in times_ns]
+        track = track.at(track.t_ns[np.any(kept, axis=0)])
         if end_ns - start_ns < _LEAST_S * NS_PER_S or len(track.t_ns) < 2:
             continue
         way = mission_path(
@@ -418,9 +452,7 @@ def _apart(
         end_ns = int(after.t_ns[0])
     track = data.truth.between(start_ns, end_ns)
     step_s = np.diff(track.t_ns, append=track.t_ns[-1:]) / NS_PER_S
-    outside = np.ones(len(track.t_ns), dtype=bool)
-    for item in passes:
-        outside &= (track.t_ns < item.track.t_ns[0]) | (track.t_ns >= item.track.t_ns[-1])
+    outside = ~np.isin(track.t_ns, np.concatenate([item.track.t_ns[:-1] for item in passes]))
     at = np.searchsorted(data.modes.t_ns, track.t_ns, side="right") - 1
     found: dict[str, float] = {}
     for index in np.unique(at):

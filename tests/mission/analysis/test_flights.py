@@ -205,6 +205,31 @@ def test_an_aborted_and_a_repeated_mission_are_two_passes(tmp_path: Path) -> Non
     assert len(found.rounds) == 2
 
 
+@pytest.mark.parametrize("first", [None, 1])
+def test_a_mission_that_goes_on_after_a_pause_is_one_pass(
+    tmp_path: Path, first: int | None
+) -> None:
+    """Or back to an earlier item: then it is not. Our log says only what was reached."""
+
+    def pause(desk: Desk) -> None:
+        desk.fly(seconds=45)
+        mode(desk, 3)
+        desk.fly(seconds=8)
+        if first is not None:
+            desk.send(mav.MAVLink_mission_set_current_message(1, 1, first))
+        mode(desk, 4)
+
+    found = compared(flown(tmp_path, plain(), pause))
+    if first is None:
+        (only,) = found.run.judged.passes
+        assert not [p.seq for p in only.passages if math.isnan(p.t_s)]
+        assert found.total.slots_missed == 0
+        assert found.total.cross_track_max_m < 6.0
+        assert any("HOLD 8." in line for line in in_words(found.run.judged))
+    else:
+        assert len(found.run.judged.passes) > 1
+
+
 def test_a_return_that_is_ordered_late_belongs_to_its_mission(tmp_path: Path) -> None:
     def wait(desk: Desk) -> None:
         desk.fly()

@@ -15,6 +15,7 @@ from made_up_logs import (
     CORNERS,
     HEIGHT_M,
     HOME,
+    places,
     samples,
     write_dataflash,
     write_tlog,
@@ -256,6 +257,26 @@ def test_a_return_has_no_errors(tmp_path: Path, end: str) -> None:
     assert found.total.cross_track_max_m < 0.05
     assert found.total.height_max_m < 0.05
     assert found.total.corner_cut_max_m < 0.05
+
+
+@pytest.mark.parametrize("end", KINDS)
+@pytest.mark.parametrize("planned", [False, True])
+def test_a_pause_ends_no_pass(tmp_path: Path, end: str, planned: bool) -> None:
+    plan, log = tmp_path / "x.waypoints", KINDS[end](tmp_path / f"x{end}", pause_s=10.0)
+    rows = [
+        f"{seq}\t0\t3\t{command}\t0\t0\t0\t0\t{lat_deg}\t{lon_deg}\t{HEIGHT_M}\t1"
+        for seq, (command, lat_deg, lon_deg) in enumerate(places())
+    ]
+    plan.write_text("\n".join(["QGC WPL 110", *rows]) + "\n")
+    loaded = load_run(log, plan if planned else None)
+    assert loaded.judged is not None
+    (only,) = loaded.judged.passes
+    total = compare_run(loaded).total
+    assert (total.slots, total.slots_missed) == (len(CORNERS), 0)
+    assert total.cross_track_max_m < 0.05
+    assert only.record.flown_path_m == pytest.approx(only.plan.path_m, abs=1.0)
+    assert not [line for line in in_words(loaded.judged) if "never reached" in line]
+    assert sum(loaded.judged.apart.values()) == pytest.approx(10.0, abs=1.0)
 
 
 @pytest.mark.parametrize("end", KINDS)

@@ -31,9 +31,10 @@ class Sample:
     mission: bool
 
 
-def samples(*, off_m: float = 0.0, returns: bool = False) -> Iterator[Sample]:
+def samples(*, off_m: float = 0.0, returns: bool = False, pause_s: float = 0.0) -> Iterator[Sample]:
     """On the ground, up, around, and hover or return, 15 m higher and past the first corner, from
-    8 m before the last one on; `off_m` to the side in the middle of the second leg."""
+    8 m before the last one on; `off_m` to the side in the middle of the second leg, where it also
+    pauses."""
     frame = LocalFrame(HOME)
     path = [(*CORNERS[0], 0.0), *((*corner, HEIGHT_M) for corner in CORNERS)]
     t_s = 0.0
@@ -54,6 +55,9 @@ def samples(*, off_m: float = 0.0, returns: bool = False) -> Iterator[Sample]:
                 break
             place = np.array(a) + share * (np.array(b) - np.array(a))
             place[1] += off_m * (toward == 2 and 0.4 < share < 0.6)
+            for _ in range(round(pause_s / STEP_S) * (toward == 2 and step == steps // 2)):
+                yield sample(place, toward, mission=False)
+                t_s += STEP_S
             yield sample(place, toward, mission=True)
             t_s += STEP_S
     back = [(120.0, -52.0, HEIGHT_M), (100.0, -30.0, HEIGHT_M + 15.0), (0.0, 90.0, HEIGHT_M + 15.0)]
@@ -94,6 +98,7 @@ def write_ulog(
     kind: int = 1,
     off_m: float = 0.0,
     returns: bool = False,
+    pause_s: float = 0.0,
     instead: Mapping[str, tuple[str, str, Sequence[tuple[Any, ...]]]] | None = None,
 ) -> Path:
     """As PX4 writes it: what it headed for, not the mission. It takes off where it stands, on its
@@ -134,7 +139,7 @@ def write_ulog(
     made("home_position", 0.0, HOME.lat_deg, HOME.lon_deg, HOME.alt_msl_m)
     toward = -1
     up_m = HOME.alt_msl_m + HEIGHT_M
-    for s in samples(off_m=off_m, returns=returns):
+    for s in samples(off_m=off_m, returns=returns, pause_s=pause_s):
         made("vehicle_global_position", s.t_s, s.lat_deg, s.lon_deg, s.alt_msl_m)
         made("vehicle_status", s.t_s, 3 if s.mission else 5 if returns else 4, 2, False, kind)
         if s.mission and s.toward != toward:
@@ -144,7 +149,7 @@ def write_ulog(
             if toward == 0:
                 made("position_setpoint_triplet", s.t_s, True, 3, lat + 1e-5, lon, up_m)
             made("position_setpoint_triplet", s.t_s, True, 0, lat, lon, up_m)
-        elif s.t_s > 60.0 and toward == 3:
+        elif s.t_s > 60.0 + pause_s and toward == 3:
             toward = 4
             made("mission_result", s.t_s, 7, 4, True)
             made("position_setpoint_triplet", s.t_s, True, 2, lat + 1e-5, lon, up_m)
@@ -181,7 +186,12 @@ _PACKED = {
 
 
 def write_dataflash(
-    path: Path, *, vehicle: str = "ArduCopter", off_m: float = 0.0, returns: bool = False
+    path: Path,
+    *,
+    vehicle: str = "ArduCopter",
+    off_m: float = 0.0,
+    returns: bool = False,
+    pause_s: float = 0.0,
 ) -> Path:
     """As ArduCopter writes it: item 0 is home, and a return leaves the mode as it is."""
     out = bytearray()
@@ -213,7 +223,7 @@ def write_dataflash(
     for at_us in (1000, 9000):
         row("RALY", at_us, 1, 0, *fence[0], 20, 0)
     mission, toward = None, -1
-    for s in samples(off_m=off_m, returns=returns):
+    for s in samples(off_m=off_m, returns=returns, pause_s=pause_s):
         t_us = round(s.t_s * 1e6)
         auto = s.mission or (returns and s.toward > 0)
         if auto != mission:
@@ -234,6 +244,7 @@ def write_tlog(
     reboot: bool = False,
     off_m: float = 0.0,
     returns: bool = False,
+    pause_s: float = 0.0,
     before: Sequence[tuple[Any, int]] = (),
 ) -> Path:
     """As a ground station of PX4 writes it, with the upload of the mission. `before` it takes off
@@ -269,7 +280,7 @@ def write_tlog(
     for message, system in before:
         told(0.3, message, mav.MAVLink(None, system, 1))
     mission, toward = False, -1
-    for s in samples(off_m=off_m, returns=returns):
+    for s in samples(off_m=off_m, returns=returns, pause_s=pause_s):
         if s.mission != mission:
             mission = s.mission
             heartbeat(s.t_s, mission)
