@@ -158,7 +158,7 @@ def named(value: object) -> object:
     if is_import_path(path) and module != "__main__":
         found = getattr(sys.modules.get(module), qualified, None)
         # Imported anew, it is another object; wrapped by somebody else, it is other code.
-        alike = callable(found) and hasattr(found, "__wrapped__") == hasattr(value, "__wrapped__")
+        alike = callable(found) and _wrappings(found) == _wrappings(value)
         if found is value or (alike and module in _imported):
             return path
     inner = getattr(value, "func", value)  # of a functools.partial
@@ -167,6 +167,14 @@ def named(value: object) -> object:
     name = f"{PASSED}:{label}_{digest[:8] if digest else len(_passed)}"
     _passed[name] = PassedObject(value, digest)
     return name
+
+
+def _wrappings(value: object) -> int:
+    """How many decorators a function has, of those that say so."""
+    count = 0
+    while (value := getattr(value, "__wrapped__", None)) is not None:
+        count += 1
+    return count
 
 
 def passed(names: Iterable[str]) -> dict[str, PassedObject]:

@@ -65,6 +65,7 @@ class RoundEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
             InputError: the problem or the configuration is refused.
         """
         self._draws: tuple[RunConfig, Area] | None = None
+        self._is_believed = True  # the radio of `_problem`, by who plans
         self._gate: Gate = "average"
         self._radio: Radio
         if problem is None:
@@ -101,13 +102,21 @@ class RoundEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
 
     @property
     def problem(self) -> RoundProblem:
-        """What this episode decides about."""
+        """What this episode decides about, with what its configuration believes of the radio.
+
+        Raises:
+            InputError: a map is believed, and not of these devices.
+        """
+        if self._draws is not None and not self._is_believed:
+            problem, (asked, area) = self._problem, self._draws
+            grid, _ = believed(asked, problem.channel, self._radio, area, problem.devices_m)
+            self._problem, self._is_believed = replace(problem, per_grid=grid), True
         return self._problem
 
     @property
     def plan(self) -> RoundPlan:
         """What was decided so far; the rest of the round stands still."""
-        problem = self._problem
+        problem = self.problem
         via = () if problem.airspace.is_open else tuple(self._via)
         plan = RoundPlan(self._waypoints_m.copy(), self._schedule.copy(), 0.0, via_m=via)
         in_turn = plan.schedule & in_time(problem, plan)
@@ -123,8 +132,8 @@ class RoundEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
             asked, area = self._draws
             devices_m, channel = device_places(asked, area, streams), self._problem.channel
             self._radio = radio_of(asked, channel, area, devices_m, streams)
-            per_grid, _ = believed(asked, channel, self._radio, area, devices_m)
-            self._problem = replace(self._problem, devices_m=devices_m, per_grid=per_grid)
+            self._problem = replace(self._problem, devices_m=devices_m, per_grid=None)
+            self._is_believed = False
         else:
             self._radio = AverageRadio(self._problem.channel, self._problem.devices_m)
         problem, count = self._problem, len(self._problem.devices_m)

@@ -70,8 +70,8 @@ def load(
 
 
 def _of_own(plugin: CustomDataset, data_dir: Path | None) -> Dataset:
-    """What code of one's own gives for a folder; once, while the code and the files are as they
-    were."""
+    """What code of one's own gives for a folder; once, while the code is as it was, and so are the
+    files in the folder (not those in folders of its own)."""
     folder = None if data_dir is None else data_dir.resolve()
     key = id(plugin.inner), folder, _stamp(folder)
     if key not in _own:

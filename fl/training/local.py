@@ -104,7 +104,7 @@ def scaling_of(split: Split) -> Scaling:
     mean = total / count
     variance = squares / count - mean**2
     if height == width == 1:
-        deviation = np.sqrt(np.where(variance > (1e-6 * mean) ** 2, variance, 1.0))
+        deviation = np.sqrt(np.where(variance > 1e-14 * mean**2, variance, 1.0))
     else:
         deviation = np.sqrt(np.maximum(variance, (1e-3 * unit) ** 2))
     return Scaling((1.0 / deviation).astype(np.float32), (-mean / deviation).astype(np.float32))

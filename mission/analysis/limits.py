@@ -73,23 +73,40 @@ def known_limits(limits: Mapping[str, object], source: str) -> dict[str, float]:
     return found
 
 
+def limits_in(file: Path) -> dict[str, float] | None:
+    """The table [limits] of a TOML file; None where it has none.
+
+    Raises:
+        InputError: the file cannot be read, or holds a limit that is none.
+    """
+    try:
+        table = parse_toml(read_text(file)).get("limits")
+    except ValueError as error:
+        raise InputError(f"{file}: not valid TOML: {error}") from None
+    if not isinstance(table, dict | None):
+        raise InputError(f"{file}: limits is no table")
+    return None if table is None else known_limits(table, str(file))
+
+
+def check_flown(strategy: str) -> None:
+    """Refuse limits on a run of a strategy that flies nothing.
+
+    Raises:
+        InputError: it is such a one.
+    """
+    if strategy == "ideal":
+        raise InputError("limits: mission.strategy = 'ideal' flies nothing that they could judge")
+
+
 def given_limits(
-    options: Sequence[str], table: Mapping[str, object] | Path | None = None
+    options: Sequence[str], table: Mapping[str, object] | None = None
 ) -> dict[str, float]:
-    """The limits of a table, or of a TOML file's table `limits`, under options NAME=VALUE.
+    """The limits of a table, under options NAME=VALUE.
 
     Raises:
         InputError: one of them is none.
     """
-    source = str(table) if isinstance(table, Path) else "limits"
-    if isinstance(table, Path):
-        try:
-            table = parse_toml(read_text(table)).get("limits")
-        except ValueError as error:
-            raise InputError(f"{source}: not valid TOML: {error}") from None
-        if not isinstance(table, dict):
-            raise InputError(f"{source}: has no table [limits]")
-    limits = known_limits(table or {}, source)
+    limits = known_limits(table or {}, "limits")
     for option in options:
         name, equals, text = option.partition("=")
         if not equals:

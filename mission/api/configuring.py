@@ -36,6 +36,16 @@ def config_of(
 ) -> "RunConfig":
     """As `config`; where only some keys and tables `counts`, overrides of others are refused."""
     from mission.config.loading import load_config
+
+    return load_config(checked(source, overrides), overrides, giver="overrides", counts=counts)
+
+
+def checked(source: Source, overrides: object) -> "Path | RunConfig":
+    """The source of a configuration, and `overrides` of its kind, as a notebook checks no types.
+
+    Raises:
+        InputError: one of the two is of no such kind.
+    """
     from mission.config.models import RunConfig
 
     if not isinstance(source, str | PathLike | RunConfig):
@@ -46,8 +56,7 @@ def config_of(
         raise InputError(
             f"overrides = {overrides!r}: must be a dictionary, such as {{'mission.rounds': 3}}"
         )
-    found = source if isinstance(source, RunConfig) else Path(source)
-    return load_config(found, overrides, giver="overrides", counts=counts)
+    return source if isinstance(source, RunConfig) else Path(source)
 
 
 def channel(

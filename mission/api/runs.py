@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any
 from mission.api.configuring import Source, as_path, config, folder
 from mission.api.figures import Figure, chosen
 from mission.base.errors import INTERRUPTED, InputError
-from mission.base.user_files import parse_toml, read_text
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -184,6 +183,10 @@ def run(
     if strategy is not None and isinstance(overrides, Mapping | None):
         overrides = {**(overrides or {}), "mission.strategy": strategy}
     resolved = config(source, overrides)
+    if resolved.limits:
+        from mission.analysis.limits import check_flown
+
+        check_flown(resolved.mission.strategy)
     data = folder(data_dir, "data_dir")
     given = None if out is None else as_path(out, "out")
     with output_folder(given, resolved.run_name) as path:
@@ -201,14 +204,16 @@ def resume(path: Path | str, *, quiet: bool = True) -> Run:
     """Go on with a run that was interrupted or killed; it ends as if it never had been.
 
     Raises:
+        LimitsNotMetError: it has ended, and does not meet a limit of its table [limits].
         AerofedError: not a run, or one that cannot go on here; or what ends it this time.
         KeyboardInterrupt: it was interrupted again.
     """
+    from mission.analysis.limits import limits_in
     from mission.base.run_folder import RunFolder
 
     found = as_path(path, "path")
     kept = RunFolder(found).config
-    limits = parse_toml(read_text(kept)).get("limits") if kept.is_file() else None
+    limits = limits_in(kept) if kept.is_file() else None
 
     def fly(console: "RunConsole") -> int:
         from mission.run.recorded import Around

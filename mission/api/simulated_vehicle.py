@@ -1,6 +1,7 @@
 """The vehicle of `aerofed.vehicle`: a thread in which simulated time passes as its user says."""
 
 import asyncio
+import math
 import threading
 from collections.abc import AsyncIterator, Callable, Coroutine
 from contextlib import ExitStack, asynccontextmanager, closing
@@ -10,6 +11,7 @@ from typing import Any, Self, TypeVar
 
 import pandas as pd
 
+from flightdyn.state import GeodeticPoint
 from mission.api.comparing import compare
 from mission.api.comparison import Comparison
 from mission.api.configuring import as_path
@@ -17,8 +19,8 @@ from mission.base.arrays import Floats
 from mission.base.errors import AerofedError, InputError
 from mission.flight.failures import of_a_vehicle
 from mission.flight.pilot.connection import connect
-from mission.flight.plan_file import read_plan_file
-from mission.flight.plan_path import placed, planned_path
+from mission.flight.plan_file import PlanFile, read_plan_file
+from mission.flight.plan_path import PlannedPath, placed, planned_path
 from mission.flight.serve.hosted_firmware import FirmwareHost
 from mission.flight.serve.hosts import LOOK_S, BuiltIn, State, enu, pymavlink_client
 
@@ -203,15 +205,22 @@ class SimulatedVehicle:
         if self.armed:
             raise InputError(f"fly({file.path}): the vehicle is armed; a plan begins on the ground")
         home, host = self._host.area.home, self._host
-        file = replace(file, items=placed(file.items, home))
+
+        def begun_at(home: GeodeticPoint) -> tuple[PlanFile, PlannedPath]:
+            moved = replace(file, items=placed(file.items, home))
+            return moved, planned_path(
+                moved, home, parameters=host.parameters, limits=host.guidance
+            )
+
         try:
-            path = planned_path(file, home, parameters=host.parameters, limits=host.guidance)
+            order = begun_at(home)
         except InputError as error:
-            if file.home is None or file.home == home:
+            if file.home is None or file.home == home or math.isnan(file.home.alt_msl_m):
                 raise
+            begun_at(file.home)  # raises what would be wrong there, too
             begin = f"aerofed.vehicle(home={str(file.path)!r}) stands at the plan's own home"
             raise error.in_words(f"{error}; {begin}") from None
-        self._do(host.fly(file, path))
+        self._do(host.fly(*order))
 
     def mavlink(self) -> Any:
         """A pymavlink connection that has heard the vehicle; closed with it.

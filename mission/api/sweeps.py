@@ -6,7 +6,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, SupportsIndex
 
-from mission.api.configuring import Source, as_path, config, folder
+from mission.api.configuring import Source, as_path, checked, folder
 from mission.api.figures import Figure, chosen
 from mission.api.runs import Run, load
 from mission.base.errors import INTERRUPTED, InputError
@@ -124,7 +124,6 @@ def sweep(
 
     from mission.base.run_folder import RUNS
     from mission.config.loading import plain
-    from mission.config.models import RunConfig
     from mission.sweep.execute.engine import EngineChoice
     from mission.sweep.grid import Axis, make_grid
 
@@ -135,9 +134,8 @@ def sweep(
             raise InputError(f"{name} = {values!r}: must be a list of values, also where it is one")
     if not isinstance(seeds, SupportsIndex):
         raise InputError(f"seeds = {seeds!r}: must be a whole number")
-    config(source, overrides)  # what is wrong with these is said of these
     grid = make_grid(
-        source if isinstance(source, RunConfig) else Path(source),
+        checked(source, overrides),
         strategies=[str(plain(strategy)) for strategy in strategies],
         seeds=seeds,
         axes=[Axis(key, tuple(map(plain, values))) for key, values in (settings or {}).items()],

@@ -181,13 +181,14 @@ def fly(
 
     Args:
         plan: a QGroundControl .plan or a .waypoints file.
-        overrides: values by dotted key of vehicle.* and link.*, and the seed.
-        source: a configuration or its file, of which vehicle.* and link.* count.
+        overrides: values by dotted key of vehicle.*, link.* and limits.*, and the seed.
+        source: a configuration or its file, of which vehicle.*, link.* and limits.* count.
         out: new or empty folder for log and track; default: a new one under runs/.
         quiet: show nothing; False shows what `aerofed fly` shows.
 
     Raises:
-        AerofedError: what `aerofed fly` would end with. What was flown before stays in `out`.
+        LimitsNotMetError: it is flown, and does not meet a limit of the table [limits].
+        AerofedError: what else `aerofed fly` would end with. What was flown stays in `out`.
         KeyboardInterrupt: it was interrupted.
     """
     from mission.base.run_folder import output_folder

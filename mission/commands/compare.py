@@ -66,10 +66,13 @@ def compare(
         raise InputError(f"--rounds {rounds}: must be at least 1")
     from mission.analysis.compare import compare_run
     from mission.analysis.comparison_text import in_full
-    from mission.analysis.limits import given_limits, verdicts
+    from mission.analysis.limits import given_limits, limits_in, verdicts
     from mission.analysis.load import flights_in, load_run
 
-    bounds = given_limits(limit, limits)
+    table = None if limits is None else limits_in(limits)
+    if limits is not None and table is None:
+        raise InputError(f"{limits}: has no table [limits]")
+    bounds = given_limits(limit, table)
     paths = [path for given in (run, *others) for path in flights_in(given)]
     loaded = [load_run(path, plan, believed=believed) for path in paths]
     aside = Console(stderr=True, **PLAIN)

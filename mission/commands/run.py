@@ -10,7 +10,7 @@ from cyclopts import Parameter
 from mission.base.console import RunConsole
 from mission.base.errors import InputError
 from mission.base.stopwatch import Stopwatch
-from mission.base.user_files import parse_toml, read_json, read_text
+from mission.base.user_files import read_json
 from mission.commands.options import (
     LIVE_PORT,
     Flag,
@@ -106,7 +106,10 @@ def run(
         "link.url": vehicle,
     }
     resolved = load(config, set_, options)
-    bounds = bounds_of(resolved.limits, limit)
+    if bounds := bounds_of(resolved.limits, limit):
+        from mission.analysis.limits import check_flown
+
+        check_flown(resolved.mission.strategy)
     if data_dir is not None and not data_dir.is_dir():
         raise InputError(f"--data-dir {data_dir}: no such folder")
     from mission.base.run_folder import RunFolder, output_folder
@@ -143,10 +146,11 @@ def _resume(
 
     if RunFolder(path).status() != "finished":
         read_checkpoint(path)  # refuses what cannot be resumed, before anything heavy is imported
-    bounds = bounds_of(parse_toml(read_text(RunFolder(path).config)).get("limits"), limit)
     with stopwatch("setup"), watching.waiting("loading"):
+        from mission.analysis.limits import limits_in
         from mission.run.recorded import Around
         from mission.run.session import resume_session
+    bounds = bounds_of(limits_in(RunFolder(path).config), limit)
     with summary_of(path, as_json=as_json) as more:
         code = resume_session(path, Around(watching, stopwatch, page=write_page))
         return code or judge(path, bounds, junit, more, quiet=watching.out.quiet)

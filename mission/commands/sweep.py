@@ -83,6 +83,7 @@ def sweep(
     if data_dir is not None and not data_dir.is_dir():
         raise InputError(f"--data-dir {data_dir}: no such folder")
     from mission.base.run_folder import RUNS
+    from mission.sweep.folder import SweepFolder
 
     # Only now, so that wrong input is answered at once: torch and cvxpy take seconds to import.
     from mission.sweep.sweep import sweep as execute
@@ -91,6 +92,7 @@ def sweep(
     if not console.is_terminal:
         console = Terminal(width=_PIPE_WIDTH, quiet=as_json)
     folder = out or RUNS / f"sweep-{grid.base.name}"
+    SweepFolder(folder).check(grid, data_dir=data_dir)  # or the results printed were another's
     try:
         return execute(
             grid,
@@ -101,9 +103,6 @@ def sweep(
             console=console,
             page=None if no_report else _page,
         )
-    except InputError:
-        as_json = False  # what is in a folder that is refused is none of this command
-        raise
     finally:
         if as_json:
             with suppress(InputError):  # no run is done: why is said on standard error

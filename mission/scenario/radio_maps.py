@@ -18,6 +18,7 @@ from mission.config.world import MOST_BYTES
 
 _AXES = ("device", "height", "y", "x")
 _NAMED = {"height": "above home", "y": "north of the area's corner", "x": "east of it"}
+NOTHING_DB = -250.0  # where no ray arrives: far below any threshold
 _WRONG = (
     "no radio map: NetCDF (classic) is wanted with path_gain(device, height, y, x) in dB, and "
     "height, y, x, device_x, device_y in metres"
@@ -84,7 +85,10 @@ def read_map(path: Path) -> RadioMap:
     try:
         file = netcdf_file(io.BytesIO(content), "r", mmap=False, maskandscale=True)  # as packed
         every = {name: np.ma.asarray(v[:], dtype=np.float64) for name, v in file.variables.items()}
-        found = {name: values.filled(np.nan) for name, values in every.items()}
+        found = {
+            name: values.filled(NOTHING_DB if name == "path_gain" else np.nan)
+            for name, values in every.items()
+        }
         axes = file.variables["path_gain"].dimensions
     except Exception as error:  # whatever the reader of a damaged file raises
         raise InputError(f"{path}: {_WRONG} ({type(error).__name__})") from None

@@ -15,9 +15,8 @@ from mission.base.arrays import Floats
 from mission.base.errors import InputError
 from mission.base.user_files import cache_folder, check_regular, or_input_error
 from mission.config.models import RunConfig
-from mission.scenario.radio_maps import origin_of, write_map
+from mission.scenario.radio_maps import NOTHING_DB, origin_of, write_map
 
-_NOTHING_DB = -250.0  # where no ray arrives: far below any threshold
 _DEPTH = 3  # reflections
 _RAYS = 10**6  # of a device; in smaller cells than these most of those far away are hit by none
 _CELL_M = 10.0
@@ -114,7 +113,7 @@ def traced_map(
             "its library)"
         ) from None
     with np.errstate(divide="ignore"):
-        gain_db = np.maximum(10.0 * np.log10(np.stack(gains, axis=1)), _NOTHING_DB)
+        gain_db = np.maximum(10.0 * np.log10(np.stack(gains, axis=1)), NOTHING_DB)
     x_m, y_m = (cell_m * np.arange(0.5, count, dtype=np.float64) for count in cells)
     return RadioMap(gain_db, height_m, y_m, x_m, devices_m)
 

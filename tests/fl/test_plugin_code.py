@@ -54,7 +54,13 @@ def test_what_the_session_has_imported_itself_is_loaded_as_it_is_now() -> None:
 
 
 def test_a_function_that_is_wrapped_here_is_not_taken_for_the_one_of_its_module() -> None:
-    write(edited_w="def make(): return 1")
+    write(
+        edited_w="import functools\n"
+        "def one(): return 1\n"
+        "@functools.wraps(one)\n"
+        "def make(): return one()\n"
+        "make.__name__ = make.__qualname__ = 'make'\n"
+    )
     inner: Any = load("edited_w:make")
 
     @functools.wraps(inner)

@@ -9,7 +9,7 @@ from flightdyn.state import Vector
 
 DEFAULT_RADIUS_M = 10.0
 _INWARDS_MPS2 = 2.0  # greatest centripetal acceleration
-_LOOKS = 16  # points of a turn that the fence is asked about
+_LOOKS = 72  # points of a turn that the fence is asked about
 
 
 def fastest(radius_m: float) -> float:

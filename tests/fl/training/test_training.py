@@ -177,10 +177,10 @@ def test_scaling_gives_zero_mean_unit_variance_per_channel() -> None:
 
 def test_features_of_any_magnitude_are_scaled_and_constant_ones_left() -> None:
     rng, each = np.random.default_rng(3), (300, 1, 1, 1)
-    features = [rng.normal(mean, dev, each) for mean, dev in ((5e-7, 1e-7), (1e6, 1e3), (4.0, 0))]
+    features = [rng.normal(mean, dev, each) for mean, dev in ((5e-7, 1e-7), (1.7e9, 1e4), (4.0, 0))]
     split = Split(np.concatenate(features, axis=3).astype(np.float32), np.zeros(300, np.int64))
     scaled = floats(split, scaling_of(split)).reshape(-1, 3)
-    np.testing.assert_allclose(scaled.mean(axis=0), 0.0, atol=1e-3)
+    np.testing.assert_allclose(scaled.mean(axis=0), 0.0, atol=0.02)  # of 32 bits
     np.testing.assert_allclose(scaled.std(axis=0), (1.0, 1.0, 0.0), atol=1e-3)
 
 

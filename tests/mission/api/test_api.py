@@ -311,6 +311,10 @@ def test_configurations(tmp_path: Path) -> None:
         (lambda: aerofed.run(out="/proc/a"), r"/proc/a: cannot write .* name another folder$"),
         (lambda: aerofed.Sweep(Path("some")).run("nope"), "^some: no run 'nope'; there are: none"),
         (lambda: aerofed.run(overrides={"limits.cros": 1.0}), "^limits: cros: the comparison has"),
+        (
+            lambda: aerofed.run("paper", {"limits.failsafes": 0}, strategy="ideal"),
+            "^limits: mission.strategy = 'ideal' flies nothing that they could judge$",
+        ),
         (aerofed.compare, "give at least one run"),
         (lambda: aerofed.compare("x", rounds=0), "rounds = 0: must be at least 1"),
         (
@@ -491,6 +495,10 @@ def test_a_run_is_judged_by_its_limits_also_when_it_is_gone_on_with(tmp_path: Pa
     given = ["--limit", "height_max_m=9", "--limit", "cross_track_max_m=1e-4", "--junit"]
     assert call(["run", "--resume", str(out), "--quiet", *given, str(verdict)]) == LIMITS_NOT_MET
     assert 'failures="1"' in verdict.read_text()
+    for text, words in (("a = [", "not valid TOML"), ("limits = [1]", "limits is no table")):
+        (out / "config.toml").write_text(text)
+        with pytest.raises(aerofed.InputError, match=f"config.toml: {words}"):
+            aerofed.resume(out)
 
 
 @pytest.mark.slow

@@ -202,6 +202,11 @@ def test_orders_that_are_refused(tmp_path: Path) -> None:
             vehicle.compare()
         with pytest.raises(aerofed.InputError, match=r"97 km from home.*vehicle\(home='.*survey"):
             vehicle.fly(SURVEY)
+        spline = tmp_path / "spline.waypoints"
+        spline.write_text("QGC WPL 110\n0 1 0 16 0 0 0 0 48 8 9 1\n1 0 3 82 0 0 0 0 48 8 9 1\n")
+        with pytest.raises(aerofed.InputError) as refused:
+            vehicle.fly(spline)
+        assert "home=" not in str(refused.value)  # it is refused there, too
         taken_off(vehicle)
         with pytest.raises(aerofed.InputError, match="the vehicle is armed"):
             vehicle.fly(waypoints)
