@@ -25,7 +25,7 @@ ALTITUDE_STEP_M, ALTITUDE_DIGITS = 0.1, 1
 # Success at a distance is tabled to this share (`mission.planner.reward`).
 TABLED = 1e-4
 LENGTH_TOLERANCE_M = 1e-3  # of a plan's length, and of where it starts
-_MOST_IMPORTANCE = 1e300  # in all, so that no sum and no bound of it overflows
+_MOST_IMPORTANCE = 1e307  # in all, so that no sum and no bound of it overflows
 
 
 def distances(problem: RoundProblem, waypoints_m: Floats) -> Floats:
