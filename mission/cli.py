@@ -3,6 +3,7 @@
 import sys
 from collections.abc import Sequence
 from contextlib import redirect_stdout
+from io import TextIOWrapper
 from typing import Any, Literal
 
 from cyclopts import App, CycloptsError, Parameter, Token, convert
@@ -113,6 +114,8 @@ def completion(shell: Literal["bash", "zsh", "fish"]) -> int:
 def main(tokens: Sequence[str] | None = None) -> None:
     """Entry point: runs the command and exits with its code."""
     hear_interruptions()
+    if isinstance(sys.stdout, TextIOWrapper):  # where it knows ASCII only, as in bare containers
+        sys.stdout.reconfigure(errors="backslashreplace")
     code = call(tokens)
     end_program(code)
     sys.exit(code)

@@ -167,15 +167,23 @@ class RunFolder:
 
 
 def write_atomically(path: Path, content: str | bytes) -> None:
-    """Write a file so that it is there whole or not at all, after a power cut too.
+    """Write a file so that it is there whole or not at all, after a power cut too; a link leads to
+    it as before, and a device such as /dev/stdout is written to.
 
     Raises:
         InputError: it cannot be written.
     """
+    content = content.encode() if isinstance(content, str) else content
     partial = path.with_name(f".{path.name}.partial")
     try:
+        if path.exists() and not path.is_file() and not path.is_dir():
+            path.write_bytes(content)
+            return
+        if path.is_symlink():
+            path = path.resolve()
+            partial = path.with_name(f".{path.name}.partial")
         with partial.open("wb") as file:
-            file.write(content.encode() if isinstance(content, str) else content)
+            file.write(content)
             file.flush()
             os.fsync(file.fileno())
         partial.replace(path)

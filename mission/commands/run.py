@@ -106,7 +106,8 @@ def run(
         "link.url": vehicle,
     }
     resolved = load(config, set_, options)
-    if bounds := bounds_of(resolved.limits, limit):
+    bounds = bounds_of(resolved.limits, limit)
+    if bounds or junit:
         from mission.analysis.limits import check_flown
 
         check_flown(resolved.mission.strategy)
@@ -177,8 +178,9 @@ def judge(
     *,
     quiet: bool,
 ) -> int:
-    """The verdict on a flight that has ended, where it has limits: into `more`; the exit code."""
-    if not bounds:
+    """The verdict on a flight that has ended, where it has limits or a file is wanted: into `more`;
+    the exit code."""
+    if not (bounds or junit):
         return 0
     from mission.analysis.compare import compare_run
     from mission.analysis.limits import verdicts

@@ -4,6 +4,7 @@ import itertools
 import math
 import shutil
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Literal, TypeAlias
 from xml.etree import ElementTree as ET
@@ -121,20 +122,21 @@ def export_attachments(path: Path, folder: Path) -> tuple[Path, ...]:
 def _write_all(folder: Path, files: Mapping[str, bytes]) -> tuple[Path, ...]:
     """Write files by name into a folder that is new or empty; all of them or none."""
     with or_input_error(folder, "cannot write"):
-        if folder.exists() and any(folder.iterdir()):
+        made, partial = not folder.exists(), folder / ".partial"  # of a folder that may be a mount
+        if not made and any(path != partial for path in folder.iterdir()):
             raise InputError(f"{folder}: the output folder is already used")
-        named = folder.resolve()  # "." has no name
-        partial = named.with_name(f".{named.name}.partial")
         shutil.rmtree(partial, ignore_errors=True)
         try:
             partial.mkdir(parents=True)
             for name, data in files.items():
                 (partial / name).write_bytes(data)
-            folder.mkdir(exist_ok=True)  # one that is there stays: a shell may be in it
             for name in files:
                 (partial / name).replace(folder / name)
         finally:
             shutil.rmtree(partial, ignore_errors=True)
+            if made:
+                with suppress(OSError):  # it is used, or was never made
+                    folder.rmdir()
     return tuple(folder / name for name in files)
 
 

@@ -104,7 +104,8 @@ def fly_recorded(
         stopwatch.stop()
         summary.ended(outcome, totals, stopwatch)
     if page is not None and outcome.status == "finished":
-        # It says that the flight is finished, and so comes after the summary that does.
+        # It says that the flight is finished, and so comes after the summary that does: that stays
+        # true where the page alone fails.
         with outcome.post_processing(), console.waiting("writing the report"):
             try:
                 page(folder.path)
@@ -112,8 +113,6 @@ def fly_recorded(
                 goes_on = ""  # all is flown
                 again = f"aerofed report {folder.path} makes the page once that is mended"
                 raise error.in_words(f"{error}; {again}") from error.__cause__
-        if outcome.status != "finished":
-            summary.ended(outcome, totals, stopwatch)
     # The files of a resumed run's flights are kept where it has not caught up with them.
     flown = totals.sim_s > 0.0 or totals.rounds_done > 0 or InterruptedFiles(folder).path.exists()
     outcome.raise_error(folder.path, flown=flown, goes_on=goes_on)

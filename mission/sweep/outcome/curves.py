@@ -69,8 +69,8 @@ def flies(runs: Sequence[RunResult]) -> bool:
 def communities_of(results: Sequence[RunResult]) -> list[str]:
     """Names of all communities, in order of appearance."""
     prefix = "final_accuracy_"
-    names = (key.removeprefix(prefix) for r in results for key in r.summary if prefix in key)
-    return list(dict.fromkeys(names))
+    keys = (key for result in results for key in result.summary if key.startswith(prefix))
+    return list(dict.fromkeys(key.removeprefix(prefix) for key in keys))
 
 
 @dataclass(frozen=True)

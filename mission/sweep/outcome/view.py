@@ -70,7 +70,7 @@ def outcome(
         (column, name)
         for column in columns
         for name in (communities_of(results) if "{}" in column.name else ("",))
-        if not all(math.isnan(of) for of in _values(results, column.name.format(name)))
+        if _values(results, column.name.format(name))
     ]
     heads = ["strategy", "seeds", *(column.head.format(name) for column, name in each)]
     rows = [
@@ -100,13 +100,15 @@ def final_table(results: Sequence[RunResult]) -> Table:
 
 
 def over_seeds(runs: Sequence[RunResult], column: str) -> Interval:
-    """Mean and interval of a column of `runs.csv`, or of those at equal rounds, metres, energy."""
+    """Mean and interval of a column of `runs.csv`, or of those at equal rounds, metres, energy, of
+    the runs that have a number there."""
     return interval(_values(runs, column))
 
 
 def _values(runs: Sequence[RunResult], column: str) -> list[float]:
     rows = (run.summary | run.equal for run in runs)
-    return [float(row[column]) for row in rows if column in row]
+    found = (float(row.get(column, math.nan)) for row in rows)
+    return [value for value in found if not math.isnan(value)]
 
 
 def percent(value: Interval, *, signed: bool = False) -> str:

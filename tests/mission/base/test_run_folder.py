@@ -13,7 +13,7 @@ import pytest
 
 from mission.base.errors import InputError
 from mission.base.folder_lock import alone_in
-from mission.base.run_folder import RunFolder, output_folder
+from mission.base.run_folder import RunFolder, output_folder, write_atomically
 
 
 def test_runs_that_begin_together_take_different_folders(
@@ -144,3 +144,16 @@ def test_a_lock_whose_folder_was_removed_keeps_nobody_out(
     monkeypatch.setattr(fcntl, "flock", late)
     with pytest.raises(InputError, match="another aerofed run is at work"), folder.lock():
         pass
+
+
+def test_a_link_stays_one_and_what_is_no_file_is_written_to(tmp_path: Path) -> None:
+    (tmp_path / "link").symlink_to(tmp_path / "behind")
+    write_atomically(tmp_path / "link", "new")
+    assert (tmp_path / "link").is_symlink()
+    assert (tmp_path / "behind").read_text() == "new"
+    os.mkfifo(tmp_path / "pipe")  # as /dev/stdout may be one
+    reader = os.open(tmp_path / "pipe", os.O_RDONLY | os.O_NONBLOCK)
+    write_atomically(tmp_path / "pipe", "told")
+    assert os.read(reader, 100) == b"told"
+    os.close(reader)
+    assert (tmp_path / "pipe").is_fifo()

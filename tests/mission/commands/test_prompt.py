@@ -1,6 +1,7 @@
 """What a newcomer meets at the prompt: init, shipped names, JSON, completion, messages."""
 
 import json
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -161,6 +162,15 @@ def test_completion_knows_the_commands(shell: str, capsys) -> None:
             ["bash", "-c", check], capture_output=True, text=True, check=True, env={"PATH": path}
         )
         assert done.stdout.split() == ["run"]
+
+
+def test_a_terminal_that_knows_ascii_only_is_told_all_the_same() -> None:
+    program = "import mission.cli as c; c.call = lambda _: print('1 \u00b1 2') or 0; c.main([])"
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, check=True,
+        env={**os.environ, "PYTHONIOENCODING": "ascii"},
+    )  # fmt: skip
+    assert done.stdout == "1 \\xb1 2\n"
 
 
 MESSAGES = {

@@ -135,8 +135,10 @@ def test_landing_elsewhere(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -
     plan = written(
         tmp_path, TAKE_OFF, place(47.401, 8.5), simple(21, 0, 0, 0, None, 47.4015, 8.5, 0)
     )
-    out = tmp_path / "out"
-    assert call(["fly", str(plan), "--out", str(out), "--json", "--no-report"]) == 0
+    out, verdict = tmp_path / "out", tmp_path / "verdict.xml"
+    wanted = ["--json", "--no-report", "--junit", str(verdict)]
+    assert call(["fly", str(plan), "--out", str(out), *wanted]) == 0
+    assert "<testsuite" in verdict.read_text()  # also where nothing is limited
     printed = json.loads(capsys.readouterr().out)
     assert printed == {"folder": str(out), **summary(out)}
     assert not (out / "report.html").exists()

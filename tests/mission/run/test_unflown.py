@@ -13,6 +13,7 @@ import small_runs
 from cutting import cut_after
 
 from mission.base.errors import InputError
+from mission.base.run_folder import RunFolder
 from mission.cli import call
 from mission.config.loading import builtin_config, load_config
 from mission.log import LogError
@@ -213,6 +214,7 @@ def test_a_page_without_room_is_made_later(
     said = capsys.readouterr().err
     assert f"; aerofed report {out} makes the page once that is mended" in said
     assert "--resume" not in said
+    assert RunFolder(out).status() == "finished"  # as it is
     monkeypatch.undo()
     assert call(["report", str(out)]) == 0
     assert (out / "report.html").is_file()

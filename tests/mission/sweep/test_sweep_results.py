@@ -14,8 +14,8 @@ from mission.run.budget import rounds_paid_for
 from mission.scenario.limits import budget_of, foreseen_performance
 from mission.sweep.folder import SweepFolder
 from mission.sweep.grid import Point, make_grid
-from mission.sweep.outcome.curves import DISTANCE, ROUNDS, band, interval
-from mission.sweep.outcome.view import final_table, percent
+from mission.sweep.outcome.curves import DISTANCE, ROUNDS, band, communities_of, interval
+from mission.sweep.outcome.view import final_table, over_seeds, percent
 from mission.sweep.progress import Bar, duration
 from mission.sweep.results import Row, RunResult, at_equal, jain, with_equals, write_results
 
@@ -113,6 +113,22 @@ def test_runs_that_end_apart_are_compared_where_the_thriftiest_ends() -> None:
         "equal_rounds_accuracy_a": 0.4, "equal_metres_accuracy_a": 0.6,
     }  # fmt: skip
     assert with_equals((far, far)) == (far, far)
+
+
+def test_a_seed_without_a_number_leaves_the_others_theirs() -> None:
+    """As a run that scheduled nobody has no PER; and a community may be called as a column is."""
+    runs = [
+        RunResult(
+            Point("cov", seed, ()),
+            {"true_per": per, "final_accuracy_final_accuracy_a": 0.5},
+            (),
+            {},
+        )
+        for seed, per in ((1, 0.1), (2, math.nan), (3, 0.3), (4, 0.2))
+    ]
+    found = over_seeds(runs, "true_per")
+    assert (found.mean, found.count) == (pytest.approx(0.2), 3)
+    assert communities_of(runs) == ["final_accuracy_a"]
 
 
 @pytest.mark.parametrize("strategy", ["rectangular", "my_package.my_module:weighed_by_age"])
