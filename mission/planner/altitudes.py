@@ -163,9 +163,10 @@ class _Proof:
         if part.bound <= self.enough:
             return True
         nearly = part.bound <= self.enough * (1.0 + self.goal.gap)
-        if splits and (nearly or least < WORTH_SHARE * self.goal.gap):
+        lowered = part.bound < before  # else what is left is the altitudes' own
+        if splits and (nearly or not lowered or least < WORTH_SHARE * self.goal.gap):
             return self._split(part)
-        return part.bound < before
+        return lowered
 
     def _cases(self, ends_m: tuple[float, float]) -> list[Case]:
         """The problem at either end of a part, with f raised on the way to the other."""

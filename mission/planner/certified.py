@@ -8,9 +8,9 @@ import numpy as np
 from mission.base.arrays import Floats
 from mission.planner.evaluate import (
     bounded,
+    check_problem,
     finish,
     fit_budget,
-    objective,
     plan_without_moving,
 )
 from mission.planner.improving import improved
@@ -117,6 +117,8 @@ class ExploringPlanner:
         """
         if (at_rest := plan_without_moving(problem)) is not None:
             return at_rest
+        if (plan := in_usual_size(self, problem)) is not None:
+            return plan
         devices, limits = instance(problem)
         attempts = tries(len(devices.delta)) if self._tries is None else self._tries
         _, way, _ = explore(devices, limits, starts=self._starts, tries=attempts)
@@ -126,13 +128,13 @@ class ExploringPlanner:
 def in_usual_size(planner: Planner, problem: RoundProblem) -> RoundPlan | None:
     """The plan made in units of a power of 2, which rounds nothing; None where importance is of a
     usual size."""
-    exponent = int(np.frexp(problem.importance.max())[1])
+    exponent = int(np.frexp(problem.importance.max(initial=0.0))[1])
     if abs(exponent) <= USUAL_EXPONENT:
         return None
+    check_problem(problem)  # before it is another
     importance = np.ldexp(problem.importance, -exponent)
     plan = planner.plan(replace(problem, importance=importance))
-    value = objective(problem.at(plan.altitude_m), plan.waypoints_m, plan.schedule)
-    bound = max(math.ldexp(plan.upper_bound, exponent), value)
+    value, bound = (math.ldexp(of, exponent) for of in (plan.value, plan.upper_bound))
     return replace(plan, value=value, upper_bound=bound)
 
 

@@ -55,7 +55,8 @@ def check_plan(problem: RoundProblem, plan: RoundPlan, *, hold_s: float = 0.0) -
         )
     in_turn = plan.schedule & in_time(problem, plan, hold_s=hold_s)
     real = objective(problem.at(_checked_altitude(problem, plan)), plan.waypoints_m, in_turn)
-    if not np.isclose(real, plan.value, rtol=VALUE_TOLERANCE, atol=1e-12):
+    least = 1e-12 * min(1.0, float(problem.importance.sum()))
+    if not np.isclose(real, plan.value, rtol=VALUE_TOLERANCE, atol=least):
         raise InfeasiblePlanError(f"the plan claims a value of {plan.value}, it has {real}")
     if plan.upper_bound < real * (1.0 - VALUE_TOLERANCE):  # NaN: none is claimed
         raise InfeasiblePlanError(

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mission.base.arrays import Floats
+from mission.planner.certified import in_usual_size
 from mission.planner.evaluate import bounded, success_bounds
 from mission.planner.fitting import fitted, standing
 from mission.planner.flyable import foresee_round
@@ -54,6 +55,8 @@ class LimitedPlanner:
         """
         if problem.airspace.is_open and problem.limits is None:
             return self.inner.plan(problem)
+        if (plan := in_usual_size(self, problem)) is not None:
+            return plan
         problem = replace(problem, path_budget_m=problem.most_m, importance=servable(problem))
         large = problem.altitudes_m is not None and len(problem.devices_m) > _FEW
         inner = self.brief if self.brief is not None and large else self.inner
@@ -113,10 +116,15 @@ def _weighed(problem: RoundProblem) -> list[tuple[Floats, Sequence[float]]]:
 
 
 def servable(problem: RoundProblem) -> Floats:
-    """(K,) the importance, without devices that are not ready before the longest round ends."""
-    if problem.limits is None or problem.ready_in_s is None:
-        return problem.importance
-    return np.where(problem.ready_in_s <= problem.longest_s, problem.importance, 0.0)
+    """(K,) the importance, without devices that are not ready before the longest round ends, and
+    those that send for longer than a round may take."""
+    limits, served = problem.limits, np.ones(len(problem.devices_m), dtype=bool)
+    if limits is not None and problem.ready_in_s is not None:
+        served &= problem.ready_in_s <= problem.longest_s
+    if limits is not None and problem.upload_s is not None:
+        served &= problem.upload_s <= limits.duration_s
+        served &= problem.upload_s * limits.performance.hover_j(1.0) <= limits.energy_j
+    return np.where(served, problem.importance, 0.0)
 
 
 def reach_bound(problem: RoundProblem) -> float:

@@ -18,7 +18,7 @@ import osqp
 from scipy import sparse
 
 from mission.base.arrays import Floats, Ints
-from mission.planner.certified import ExploringPlanner, reach_of
+from mission.planner.certified import ExploringPlanner, in_usual_size, reach_of
 from mission.planner.errors import SolverError
 from mission.planner.evaluate import fit_budget, plan_along
 from mission.planner.problem import Planner, RoundPlan, RoundProblem
@@ -57,6 +57,8 @@ class SqpPlanner:
             PlanInputError: the problem makes no sense.
             SolverError: OSQP gave no solution.
         """
+        if (plan := in_usual_size(self, problem)) is not None:
+            return plan
         return ascended(problem, self._explored.plan(problem))
 
 

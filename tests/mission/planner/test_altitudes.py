@@ -194,3 +194,18 @@ def test_a_fixed_altitude_is_planned_as_ever() -> None:
     assert one.altitude_m is None
     assert one.waypoints_m.tobytes() == other.waypoints_m.tobytes()
     assert list(itertools.chain(one.schedule.ravel())) == list(other.schedule.ravel())
+
+
+@pytest.mark.parametrize("seed", [2, 4])
+def test_a_search_that_cannot_lower_its_part_splits_it(seed: int) -> None:
+    """Where altitudes differ so much that both ends of a part are bounded by what is between."""
+    rng = np.random.default_rng(seed)
+    given = problem()
+    devices_m, importance = rng.uniform(-300, 300, (8, 2)), rng.uniform(0.2, 1, 8)
+    wide = dataclasses.replace(
+        given, devices_m=devices_m, importance=importance, start_m=np.zeros(2), steps=5, per_step=2,
+        path_budget_m=800.0, altitudes_m=(10.0, 500.0),
+    )  # fmt: skip
+    made = CertifiedAltitudes(CertifiedPlanner()).plan(wide)
+    check_plan(wide, made)
+    assert made.gap <= 0.01

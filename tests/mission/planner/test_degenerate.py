@@ -131,3 +131,11 @@ def test_an_infeasible_plan_is_found_out(changes, message):
     good = plan("paper")
     with pytest.raises(InfeasiblePlanError, match=message):
         check_plan(BASE, dataclasses.replace(good, **changes))
+
+
+def test_a_false_value_is_found_out_in_any_unit() -> None:
+    tiny = dataclasses.replace(BASE, importance=BASE.importance * 1e-15)
+    good = plan("paper", importance=tiny.importance)
+    check_plan(tiny, good)
+    with pytest.raises(InfeasiblePlanError, match="claims a value of"):
+        check_plan(tiny, dataclasses.replace(good, value=5.0 * good.value))

@@ -278,3 +278,22 @@ def test_a_proof_for_all_altitudes_of_many_devices_is_brief(devices: int, times:
     assert inner.times == times
     whole = dataclasses.replace(planner, brief=None).plan(given)
     assert made.upper_bound >= whole.value
+
+
+def test_who_sends_for_longer_than_a_round_may_take_is_in_no_bound() -> None:
+    """By far the most important, if only it could be heard within the time, or the energy."""
+    for given in (limits(40.0), limits(energy_j=7000.0)):
+        uploads, weights = np.array([100.0, 3.0, 3.0, 3.0]), np.array([100.0, 1.0, 1.0, 1.0])
+        made = plan(problem(given=given, devices=4, upload_s=uploads, importance=weights))
+        assert made.value > 0.0
+        assert made.upper_bound <= 3.0
+
+
+@pytest.mark.parametrize("kind", ["certified", "sqp"])
+def test_importance_in_another_unit_gives_the_same_plan_within_limits(kind: str) -> None:
+    here = problem(given=limits(25.0), devices=4, upload_s=np.full(4, 2.0))
+    there = dataclasses.replace(here, importance=here.importance * 2.0**-60)
+    one, other = plan(here, kind), plan(there, kind)
+    np.testing.assert_array_equal(one.waypoints_m, other.waypoints_m)
+    assert other.value == one.value * 2.0**-60
+    assert other.upper_bound == one.upper_bound * 2.0**-60 or math.isnan(one.upper_bound)
