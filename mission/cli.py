@@ -114,8 +114,8 @@ def completion(shell: Literal["bash", "zsh", "fish"]) -> int:
 def main(tokens: Sequence[str] | None = None) -> None:
     """Entry point: runs the command and exits with its code."""
     hear_interruptions()
-    if isinstance(sys.stdout, TextIOWrapper):  # where it knows ASCII only, as in bare containers
-        sys.stdout.reconfigure(errors="backslashreplace")
+    if isinstance(sys.stdout, TextIOWrapper) and sys.stdout.errors == "strict":
+        sys.stdout.reconfigure(errors="backslashreplace")  # as in containers that know ASCII only
     code = call(tokens)
     end_program(code)
     sys.exit(code)

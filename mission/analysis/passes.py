@@ -30,6 +30,7 @@ _PAUSES = ("HOLD", "LOITER")
 _PAUSE_M = 30.0  # at most from where a mission was left to where it goes on, braking included
 _PAUSE_S = 60.0  # at most, before a return that belongs to the mission; who orders it may be slow
 _SURE_S = 5.0  # by which a return that is told may differ from one that shows
+_TOLD_NS = 1_000_000_000  # after a mode, in which the log tells the item that is flown to
 _LEAST_S = 2.0  # a pass, or a time outside, that is shorter is none
 _OFF_GROUND_M = 0.7
 _STILL_M = 0.3  # in a second
@@ -206,11 +207,22 @@ def _joined(
     """From when to when each plan was flown: several times where there were pauses."""
     found: list[tuple[Plan, list[tuple[int, int]]]] = []
     for plan, begin_ns, until_ns in stretches:
-        if found and found[-1][0] is plan and _goes_on(data, plan, found[-1][1][-1][1], begin_ns):
-            found[-1][1].append((begin_ns, until_ns))
+        before, times_ns = found[-1] if found else (None, [])
+        if (
+            before is plan
+            and not _ended(data, *times_ns[-1])
+            and _goes_on(data, plan, times_ns[-1][1], begin_ns)
+        ):
+            times_ns.append((begin_ns, until_ns))
         else:
             found.append((plan, [(begin_ns, until_ns)]))
     return found
+
+
+def _ended(data: FlightData, begin_ns: int, until_ns: int) -> bool:
+    """Whether a stretch ends with a return or a landing."""
+    within = (data.modes.t_ns > begin_ns) & (data.modes.t_ns <= until_ns)
+    return any(data.modes.names[index] in _ENDS for index in np.flatnonzero(within).tolist())
 
 
 def _goes_on(data: FlightData, plan: Plan, left_ns: int, begin_ns: int) -> bool:
@@ -221,8 +233,9 @@ def _goes_on(data: FlightData, plan: Plan, left_ns: int, begin_ns: int) -> bool:
     if not left:
         return False
     done = [-1, *left][-2]  # what was flown to last may only be known from what was reached later
+    told = begun[-1:] + seqs[(times > begin_ns) & (times <= begin_ns + _TOLD_NS)].tolist()
     left_m, begin_m = data.truth.at(np.array([left_ns, begin_ns])).pos_m
-    return begun[-1] > done and float(np.linalg.norm(begin_m - left_m)) <= _PAUSE_M
+    return min(told) > done and float(np.linalg.norm(begin_m - left_m)) <= _PAUSE_M
 
 
 def _passes(

@@ -4,6 +4,7 @@ import json
 import os
 import platform
 import shutil
+import sys
 import tempfile
 from collections.abc import Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager, suppress
@@ -166,6 +167,9 @@ class RunFolder:
         write_atomically(self.summary, json.dumps(values, indent=2) + "\n")
 
 
+_STREAMS = {"/dev/stdout": 1, "/dev/stderr": 2}
+
+
 def write_atomically(path: Path, content: str | bytes) -> None:
     """Write a file so that it is there whole or not at all, after a power cut too; a link leads to
     it as before, and a device such as /dev/stdout is written to.
@@ -174,19 +178,22 @@ def write_atomically(path: Path, content: str | bytes) -> None:
         InputError: it cannot be written.
     """
     content = content.encode() if isinstance(content, str) else content
-    partial = path.with_name(f".{path.name}.partial")
+    target = path
+    with suppress(RuntimeError):  # a link to itself is replaced
+        target = path.resolve() if path.is_symlink() else path
+    partial = target.with_name(f".{target.name}.partial")
     try:
-        if path.exists() and not path.is_file() and not path.is_dir():
-            path.write_bytes(content)
+        stream = _STREAMS.get(str(path))  # it may lead to a file, to which others write, too
+        if stream is not None or (target.exists() and not target.is_file()):
+            sys.stdout.flush()
+            with open(path if stream is None else stream, "wb", closefd=stream is None) as file:
+                file.write(content)
             return
-        if path.is_symlink():
-            path = path.resolve()
-            partial = path.with_name(f".{path.name}.partial")
         with partial.open("wb") as file:
             file.write(content)
             file.flush()
             os.fsync(file.fileno())
-        partial.replace(path)
+        partial.replace(target)
     except OSError as error:
         with suppress(OSError):
             partial.unlink(missing_ok=True)

@@ -1,5 +1,6 @@
 """Options that several commands have, and what is made of them."""
 
+import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -85,7 +86,8 @@ def print_json(value: object) -> None:
     from pydantic_core import to_json
 
     text = to_json(value, indent=2, inf_nan_mode="null", fallback=lambda array: array.tolist())
-    Terminal(**PLAIN).print(text.decode())
+    # Letters beyond ASCII as JSON writes them: standard output may know no others.
+    Terminal(**PLAIN).print(json.dumps(json.loads(text), indent=2))
 
 
 def console(*, quiet: bool, live: bool, live_port: int) -> RunConsole:

@@ -106,8 +106,7 @@ def run(
         "link.url": vehicle,
     }
     resolved = load(config, set_, options)
-    bounds = bounds_of(resolved.limits, limit)
-    if bounds or junit:
+    if bounds := bounds_of(resolved.limits, limit):
         from mission.analysis.limits import check_flown
 
         check_flown(resolved.mission.strategy)
@@ -187,10 +186,12 @@ def judge(
     from mission.analysis.load import load_run
     from mission.commands.compare import in_json, tell_verdict
 
-    found = compare_run(load_run(folder))
-    its = verdicts(found, bounds)
-    more.update(in_json(its))
-    return tell_verdict([found], [its], junit, quiet=quiet)
+    loaded = load_run(folder)
+    # Without limits the file says that a flight was, and may say that none was.
+    found = [compare_run(loaded)] if bounds or loaded.data.plans else []
+    its = [verdicts(one, bounds) for one in found]
+    more.update(in_json([item for each in its for item in each]))
+    return tell_verdict(found, its, junit, quiet=quiet)
 
 
 def write_page(folder: Path) -> None:

@@ -3,6 +3,7 @@
 import itertools
 import math
 import shutil
+import tempfile
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
@@ -122,12 +123,12 @@ def export_attachments(path: Path, folder: Path) -> tuple[Path, ...]:
 def _write_all(folder: Path, files: Mapping[str, bytes]) -> tuple[Path, ...]:
     """Write files by name into a folder that is new or empty; all of them or none."""
     with or_input_error(folder, "cannot write"):
-        made, partial = not folder.exists(), folder / ".partial"  # of a folder that may be a mount
-        if not made and any(path != partial for path in folder.iterdir()):
+        made = not folder.exists()
+        if not made and any(folder.iterdir()):
             raise InputError(f"{folder}: the output folder is already used")
-        shutil.rmtree(partial, ignore_errors=True)
+        folder.mkdir(parents=True, exist_ok=True)
+        partial = Path(tempfile.mkdtemp(prefix=".partial-", dir=folder))  # it may be a mount
         try:
-            partial.mkdir(parents=True)
             for name, data in files.items():
                 (partial / name).write_bytes(data)
             for name in files:

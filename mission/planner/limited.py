@@ -55,9 +55,9 @@ class LimitedPlanner:
         """
         if problem.airspace.is_open and problem.limits is None:
             return self.inner.plan(problem)
+        problem = replace(problem, path_budget_m=problem.most_m, importance=servable(problem))
         if (plan := in_usual_size(self, problem)) is not None:
             return plan
-        problem = replace(problem, path_budget_m=problem.most_m, importance=servable(problem))
         large = problem.altitudes_m is not None and len(problem.devices_m) > _FEW
         inner = self.brief if self.brief is not None and large else self.inner
         ideal = inner.plan(problem.unlimited)

@@ -107,12 +107,13 @@ def fly_recorded(
         # It says that the flight is finished, and so comes after the summary that does: that stays
         # true where the page alone fails.
         with outcome.post_processing(), console.waiting("writing the report"):
+            goes_on = f"; aerofed report {folder.path} makes the page"  # all is flown
             try:
                 page(folder.path)
             except InputError as error:
-                goes_on = ""  # all is flown
-                again = f"aerofed report {folder.path} makes the page once that is mended"
-                raise error.in_words(f"{error}; {again}") from error.__cause__
+                again = f"{error}{goes_on} once that is mended"
+                goes_on = ""
+                raise error.in_words(again) from error.__cause__
     # The files of a resumed run's flights are kept where it has not caught up with them.
     flown = totals.sim_s > 0.0 or totals.rounds_done > 0 or InterruptedFiles(folder).path.exists()
     outcome.raise_error(folder.path, flown=flown, goes_on=goes_on)

@@ -27,6 +27,7 @@ from sitl.autopilot.codec.orders import MissionItem
 
 MOST_BYTES = 1 << 30
 _CLOSEST_NS = 20_000_000  # samples of positions that are kept
+_STANDS_M = 1.0  # from where the log begins: on the ground
 _HELD_NS = 1_000_000_000  # at most the true place is held before its first and after its last one
 _BACK_NS = 1_000_000_000  # a clock that goes back by more started anew
 _MISSION = mav.MAV_MISSION_TYPE_MISSION
@@ -96,8 +97,11 @@ class Found:
         area = Area.around(home, ned, margin_m=_MARGIN_M)
         truth = belief = Track(t_ns, area.xyz(ned))
         true = self._of_one_clock(self.truth)
-        begin_ns, end_ns = int(t_ns[0]) + _HELD_NS, int(t_ns[-1]) - _HELD_NS
-        spans = len(true) > 0 and true[0, 0] <= begin_ns and true[-1, 0] >= end_ns
+        away = np.flatnonzero(np.linalg.norm(ned - ned[0], axis=1) > _STANDS_M)
+        begin_ns, end_ns = t_ns[[away[0], away[-1]] if len(away) else [0, -1]].tolist()
+        spans = len(true) > 0 and (
+            true[0, 0] - _HELD_NS <= begin_ns and end_ns <= true[-1, 0] + _HELD_NS
+        )
         if spans:
             at_ns, true_ned = _ned(true, home)
             truth = Track(at_ns, area.xyz(true_ned)).at(t_ns)

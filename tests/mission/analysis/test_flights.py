@@ -230,6 +230,20 @@ def test_a_mission_that_goes_on_after_a_pause_is_one_pass(
         assert len(found.run.judged.passes) > 1
 
 
+@pytest.mark.parametrize("ordered", [5, 6])
+def test_a_return_or_landing_that_is_broken_off_ends_a_pass(tmp_path: Path, ordered: int) -> None:
+    """What is flown after it is judged, too: a return's own errors are none."""
+
+    def breaks_off(desk: Desk) -> None:
+        desk.fly(seconds=45)
+        mode(desk, ordered)
+        desk.fly(seconds=2)
+        mode(desk, 4)
+
+    found = compared(flown(tmp_path, plain(), breaks_off))
+    assert len(found.run.judged.passes) > 1
+
+
 def test_a_return_that_is_ordered_late_belongs_to_its_mission(tmp_path: Path) -> None:
     def wait(desk: Desk) -> None:
         desk.fly()

@@ -4,6 +4,8 @@ import errno
 import fcntl
 import os
 import shutil
+import subprocess
+import sys
 from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
@@ -157,3 +159,16 @@ def test_a_link_stays_one_and_what_is_no_file_is_written_to(tmp_path: Path) -> N
     assert os.read(reader, 100) == b"told"
     os.close(reader)
     assert (tmp_path / "pipe").is_fifo()
+
+
+def test_a_stream_that_leads_to_a_file_keeps_what_others_write(tmp_path: Path) -> None:
+    program = (
+        "from pathlib import Path; from mission.base.run_folder import write_atomically as write\n"
+        "print('before'); write(Path('/dev/stdout'), 'it\\n'); print('after')"
+    )
+    with (tmp_path / "log").open("w") as log:
+        subprocess.run([sys.executable, "-c", program], stdout=log, check=True)
+    assert (tmp_path / "log").read_text() == "before\nit\nafter\n"
+    (tmp_path / "itself").symlink_to(tmp_path / "itself")
+    write_atomically(tmp_path / "itself", "new")
+    assert (tmp_path / "itself").read_text() == "new"

@@ -1,6 +1,7 @@
 """What a newcomer meets at the prompt: init, shipped names, JSON, completion, messages."""
 
 import json
+import math
 import os
 import subprocess
 import sys
@@ -11,6 +12,7 @@ import numpy as np
 import pytest
 
 from mission.cli import call
+from mission.commands.options import print_json
 from mission.commands.usage import spread
 from mission.config.loading import SHIPPED, builtin_config, load_config
 
@@ -171,6 +173,13 @@ def test_a_terminal_that_knows_ascii_only_is_told_all_the_same() -> None:
         env={**os.environ, "PYTHONIOENCODING": "ascii"},
     )  # fmt: skip
     assert done.stdout == "1 \\xb1 2\n"
+
+
+def test_json_is_such_in_any_encoding(capsys) -> None:
+    print_json({"name": "Zürich", "value": 0.1, "none": math.nan})
+    assert capsys.readouterr().out == (
+        '{\n  "name": "Z\\u00fcrich",\n  "value": 0.1,\n  "none": null\n}\n'
+    )
 
 
 MESSAGES = {

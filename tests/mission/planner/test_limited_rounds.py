@@ -297,3 +297,14 @@ def test_importance_in_another_unit_gives_the_same_plan_within_limits(kind: str)
     np.testing.assert_array_equal(one.waypoints_m, other.waypoints_m)
     assert other.value == one.value * 2.0**-60
     assert other.upper_bound == one.upper_bound * 2.0**-60 or math.isnan(one.upper_bound)
+
+
+def test_who_cannot_be_served_sets_no_unit() -> None:
+    ready, uploads = np.array([1e4, 0.0, 0.0, 0.0]), np.full(4, 3.0)
+    weights = np.array([1e15, 1.0, 0.9, 0.8])
+    given = problem(given=limits(12.0), devices=4, upload_s=uploads, ready_in_s=ready)
+    made = [
+        plan(dataclasses.replace(given, importance=some))
+        for some in (weights, np.where(weights > 1.0, 0.0, weights))
+    ]
+    assert made[0].upper_bound == made[1].upper_bound
