@@ -2,6 +2,7 @@
 
 import asyncio
 from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
@@ -23,8 +24,8 @@ def battery(number: int, percent: int) -> dict[str, object]:
 )
 def test_of_several_batteries_the_first_counts(heard: list[tuple[int, int]], counts: float) -> None:
     async def remaining() -> float:
-        pilot = SimpleNamespace(dialect=PX4, watch=SimpleNamespace(listeners=[]))
-        feed = TelemetryFeed(pilot, area=load(None, ()).area.build(), observers=())  # type: ignore[arg-type]
+        pilot: Any = SimpleNamespace(dialect=PX4, watch=SimpleNamespace(listeners=[]))
+        feed = TelemetryFeed(pilot, area=load(None, ()).area.build(), observers=())
         for number, percent in heard:
             feed._hear_battery(battery(number, percent))
         return feed.battery_remaining

@@ -2,6 +2,7 @@
 
 import asyncio
 from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -76,27 +77,25 @@ def test_a_hover_is_reached_when_it_begins() -> None:
 
 def test_the_built_in_vehicle_reports_the_end_of_a_hover_whose_passage_is_its_beginning() -> None:
     recorder, config = FlightRecorder(), load(None, ())
-    now = SimpleNamespace(pos_ned_m=np.zeros(3))
+    now: Any = SimpleNamespace(pos_ned_m=np.zeros(3))
     aircraft = SimpleNamespace(truth=now, belief=now, battery=SimpleNamespace(remaining=1.0))
-    vehicle = SimpleNamespace(t_ns=0, aircraft=aircraft)
+    vehicle: Any = SimpleNamespace(t_ns=0, aircraft=aircraft)
 
     async def fly() -> None:  # 100 m at 10 m/s, a hover of 4 s, 50 m: items 0, 2 and 3
         for second in range(20):
             now.pos_ned_m = np.array([min(10.0 * second, max(100.0, 10.0 * second - 40.0)), 0, 0])
             vehicle.t_ns = second * S
-            recorder.sampled(
-                SimpleNamespace(  # type: ignore[arg-type]
-                    t_ns=vehicle.t_ns, truth=now, belief=now,
-                    battery=SimpleNamespace(consumed_mah=0.0, voltage_v=0.0),
-                )
-            )  # fmt: skip
+            full = SimpleNamespace(consumed_mah=0.0, voltage_v=0.0)
+            sample: Any = SimpleNamespace(t_ns=vehicle.t_ns, truth=now, belief=now, battery=full)
+            recorder.sampled(sample)
             if second in (0, 14, 19):
                 seq = {0: 0, 14: 2, 19: 3}[second]
-                recorder.happened(VehicleEvent(vehicle.t_ns, "reached", "", now, now, seq, 6))  # type: ignore[arg-type]
+                recorder.happened(VehicleEvent(vehicle.t_ns, "reached", "", now, now, seq, 6))
 
+    pilot, guidance = cast(Any, SimpleNamespace(fly=fly)), cast(Any, None)
     flyer = SimulatedFlyer(
-        SimpleNamespace(fly=fly), vehicle, recorder,  # type: ignore[arg-type]
-        area=config.area.build(), mission=config.mission, guidance=None,  # type: ignore[arg-type]
+        pilot, vehicle, recorder,
+        area=config.area.build(), mission=config.mission, guidance=guidance,
     )  # fmt: skip
     places = [Stop(np.array([0.0, x]), (), hold_s=h) for x, h in ((0, 0), (100, 4), (150, 0))]
     flown = asyncio.run(flyer.fly(FlightPlan(tuple(places), 60.0, 10.0, 5.0)))
