@@ -288,7 +288,7 @@ def gain_maps(name: str, results: Sequence[RunResult]) -> dict[str, Chart]:
                 )
                 for who in communities_of(results)
             ],
-            title=f"Where {METHOD} wins against {other}: final accuracy, within a seed",
+            title=f"Where {METHOD} wins against {other}: mean of the last 10 rounds, within a seed",
             about=name,
         )
         for other in compared(results)
@@ -305,7 +305,7 @@ def main() -> None:
     print(reproduction(state), end="")
     if options.figures is not None:
         draw_sweep(name, state.results, options.figures)
-        save_all(gain_maps(name, state.results), options.figures)
+        save_all(gain_maps(name, smoothed(state.results)), options.figures)
 
 
 if __name__ == "__main__":
