@@ -179,7 +179,7 @@ class Bridged(Part):
         self._ticks, self._until, self._run = aircraft.clock, 0, bridge.run
         bridge.run = self._run_in_turn  # type: ignore[method-assign]
         self._clock = FirmwareClock(bridge, speed=math.inf)
-        _started(protocol, bridge.port, ticks)  # type: ignore[attr-defined]
+        _started(protocol, bridge.port, ticks)
 
     def _run_in_turn(self, ticks: int) -> int:
         if self._ticks.tick == self._until:

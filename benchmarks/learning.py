@@ -96,11 +96,11 @@ def training_flops(net: ConvNet) -> float:
     """
     height, width, depth = net.image_shape
     products = []
-    for out, pad in zip(net.channels, net.padding, strict=True):
+    for out, pad in zip(net.maps, net.padding, strict=True):
         height, width = height + 2 * pad - 4, width + 2 * pad - 4
         products.append(height * width * out * depth * 25)
         height, width, depth = height // 2, width // 2, out
-    widths = (height * width * depth, *net.hidden, net.classes)
+    widths = (height * width * depth, *net.outputs)
     products += [a * b for a, b in itertools.pairwise(widths)]
     return 2.0 * BATCH * (3.0 * sum(products) - products[0])
 

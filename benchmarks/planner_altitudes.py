@@ -9,15 +9,14 @@ other; the tables of the channel are made before, as in all rounds of a mission 
 
 import argparse
 import dataclasses
-import time
 
 import numpy as np
+from planner import timed
 
 from fl.radio.channel import CHANNEL_PRESETS
 from mission.planner.altitudes import CertifiedAltitudes
 from mission.planner.certified import CertifiedPlanner
-from mission.planner.check import check_plan
-from mission.planner.problem import Planner, RoundPlan, RoundProblem
+from mission.planner.problem import RoundProblem
 
 LIMITS = (40.0, 120.0)
 HEADING = (
@@ -38,15 +37,6 @@ def problem(channel: str, steps: int, seed: int) -> RoundProblem:
         path_budget_m=800.0,
         channel=CHANNEL_PRESETS[channel],
     )
-
-
-def timed(planner: Planner, given: RoundProblem) -> tuple[RoundPlan, float]:
-    """The plan, and the milliseconds of CPU that it took."""
-    started = time.process_time()
-    plan = planner.plan(given)
-    taken_ms = 1e3 * (time.process_time() - started)
-    check_plan(given, plan)
-    return plan, taken_ms
 
 
 def row(channel: str, steps: int, count: int) -> list[str]:

@@ -13,6 +13,7 @@ import argparse
 import sys
 from collections import defaultdict
 from collections.abc import Iterable, Iterator
+from dataclasses import replace
 
 import numpy as np
 from planner import layout, tabled, timed
@@ -28,14 +29,10 @@ PLACES = (1, 2, 3, 4, 5)
 Case = tuple[str, RoundProblem]  # the row of the table that it counts for
 
 
-def problem(
-    seed: int, *, devices: int, steps: int, per_step: int, channel: str, budget: float = 800.0
-) -> RoundProblem:
+def problem(seed: int, *, devices: int, steps: int, per_step: int, channel: str) -> RoundProblem:
     """A layout of `planner.py` with that many places a step."""
-    made = layout(FIRST + seed, devices=devices, steps=steps, channel=channel, budget=budget)
-    return RoundProblem(
-        made.devices_m, made.importance, made.start_m, steps, per_step, budget, made.channel
-    )
+    made = layout(FIRST + seed, devices=devices, steps=steps, channel=channel, budget=800.0)
+    return replace(made, per_step=per_step)
 
 
 def issue(layouts: int) -> Iterator[Case]:

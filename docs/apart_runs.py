@@ -154,9 +154,8 @@ class Task:
     @property
     def values(self) -> tuple[object, ...]:
         """What tells the run from the others: `KEYS`, then `FACTORS` or the planner."""
-        cell = self.cell.layout, self.cell.steps, self.cell.per_step
-        planner = () if self.planner is None else (self.planner,)
-        return self.strategy, self.seed, *cell, *factors(self.levels).values(), *planner
+        point = self.point
+        return point.strategy, point.seed, *(value for _, value in point.settings)
 
     def config(self) -> aerofed.RunConfig:
         """`paper-sweep` with the devices where the layout has them."""

@@ -21,11 +21,11 @@ from mission.figures.charts import finished
 from mission.figures.render import save_all, stacked
 from mission.figures.style import BAD, COOL, GRID, INK, SOFT, Chart, arranged, table
 from mission.sweep.grid import file_name
-from mission.sweep.outcome.curves import ENOUGH, communities_of
+from mission.sweep.outcome.curves import ENOUGH
 from mission.sweep.outcome.figures import draw_sweep
 from mission.sweep.outcome.gains import METHOD, POINTS, Gain, gain_table, paired_gains
 from mission.sweep.outcome.view import ACCURACY, REST, outcome, over_seeds, percent
-from mission.sweep.results import RunResult, with_equals
+from mission.sweep.results import RunResult, communities_of, with_equals
 from mission.sweep.state import SweepState, read_sweep
 
 # What the paper reports of its method against the same without fairness (section V).

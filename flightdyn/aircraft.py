@@ -13,7 +13,7 @@ from flightdyn.inertial import Earth
 from flightdyn.instruments import Instruments
 from flightdyn.native.library import Trace
 from flightdyn.navigation.inertial_navigation import InertialNavigation
-from flightdyn.navigation.source import Navigation, TrueNavigation
+from flightdyn.navigation.source import TrueNavigation
 from flightdyn.obstacles import Obstacles
 from flightdyn.plant import Plant
 from flightdyn.random import RandomStreams
@@ -45,7 +45,7 @@ class Aircraft(Plant):
         # JSBSim's ground is at its sea level, and so is its gravity.
         earth = Earth.at(home.lat_deg, 0.0)
         inner = self.vehicle.inner_loops
-        self.navigation: Navigation
+        self.navigation: InertialNavigation | TrueNavigation
         if self.sensors is None:
             self.navigation = TrueNavigation(self, inner)
         else:
@@ -128,7 +128,7 @@ class Aircraft(Plant):
     @property
     def on_ground(self) -> bool:
         """Whether the aircraft has landed, by the land detector; a wreck always has."""
-        return self._guidance.landed or self.crashed
+        return bool(self._guide.memory.landed) or self.crashed
 
     @property
     def progress(self) -> PathProgress:
@@ -138,8 +138,8 @@ class Aircraft(Plant):
     @property
     def cmd_pos_ned_m(self) -> Vector | None:
         """Where the guidance wants to be; None while it holds nothing."""
-        point = self._guidance.command
-        return None if point is None else frozen(point)
+        to = self._guidance.setpoint
+        return None if to is None else frozen(to.p)
 
     @property
     def ready(self) -> bool:
@@ -155,12 +155,12 @@ class Aircraft(Plant):
         """Motors on, idling until an order lifts the aircraft. A wreck stays what it is."""
         if self.crashed:
             return
-        self.armed = self._guidance.armed = True
+        self.armed = self._guide.memory.armed = True
         self.vehicle.arm(True)
 
     def disarm(self) -> None:
         """Motors off, wherever the aircraft is."""
-        self.armed = self._guidance.armed = False
+        self.armed = self._guide.memory.armed = False
         self.vehicle.arm(False)
         self._guidance.idle()
 
@@ -181,10 +181,6 @@ class Aircraft(Plant):
     def hold(self, pos_ned_m: Vector, yaw_rad: float) -> None:
         """Go to a position and stay there, heading `yaw_rad`."""
         self._guidance.hold(self.navigation.state(), _triple(pos_ned_m), yaw_rad)
-
-    def velocity(self, vel_ned_mps: Vector, yaw_rad: float) -> None:
-        """Fly at a velocity over ground, heading `yaw_rad`."""
-        self._guidance.velocity(self.navigation.state(), _triple(vel_ned_mps), yaw_rad)
 
     def follow(self, path: FlightPath) -> None:
         """Fly a path and hold its last point."""

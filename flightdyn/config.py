@@ -2,16 +2,13 @@
 
 from typing import Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 
 from flightdyn.faults import Fault
+from flightdyn.tables import Table
 
 
-class _Model(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True, defer_build=True)
-
-
-class GustConfig(_Model):
+class GustConfig(Table):
     """One gust of the shape (1 - cos) / 2, added to wind and turbulence."""
 
     start_s: float = Field(ge=0, le=1e6, description="simulated time at which it begins")
@@ -21,7 +18,7 @@ class GustConfig(_Model):
     down_mps: float = Field(default=0.0, ge=-15, le=15, description="peak, downwards")
 
 
-class WindConfig(_Model):
+class WindConfig(Table):
     """Steady wind, turbulence and gusts."""
 
     speed_mps: float = Field(default=0.0, ge=0, le=25, description="steady wind speed")
@@ -43,7 +40,7 @@ class WindConfig(_Model):
     gusts: tuple[GustConfig, ...] = Field(default=(), description="gusts in order of time")
 
 
-class ImuConfig(_Model):
+class ImuConfig(Table):
     """Gyroscope and accelerometer; the defaults are Gazebo-classic's iris (ADIS16448 class).
 
     More noise than allowed does not land: the attitude is lost at 1000 samples a second, or the
@@ -70,7 +67,7 @@ class ImuConfig(_Model):
     )
 
 
-class GnssConfig(_Model):
+class GnssConfig(Table):
     """Satellite receiver: correlated position error, delayed solutions."""
 
     interval_s: float = Field(default=0.2, ge=0.04, le=2, description="between solutions")
@@ -96,7 +93,7 @@ class GnssConfig(_Model):
     satellites: int = Field(default=14, ge=0, le=60, description="used in the solution")
 
 
-class BaroConfig(_Model):
+class BaroConfig(Table):
     """Barometer: errors of the static pressure."""
 
     interval_s: float = Field(default=0.08, ge=0.004, le=2, description="between samples")
@@ -107,7 +104,7 @@ class BaroConfig(_Model):
     )
 
 
-class MagConfig(_Model):
+class MagConfig(Table):
     """Magnetometer and the field at home (default: central Europe, WMM2025 rounded)."""
 
     interval_s: float = Field(
@@ -131,7 +128,7 @@ class MagConfig(_Model):
         return self
 
 
-class SensorsConfig(_Model):
+class SensorsConfig(Table):
     """Sensors of the autopilot: IMU, GNSS, barometer, magnetometer."""
 
     kind: Literal["realistic", "perfect"] = Field(
@@ -146,7 +143,7 @@ class SensorsConfig(_Model):
     )
 
 
-class LimitsConfig(_Model):
+class LimitsConfig(Table):
     """Limits of guidance: accelerations, smoothing, tilt and speeds."""
 
     acceleration_mps2: float = Field(default=5.0, ge=0.5, le=10, description="along and across")
@@ -165,7 +162,7 @@ class LimitsConfig(_Model):
     )
 
 
-class BatteryConfig(_Model):
+class BatteryConfig(Table):
     """Four-cell lithium-polymer pack."""
 
     capacity_mah: float = Field(default=5200.0, ge=100, le=100_000, description="full charge")
@@ -173,7 +170,7 @@ class BatteryConfig(_Model):
     initial: float = Field(default=1.0, gt=0, le=1, description="charge at time zero, share")
 
 
-class AircraftConfig(_Model):
+class AircraftConfig(Table):
     """The aircraft as a whole."""
 
     # The dampers of the legs take 136/s off the turning of an aircraft that touches the ground: in

@@ -2,16 +2,16 @@
 
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
+
+from flightdyn.tables import Table
 
 _Rate = Annotated[float, Field(ge=-10, le=10)]
 _Item = Annotated[int, Field(ge=0, le=65_535)]
 _Force = Annotated[float, Field(ge=-100, le=100)]
 
 
-class _Fault(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True, defer_build=True)
-
+class _Fault(Table):
     at_s: float = Field(
         default=0.0, ge=0, le=1e6, description="simulated time at which a configured fault begins"
     )

@@ -181,7 +181,7 @@ class Plant:
         self._faults.end(fault)
 
     def exchange_battery(self) -> None:
-        """Put in a fresh battery."""
-        self._battery.exchange()
+        """Put in a battery as charged as the first one was."""
+        self._battery = Battery(self.config.battery)
         self.battery = self._battery.state()
         self.vehicle.set_battery_voltage(self._battery.voltage_v)

@@ -20,6 +20,8 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
+from native.errors import LibraryError
+
 ROOT = Path(__file__).resolve().parents[1]
 INCLUDE = Path(__file__).resolve().parent / "include"
 MACOS = os.environ.get("MACOSX_DEPLOYMENT_TARGET", "11.0")  # the oldest that a library runs on
@@ -38,10 +40,6 @@ _CLEARED = "-fno-ipa-ra"
 _AVX2 = ("-mavx2", "-mfma")
 _AVX512 = ("-mavx512f", "-mavx512dq", "-mavx512bw", "-mavx512vl", "-mprefer-vector-width=512")
 _X86_LEVELS = {"baseline": (), "avx2": _AVX2, "avx512": (*_AVX2, *_AVX512)}
-
-
-class BuildError(Exception):
-    """A library cannot be built; says why, and what helps."""
 
 
 @dataclass(frozen=True)
@@ -122,7 +120,7 @@ def _works(command: Sequence[str]) -> bool:
         source.write_text("#include <stdlib.h>\nvoid *probe(void) { return malloc(1); }\n")
         try:
             _run([*command, "-shared", "-fPIC", str(source), "-o", str(Path(folder, "probe.so"))])
-        except BuildError:
+        except LibraryError:
             return False
         return True
 
@@ -131,13 +129,13 @@ def build(library: Library, *, compiler: Sequence[str] | None = None) -> Path:
     """Build a library from its sources, and remove those of older ones.
 
     Raises:
-        BuildError: there is no compiler, or it fails.
+        LibraryError: there is no compiler, or it fails.
     """
     compiler = compiler or next(compilers(), None)
     if compiler is None and named():
-        raise BuildError(f"CC={named()}: does not compile a C program into a shared library")
+        raise LibraryError(f"CC={named()}: does not compile a C program into a shared library")
     if compiler is None:
-        raise BuildError(
+        raise LibraryError(
             f"no C compiler for {library.folder}: install one (cc, gcc or clang), name one in CC, "
             f"or `pip install '{ZIG}'`"
         )
@@ -155,7 +153,7 @@ def compile_to(
     """Compile a library to a path; whoever opens that sees all of it or nothing.
 
     Raises:
-        BuildError: the compiler fails, or the folder cannot be written.
+        LibraryError: the compiler fails, or the folder cannot be written.
     """
     cleared = [_CLEARED] if _knows(compiler, _CLEARED) else []
     common = [*compiler, *_FLAGS, *cleared, f"-I{INCLUDE}", *_machine(compiler), *flags]
@@ -175,7 +173,7 @@ def compile_to(
             _run([*common, "-shared", border, *objects, "-o", str(whole)])
             whole.replace(target)
     except OSError as error:
-        raise BuildError(f"{target.parent}: cannot build a library here: {error}") from error
+        raise LibraryError(f"{target.parent}: cannot build a library here: {error}") from error
 
 
 def _machine(compiler: Sequence[str]) -> list[str]:
@@ -197,6 +195,6 @@ def _run(command: Sequence[str]) -> None:
     try:
         ended = subprocess.run(command, capture_output=True, text=True, check=False)
     except OSError as error:
-        raise BuildError(f"{command[0]}: {error.strerror}") from error
+        raise LibraryError(f"{command[0]}: {error.strerror}") from error
     if ended.returncode:
-        raise BuildError(f"{shlex.join(command)} failed:\n{ended.stderr}{ended.stdout}")
+        raise LibraryError(f"{shlex.join(command)} failed:\n{ended.stderr}{ended.stdout}")

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from native.building import BuildError, Library, build, levels
+from native.building import Library, build, levels
 from native.errors import LibraryError
 
 LEVEL = "AEROFED_LEVEL"  # environment variable: a level lower than the processor's best
@@ -27,10 +27,7 @@ def load(library: Library) -> ctypes.CDLL:
     if library.has_sources:
         path = library.path
         if not path.exists():
-            try:
-                build(library)
-            except BuildError as error:
-                raise LibraryError(str(error)) from error
+            build(library)
     elif library.built:
         path = library.built[0]
     else:

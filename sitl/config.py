@@ -3,15 +3,14 @@
 from pathlib import Path
 from typing import Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 
 from flightdyn.config import AircraftConfig
+from flightdyn.tables import Table
 
 
-class FirmwareConfig(BaseModel):
+class FirmwareConfig(Table):
     """A real autopilot's firmware, which flies the aircraft instead of the built-in autopilot."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, defer_build=True)
 
     path: Path | None = Field(
         default=None,
@@ -27,10 +26,8 @@ class FirmwareConfig(BaseModel):
     )
 
 
-class VehicleConfig(BaseModel):
+class VehicleConfig(Table):
     """The aircraft, its autopilot and how closely it is watched."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, defer_build=True)
 
     aircraft: AircraftConfig = Field(
         default_factory=AircraftConfig, description="physics, sensors, estimation and control"

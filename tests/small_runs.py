@@ -1,4 +1,13 @@
-"""Options of a run that is small enough for a test, and still loses and learns something."""
+"""Options of a run that is small enough for a test, and still loses and learns something.
+
+And what a run has left behind, or has said.
+"""
+
+import csv
+import hashlib
+from pathlib import Path
+
+import pytest
 
 SETTINGS = (
     *("--set", "mission.steps=5", "--set", "mission.path_budget_m=300"),
@@ -20,3 +29,22 @@ def last_counts(*words: str) -> list[str]:
         else:
             left[f"{index}"] = (word,)
     return [word for each in left.values() for word in each]
+
+
+def rows(path: Path) -> list[dict[str, str]]:
+    with path.open(encoding="utf-8", newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def digests(folder: Path) -> dict[str, str]:
+    names = ("rounds.csv", "uplinks.csv", "learning.csv", "devices.csv", "flight.mcap")
+    return {name: hashlib.sha256((folder / name).read_bytes()).hexdigest() for name in names}
+
+
+def refused(capsys: pytest.CaptureFixture[str], *words: str) -> None:
+    """One line says so, and nothing else was said."""
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    assert printed.err.count("\n") == 1, printed.err
+    for word in words:
+        assert word in printed.err

@@ -26,6 +26,7 @@ from mission.planner.performance import WITHIN_ROUNDING
 from mission.planner.problem import RoundPlan, RoundProblem
 from mission.scenario.radios import believed, radio_of
 from mission.scenario.scenario import build_scenario, device_places
+from mission.scenario.strategies import longest
 
 Observation: TypeAlias = dict[str, NDArray[Any]]
 
@@ -69,9 +70,7 @@ class RoundEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         self._gate: Gate = "average"
         self._radio: Radio
         if problem is None:
-            scenario = build_scenario(
-                config(source, overrides), data_dir=folder(data_dir, "data_dir")
-            )
+            scenario = build_scenario(config(source, overrides), data_dir=folder(data_dir))
             problem, size_m = scenario.first_problem(), scenario.area.size_m
             self._draws = scenario.config, scenario.area
             self._gate = scenario.config.channel.gate
@@ -190,20 +189,18 @@ class RoundEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         way, _ = self._problem.airspace.route(np.stack((here, place_m)))
         along_m = polyline.along(way)
 
-        def fits(metres: float) -> bool:
+        def go(metres: float) -> None:
             self._via[self._n - 1] = way[1:-1][along_m[1:-1] < metres]
             self._waypoints_m[self._n :] = polyline.at(metres, along_m, way)
+
+        def fits(metres: float) -> bool:
+            go(metres)
             return self._fits()
 
-        low, high = 0.0, min(along_m[-1], (self._problem.most_m - self._flown_m) * _SHORTER)
-        if fits(high):
-            low = high
-        else:
-            for _ in range(_HALVINGS):
-                middle = (low + high) / 2.0
-                low, high = (middle, high) if fits(middle) else (low, middle)
-            fits(low)
-        self._flown_m += low
+        most_m = min(along_m[-1], (self._problem.most_m - self._flown_m) * _SHORTER)
+        flown_m = longest(most_m, fits, halvings=_HALVINGS)
+        go(flown_m)
+        self._flown_m += flown_m
 
     def _observed(self) -> Observation:
         problem = self._problem

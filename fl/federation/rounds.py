@@ -162,14 +162,6 @@ def _cov(federation: Federation, eps_received: Floats) -> Floats:
     )
 
 
-def accuracy(federation: Federation, state: FederationState) -> dict[str, float]:
-    """Accuracy of each community's model on the images that it is reported on."""
-    return {
-        community.name: _mean_accuracy(community, each.reported)
-        for community, each in zip(federation.communities, state.communities, strict=True)
-    }
-
-
 def _mean_accuracy(community: Community, right: Ints) -> float:
     """Over the community's images; where devices measure for themselves, weighted by p_k."""
     every = len(community.reporting.labels)
@@ -182,7 +174,10 @@ def _round_learning(
     federation: Federation, after: FederationState, losses: Floats
 ) -> RoundLearning:
     return RoundLearning(
-        accuracy=accuracy(federation, after),
+        accuracy={
+            community.name: _mean_accuracy(community, each.reported)
+            for community, each in zip(federation.communities, after.communities, strict=True)
+        },
         cov=dict(zip(federation.names, map(float, after.cov), strict=True)),
         loss={
             name: _mean_of_known(losses[federation.members(index)])

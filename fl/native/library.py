@@ -1,8 +1,11 @@
 """The C interface of training (`learning.h`), every size and pointer checked once."""
 
 import ctypes
+import itertools
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -71,7 +74,6 @@ class Network:
     kernels: tuple[int, ...]  # widths of their kernels
     padding: tuple[int, ...]
     outputs: tuple[int, ...]  # of the dense layers, the classes last
-    parameters: int
 
     def __post_init__(self) -> None:
         """Raises ValueError where the C code cannot do it."""
@@ -82,25 +84,26 @@ class Network:
         fits = all(
             k in KERNELS and 0 <= p < k for k, p in zip(self.kernels, self.padding, strict=True)
         )
-        sizes = self._sizes() if fits else []
-        if not fits or min(*self.image_shape, *self.maps, *self.outputs, *sizes) < 1:
+        if not fits or min(*self.image_shape, *map(min, self.shapes)) < 1:
             raise ValueError(f"not a network: {self}")
-        if sum(sizes) != self.parameters:
-            raise ValueError(f"{sum(sizes)} parameters, not {self.parameters}")
 
-    def _sizes(self) -> list[int]:
-        """Number of parameters of each layer, 0 where its output vanishes."""
+    @cached_property
+    def shapes(self) -> tuple[tuple[int, ...], ...]:
+        """Weight and bias of each layer in turn; no inputs where the output before vanishes."""
         height, width, depth = self.image_shape
-        sizes = []
+        weights: list[tuple[int, ...]] = []
         for maps, kernel, padding in zip(self.maps, self.kernels, self.padding, strict=True):
+            weights.append((maps, depth, kernel, kernel))
             height, width = ((n + 2 * padding - kernel + 1) // 2 for n in (height, width))
-            sizes.append(maps * (depth * kernel * kernel + 1) if min(height, width) > 0 else 0)
-            depth = maps
-        features = height * width * depth
-        for outputs in self.outputs:
-            sizes.append(outputs * (features + 1))
-            features = outputs
-        return sizes
+            depth = maps if min(height, width) > 0 else 0
+        dense = itertools.pairwise((height * width * depth, *self.outputs))
+        weights += [(outputs, inside) for inside, outputs in dense]
+        return tuple(shape for weight in weights for shape in (weight, weight[:1]))
+
+    @cached_property
+    def parameters(self) -> int:
+        """Number of weights and biases."""
+        return sum(map(math.prod, self.shapes))
 
     @property
     def classes(self) -> int:

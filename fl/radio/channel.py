@@ -208,16 +208,14 @@ def link_budget(channel: Channel) -> LinkBudget:
     )
 
 
-def fit_logistic(
-    channel: Channel, *, reach_m: float = 800.0 * math.sqrt(2.0), samples: int = 1024
-) -> LogisticFit:
-    """Regress q_tilde on q_bar at distances uniform in [0, `reach_m`], in least squares.
+def fit_logistic(channel: Channel) -> LogisticFit:
+    """Regress q_tilde on q_bar at distances uniform in [0, 800 sqrt 2] m, in least squares.
 
     The start is the straight line through logit(q_bar), so that the fit needs no tuning. Where
     q_bar is the same everywhere (a channel that loses or delivers everything) the slope is 0 up
     to rounding, and b2 says how surely.
     """
-    horizontal = np.linspace(0.0, reach_m, samples)
+    horizontal = np.linspace(0.0, 800.0 * math.sqrt(2.0), 1024)
     theta = elevation_rad(channel, horizontal)
     target = average_per(channel, horizontal)
     # 1e-6: beyond it the logit weighs tails that the least squares do not see.
@@ -316,8 +314,8 @@ CHANNEL_PRESETS: Mapping[str, Channel] = {
 }
 
 
-def served_radius_m(channel: Channel, *, per: float = 0.5) -> float:
-    """Largest horizontal distance in whole metres up to which the mean PER stays under a limit."""
+def served_radius_m(channel: Channel) -> float:
+    """Largest horizontal distance in whole metres up to which the mean PER is at most a half."""
     r_m = np.arange(0.0, 50_000.0)
-    above = np.flatnonzero(average_per(channel, r_m) > per)
+    above = np.flatnonzero(average_per(channel, r_m) > 0.5)
     return float(r_m[-1]) if not len(above) else max(0.0, float(r_m[above[0]]) - 1.0)

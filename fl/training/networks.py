@@ -3,10 +3,7 @@
 Built-in ones are trained by native code (`fl.native`).
 """
 
-import itertools
 import math
-from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +15,7 @@ from fl.errors import SettingError
 from fl.native.library import Images, count_correct, train
 from fl.native.library import Network as NativeNetwork
 from fl.plugins import PlugIn, needs_torch
-from fl.training.local import LocalResult, LocalTask, Network, Scaling, Shapes, batch_order
+from fl.training.local import LocalResult, LocalTask, Network, Scaling, batch_order
 
 _SIZES = {
     "lenet": ConvNetConfig(channels=(6, 16), kernel=5, hidden=(120, 84)),
@@ -26,42 +23,15 @@ _SIZES = {
 }
 
 
-@dataclass(frozen=True)
-class ConvNet:
+class ConvNet(NativeNetwork):
     """(Convolution, 2x2 max-pooling, ReLU) blocks, then dense layers with ReLU between.
 
     Parameters and their order are those of torch's modules: weights (out, in, kernel, kernel) or
     (out, in), then biases; pooled maps are flattened as (channel, height, width).
     """
 
-    image_shape: tuple[int, int, int]  # height, width, channels
-    channels: tuple[int, ...]  # feature maps after each block
-    kernel: int
-    padding: tuple[int, ...]  # of each block
-    hidden: tuple[int, ...]
-    classes: int
-
     parallel = True
     buffers = 0
-
-    @property
-    def widths(self) -> tuple[int, ...]:
-        """Widths of the dense part: flattened maps, hidden layers, logits."""
-        height, width, depth = self.image_shape
-        for pad in self.padding:
-            height, width = ((n + 2 * pad - self.kernel + 1) // 2 for n in (height, width))
-        features = height * width * (depth, *self.channels)[-1]
-        return features, *self.hidden, self.classes
-
-    @property
-    def shapes(self) -> Shapes:
-        """Weight and bias of each layer in turn."""
-        depths = (self.image_shape[2], *self.channels)
-        weights: list[tuple[int, ...]] = [
-            (out, inside, self.kernel, self.kernel) for inside, out in itertools.pairwise(depths)
-        ]
-        weights += [(out, inside) for inside, out in itertools.pairwise(self.widths)]
-        return tuple(shape for weight in weights for shape in (weight, weight[:1]))
 
     def initial(self, rng: np.random.Generator) -> Vector:
         """Uniform in +-1/sqrt(fan in), weights and biases alike: the customary start in torch."""
@@ -75,7 +45,7 @@ class ConvNet:
         """As `fl.training.local.Network.train`, in any number of threads."""
         order, how = batch_order(task), task.settings
         weights, loss = train(
-            self._network,
+            self,
             _images(task.split, task.scaling),
             order,
             task.model,
@@ -88,18 +58,7 @@ class ConvNet:
         self, split: Split, model: Vector, *, scaling: Scaling
     ) -> NDArray[np.int64]:
         """How many images of each class the model gets right, (classes,)."""
-        return count_correct(self._network, _images(split, scaling), model)
-
-    @cached_property
-    def _network(self) -> NativeNetwork:
-        return NativeNetwork(
-            self.image_shape,
-            self.channels,
-            (self.kernel,) * len(self.channels),
-            self.padding,
-            self.widths[1:],
-            sum(math.prod(shape) for shape in self.shapes),
-        )
+        return count_correct(self, _images(split, scaling), model)
 
 
 def _images(split: Split, scaling: Scaling) -> Images:
@@ -154,4 +113,5 @@ def _conv_net(
     if name == "lenet":
         first = 0 if smallest >= 32 else 2
         padding = first, 0 if (smallest + 2 * first - 4) // 2 >= 14 else 2
-    return ConvNet(image_shape, sizes.channels, sizes.kernel, padding, sizes.hidden, classes)
+    kernels, outputs = (sizes.kernel,) * blocks, (*sizes.hidden, classes)
+    return ConvNet(image_shape, sizes.channels, kernels, padding, outputs)

@@ -141,16 +141,15 @@ class ModuleNetwork:
 
         Buffers get the rest. All travel as float32; counters are rounded when they come back.
         """
-        pieces = torch.split(torch.tensor(model), [math.prod(shape) for shape in self.shapes])
-        flat = torch.cat(pieces[: len(self._parameters)])
-        views = torch.split(flat, [value.numel() for value in self._parameters])
-        for parameter, view in zip(self._parameters, views, strict=True):
-            parameter.data = view.view(parameter.shape)
+        flat = torch.tensor(model)
+        pieces = torch.split(flat, [math.prod(shape) for shape in self.shapes])
+        for parameter, piece in zip(self._parameters, pieces, strict=False):  # buffers follow
+            parameter.data = piece.view(parameter.shape)
         with torch.no_grad():
             for buffer, piece in zip(self._buffers, pieces[len(self._parameters) :], strict=True):
                 whole = piece if buffer.is_floating_point() else piece.round()
                 buffer.copy_(whole.reshape(buffer.shape))
-        return flat
+        return flat[: len(flat) - self.buffers]
 
 
 def _flat(values: Sequence[Tensor]) -> Vector:

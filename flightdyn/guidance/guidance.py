@@ -55,26 +55,6 @@ class Guidance:
         self.progress = PathProgress()
 
     @property
-    def armed(self) -> bool:
-        """Whether the motors are armed and setpoints are followed."""
-        return bool(self._memory.armed)
-
-    @armed.setter
-    def armed(self, armed: bool) -> None:
-        self._memory.armed = armed
-
-    @property
-    def landed(self) -> bool:
-        """Whether the aircraft stands on the ground, as far as the belief tells."""
-        return bool(self._memory.landed)
-
-    @property
-    def command(self) -> Triple | None:
-        """Where the aircraft is wanted; None while no order holds it anywhere."""
-        memory = self._memory
-        return _triple(memory.p[:]) if memory.pointed else None
-
-    @property
     def setpoint(self) -> Setpoint | None:
         """What the outer loop is to follow; None while it is told nothing, or an attitude."""
         m = self._memory
@@ -96,7 +76,8 @@ class Guidance:
 
     def hold(self, nav: NavState, pos: Triple, yaw: float) -> None:
         """Go to `pos` and stay."""
-        _finite("hold", (*pos, yaw))
+        if not all(map(math.isfinite, (*pos, yaw))):
+            raise FlightInputError(f"hold {(*pos, yaw)}: finite numbers are needed")
         p, v = self._start(nav)
         self._begin(brake_and_go(p, v, goal=pos, limits=self._limits), yaw, course=False)
 
@@ -128,11 +109,6 @@ class Guidance:
         self._corners, self._memory.soon, self._memory.noted = [], math.inf, 0
         self._known, self.corner_near = 0, False
         self.progress = PathProgress()
-
-    def velocity(self, nav: NavState, vel: Triple, yaw: float) -> None:
-        """Fly at `vel` (NED over ground), keeping to the line that it draws."""
-        _finite("velocity", (*vel, yaw))
-        self.pursue(nav, Target(vel=vel, yaw=yaw))
 
     def pursue(self, nav: NavState, target: Target) -> None:
         """Go after a target, which may be another one at any time."""
@@ -239,8 +215,3 @@ class Guidance:
 def _triple(values: Iterable[float]) -> Triple:
     x, y, z = values
     return x, y, z
-
-
-def _finite(order: str, values: tuple[float, ...]) -> None:
-    if not all(math.isfinite(value) for value in values):
-        raise FlightInputError(f"{order} {values}: finite numbers are needed")

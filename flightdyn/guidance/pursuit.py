@@ -37,14 +37,6 @@ class Target(NamedTuple):
     drifting: bool = False  # no place is kept across, only the velocity: the belief of it jumps
 
 
-class Moving(NamedTuple):
-    """Position, velocity and acceleration of a moving point, NED."""
-
-    p: Triple
-    v: Triple
-    a: Triple
-
-
 def wanted_velocity(p: Triple, v: Triple, to: Target, limits: LimitsConfig) -> Triple:
     """The velocity (m/s, NED) by which a point at `p`, moving at `v`, goes after the target."""
     x, y, z = (_gap(to.pos[i], p[i]) for i in range(3))
@@ -60,8 +52,10 @@ def wanted_velocity(p: Triple, v: Triple, to: Target, limits: LimitsConfig) -> T
     return vx, vy, min(down, max(-up, vz))
 
 
-def pursue(p: Triple, v: Triple, to: Target, *, limits: LimitsConfig, dt_s: float) -> Moving:
-    """The reference a step after it was at `p` with the velocity `v`."""
+def pursue(
+    p: Triple, v: Triple, to: Target, *, limits: LimitsConfig, dt_s: float
+) -> tuple[Triple, Triple, Triple]:
+    """Position, velocity and acceleration of the reference a step after it was at `p` with `v`."""
     wanted = wanted_velocity(p, v, to, limits)
     a = [
         _GATHER_PER_S * (wanted[i] - v[i])
@@ -75,7 +69,7 @@ def pursue(p: Triple, v: Triple, to: Target, *, limits: LimitsConfig, dt_s: floa
     a[2] = min(steep, max(-steep, a[2]))
     u = (v[0] + a[0] * dt_s, v[1] + a[1] * dt_s, v[2] + a[2] * dt_s)
     q = (p[0] + u[0] * dt_s, p[1] + u[1] * dt_s, p[2] + u[2] * dt_s)
-    return Moving(q, u, (a[0], a[1], a[2]))
+    return q, u, (a[0], a[1], a[2])
 
 
 def _approach(distance: float, acceleration: float) -> float:

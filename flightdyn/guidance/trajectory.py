@@ -30,7 +30,7 @@ class Trajectory:
         self.end_s = end_s + half
         self.pieces = Pieces(pieces, half_s=half, start_s=self.start_s, end_s=self.end_s)
 
-    def at(self, t: float, *, lead_s: float = 0.0) -> Reference:
-        """The averaged reference at `t`, its acceleration taken `lead_s` later."""
-        px, py, pz, vx, vy, vz, ax, ay, az = self.pieces.reference(t, lead_s)
+    def at(self, t: float) -> Reference:
+        """The averaged reference at `t`."""
+        px, py, pz, vx, vy, vz, ax, ay, az = self.pieces.reference(t)
         return Reference((px, py, pz), (vx, vy, vz), (ax, ay, az))

@@ -256,9 +256,9 @@ class Pieces:
         self._pva = np.zeros(9)
         self._out = address(self._pva, np.float64, (9,), written=True)
 
-    def reference(self, t: float, lead_s: float) -> list[float]:
-        """Position, velocity and acceleration at `t`, the last of `lead_s` later."""
-        _REFERENCE(self.at, t, lead_s, self._out)
+    def reference(self, t: float) -> list[float]:
+        """Position, velocity and acceleration at `t`."""
+        _REFERENCE(self.at, t, 0.0, self._out)  # none of them later than the others
         found: list[float] = self._pva.tolist()
         return found
 

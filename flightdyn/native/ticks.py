@@ -101,13 +101,9 @@ class Gauges:
         for gauge, get in zip(self._gauges, getters, strict=True):
             gauge.get = get
 
-    def read_to(self, where: int) -> None:
-        """Write the numbers of this instant to an address."""
-        _READ(PYTHON_AT, self.at, self.count, where)
-
     def read(self) -> list[float]:
         """Values of the gauges at this tick."""
-        self.read_to(ctypes.addressof(self._values))
+        _READ(PYTHON_AT, self.at, self.count, ctypes.addressof(self._values))
         return self._values[:]
 
 

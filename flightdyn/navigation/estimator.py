@@ -11,6 +11,7 @@ Its states and matrices are those of `error_model`.
 import math
 from collections import Counter, deque
 from collections.abc import Sequence
+from itertools import takewhile
 from typing import NamedTuple
 
 import numpy as np
@@ -18,12 +19,7 @@ from filterpy.kalman import KalmanFilter
 from scipy.linalg.lapack import dgesv
 
 from flightdyn.config import SensorsConfig
-from flightdyn.frames import (
-    frozen,
-    quaternion_multiply,
-    rotation_matrix,
-    rotation_quaternion,
-)
+from flightdyn.frames import quaternion_multiply, rotation_matrix, rotation_quaternion
 from flightdyn.inertial import Earth, NavState
 from flightdyn.native.library import Increments, Strapdown, Transition
 from flightdyn.navigation.airspeed import DragAirspeed
@@ -99,12 +95,11 @@ class Estimator:
         self._delay_ns = round(config.gnss.delay_s * 1e9)
         increment_ns = self._step_ns // increments
         self._pa_per_m = pa_per_m = pressure_slope(align.pressure_pa)
-        # Whoever reads barometer and magnetometer adds their samples of now.
         self.measurements = Measurements(
             config, align, pa_per_m=pa_per_m, increment_ns=increment_ns
         )
         # At rest and nearly level the z accelerometer tells its bias; x and y pass for a tilt.
-        self._biases = Biases(
+        self.biases = Biases(
             gyro=align.rates, accel=(0.0, 0.0, align.specific_force[2] + earth.gravity_mps2)
         )
         self.horizon = NavState(
@@ -139,19 +134,9 @@ class Estimator:
         )
 
     @property
-    def biases(self) -> Biases:
-        """Present bias estimates."""
-        return self._biases
-
-    @property
     def now(self) -> NavState:
         """State estimate at the delayed horizon."""
         return NavState.of(self.t_ns, self.to_now)
-
-    @property
-    def covariance(self) -> Vector:
-        """Covariance (22, 22) of the error state at the horizon; a copy."""
-        return frozen(self._kf.P)
 
     def std(self, part: slice) -> Vector:
         """Standard deviations of one part of the error state."""
@@ -161,7 +146,7 @@ class Estimator:
         """Correct what the increments have led to by now; a GNSS solution if one arrived."""
         self.t_ns = t_ns
         if fix is not None:
-            self.measurements.add_fix(fix)
+            self.measurements.fixes.append(fix)
         elif t_ns < self.due_ns:
             return
         increments = self.increments
@@ -175,14 +160,14 @@ class Estimator:
         """Note when the horizon comes to where it may be corrected: `update` is due by then."""
         here, step_ns = self.horizon.t_ns, self._step_ns
         wait_ns = self._corrected_ns + _CORRECT_NS - here
-        steps = 1 if self.measurements.fix_waits else math.ceil(wait_ns / step_ns)
+        steps = 1 if self.measurements.fixes else math.ceil(wait_ns / step_ns)
         self.due_ns = here + max(1, steps) * step_ns + self._delay_ns
 
     def ahead(self, samples: Sequence[float], t_ns: int, *, dt_s: float) -> NavState:
         """State estimate carried forward by a few samples."""
         few = self._few
         few.drop(few.count)
-        ahead, (_, p, v, q), b = self._ahead, self.now, self._biases
+        ahead, (_, p, v, q), b = self._ahead, self.now, self.biases
         ahead.place(p, v, q)
         ahead.correct(b.gyro, b.accel)
         few.add(samples, dt_s=dt_s, carried=ahead)
@@ -190,16 +175,12 @@ class Estimator:
 
     def innovations_after(self, t_ns: int) -> tuple[Innovation, ...]:
         """Innovations after an instant, the oldest first, as far back as the filter keeps them."""
-        found: list[Innovation] = []
-        for item in reversed(self.innovations):
-            if item.t_ns <= t_ns:
-                break
-            found.append(item)
-        return tuple(reversed(found))
+        newest = takewhile(lambda item: item.t_ns > t_ns, reversed(self.innovations))
+        return tuple(newest)[::-1]
 
     def _advance(self) -> None:
         """Carry the horizon over one filter step."""
-        b, dt, count = self._biases, self._step_s, self._per_step
+        b, dt, count = self.biases, self._step_s, self._per_step
         carried = self._from_horizon
         carried.carry(self.increments, 0, count)
         self.increments.drop(count)
@@ -220,8 +201,8 @@ class Estimator:
         model.transition.write(self._before, self._gained, self._steps * self._step_s)
         self._kf.F, self._kf.Q = model.F, model.Q
         self._kf.predict()
-        b, (n, e, d), keep = self._biases, self._biases.gnss, model.keep
-        self._biases = Biases(b.gyro, b.accel, (n * keep, e * keep, d * keep), b.mag, b.baro)
+        b, (n, e, d), keep = self.biases, self.biases.gnss, model.keep
+        self.biases = Biases(b.gyro, b.accel, (n * keep, e * keep, d * keep), b.mag, b.baro)
         self._before, self._gained, self._steps = self.horizon.q, (0.0, 0.0, 0.0), 0
 
     def _model(self, steps: int) -> _Model:
@@ -244,7 +225,7 @@ class Estimator:
             return False
         self._corrected_ns = t_ns
         self._predict()
-        kinds = self.measurements.compare(fix, self.horizon, self._biases)
+        kinds = self.measurements.compare(fix, self.horizon, self.biases)
         extra: list[int] = []
         if fix is None and self._unaided_ns > _ADRIFT_NS:
             # No innovation: it says nothing about a sensor, and holds the velocity only loosely.
@@ -301,14 +282,14 @@ class Estimator:
         kf = self._kf
         x = kf.x[:, 0].tolist()
         kf.x = np.zeros((STATES, 1))
-        h, b = self.horizon, self._biases
+        h, b = self.horizon, self.biases
         self.horizon = NavState(
             h.t_ns,
             (h.p[0] + x[0], h.p[1] + x[1], h.p[2] + x[2]),
             (h.v[0] + x[3], h.v[1] + x[4], h.v[2] + x[5]),
             quaternion_multiply(rotation_quaternion(x[6], x[7], x[8]), h.q),
         )
-        self._biases = Biases(
+        self.biases = Biases(
             (b.gyro[0] + x[9], b.gyro[1] + x[10], b.gyro[2] + x[11]),
             (b.accel[0] + x[12], b.accel[1] + x[13], b.accel[2] + x[14]),
             (b.gnss[0] + x[15], b.gnss[1] + x[16], b.gnss[2] + x[17]),
@@ -322,5 +303,5 @@ class Estimator:
         _, p, v, q = self.horizon
         for carried in (self._from_horizon, self.to_now):
             carried.place(p, v, q)
-            carried.correct(self._biases.gyro, self._biases.accel)
+            carried.correct(self.biases.gyro, self.biases.accel)
         self._before = q

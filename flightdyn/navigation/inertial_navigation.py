@@ -119,9 +119,9 @@ class InertialNavigation:
             return
         pressure, field = self.sensors.slow()
         if pressure is not None:
-            self.estimator.measurements.add_baro(pressure)
+            self.estimator.measurements.baro.append(pressure)
         if field is not None:
-            self.estimator.measurements.add_mag(field)
+            self.estimator.measurements.mag.append(field)
 
     def update(self) -> None:
         """Bring the filter up to this guidance step."""

@@ -64,9 +64,10 @@ class Measurements:
         self.declination_rad = math.atan2(mag.field_east_gauss, mag.field_north_gauss)
         self._ground_m = altitude_m(align.pressure_pa)
         self._increment_ns = increment_ns
-        self._fixes: deque[GnssFix] = deque()
-        self._baro: deque[BaroSample] = deque()
-        self._mag: deque[MagSample] = deque()
+        # What waits, the oldest first: whoever reads a sensor appends its samples of now.
+        self.fixes: deque[GnssFix] = deque()
+        self.baro: deque[BaroSample] = deque()
+        self.mag: deque[MagSample] = deque()
         # Of the state after each of the increments from the last correction to the horizon.
         self.downs: list[float] = []
         self.H = measurement_matrix(config)
@@ -75,28 +76,11 @@ class Measurements:
         self.expected = Innovations(self.H, self.R)
         self.residual = self.expected.residual
 
-    def add_fix(self, fix: GnssFix) -> None:
-        """Take a solution of the receiver that has arrived."""
-        self._fixes.append(fix)
-
-    def add_baro(self, sample: BaroSample) -> None:
-        """Take a barometer sample of this tick."""
-        self._baro.append(sample)
-
-    def add_mag(self, sample: MagSample) -> None:
-        """Take a magnetometer sample of this tick."""
-        self._mag.append(sample)
-
-    @property
-    def fix_waits(self) -> bool:
-        """Whether there is a solution that the horizon has not come to."""
-        return bool(self._fixes)
-
     def take_fix(self, t_ns: int) -> GnssFix | None:
         """The last solution up to an instant, if there is a new one."""
         fix: GnssFix | None = None
-        while self._fixes and self._fixes[0].t_ns <= t_ns:
-            fix = self._fixes.popleft()
+        while self.fixes and self.fixes[0].t_ns <= t_ns:
+            fix = self.fixes.popleft()
         return fix
 
     def compare(self, fix: GnssFix | None, state: NavState, biases: Biases) -> list[Kind]:
@@ -105,12 +89,12 @@ class Measurements:
         if fix is not None:
             self._compare_fix(fix, state, biases.gnss)
             kinds += _GNSS
-        if self._baro and self._baro[0].t_ns <= state.t_ns:
+        if self.baro and self.baro[0].t_ns <= state.t_ns:
             self._compare_baro(state, biases.baro)
             kinds.append(_BARO)
         mag: MagSample | None = None
-        while self._mag and self._mag[0].t_ns <= state.t_ns:
-            mag = self._mag.popleft()
+        while self.mag and self.mag[0].t_ns <= state.t_ns:
+            mag = self.mag.popleft()
         # A heading of another instant would be wrong by what the aircraft turned since.
         if mag is not None and mag.t_ns == state.t_ns:
             self._compare_heading(mag, state, biases.mag)
@@ -136,8 +120,8 @@ class Measurements:
         """The mean of the waiting samples, each against the height of its own instant."""
         north, east, down = state.p
         total, count = 0.0, 0
-        while self._baro and self._baro[0].t_ns <= state.t_ns:
-            sample = self._baro.popleft()
+        while self.baro and self.baro[0].t_ns <= state.t_ns:
+            sample = self.baro.popleft()
             back, between = divmod(state.t_ns - sample.t_ns, self._increment_ns)
             # `down` where it fell between increments, or before the last correction.
             then = down if between or back >= len(self.downs) else self.downs[-1 - back]

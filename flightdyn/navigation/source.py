@@ -1,10 +1,8 @@
-"""Where the autopilot's knowledge comes from, and the truth itself as one such source.
+"""The truth as a source of what the autopilot knows.
 
 Which source is used is chosen once, when the aircraft is made. `fly` hands body rates to the inner
 loops after each tick of the physics; `state` is what the guidance flies on.
 """
-
-from typing import Protocol
 
 import numpy as np
 
@@ -17,29 +15,6 @@ from flightdyn.plant import Plant
 from flightdyn.state import GnssFix, Innovation, Kinematics
 
 
-class Navigation(Protocol):
-    """State estimate that the aircraft flies on."""
-
-    gnss: GnssFix | None
-    carried: Strapdown  # state and mean specific force of the last guidance interval
-
-    def fly(self, most: int, guide: Guide, /) -> int: ...
-
-    def sense(self) -> None: ...
-
-    def update(self) -> None: ...
-
-    def state(self) -> NavState: ...
-
-    def belief(self) -> Kinematics: ...
-
-    def innovations_after(self, t_ns: int, /) -> tuple[Innovation, ...]: ...
-
-    def readings(self) -> Readings: ...
-
-    def why_not_ready(self) -> str: ...
-
-
 class TrueNavigation:
     """The autopilot is handed the truth: for tests of the control alone."""
 
@@ -49,6 +24,7 @@ class TrueNavigation:
         self._clock = plant.clock
         self._fix_ticks = plant.clock.ticks(0.2, what="interval of exact fixes")
         self.gnss: GnssFix | None = None
+        # State and mean specific force of the last guidance interval.
         self.carried = Strapdown((0.0, 0.0, 0.0), most=1)
         imu = Imu(plant.vehicle.imu, lambda: np.zeros((1000, AXES)))
         self._loop = Loop(imu, inner, self.carried, interval=plant.interval, dt_s=plant.clock.dt_s)

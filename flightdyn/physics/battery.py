@@ -63,11 +63,6 @@ class Battery:
         self.consumed_mah += self.current_a * dt_s / 3.6
         return self.voltage_v
 
-    def exchange(self) -> None:
-        """Put in a pack as charged as the first one was."""
-        self.consumed_mah = self.current_a = 0.0
-        self.voltage_v = open_circuit_voltage(self.config.initial)
-
     def state(self) -> BatteryState:
         """Present voltage, current, charge consumed and charge left."""
         return BatteryState(

@@ -81,7 +81,6 @@ class Multirotor:
         fdm.set_dt(dt_s)  # before loading: filters and integrators take it when they are made
         _load(fdm, self.airframe.name)
         self._fdm = fdm
-        self._known = {line.split(" ")[0] for line in fdm.get_property_catalog()}
         self._air(frame.origin.alt_msl_m)
         self._place(frame.origin.lat_deg, frame.origin.lon_deg, heading_rad)
         self._weather(wind, seed)
@@ -146,12 +145,9 @@ class Multirotor:
         self._node(name).set_double_value(float(value))
 
     def _node(self, name: str) -> "jsbsim.FGPropertyNode":
-        # JSBSim makes unknown properties without a word.
-        if name.replace("[0]", "") not in self._known:
-            raise AirframeError(f"JSBSim has no property {name!r} for {self.airframe.name}")
         node = self._fdm.get_property_manager().get_node(name)
-        if node is None:
-            raise AirframeError(f"JSBSim lists {name!r} but does not hand it out")
+        if node is None:  # get_node makes none
+            raise AirframeError(f"JSBSim has no property {name!r} for {self.airframe.name}")
         return node
 
     def _getter(self, name: str) -> Getter:
@@ -194,7 +190,6 @@ class Multirotor:
         self._hold = put("fcs/in/hold")
         self.set_battery_voltage = put("fcs/in/battery-v")
         self._direct = put("fcs/in/direct")
-        self._driven: tuple[float, ...] | None = None
         self.set_motors = [put(f"fcs/in/motor-{i}") for i in range(4)]
         self._height = get("position/h-agl-ft")
         self._contacts = put("simulation/models/FGGroundReactions/enabled")
@@ -264,18 +259,14 @@ class Multirotor:
 
         self.run = rest
 
-    def drive(self, motors: tuple[float, ...] | None) -> None:
-        """Motors at given duty cycles (0..1), past the inner loops, or back to them with None.
+    def drive(self, motors: tuple[float, ...]) -> None:
+        """Motors at given duty cycles (0..1) from now on, past the inner loops.
 
         For other brains than ours, and for a test bench of motors, propellers and rigid body.
         """
-        if motors == self._driven:
-            return
-        if (motors is None) != (self._driven is None):
-            self._direct(0.0 if motors is None else 1.0)
-        self._driven = motors
-        for put, value in zip(self.set_motors, motors or (), strict=motors is not None):
-            put(value if 0.0 <= value <= 1.0 else min(1.0, max(0.0, value)))
+        self._direct(1.0)
+        for put, value in zip(self.set_motors, motors, strict=True):
+            put(min(1.0, max(0.0, value)))
 
     def set_motor_health(self, motor: int, share: float) -> None:
         """Share of the ordered voltage that reaches motor 0..3."""

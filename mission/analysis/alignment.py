@@ -14,6 +14,7 @@ from mission.log.values import Track
 LEAST_LEG_M = 0.5  # a leg that is shorter is none
 _SPACING_M = 0.5
 _MOST_NODES = 4000  # so that memory stays small: 500 bytes a sample
+_TURN_DEG = 5.0  # a path that turns by more has a corner
 _HALVINGS = 16  # of the time between two samples
 
 
@@ -34,7 +35,6 @@ def align(
     track_m: Floats,
     waypoints_m: Floats,
     *,
-    turn_deg: float = 5.0,
     between: tuple[Floats, Floats] | None = None,
 ) -> Alignment:
     """Match a flown track (n, 2) to a planned polyline (N, 2), both in metres, or both in space.
@@ -45,7 +45,7 @@ def align(
     pieces of the path at most 0.5 m long (more on paths beyond 2 km), in each of which progress
     may fall.
 
-    Corners are interior waypoints at which the path turns by more than `turn_deg`; waypoints
+    Corners are interior waypoints at which the path turns by more than 5 degrees; waypoints
     that coincide count once. Climbs turn nowhere. Where it is known from elsewhere, `between` says
     least and greatest progress of each sample (n,).
     """
@@ -69,7 +69,7 @@ def align(
         level = np.linalg.norm(flat, axis=1)
         unit = flat / np.maximum(level, 1e-6)[:, None]
         turn = np.degrees(np.arccos(np.clip((unit[1:] * unit[:-1]).sum(axis=1), -1.0, 1.0)))
-        turns = (turn > turn_deg) & (level[1:] > 1e-6) & (level[:-1] > 1e-6)
+        turns = (turn > _TURN_DEG) & (level[1:] > 1e-6) & (level[:-1] > 1e-6)
         corner = np.flatnonzero(turns) + 1
     else:
         corner = np.zeros(0, dtype=np.intp)

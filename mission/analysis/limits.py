@@ -11,6 +11,7 @@ import numpy as np
 from fl.errors import did_you_mean
 from mission.analysis.compare import Comparison, Made, RunComparison
 from mission.analysis.measure import Measured
+from mission.base.area import on_globe
 from mission.base.arrays import Floats
 from mission.base.errors import InputError, LimitsNotMetError
 from mission.base.run_folder import write_atomically
@@ -170,8 +171,7 @@ def _values(measured: Measured, array: str) -> Floats:
 def _place(comparison: RunComparison, index: int, sample: int) -> str:
     measured, run = comparison.measured[index], comparison.run
     position = measured.truth.pos_m[sample]
-    area = run.data.area
-    place = area.frame.to_geodetic(area.to_ned(position[:2], position[2]))
+    (place,) = on_globe(run.data.area, position[None, :2], position[2])
     several = f"round {measured.record.round}, " if len(comparison.measured) > 1 else ""
     return (
         f"{several}leg {measured.leg[sample]}, {measured.truth.t_ns[sample] / NS_PER_S:.1f} s, "

@@ -29,7 +29,6 @@ class LoadedRun:
     path: Path
     data: FlightData
     summary: RunSummary  # empty for a bare log, or a folder without one
-    cut: bool  # its log has no end: the writer was killed, or is still at work
     judged: "Judged | None" = None  # a flight that is no run: what was matched with its plan
     unjudged: str = ""  # or why nothing was
 
@@ -115,8 +114,8 @@ def _load(path: Path) -> LoadedRun:
         if path.suffix.lower() in FOREIGN:
             from mission.flight.logs.reading import read_flight
 
-            return LoadedRun(path, read_flight(path), {}, cut=False)
-        return LoadedRun(path, read_log(path), {}, cut=False)
+            return LoadedRun(path, read_flight(path), {})
+        return LoadedRun(path, read_log(path), {})
     if not path.is_dir():
         wrong = "neither a folder nor a file" if path.exists() else "no such run folder or log file"
         raise InputError(f"{path}: {wrong}")
@@ -132,11 +131,11 @@ def _load(path: Path) -> LoadedRun:
         raise InputError(f"{path}: not a run folder: it has no {log.name}{others}")
     summary = _summary(folder.summary)
     try:
-        return LoadedRun(path, read_log(log), summary, cut=False)
+        return LoadedRun(path, read_log(log), summary)
     except DamagedLogError:
         if summary.get("status", _FINISHED) == _FINISHED:
             raise
-    return LoadedRun(path, _whole_rounds(decode(load_damaged(log))), summary, cut=True)
+    return LoadedRun(path, _whole_rounds(decode(load_damaged(log))), summary)
 
 
 def flown(run: FlightData, record: RoundRecord) -> Track:

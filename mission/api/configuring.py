@@ -95,7 +95,7 @@ def as_path(path: object, what: str) -> Path:
     return Path(path)
 
 
-def folder(path: Path | str | None, what: str) -> Path | None:
+def folder(path: Path | str | None) -> Path | None:
     """A data folder, which must be there.
 
     Raises:
@@ -103,7 +103,7 @@ def folder(path: Path | str | None, what: str) -> Path | None:
     """
     if path is None:
         return None
-    found = as_path(path, what)
+    found = as_path(path, "data_dir")
     if not found.is_dir():
-        raise InputError(f"{what} = {str(path)!r}: no such folder")
+        raise InputError(f"data_dir = {str(path)!r}: no such folder")
     return found

@@ -80,4 +80,4 @@ def first_problem(
     from mission.scenario.scenario import build_scenario
 
     resolved = config(source, overrides)
-    return build_scenario(resolved, data_dir=folder(data_dir, "data_dir")).first_problem()
+    return build_scenario(resolved, data_dir=folder(data_dir)).first_problem()

@@ -187,7 +187,7 @@ def run(
         from mission.analysis.limits import check_flown
 
         check_flown(resolved.mission.strategy)
-    data = folder(data_dir, "data_dir")
+    data = folder(data_dir)
     given = None if out is None else as_path(out, "out")
     with output_folder(given, resolved.run_name) as path:
 

@@ -128,7 +128,6 @@ def sweep(
     from mission.sweep.grid import Axis, make_grid
 
     chosen = EngineChoice(engine, jobs, address)
-    chosen.check()
     for name, values in {"strategies": strategies, **(settings or {})}.items():
         if isinstance(values, str) or not isinstance(values, Iterable):
             raise InputError(f"{name} = {values!r}: must be a list of values, also where it is one")
@@ -143,7 +142,7 @@ def sweep(
         giver="sweep",
     )
     path = as_path(out, "out") if out is not None else RUNS / f"sweep-{grid.base.name}"
-    data = folder(data_dir, "data_dir")
+    data = folder(data_dir)
     from mission.sweep.sweep import sweep as execute
 
     code = execute(

@@ -65,3 +65,9 @@ class Area:
         """(..., 3) NED -> (..., 2) area coordinates."""
         ned = np.asarray(pos_ned_m, dtype=np.float64)
         return np.stack((ned[..., 1] + self.home_m[0], ned[..., 0] + self.home_m[1]), axis=-1)
+
+
+def on_globe(area: Area, xy_m: Floats, alt_rel_m: float | Floats) -> list[GeodeticPoint]:
+    """Where (n, 2) area coordinates at heights above home, or one, are."""
+    frame = area.frame
+    return [frame.to_geodetic(ned) for ned in area.to_ned(xy_m, alt_rel_m)]

@@ -4,13 +4,11 @@ Communities take the Okabe-Ito set, which stays apart for colour-blind readers (
 "Color Universal Design"); packet error rates run from teal (0) over yellow to vermilion (1).
 """
 
-import itertools
-
 RGB = tuple[float, float, float]
 
 _OKABE_ITO = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#D55E00", "#56B4E9", "#F0E442")
 COLOURS = len(_OKABE_ITO)
-_PER_RAMP = ((0.0, "#0B7A75"), (0.5, "#F2C14E"), (1.0, "#C8361D"))
+PER_RAMP = ((0.0, "#0B7A75"), (0.5, "#F2C14E"), (1.0, "#C8361D"))
 
 # By role, on white paper and on dark: a page takes what its reader's theme asks for.
 _ROLES = (
@@ -39,16 +37,10 @@ def community_colour(index: int) -> str:
 def per_colour(per: float) -> RGB:
     """Red, green, blue in 0..1 of a packet error rate; values outside 0..1 are clipped."""
     per = min(max(per, 0.0), 1.0)
-    for (low, first), (high, second) in itertools.pairwise(_PER_RAMP):
-        if per <= high:
-            share = (per - low) / (high - low)
-            a, b = rgb(first), rgb(second)
-            return (
-                a[0] + share * (b[0] - a[0]),
-                a[1] + share * (b[1] - a[1]),
-                a[2] + share * (b[2] - a[2]),
-            )
-    raise AssertionError("the ramp ends at 1")
+    (low, first), (high, second) = PER_RAMP[:2] if per <= 0.5 else PER_RAMP[1:]
+    share = (per - low) / (high - low)
+    red, green, blue = (a + share * (b - a) for a, b in zip(rgb(first), rgb(second), strict=True))
+    return red, green, blue
 
 
 def rgb(colour: str) -> RGB:
@@ -58,8 +50,3 @@ def rgb(colour: str) -> RGB:
         int(colour[3:5], 16) / 255.0,
         int(colour[5:7], 16) / 255.0,
     )
-
-
-def css_colour(colour: RGB) -> str:
-    """Red, green, blue in 0..1 as CSS and SVG write it."""
-    return "#" + "".join(f"{round(255 * part):02X}" for part in colour)

@@ -1,20 +1,14 @@
 """`aerofed init`."""
 
 from pathlib import Path
-from typing import Literal
 
 from mission.base.errors import InputError
 from mission.base.run_folder import write_atomically
 from mission.base.terminal import PLAIN, Terminal
+from mission.config import Shipped
 
 
-def init(
-    name: Literal[
-        "quickstart", "paper", "paper-sweep", "apart", "town", "city", "munich"
-    ] = "quickstart",
-    *,
-    out: Path = Path(),
-) -> int:
+def init(name: Shipped = "quickstart", *, out: Path = Path()) -> int:
     """Write a configuration of your own, with comments, to begin from.
 
     Example: aerofed init
@@ -54,7 +48,7 @@ def init(
 
 def _next(config: Path) -> str:
     """What to do with a configuration that was written."""
-    if config.name in ("quickstart.toml", "apart.toml", "town.toml", "city.toml", "munich.toml"):
+    if not config.name.startswith("paper"):
         return f"aerofed run {config}"
     verb = "sweep" if config.name == "paper-sweep.toml" else "run"
     return f"aerofed data fetch data && aerofed {verb} {config} --data-dir data"

@@ -69,7 +69,6 @@ def sweep(
     from mission.sweep.grid import make_grid, parse_axis
 
     chosen = EngineChoice(engine, jobs, address)
-    chosen.check()
     names = [name.strip() for name in strategies.split(",")]
     if not all(names):
         raise InputError(f"--strategies {strategies}: expected names separated by commas")

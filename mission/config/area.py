@@ -4,10 +4,11 @@ import math
 from typing import Annotated, Self
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 
 from fl.radio.city import Building
 from flightdyn.state import GeodeticPoint
+from flightdyn.tables import Table
 from mission.base.airspace import Airspace, apart_within, crossing
 from mission.base.area import Area
 
@@ -15,13 +16,6 @@ Length = Annotated[float, Field(gt=0, le=100_000)]
 Coordinate = Annotated[float, Field(ge=-100_000, le=100_000)]
 Corners = Annotated[tuple[tuple[Coordinate, Coordinate], ...], Field(min_length=3, max_length=500)]
 HEIGHT_MARGIN_M = 5.0  # above and below the altitude, where an area counts
-
-
-class Table(BaseModel):
-    """A table of the configuration: no key beside those that it has, and no change later."""
-
-    # Deferred: a model within another is built with that one, once.
-    model_config = ConfigDict(frozen=True, extra="forbid", defer_build=True)
 
 
 class NoFlyConfig(Table):

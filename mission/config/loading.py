@@ -7,13 +7,14 @@ import json
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 from fl.errors import did_you_mean, told
 from fl.plugin_code import named
 from mission.base.errors import InputError
 from mission.base.explain import Blame, explained, refusal, shown
 from mission.base.user_files import parse_toml, read_text, whole_path
+from mission.config import Shipped
 from mission.config.models import RunConfig
 from mission.config.overrides import override
 from mission.config.preflight import problems
@@ -25,15 +26,7 @@ _PATHS = (
     ("link", "signing_key"),
     ("radio", "map_file"),
 )
-SHIPPED = (
-    "quickstart",
-    "paper",
-    "paper-sweep",
-    "apart",
-    "town",
-    "city",
-    "munich",
-)  # names that stand for a file
+SHIPPED: tuple[str, ...] = get_args(Shipped)
 
 
 def builtin_config(name: str) -> Path:

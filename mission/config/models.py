@@ -23,10 +23,11 @@ from fl.config import (
     one_of,
 )
 from fl.plugin_code import label_of
+from flightdyn.tables import Table
 from mission.base.errors import InputError
 from mission.base.explain import Blame, WrongKey, refusal
 from mission.config import PLANNED, STRATEGIES
-from mission.config.area import AreaConfig, Table
+from mission.config.area import AreaConfig
 from mission.config.url import NETWORK_FORMS, URL_FORMS, checked_url
 from mission.planner.config import PlannerConfig
 from sitl.config import VehicleConfig

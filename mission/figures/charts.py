@@ -130,9 +130,7 @@ def finished(
     return layered(layers, title=words, width=width, height=height, **more)
 
 
-def bar_chart(
-    title: str, bars: Sequence[Series], *, x: str, y: str, note: str = "", height: float = HEIGHT
-) -> Chart:
+def bar_chart(title: str, bars: Sequence[Series], *, x: str, y: str) -> Chart:
     """Bars from zero at whole numbers, the later ones before the earlier."""
     names = [item.label for item in bars]
     data = table(series=_labels(bars, "x"), x=_joined(bars, "x"), y=_joined(bars, "y"))
@@ -148,7 +146,7 @@ def bar_chart(
             ),
         )
     )
-    return finished([marks], title=title, note=note, height=height)
+    return finished([marks], title=title)
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mission.base.arrays import Floats
-from mission.base.palette import css_colour, per_colour
+from mission.base.palette import PER_RAMP
 
 Chart: TypeAlias = dict[str, Any]  # Vega-Lite, as JSON has it
 Rows: TypeAlias = dict[str, Any]  # the data of a layer
@@ -106,11 +106,11 @@ def _column(values: NDArray[np.generic]) -> list[object]:
     return found
 
 
-def keys(names: Sequence[str], *, title: str | None = None, **look: Any) -> alt.Legend:
+def keys(names: Sequence[str], **look: Any) -> alt.Legend:
     """A legend in rows that fit the narrowest place."""
     widest = _SYMBOL + _CHARACTER * max(map(len, names), default=1)
     columns = max(1, min(len(names), int(_KEY_WIDTH // widest)))
-    return alt.Legend(title=title, columns=columns, **look)
+    return alt.Legend(title=None, columns=columns, **look)
 
 
 def line_keys(names: Sequence[str]) -> alt.Legend:
@@ -127,8 +127,7 @@ def named(names: Sequence[str], values: Sequence[str | float | Sequence[float]])
 
 def per_scale() -> alt.Scale:
     """Colour scale of packet error rates, 0 to 1."""
-    marks = [0.0, 0.5, 1.0]
-    colours = [css_colour(per_colour(per)) for per in marks]
+    marks, colours = [per for per, _ in PER_RAMP], [colour for _, colour in PER_RAMP]
     return alt.Scale(domain=marks, range=colours, interpolate="rgb", clamp=True)
 
 

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 from pymavlink.dialects.v20 import common as mav
 
-from mission.base.area import Area
+from mission.base.area import Area, on_globe
 from mission.base.arrays import Floats
 from mission.log.values import Zone
 from sitl.autopilot.codec.orders import MissionItem
@@ -40,13 +40,7 @@ def fence_items(
 def airspace_rings(area: Area) -> list[tuple[bool, list[Place]]]:
     """The fence of an area's airspace on the globe; nothing where it is open."""
     return [
-        (
-            zone.keep_in,
-            [
-                (place.lat_deg, place.lon_deg)
-                for place in map(area.frame.to_geodetic, area.to_ned(zone.outline_m, 0.0))
-            ],
-        )
+        (zone.keep_in, [(p.lat_deg, p.lon_deg) for p in on_globe(area, zone.outline_m, 0.0)])
         for zone in airspace_zones(area)
     ]
 

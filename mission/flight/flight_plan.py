@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mission.base.airspace import OPEN, Airspace
+from mission.base.airspace import Airspace
 from mission.base.arrays import Bools, Floats
 from mission.config.models import MissionConfig
 from mission.planner.flyable import acceptance_radius
@@ -100,7 +100,7 @@ def direct_flight(
     *,
     altitude_m: float,
     mission: MissionConfig,
-    airspace: Airspace = OPEN,
+    airspace: Airspace,
 ) -> FlightPlan:
     """The shortest way from one point (2,) of the area to another, serving nobody."""
     stops = tuple(Stop(point, ()) for point in airspace.way(start_m, end_m))

@@ -4,7 +4,7 @@ import math
 
 from pymavlink.dialects.v20 import common as mav
 
-from mission.base.area import Area
+from mission.base.area import Area, on_globe
 from mission.flight.flight_plan import FlightPlan
 from sitl.autopilot.codec.orders import MissionItem
 
@@ -19,7 +19,7 @@ def mission_items(plan: FlightPlan, area: Area) -> list[MissionItem]:
     The first stop is where the vehicle already is; the speed stands after it because autopilots
     apply DO_CHANGE_SPEED to the leg after the item before it. See `stop_items`.
     """
-    places = [area.frame.to_geodetic(area.to_ned(s.xy_m, plan.alt_rel_m)) for s in plan.stops]
+    places = on_globe(area, plan.points_m, plan.alt_rel_m)
     waypoints = [
         MissionItem(
             seq=seq,

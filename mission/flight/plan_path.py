@@ -65,11 +65,6 @@ class PlannedPath:
     returns: bool  # comes home and lands by itself, or lands elsewhere
     duration_s: float  # with that, in calm air
 
-    @property
-    def top_m(self) -> float:
-        """The greatest height above home."""
-        return -float(self.points_ned_m[:, 2].min())
-
 
 def nowhere(item: MissionItem) -> bool:
     """Whether an item has no place: it is carried out where the vehicle is."""
@@ -112,9 +107,6 @@ def planned_path(
             return ""
         return f"{height_m:.1f} m above home; {least_m:g} to {MAX_HEIGHT_M:g} m are allowed"
 
-    def place_of(item: MissionItem) -> Floats:
-        return route.place_of(item, frame, home)
-
     first_seq = next((item.seq for item in plan.items if item.command in NAVIGATION), 0)
     for item in plan.items:
         first, last = item.seq <= first_seq, item.seq == len(plan.items) - 1
@@ -146,18 +138,19 @@ def planned_path(
         begin = at
     if not places:
         raise InputError(f"{plan.path}: no item leads anywhere")
+    rally_ned_m: list[Floats] = []
     for item in plan.rally:
         refuse(item, "it has no position" if item.x == item.y == 0.0 else _refused(item))
-        place = place_of(item)
+        place = route.place_of(item, frame, home)
         if (away_m := float(np.hypot(place[0], place[1]))) > p["MIS_DIST_1WP"]:
             refuse(item, f"{away_m:.0f} m from home; MIS_DIST_1WP allows {p['MIS_DIST_1WP']:g}")
         refuse(item, bad_height(item, least_m=0.0))
         if breach := breach_of(fence, place, home_ned_m=np.zeros(3), parameters=p):
             refuse(item, f"it is {breach}")
-    rally_ned_m = tuple(place_of(item) for item in plan.rally)
+        rally_ned_m.append(place)
     ends = plan.items[-1].command in _LAST
     duration_s = _duration_s(plan.items, home, p, limits, points[-1])
-    return PlannedPath(points, tuple(places), rally_ned_m, ends, duration_s)
+    return PlannedPath(points, tuple(places), tuple(rally_ned_m), ends, duration_s)
 
 
 def _wrong(item: MissionItem, *, first: bool, last: bool) -> str:

@@ -13,6 +13,7 @@ from xml.etree import ElementTree as ET
 import numpy as np
 from numpy.typing import NDArray
 
+from mission.base.area import on_globe
 from mission.base.arrays import Floats
 from mission.base.errors import InputError
 from mission.base.palette import community_colour
@@ -307,8 +308,7 @@ def _coordinates(data: FlightData, points_m: Floats) -> str:
 
 def _places(data: FlightData, points_m: Floats) -> list[tuple[float, float, float]]:
     """Longitude, latitude, height above sea level, to a millimetre."""
-    ned, frame = data.area.to_ned(points_m[:, :2], points_m[:, 2]), data.area.frame
-    where = [frame.to_geodetic(row) for row in ned]
+    where = on_globe(data.area, points_m[:, :2], points_m[:, 2])
     return [(round(p.lon_deg, 8), round(p.lat_deg, 8), round(p.alt_msl_m, 3)) for p in where]
 
 

@@ -12,6 +12,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 from foxglove import messages as fox
+from pydantic_core import to_json
 
 from fl.radio.per_grid import PerGrid
 from flightdyn.frames import LocalFrame
@@ -26,7 +27,7 @@ from flightdyn.state import (
 from mission.base.area import Area
 from mission.log.records import as_json
 from mission.log.topics import BODY_FRAME, FRAME
-from mission.log.values import NS_PER_S, SENSORS
+from mission.log.values import NS_PER_S, SENSORS, XYZ
 
 POSITION_GRID = 2.0**10  # cells a metre
 PATH_GRID = 2.0**7
@@ -37,7 +38,6 @@ GRID_PLACES = 81  # along the longer side of a grid: 80 kB for 12 devices, befor
 
 _ENCODER = json.JSONEncoder(separators=(",", ":"), allow_nan=False)
 
-XYZ = tuple[float, float, float]
 Place: TypeAlias = tuple[Any, Any]  # fox.Vector3 and fox.Quaternion
 
 _LEVELS = {
@@ -229,18 +229,8 @@ def to_bytes(values: Mapping[str, object]) -> bytes:
     try:
         text = _ENCODER.encode(values)
     except ValueError:  # a NaN or an infinity, which few records have
-        text = _ENCODER.encode(_finite(values))
+        text = _ENCODER.encode(json.loads(to_json(values, inf_nan_mode="null")))
     return text.encode()
-
-
-def _finite(value: object) -> object:
-    if isinstance(value, float):
-        return value if math.isfinite(value) else None
-    if isinstance(value, Mapping):
-        return {key: _finite(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [_finite(item) for item in value]
-    return value
 
 
 def _geodetic(where: GeodeticPoint) -> dict[str, float]:

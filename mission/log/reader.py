@@ -74,7 +74,7 @@ def decode(contents: Contents) -> FlightData:
             learning=_timed(LearningRecord, contents.decoded(topics.LEARNING)),
             events=_timed(EventRecord, contents.decoded(topics.EVENTS)),
             battery=_battery(contents),
-            wind=WindTrack(*_vectors(contents.decoded(topics.TRUE_WIND))),
+            wind=WindTrack(*vectors(contents.decoded(topics.TRUE_WIND))),
             innovations=_innovations(contents),
             metadata=contents.metadata,
             attachments=contents.attachments,
@@ -100,10 +100,10 @@ def _timed(record: type[Record], rows: Iterable[tuple[int, Any]]) -> tuple[Recor
 
 
 def _track(contents: Contents, topic: Topic) -> Track:
-    return Track(*_vectors((t, message.pose.position) for t, message in contents.decoded(topic)))
+    return Track(*vectors((t, message.pose.position) for t, message in contents.decoded(topic)))
 
 
-def _vectors(rows: Iterable[tuple[int, Any]]) -> tuple[Ints, Floats]:
+def vectors(rows: Iterable[tuple[int, Any]]) -> tuple[Ints, Floats]:
     """Times (n,), and what has an x, a y and a z, (n, 3)."""
     found = [(t_ns, (item.x, item.y, item.z)) for t_ns, item in rows]
     xyz = np.array([xyz for _, xyz in found], dtype=np.float64).reshape(-1, 3)

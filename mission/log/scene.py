@@ -8,7 +8,7 @@ from foxglove import messages as fox
 
 from mission.base import palette
 from mission.base.airspace import triangles
-from mission.base.area import Area
+from mission.base.area import Area, on_globe
 from mission.base.arrays import Floats
 from mission.log.messages import encoded, feature, geojson, timestamp
 from mission.log.records import UplinkRecord
@@ -168,8 +168,7 @@ def _ring(area: Area, corners_m: Floats) -> list[tuple[float, float]]:
 
 
 def _lonlat(area: Area, xy_m: Floats, alt_rel_m: float) -> list[tuple[float, float]]:
-    frame = area.frame
-    points = [frame.to_geodetic(ned) for ned in area.to_ned(xy_m, alt_rel_m)]
+    points = on_globe(area, xy_m, alt_rel_m)
     return [(round(p.lon_deg, 8), round(p.lat_deg, 8)) for p in points]  # 1 mm
 
 

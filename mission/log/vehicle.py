@@ -10,9 +10,8 @@ from flightdyn.state import Innovation, Kinematics
 from mission.base.area import Area
 from mission.base.arrays import Floats
 from mission.log import control, messages, topics
-from mission.log.messages import XYZ
 from mission.log.topics import Topic
-from mission.log.values import NS_PER_S, EventRecord, ModeRecord
+from mission.log.values import NS_PER_S, XYZ, EventRecord, ModeRecord
 from sitl.observer import VehicleEvent, VehicleSample
 
 _SEVERITY = {"failsafe": 4, "fault": 4}

@@ -3,9 +3,10 @@
 from collections.abc import Sequence
 from typing import Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 
 from fl.config import PluginName
+from flightdyn.tables import Table
 from mission.base.tables import count
 
 _ROUNDING = 1e-9  # of a gap that was met
@@ -13,10 +14,8 @@ _ROUNDING = 1e-9  # of a gap that was met
 PlannerKind = Literal["certified", "sqp", "paper", "paper_literal", "import"]
 
 
-class PlannerConfig(BaseModel):
+class PlannerConfig(Table):
     """The planner of a run."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", defer_build=True)
 
     kind: PlannerKind = Field(
         "certified",

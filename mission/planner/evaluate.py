@@ -15,7 +15,6 @@ from fl.radio.channel import Channel, average_per
 from mission.base.arrays import Bools, Floats, Ints
 from mission.base.explain import shown
 from mission.planner.errors import PlanInputError
-from mission.planner.native import library
 from mission.planner.native.rounds import Flown
 from mission.planner.problem import MOST_COUNT, BoundError, RoundPlan, RoundProblem, as_waypoints
 
@@ -51,31 +50,6 @@ def objective(problem: RoundProblem, waypoints_m: Floats, schedule: Bools) -> fl
     steps, devices = np.nonzero(schedule)
     per = _per(problem, devices, waypoints_m[steps])
     return float(((1.0 - per) * problem.importance[devices]).sum())
-
-
-def assign(success: Floats, importance: Floats, per_step: int) -> Bools:
-    """Maximise sum_n sum_k omega_k[n] success[n, k] importance[k].
-
-    A transportation problem: its constraint matrix is totally unimodular, so the relaxation of
-    omega to [0, 1] has integral vertices, and shortest augmenting paths find one directly.
-    At most `per_step` devices a step, each device at most once. A pair that is worth nothing
-    (no chance of success, or no importance) is never scheduled.
-
-    Args:
-        success: (N, K) probability that device k gets through at step n.
-        importance: (K,) delta, not negative.
-        per_step: K_bar.
-
-    Returns:
-        (N, K) the schedule omega.
-    """
-    worth = success * importance
-    steps, devices = worth.shape
-    schedule = np.zeros((steps, devices), dtype=np.bool_)
-    served = library.assign(np.ascontiguousarray(worth.T), per_step)
-    here = np.flatnonzero(served >= 0)
-    schedule[served[here], here] = True
-    return schedule & (worth > 0.0)
 
 
 def in_time(problem: RoundProblem, plan: RoundPlan, *, hold_s: float = 0.0) -> Bools:

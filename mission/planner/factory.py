@@ -2,6 +2,8 @@
 
 from mission.base.errors import PlanError
 from mission.base.user_code import OwnCode
+from mission.planner.altitudes import CertifiedAltitudes, SampledAltitudes
+from mission.planner.certified import CertifiedPlanner, ExploringPlanner
 from mission.planner.check import check_plan
 from mission.planner.config import PlannerConfig
 from mission.planner.errors import InfeasiblePlanError
@@ -19,13 +21,9 @@ def make_planner(config: PlannerConfig) -> Planner:
     Raises:
         UsersCodeError: one's own that cannot be imported or is no planner.
     """
-    from mission.planner.altitudes import CertifiedAltitudes, SampledAltitudes
-
     if config.kind != "certified":
         planner = SampledAltitudes(_of_kind(config))
         return LimitedPlanner(planner, planner)
-    from mission.planner.certified import CertifiedPlanner, ExploringPlanner
-
     certified = CertifiedPlanner(gap=config.gap, max_nodes=config.max_nodes)
     drawing = ExploringPlanner(starts=_STARTS, tries=_TRIES)
     few = CertifiedPlanner(gap=config.gap, max_nodes=min(config.max_nodes, _FEW_NODES))

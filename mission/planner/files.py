@@ -17,6 +17,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, ValidationIn
 
 from fl.radio.channel import Channel, constants_model
 from flightdyn.config import LimitsConfig
+from flightdyn.tables import Table
 from mission.base.airspace import Airspace, crossing
 from mission.base.arrays import Floats
 from mission.base.explain import Blame, explain, shown
@@ -51,10 +52,8 @@ else:
     ChannelEntry = constants_model("ChannelEntry", _Entry, optional=False)
 
 
-class FlightEntry(BaseModel):
+class FlightEntry(Table):
     """How fast is flown, which decides what a path takes of seconds and joules."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", defer_build=True)
 
     speed_mps: float = Field(20.0, strict=True, ge=1, le=30)
     acceptance_radius_m: float = Field(5.0, strict=True, ge=0.5, le=50)
@@ -63,10 +62,8 @@ class FlightEntry(BaseModel):
     guidance: LimitsConfig | None = LimitsConfig()  # null: always at its speed
 
 
-class ProblemEntry(BaseModel):
+class ProblemEntry(Table):
     """One problem of the file. Metres, seconds, joules."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", defer_build=True)
 
     id: Annotated[str, Field(min_length=1, max_length=200)] | Annotated[int, Field(strict=True)]
     devices: tuple[Point, ...]

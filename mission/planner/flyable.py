@@ -6,7 +6,7 @@ Where the packet error rate rises from the first metre on, that costs more than 
 
 import numpy as np
 
-from mission.planner.performance import Foreseen, acceptance_radii
+from mission.planner.performance import Foreseen
 from mission.planner.problem import RoundPlan, RoundProblem
 from mission.planner.stops import stops_of
 
@@ -17,11 +17,6 @@ def acceptance_radius(problem: RoundProblem, plan: RoundPlan, widest_m: float) -
     Where none does, the narrowest. Corners around areas are cut by half of the margin at most.
     """
     return problem.at(plan.altitude_m).judged_with(widest_m=widest_m).judged(plan.as_flown).radius_m
-
-
-def sharpest(widest_m: float) -> float:
-    """The narrowest acceptance radius in metres that any plan is flown with."""
-    return float(acceptance_radii(widest_m)[-1])
 
 
 def foresee_round(problem: RoundProblem, plan: RoundPlan, *, hold_s: float = 0.0) -> Foreseen:

@@ -9,20 +9,17 @@ best of several paths, each cut to what its own flight may take and improved by 
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from mission.base.arrays import Floats
-from mission.planner.certified import in_usual_size
+from mission.planner.certified import Goal, in_usual_size
 from mission.planner.evaluate import bounded, success_bounds
 from mission.planner.fitting import fitted, standing
 from mission.planner.flyable import foresee_round
 from mission.planner.improving import improved
 from mission.planner.problem import Planner, RoundPlan, RoundProblem
-
-if TYPE_CHECKING:  # which makes ready to search
-    from mission.planner.certified import Goal
+from mission.planner.timed import timed_bound
 
 # Of the metres, where corners and ways around cost the rest; and where hovers do, too.
 _SHARES = (1.0, 0.95, 0.9, 0.85, 0.8, 0.75, 0.7, 0.6, 0.5, 0.4)
@@ -43,7 +40,7 @@ class LimitedPlanner:
 
     inner: Planner
     drawing: Planner
-    goal: "Goal | None" = None  # None: nothing is proven
+    goal: Goal | None = None  # None: nothing is proven
     brief: Planner | None = None
 
     def plan(self, problem: RoundProblem) -> RoundPlan:
@@ -86,8 +83,6 @@ class LimitedPlanner:
             enough = bound * (1.0 - self.goal.gap) if self.goal else math.inf
             best = improved(fixed, tried, enough)
             if self.goal is not None:
-                from mission.planner.timed import timed_bound
-
                 bound = min(bound, timed_bound(problem, best.value, self.goal))
         return best, bound
 

@@ -94,7 +94,6 @@ def reward_table(channel: Channel, reach_m: int, towards_m: Altitudes = ()) -> R
     return RewardTable(rows, fine)
 
 
-@lru_cache(maxsize=256)
 def excess(channel: Channel, reach_m: int, other_m: float) -> Floats:
     """e(r) every `FINE_M` metres: what f at an altitude between the channel's and another exceeds
     the chord between the two by, at most.

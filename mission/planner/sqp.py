@@ -21,7 +21,7 @@ from mission.base.arrays import Floats, Ints
 from mission.planner.certified import ExploringPlanner, in_usual_size, reach_of
 from mission.planner.errors import SolverError
 from mission.planner.evaluate import fit_budget, plan_along
-from mission.planner.problem import Planner, RoundPlan, RoundProblem
+from mission.planner.problem import RoundPlan, RoundProblem
 from mission.planner.reward import reward_table
 
 _DEGREES = (0.0, 10.0, -10.0, 25.0, -25.0, 50.0, -50.0, 90.0, -90.0, 135.0, -135.0, 180.0)
@@ -47,9 +47,6 @@ class SqpPlanner:
     No bound is proven: `upper_bound` is NaN where anything had to be decided.
     """
 
-    def __init__(self, explored: Planner | None = None) -> None:
-        self._explored = explored or ExploringPlanner()
-
     def plan(self, problem: RoundProblem) -> RoundPlan:
         """Plan one round.
 
@@ -59,7 +56,7 @@ class SqpPlanner:
         """
         if (plan := in_usual_size(self, problem)) is not None:
             return plan
-        return ascended(problem, self._explored.plan(problem))
+        return ascended(problem, ExploringPlanner().plan(problem))
 
 
 def ascended(problem: RoundProblem, plan: RoundPlan) -> RoundPlan:

@@ -45,7 +45,7 @@ class Metres:
         each = (self.hover, self.sends, self.after)
         hover, sends, after = (np.ascontiguousarray(metres[worth > 0.0]) for metres in each)
         devices = replace(case.devices, hover=hover, sends=sends, after=after)
-        limits = replace(case.limits, length=self.whole, timed=True, stop=self.stop, turn=self.turn)
+        limits = replace(case.limits, length=self.whole, stop=self.stop, turn=self.turn)
         nobody = np.full(len(devices.delta), -1)
         found = Found(value, np.zeros((limits.steps, 2)), nobody, math.inf)
         effort = goal.effort(found, goal.max_nodes)

@@ -1,7 +1,7 @@
 """The end of a report: where the time went, in what conditions, with which versions."""
 
-import tomllib
 from collections.abc import Mapping
+from typing import Any
 
 from mission.analysis.load import LoadedRun
 from mission.base.tables import count
@@ -17,7 +17,7 @@ def about(run: LoadedRun) -> dict[str, object]:
     """Wall time, conditions, versions, configuration: what is known of them."""
     summary: Mapping[str, object] = run.summary
     config = run.data.attachments.get("config.toml", b"").decode("utf-8", errors="replace")
-    wind = _wind(config)
+    wind = _wind(run.data.config)
     wall_s = summary.get("wall_s")
     wall_s = wall_s if isinstance(wall_s, dict) else {}
     versions = [(key, summary[key]) for key in ("python", "platform", "cpus") if key in summary]
@@ -36,13 +36,9 @@ def about(run: LoadedRun) -> dict[str, object]:
     }
 
 
-def _wind(config: str) -> str:
+def _wind(config: Mapping[str, Any]) -> str:
     """The wind as it was configured, in words; empty where nothing says it."""
-    try:
-        vehicle = tomllib.loads(config).get("vehicle", {})
-    except tomllib.TOMLDecodeError:
-        return ""
-    wind = vehicle.get("aircraft", {}).get("wind")
+    wind = config.get("vehicle", {}).get("aircraft", {}).get("wind")
     if not isinstance(wind, dict):
         return ""
     speed_mps, severity = wind.get("speed_mps", 0.0), wind.get("turbulence_severity", 0)

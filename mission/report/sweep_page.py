@@ -6,9 +6,10 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from mission.base.run_folder import write_atomically
+from mission.base.tables import count
 from mission.figures.render import card
 from mission.report.html import page
-from mission.sweep.outcome.curves import communities_of, flies, groups_of, pictures_of
+from mission.sweep.outcome.curves import flies, groups_of, pictures_of
 from mission.sweep.outcome.figures import curve_charts, final_chart, gain_charts
 from mission.sweep.outcome.gains import METHOD, POINTS, gain_table, paired_gains
 from mission.sweep.outcome.view import (
@@ -21,7 +22,7 @@ from mission.sweep.outcome.view import (
     over_seeds,
     percent,
 )
-from mission.sweep.results import RunResult
+from mission.sweep.results import RunResult, communities_of
 from mission.sweep.state import SweepState, read_sweep
 
 # Section of each picture.
@@ -59,13 +60,14 @@ def sweep_html(state: SweepState) -> str:
     """The page about a sweep, finished or not."""
     results = state.results
     communities = communities_of(results)
+    strategies = len({result.point.strategy for result in results})
     seeds = len({result.point.seed for result in results})
     settings = len({result.point.where for result in results})
     facts = [
         "sweep",
-        _count(len({result.point.strategy for result in results}), "strategy", "strategies"),
-        *([_count(settings, "setting", "settings")] if settings > 1 else []),
-        _count(seeds, "seed", "seeds"),
+        f"{strategies} {'strategy' if strategies == 1 else 'strategies'}",
+        *([count(settings, "setting")] if settings > 1 else []),
+        count(seeds, "seed"),
     ]
     done, planned = len(results), state.planned
     pictures = pictures_of(results)
@@ -96,10 +98,6 @@ def sweep_html(state: SweepState) -> str:
         footer="Aerofed sweep report. "
         + (f"Lines: {pictures[0].about or 'one seed'}." if pictures else ""),
     )
-
-
-def _count(number: int, one: str, several: str) -> str:
-    return f"{number} {one if number == 1 else several}"
 
 
 def _headline(results: Sequence[RunResult]) -> list[tuple[str, str]]:

@@ -68,7 +68,7 @@ class _Order:
         radii = [item.params[1] for item in items if item.command == mav.MAV_CMD_NAV_WAYPOINT]
         demand = Demand(
             speed_mps=max(ordered, default=0.0),
-            altitude_m=self.path.top_m,
+            altitude_m=-float(points[:, 2].min()),
             distance_m=float(np.linalg.norm(points[:, :2], axis=1).max()),
             acceptance_m=min((radius for radius in radii if radius > 0.0), default=math.inf),
         )

@@ -14,8 +14,7 @@ from mission.base.errors import InputError
 from mission.config.models import MissionConfig
 from mission.planner.evaluate import finish, fit_budget
 from mission.planner.fitting import serving_fewer
-from mission.planner.flyable import sharpest
-from mission.planner.performance import Foreseen, RoundLimits
+from mission.planner.performance import Foreseen, RoundLimits, acceptance_radii
 from mission.planner.problem import Planner, RoundPlan, RoundProblem
 
 _BEGINS, _HALVINGS = 24, 12  # starts of a stretch that are tried; bisections of its length
@@ -107,7 +106,7 @@ class Rectangular:
         """The next stretch of the tour, with the best schedule on it."""
         # Shorter than L_max where less of L_total is left, or less fits into the round's limits.
         most_m = min(self.length_m, problem.path_budget_m)
-        length_m = _longest(
+        length_m = longest(
             most_m, lambda m: _fits(problem.limits, self._tour(round_index, m, problem))
         )
         tour = self._tour(round_index, length_m, problem)
@@ -210,7 +209,7 @@ def _along(corners_m: Floats, arc: Floats) -> Floats:
 def _stretch_m(corners_m: Floats, config: MissionConfig, limits: RoundLimits | None) -> float:
     """Metres of the tour that a round covers: L_max, less where its limits allow less anywhere."""
     begins = np.linspace(0.0, polyline.length(_closed(corners_m)), _BEGINS, endpoint=False).tolist()
-    return _longest(
+    return longest(
         config.path_budget_m,
         lambda length_m: all(
             _fits(limits, stretch(corners_m, begin, length_m, config.steps)) for begin in begins
@@ -218,12 +217,12 @@ def _stretch_m(corners_m: Floats, config: MissionConfig, limits: RoundLimits | N
     )
 
 
-def _longest(most_m: float, fits: Callable[[float], bool]) -> float:
+def longest(most_m: float, fits: Callable[[float], bool], *, halvings: int = _HALVINGS) -> float:
     """The longest path up to `most_m` that fits, by bisection."""
     if fits(most_m):
         return most_m
     fitting_m = 0.0
-    for _ in range(_HALVINGS):
+    for _ in range(halvings):
         middle_m = (fitting_m + most_m) / 2.0
         if fits(middle_m):
             fitting_m = middle_m
@@ -238,9 +237,9 @@ def _fits(limits: RoundLimits | None, path: Floats) -> bool:
 
 
 def _foreseen(limits: RoundLimits, path: Floats, holds_s: Sequence[float]) -> Foreseen:
-    """What the flight of a path takes, hovering so long at each of its points."""
+    """What flying a path takes, hovering so long at each point, with the sharpest corners."""
     performance = limits.performance
-    return performance.foresee(path, holds_s, sharpest(performance.widest_m))
+    return performance.foresee(path, holds_s, float(acceptance_radii(performance.widest_m)[-1]))
 
 
 def _excess(tour: HoveringTour, steps: int, limits: RoundLimits) -> str:

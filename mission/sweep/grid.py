@@ -13,7 +13,7 @@ from mission.config.loading import load_config
 from mission.config.models import RunConfig
 from mission.config.overrides import parse_override
 
-Key = str | int | float | bool
+Cell = str | int | float | bool
 
 # Keys that have an option of their own, by which the tables name them.
 _OPTIONS = {"mission.strategy": "strategies", "seed": "seeds", "mission.rounds": "rounds"}
@@ -62,7 +62,7 @@ class Point:
         return f"{self.strategy}, {self.where}" if self.where else self.strategy
 
     @property
-    def keys(self) -> dict[str, Key]:
+    def keys(self) -> dict[str, Cell]:
         """Strategy, seed and settings as they stand in tables."""
         return {
             "strategy": self.strategy,
@@ -192,5 +192,5 @@ def _refuse_twice(what: str, values: Sequence[object]) -> None:
             raise InputError(f"{what}: {value!r} is named twice")
 
 
-def _cell(value: object) -> Key:
+def _cell(value: object) -> Cell:
     return value if isinstance(value, str | int | float | bool) else str(value)

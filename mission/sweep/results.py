@@ -22,9 +22,8 @@ from mission.base.tables import csv_lines, parquet
 from mission.base.user_files import read_json, read_text
 from mission.log.records import DeviceRecord, RoundRecord, UplinkRecord, flat
 from mission.log.tables import read_table
-from mission.sweep.grid import Key, Point
+from mission.sweep.grid import Cell, Point
 
-Cell: TypeAlias = str | int | float | bool
 Row: TypeAlias = dict[str, Cell]
 
 # Runs that end apart are compared where the one that spent least ends: columns of `rounds.csv`.
@@ -41,11 +40,6 @@ class RunResult:
     wall_s: dict[str, float]  # by phase
     # Accuracies at equal rounds, metres and energy, which rest on the other runs: no table's.
     equal: Row = field(default_factory=dict)
-
-    @property
-    def label(self) -> str:
-        """Names its group: strategy and settings."""
-        return self.point.label
 
     def curve(self, column: str) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
         """(rounds,) one column of its rounds."""
@@ -94,6 +88,13 @@ def read_run(folder: RunFolder, point: Point) -> RunResult:
     return RunResult(point, row, rounds, dict(summary["wall_s"]))
 
 
+def communities_of(results: Sequence[RunResult]) -> list[str]:
+    """Names of all communities, in order of appearance."""
+    prefix = "final_accuracy_"
+    keys = (key for result in results for key in result.summary if key.startswith(prefix))
+    return list(dict.fromkeys(key.removeprefix(prefix) for key in keys))
+
+
 def at_equal(runs: Sequence[RunResult], what: str, column: str) -> list[float]:
     """A column of `rounds.csv` where the run that spent least of `what` ends, one of `EQUAL`.
 
@@ -132,9 +133,8 @@ def with_equals(results: Sequence[RunResult]) -> tuple[RunResult, ...]:
     """The results with their accuracies at equal rounds, metres and energy, where these differ
     from the final ones in any run."""
     rows: list[Row] = [{} for _ in results]
-    names = dict.fromkeys(k for r in results for k in r.summary if k.startswith("final_accuracy_"))
-    for what, final in itertools.product(EQUAL, names):
-        column = final.removeprefix("final_")
+    for what, name in itertools.product(EQUAL, communities_of(results)):
+        column, final = f"accuracy_{name}", f"final_accuracy_{name}"
         values = at_equal(results, what, column)
         if differ(values, [float(run.summary.get(final, math.nan)) for run in results]):
             for value, row in zip(values, rows, strict=True):
@@ -237,7 +237,7 @@ def jain(values: Sequence[float]) -> float:
 
 
 def _round_rows(
-    keys: dict[str, Key],
+    keys: dict[str, Cell],
     records: Sequence[RoundRecord],
     uplinks: Sequence[UplinkRecord],
     *,

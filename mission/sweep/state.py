@@ -36,7 +36,7 @@ class SweepState:
 
     def seeds(self, label: str) -> str:
         """How many seeds of a group are done: `3`, or `2 of 3`."""
-        done = sum(result.label == label for result in self.results)
+        done = sum(result.point.label == label for result in self.results)
         missing = sum(item.label == label for item in self.missing)
         return f"{done} of {done + missing}" if missing else str(done)
 

@@ -11,7 +11,6 @@ from rich.console import Console
 from fl.plugin_code import passed
 from mission.base.errors import INTERRUPTED, AerofedError
 from mission.base.tables import count
-from mission.base.terminal import PLAIN
 from mission.config.models import RunConfig
 from mission.flight.flyers.open import set_up
 from mission.sweep.execute.engine import Engine, EngineChoice, execute_all
@@ -20,7 +19,7 @@ from mission.sweep.folder import SweepFolder, read_manifest
 from mission.sweep.grid import Grid, SweepRun
 from mission.sweep.outcome.gains import METHOD
 from mission.sweep.progress import Bar, Lines, duration
-from mission.sweep.results import read_run, write_results
+from mission.sweep.results import communities_of, read_run, write_results
 from mission.sweep.state import read_sweep
 
 Page: TypeAlias = Callable[[Path], object]
@@ -56,10 +55,9 @@ def sweep(
         ends = work.fly(engine, page)
     except KeyboardInterrupt:
         done = sum(work.folder.done(run) for run in grid.runs)
-        _say(
-            console,
+        Lines(console).say(
             f"interrupted; {done} of {len(grid.runs)} runs are done; "
-            "the same command goes on from here",
+            "the same command goes on from here"
         )
         return INTERRUPTED
     failed = {name: end for name, end in ends.items() if end.exit_code}
@@ -84,7 +82,7 @@ class _Sweep:
         grid, folder = self.grid, self.folder
         todo = [run for run in grid.runs if not folder.done(run)]
         if why := same_by_design([run.config for run in todo]):
-            _say(self.console, why)
+            Lines(self.console).say(why)
         if todo:
             # Once here, so that missing data is one line and not a failure of every run.
             set_up(todo[0].config, data_dir=self.data_dir)
@@ -156,13 +154,10 @@ def same_by_design(configs: Sequence[RunConfig]) -> str:
 
 def _outcome(folder: SweepFolder, run: SweepRun) -> str:
     result = read_run(folder.run(run), run)
-    accuracy = " ".join(
-        f"{key.removeprefix('final_accuracy_')} {value:.3f}"
-        for key, value in result.summary.items()
-        if key.startswith("final_accuracy_")
-    )
-    rounds, wall_s = result.summary["rounds"], result.wall_s["total"]
-    return f"{count(int(rounds), 'round')} in {duration(wall_s)}, accuracy {accuracy}"
+    of, wall_s = result.summary, result.wall_s["total"]
+    finals = ((name, of[f"final_accuracy_{name}"]) for name in communities_of([result]))
+    accuracy = " ".join(f"{name} {value:.3f}" for name, value in finals)
+    return f"{count(int(of['rounds']), 'round')} in {duration(wall_s)}, accuracy {accuracy}"
 
 
 def _report(path: Path, console: Console, page: Page | None) -> None:
@@ -175,12 +170,8 @@ def _report(path: Path, console: Console, page: Page | None) -> None:
     draw_sweep(path.name, state.results, path / "figures")
     console.print(final_table(state.results))
     if state.missing:
-        _say(console, state.progress)
+        Lines(console).say(state.progress)
     if page is not None:
         page(path)
     made = f"aerofed report {path} makes a page of them"
-    _say(console, f"results in {path}{f'; {made}' if page is None else ': open report.html'}")
-
-
-def _say(console: Console, line: str) -> None:
-    console.print(line, **PLAIN)
+    Lines(console).say(f"results in {path}{f'; {made}' if page is None else ': open report.html'}")

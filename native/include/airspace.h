@@ -26,19 +26,32 @@ typedef struct {
     int32_t *before;               /* (V, V) the vertex before the other on it */
 } Airspace;
 
-static inline double square_of(Point a, Point b)
+static inline double least(double a, double b) { return b < a ? b : a; }
+static inline double most(double a, double b) { return b > a ? b : a; }
+
+static inline double square_between(Point a, Point b)
 {
     const double x = b.x - a.x, y = b.y - a.y;
     return x * x + y * y;
 }
 
+/* The point so far on the way from one to another. */
+static inline Point between_at(Point from, Point to, double share)
+{
+    return (Point){from.x + share * (to.x - from.x), from.y + share * (to.y - from.y)};
+}
+
+/* How much of a segment lies before its point that is nearest to a place. */
+static inline double share_before(Point place, Point from, Point to)
+{
+    const double x = to.x - from.x, y = to.y - from.y, square = x * x + y * y;
+    return square > 0 ? least(1, most(0, ((place.x - from.x) * x + (place.y - from.y) * y) / square)) : 0;
+}
+
 /* The point of a segment that is nearest to a place. */
 static inline Point foot_of(Point place, Point from, Point to)
 {
-    const double x = to.x - from.x, y = to.y - from.y, square = x * x + y * y;
-    double share = square > 0 ? ((place.x - from.x) * x + (place.y - from.y) * y) / square : 0;
-    share = share > 0 ? share < 1 ? share : 1 : 0;
-    return (Point){from.x + share * x, from.y + share * y};
+    return between_at(from, to, share_before(place, from, to));
 }
 
 /* Twice the area of a triangle, above 0 where c is on the left of the way from a to b. */
@@ -47,25 +60,22 @@ static inline double turn_of(Point a, Point b, Point c)
     return (b.x - a.x) * (c.y - a.y) - (b.y - a.y) * (c.x - a.x);
 }
 
-static inline double smaller(double a, double b) { return b < a ? b : a; }
-static inline double larger(double a, double b) { return b > a ? b : a; }
-
 /* Whether a segment may be nearer than `away` to what lies in a box. */
 static inline int is_near(Point a, Point b, Point low, Point high, double away)
 {
-    return larger(a.x, b.x) + away >= low.x && smaller(a.x, b.x) - away <= high.x &&
-           larger(a.y, b.y) + away >= low.y && smaller(a.y, b.y) - away <= high.y;
+    return most(a.x, b.x) + away >= low.x && least(a.x, b.x) - away <= high.x &&
+           most(a.y, b.y) + away >= low.y && least(a.y, b.y) - away <= high.y;
 }
 
 /* Whether two segments are so near, or cross. */
 static inline int are_within(Point a, Point b, Point c, Point d, double away)
 {
     const double square = away * away;
-    const Point low = {smaller(c.x, d.x), smaller(c.y, d.y)}, high = {larger(c.x, d.x), larger(c.y, d.y)};
+    const Point low = {least(c.x, d.x), least(c.y, d.y)}, high = {most(c.x, d.x), most(c.y, d.y)};
     if (!is_near(a, b, low, high, away)) return 0;
     if (turn_of(a, b, c) * turn_of(a, b, d) < 0 && turn_of(c, d, a) * turn_of(c, d, b) < 0) return 1;
-    return square_of(a, foot_of(a, c, d)) <= square || square_of(b, foot_of(b, c, d)) <= square ||
-           square_of(c, foot_of(c, a, b)) <= square || square_of(d, foot_of(d, a, b)) <= square;
+    return square_between(a, foot_of(a, c, d)) <= square || square_between(b, foot_of(b, c, d)) <= square ||
+           square_between(c, foot_of(c, a, b)) <= square || square_between(d, foot_of(d, a, b)) <= square;
 }
 
 /* Whether a leg is further than `away` from every outline. */
@@ -113,7 +123,7 @@ static inline double away_from(const Airspace *space, Point p)
     for (int64_t i = 0; i < space->outlines; i++) {
         Point c = space->corner[space->first[i + 1] - 1];
         for (int64_t n = space->first[i]; n < space->first[i + 1]; n++) {
-            nearest = smaller(nearest, square_of(p, foot_of(p, c, space->corner[n])));
+            nearest = least(nearest, square_between(p, foot_of(p, c, space->corner[n])));
             c = space->corner[n];
         }
     }
@@ -125,7 +135,7 @@ static inline double away_from(const Airspace *space, Point p)
 static inline void try_place(
     const Airspace *space, Point from, int outside, Point place, double *nearest, Point *best)
 {
-    const double square = square_of(from, place);
+    const double square = square_between(from, place);
     if (!(square < *nearest) || !is_free(space, place)) return;
     if (outside && !keeps(space, from, place, space->touching)) return;
     *nearest = square;
@@ -145,8 +155,8 @@ static inline int move_out(const Airspace *space, Point *p)
         for (int64_t n = first; n < end; n++) {
             const Point c = space->corner[n], d = space->corner[n + 1 < end ? n + 1 : first];
             const Point foot = foot_of(from, c, d);
-            const double left = space->beside / sqrt(square_of(c, d));
-            const double away = space->beside / larger(sqrt(square_of(foot, from)), space->touching);
+            const double left = space->beside / sqrt(square_between(c, d));
+            const double away = space->beside / most(sqrt(square_between(foot, from)), space->touching);
             const Point beside[] = {
                 {foot.x - (d.y - c.y) * left, foot.y + (d.x - c.x) * left},
                 {foot.x + (from.x - foot.x) * away, foot.y + (from.y - foot.y) * away}};
@@ -173,7 +183,7 @@ static inline void fill_ways(const Airspace *space)
         for (int64_t j = 0; j < count; j++) {
             const Point a = space->vertex[i], b = space->vertex[j];
             const int seen = j < i ? !isinf(length[j * count + i]) : keeps(space, a, b, space->clear);
-            length[i * count + j] = seen ? sqrt(square_of(a, b)) : INFINITY;
+            length[i * count + j] = seen ? sqrt(square_between(a, b)) : INFINITY;
             space->before[i * count + j] = (int32_t)i;
         }
     for (int64_t by = 0; by < count; by++)
@@ -192,7 +202,7 @@ static inline void fill_ways(const Airspace *space)
 static inline int64_t way_to(const Airspace *space, Point from, Point to, Point *way, double *spare)
 {
     const int64_t count = space->vertices;
-    double *here = spare, *there = spare + count, least = INFINITY;
+    double *here = spare, *there = spare + count, shortest = INFINITY;
     int64_t first = -1, last = -1, points = 0, seen = 0;
     if (keeps(space, from, to, space->clear)) {
         way[0] = to;
@@ -200,8 +210,8 @@ static inline int64_t way_to(const Airspace *space, Point from, Point to, Point 
     }
     for (int64_t i = 0; i < count; i++) {
         const Point v = space->vertex[i];
-        here[i] = keeps(space, from, v, space->clear) ? sqrt(square_of(from, v)) : INFINITY;
-        there[i] = keeps(space, v, to, space->clear) ? sqrt(square_of(v, to)) : INFINITY;
+        here[i] = keeps(space, from, v, space->clear) ? sqrt(square_between(from, v)) : INFINITY;
+        there[i] = keeps(space, v, to, space->clear) ? sqrt(square_between(v, to)) : INFINITY;
         seen |= !isinf(here[i]);
     }
     /* From where nothing is seen it may have to get out first. */
@@ -214,8 +224,8 @@ static inline int64_t way_to(const Airspace *space, Point from, Point to, Point 
     for (int64_t i = 0; i < count; i++)
         for (int64_t j = 0; !isinf(here[i]) && j < count; j++) {
             const double whole = here[i] + space->length[i * count + j] + there[j];
-            if (!(whole < least)) continue;
-            least = whole;
+            if (!(whole < shortest)) continue;
+            shortest = whole;
             first = i;
             last = j;
         }

@@ -76,10 +76,10 @@ class Monitor:
             return
         for fault in faults:
             if fault not in self._faults:
-                self._report.fault(f"Fault begins: {fault.kind}")
+                self._report.say(f"Fault begins: {fault.kind}", kind="fault")
         for fault in self._faults:
             if fault not in faults:
-                self._report.fault(f"Fault ends: {fault.kind}")
+                self._report.say(f"Fault ends: {fault.kind}", kind="fault")
         self._faults = faults
 
     def snapshot(self, failsafes: Failsafes, orbit: Orbit | None) -> Snapshot:

@@ -47,16 +47,6 @@ class Reporter:
             logger.error("internal error in %s", what, exc_info=error)
             self.say(f"Internal error in {what}: {kind}", mav.MAV_SEVERITY_ERROR)
 
-    def _text(self, severity: int, text: str) -> None:
-        """A status text, in as many messages as it takes; one that is not full ends it."""
-        data, number = text.encode("ascii", "replace"), 0
-        if len(data) > _TEXT_BYTES:
-            number = self._last_text = self._last_text % 65535 + 1
-        ends = range(0, len(data) + (number > 0), _TEXT_BYTES) or (0,)
-        for chunk, at in enumerate(ends):
-            part = data[at : at + _TEXT_BYTES]
-            self._outbox.append(mav.MAVLink_statustext_message(severity, part, number, chunk))
-
     def _sink(self, kind: EventKind, text: str, seq: int | None, severity: int) -> None:
         try:
             self._to(kind, text, seq, severity)
@@ -64,10 +54,20 @@ class Reporter:
             self._outside = error
             raise
 
-    def say(self, text: str, severity: int = mav.MAV_SEVERITY_WARNING) -> None:
-        """Send a status text to ground stations, and tell it to observers."""
-        self._text(severity, text)
-        self._sink("status", text, None, severity)
+    def say(
+        self, text: str, severity: int = mav.MAV_SEVERITY_WARNING, *, kind: EventKind = "status"
+    ) -> None:
+        """Send a status text to ground stations, in as many messages as it takes (one that is not
+        full ends it), and tell it to observers.
+        """
+        data, number = text.encode("ascii", "replace"), 0
+        if len(data) > _TEXT_BYTES:
+            number = self._last_text = self._last_text % 65535 + 1
+        ends = range(0, len(data) + (number > 0), _TEXT_BYTES) or (0,)
+        for chunk, at in enumerate(ends):
+            part = data[at : at + _TEXT_BYTES]
+            self._outbox.append(mav.MAVLink_statustext_message(severity, part, number, chunk))
+        self._sink(kind, text, None, severity)
 
     def mode(self, mode: Mode, why: str) -> None:
         """Tell that the flight mode has changed."""
@@ -96,13 +96,7 @@ class Reporter:
 
     def failsafe(self, text: str) -> None:
         """Tell that a failsafe has acted, or has ended."""
-        self._text(mav.MAV_SEVERITY_CRITICAL, text)
-        self._sink("failsafe", text, None, mav.MAV_SEVERITY_CRITICAL)
-
-    def fault(self, text: str) -> None:
-        """Tell that a fault was injected or removed."""
-        self._text(mav.MAV_SEVERITY_WARNING, text)
-        self._sink("fault", text, None, mav.MAV_SEVERITY_WARNING)
+        self.say(text, mav.MAV_SEVERITY_CRITICAL, kind="failsafe")
 
 
 class _Contained:

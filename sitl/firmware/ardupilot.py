@@ -13,15 +13,8 @@ import socket
 from flightdyn.physics.atmosphere import altitude_m
 from flightdyn.plant import Plant
 from sitl.errors import FirmwareRestartedError
-from sitl.firmware.bridge import LOOK_S, bound, give_up_soon, sensors_of
-from sitl.firmware.native.library import (
-    RESTARTED,
-    Json,
-    Stepped,
-    TruthRing,
-    json_send,
-    json_wait,
-)
+from sitl.firmware.bridge import LOOK_S, Bridge, bound, give_up_soon
+from sitl.firmware.native.library import RESTARTED, Json, json_send, json_wait
 
 _logger = logging.getLogger(__name__)
 
@@ -38,7 +31,7 @@ def slowest_rate_hz(loops_hz: float) -> int:
 RATE_HZ = slowest_rate_hz(LOOPS_HZ)
 
 
-class ArduPilotBridge:
+class ArduPilotBridge(Bridge):
     """Steps a plant for the ArduPilot that sends to `port`.
 
     The first to ask is answered, until a process asks that is new and counts from 0, as ArduPilot
@@ -47,30 +40,15 @@ class ArduPilotBridge:
 
     def __init__(self, plant: Plant, *, port: int = DEFAULT_PORT) -> None:
         """Raises SitlInputError where the plant has no sensors."""
-        self.plant = plant
-        self._sensors = sensors_of(plant)
-        self._port = port
-        self._socket: socket.socket | None = None
-        self._json = Json()  # what goes between ArduPilot and here
-        self._json.answered = self._json.length = -1
-        self._stepped = Stepped(plant, self._sensors.imu, self._json)
+        self._json = Json(answered=-1, length=-1)  # what goes between ArduPilot and here
+        super().__init__(plant, self._json, port)
         self._baro_error_m = 0.0
         self._warned = False  # of datagrams that are not ArduPilot's
-
-    @property
-    def truths(self) -> TruthRing:
-        return self._stepped.truths
 
     @property
     def connected(self) -> bool:
         """Whether a firmware has asked for anything."""
         return bool(self._json.peer)
-
-    @property
-    def port(self) -> int:
-        """The port on which it listens."""
-        assert self._socket is not None
-        return int(self._socket.getsockname()[1])
 
     def open(self) -> None:
         self._socket = bound(socket.SOCK_DGRAM, self._port)

@@ -2,12 +2,11 @@
 
 import socket
 import struct
-from typing import Protocol
+from abc import ABC, abstractmethod
 
-from flightdyn.physics.sensor_suite import SensorSuite
 from flightdyn.plant import Plant
 from sitl.errors import LinkError, SitlInputError
-from sitl.firmware.native.library import TruthRing
+from sitl.firmware.native.library import Hil, Json, Stepped
 
 # Wall time that a firmware may take for a tick. On a busy machine it takes long for one now and
 # then; one that takes longer than this is stuck.
@@ -16,19 +15,37 @@ LOOK_S = 0.1  # wall time after which a wait for it looks whether it is to go on
 LOOPBACK = "127.0.0.1"
 
 
-class Bridge(Protocol):
+class Bridge(ABC):
     """One firmware's way to be given sensors and to drive motors."""
 
-    plant: Plant
+    def __init__(self, plant: Plant, link: Hil | Json, port: int) -> None:
+        """`link` is what goes between the firmware and here.
+
+        Raises:
+            SitlInputError: the plant has no sensors.
+        """
+        if plant.sensors is None:
+            raise SitlInputError(
+                "aircraft.sensors.kind = 'perfect': a firmware flies on sensors of its own kind "
+                "and takes readings without noise for broken ones; it must be 'realistic'"
+            )
+        self.plant, self._sensors, self._port = plant, plant.sensors, port
+        self._socket: socket.socket | None = None  # on which it listens
+        self._stepped = Stepped(plant, plant.sensors.imu, link)
+        self.truths = self._stepped.truths  # at the last guidance intervals, as C keeps them
 
     @property
-    def truths(self) -> TruthRing:
-        """The truth at the last guidance intervals, as C keeps it."""
+    def port(self) -> int:
+        """The port on which it listens."""
+        assert self._socket is not None
+        return int(self._socket.getsockname()[1])
 
     @property
+    @abstractmethod
     def connected(self) -> bool:
         """Whether a firmware has connected."""
 
+    @abstractmethod
     def open(self) -> None:
         """Listen for the firmware.
 
@@ -36,6 +53,7 @@ class Bridge(Protocol):
             LinkError: the port cannot be had.
         """
 
+    @abstractmethod
     def run(self, ticks: int) -> int:
         """Step the plant so often at most, each time when the firmware asks for it.
 
@@ -47,25 +65,13 @@ class Bridge(Protocol):
             FirmwareRestartedError: it has ended, or begun anew.
         """
 
+    @abstractmethod
     def rest(self) -> None:
         """Time stands still: take what arrives meanwhile; nothing is answered."""
 
+    @abstractmethod
     def close(self) -> None:
         """Stop; may be called twice."""
-
-
-def sensors_of(plant: Plant) -> SensorSuite:
-    """The sensors that a firmware is to fly on.
-
-    Raises:
-        SitlInputError: there are none.
-    """
-    if plant.sensors is None:
-        raise SitlInputError(
-            "aircraft.sensors.kind = 'perfect': a firmware flies on sensors of its own kind and "
-            "takes readings without noise for broken ones; it must be 'realistic'"
-        )
-    return plant.sensors
 
 
 def bound(kind: socket.SocketKind, port: int) -> socket.socket:

@@ -113,8 +113,7 @@ class FirmwareClock:
         self._processor = processor
         self._slow_until = -math.inf  # wall time up to which the pace is that of wall time
         self._heard_ns: int | None = None  # time stamp of the newest telemetry
-        self._truth = TruthHistory(bridge.plant, bridge.truths)
-        self.motors = self._truth.motors
+        self.truth = TruthHistory(bridge.plant, bridge.truths)
         self._may_run = threading.Event()
         self._stopped = False
         self._thread = threading.Thread(target=self._turn, name="firmware clock", daemon=True)
@@ -165,16 +164,7 @@ class FirmwareClock:
     def exchange_battery(self) -> None:
         """Put in a fresh battery, while time stands still."""
         self.plant.exchange_battery()
-        self._truth.keep_battery(exchanged=True)
-
-    @property
-    def now(self) -> Moment:
-        """The newest truth, a guidance interval old at most."""
-        return self._truth.newest
-
-    def at(self, t_ns: int) -> Moment:
-        """The truth at an instant; see `TruthHistory.at`."""
-        return self._truth.at(t_ns)
+        self.truth.keep_battery(exchanged=True)
 
     def _turn(self) -> None:
         try:
@@ -211,7 +201,7 @@ class FirmwareClock:
             if not answers and left_ns < most * plant.dt_ns:
                 most = math.ceil(left_ns / plant.dt_ns)
             if ticks := run(most):
-                self._truth.keep_battery()
+                self.truth.keep_battery()
                 asked_s = time.monotonic()
                 paced_s = self._keep_pace(ticks, speed, paced_s, asked_s)
             elif not bridge.connected:

@@ -16,16 +16,8 @@ from flightdyn.plant import Plant
 from flightdyn.state import GeodeticPoint, GnssFix
 from sitl.autopilot.codec import units as u
 from sitl.errors import FirmwareError, FirmwareRestartedError
-from sitl.firmware.bridge import LOOK_S, bound, give_up_soon, sensors_of
-from sitl.firmware.native.library import (
-    FREE_RUNNING,
-    GONE,
-    Hil,
-    Stepped,
-    TruthRing,
-    hil_send,
-    hil_wait,
-)
+from sitl.firmware.bridge import LOOK_S, Bridge, bound, give_up_soon
+from sitl.firmware.native.library import FREE_RUNNING, GONE, Hil, hil_send, hil_wait
 
 DEFAULT_PORT = 4560  # of PX4's instance 0
 _KELVIN = 273.15
@@ -35,7 +27,7 @@ _FIX_3D = 3
 _UNKNOWN_COURSE = 65535
 
 
-class Px4Bridge:
+class Px4Bridge(Bridge):
     """Steps a plant for the PX4 that connects to `port`."""
 
     def __init__(self, plant: Plant, *, port: int = DEFAULT_PORT, lock: int | None = None) -> None:
@@ -44,15 +36,11 @@ class Px4Bridge:
         Raises:
             SitlInputError: the plant has no sensors.
         """
-        self._lock = lock
-        self.plant = plant
-        self._sensors = sensors_of(plant)
-        self._port = port
-        self._listener: socket.socket | None = None
-        self._connection: socket.socket | None = None
         self._hil = Hil()  # what goes between PX4 and here
+        super().__init__(plant, self._hil, port)
         self._hil.sensor.temperature_c = temperature_k(plant.frame.origin.alt_msl_m) - _KELVIN
-        self._stepped = Stepped(plant, self._sensors.imu, self._hil)
+        self._lock = lock
+        self._connection: socket.socket | None = None
         self.booting = True  # it has answered nothing yet
         self._paced_s = 0.0  # wall time of the last tick while PX4 boots
 
@@ -64,24 +52,14 @@ class Px4Bridge:
         return tuple(self._hil.motors)
 
     @property
-    def truths(self) -> TruthRing:
-        return self._stepped.truths
-
-    @property
     def connected(self) -> bool:
         """Whether a firmware has connected."""
         return self._connection is not None
 
-    @property
-    def port(self) -> int:
-        """The port on which it listens."""
-        assert self._listener is not None
-        return int(self._listener.getsockname()[1])
-
     def open(self) -> None:
-        self._listener = bound(socket.SOCK_STREAM, self._port)
-        self._listener.listen(1)
-        self._listener.settimeout(LOOK_S)
+        self._socket = bound(socket.SOCK_STREAM, self._port)
+        self._socket.listen(1)
+        self._socket.settimeout(LOOK_S)
 
     def run(self, ticks: int) -> int:
         if self.booting:
@@ -154,18 +132,18 @@ class Px4Bridge:
         time.sleep(LOOK_S / 10)
 
     def close(self) -> None:
-        for sock in (self._connection, self._listener):
+        for sock in (self._connection, self._socket):
             if sock is not None:
                 sock.close()
-        self._connection = self._listener = None
+        self._connection = self._socket = None
         if self._lock is not None:
             os.close(self._lock)
             self._lock = None
 
     def _accept(self) -> bool:
-        assert self._listener is not None
+        assert self._socket is not None
         try:
-            connection, _ = self._listener.accept()
+            connection, _ = self._socket.accept()
         except TimeoutError:
             return False
         connection.settimeout(None)

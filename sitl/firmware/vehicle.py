@@ -177,7 +177,7 @@ class FirmwareVehicle:
         if self._vehicle.autopilot == "ardupilot":
             return b""
         capacity_mah = self._vehicle.aircraft.battery.capacity_mah
-        return self._writer.battery(self.clock.now.battery, capacity_mah)
+        return self._writer.battery(self.clock.truth.newest.battery, capacity_mah)
 
     def _switch_gnss(self) -> None:
         sensors = self.plant.sensors

@@ -77,7 +77,5 @@ def test_krum_leaves_the_outlier_out() -> None:
 
 
 @pytest.mark.slow
-def test_it_flies_and_resumes_to_the_same_bytes(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    check_resumed(SMALL, tmp_path, monkeypatch)
+def test_it_flies_and_resumes_to_the_same_bytes(tmp_path: Path) -> None:
+    check_resumed(SMALL, tmp_path)

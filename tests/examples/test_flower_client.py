@@ -72,8 +72,6 @@ def test_what_an_app_would_lose_is_refused() -> None:
 
 
 @pytest.mark.slow
-def test_it_flies_and_resumes_to_the_same_bytes(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    whole = check_resumed(OURS, tmp_path, monkeypatch)
+def test_it_flies_and_resumes_to_the_same_bytes(tmp_path: Path) -> None:
+    whole = check_resumed(OURS, tmp_path)
     assert whole.learning["loss"].notna().any()

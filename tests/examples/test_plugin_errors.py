@@ -521,7 +521,6 @@ def test_nobody_can_write_to_what_is_not_theirs_wherever_code_of_ones_own_may_be
 @pytest.mark.slow
 def test_an_object_may_stand_for_its_name_wherever_code_of_ones_own_may_be(
     tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     (tmp_path / "mine.py").write_text(GREEDY)
     by_name = aerofed.run("quickstart", at_every_point("mine:{}".format), out="out")
@@ -530,10 +529,8 @@ def test_an_object_may_stand_for_its_name_wherever_code_of_ones_own_may_be(
     assert by_object.learning.equals(by_name.learning)
     assert by_object.rounds.equals(by_name.rounds)
     assert all(by_object.summary["plugins"].values())
-    with monkeypatch.context() as patch:
-        cut_after(patch, 1)
-        with pytest.raises(aerofed.AerofedError):
-            aerofed.run("quickstart", at_every_point(passed), out="cut")
+    with cut_after(1), pytest.raises(aerofed.AerofedError):
+        aerofed.run("quickstart", at_every_point(passed), out="cut")
     command = [*UNDRAWN, "run", "--resume", "cut"]
     elsewhere = subprocess.run(command, capture_output=True, text=True, check=False)
     assert elsewhere.returncode == 2
@@ -600,18 +597,14 @@ def test_code_that_was_edited_runs_as_it_is_now(tmp_path: Path) -> None:
                 aerofed.run("quickstart", bad, out="out")
 
 
-def test_a_run_goes_on_with_the_code_it_began_with_and_no_other(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_run_goes_on_with_the_code_it_began_with_and_no_other(tmp_path: Path) -> None:
     (tmp_path / "helper.py").write_text("momentum = 0.5")
     text = MODULE.replace("momentum = 0.0", "momentum = helper.momentum")
     (tmp_path / "mine.py").write_text(f"import helper\n{text}")
     more = {**SMALL, "learning.algorithm": "mine:algorithm", "callbacks": ["mine_too:Tells"]}
     (tmp_path / "mine_too.py").write_text(MODULE)
-    with monkeypatch.context() as patch:
-        cut_after(patch, 1)
-        with pytest.raises(aerofed.AerofedError):
-            aerofed.run("quickstart", more, out="out")
+    with cut_after(1), pytest.raises(aerofed.AerofedError):
+        aerofed.run("quickstart", more, out="out")
     told = aerofed.load("out").summary["plugins"]
     assert told == {name: digest_of(name) for name in ("mine:algorithm", "mine_too:Tells")}
     (tmp_path / "helper.py").write_text("momentum = 0.6")
@@ -749,10 +742,8 @@ def test_a_belief_is_given_what_it_cannot_write_to_and_prints_to_standard_error(
 
 def test_a_belief_of_other_code_is_not_gone_on_with(monkeypatch: pytest.MonkeyPatch) -> None:
     more = {**SMALL, **WALLED, "radio.belief": "mine:Belief"}
-    with monkeypatch.context() as patch:
-        cut_after(patch, 1)
-        with pytest.raises(aerofed.AerofedError):
-            aerofed.run("quickstart", more, out="out")
+    with cut_after(1), pytest.raises(aerofed.AerofedError):
+        aerofed.run("quickstart", more, out="out")
     Path("mine.py").write_text(f"{MODULE}# edited")
     with pytest.raises(aerofed.InputError, match=r"^out: .* the code of plug-in 'mine:Belief'"):
         aerofed.resume("out")

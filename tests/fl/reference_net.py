@@ -18,14 +18,14 @@ class PlainNet(nn.Module):
     def __init__(self, net: ConvNet) -> None:
         super().__init__()
         height, width, depth = net.image_shape
-        depths = (depth, *net.channels)
+        pairs = itertools.pairwise((depth, *net.maps))
         self.convolutions = nn.ModuleList(
-            nn.Conv2d(*pair, net.kernel, padding=pad)
-            for pair, pad in zip(itertools.pairwise(depths), net.padding, strict=True)
+            nn.Conv2d(*pair, kernel, padding=pad)
+            for pair, kernel, pad in zip(pairs, net.kernels, net.padding, strict=True)
         )
         with torch.no_grad():
             features = self.features(torch.zeros(1, depth, height, width)).numel()
-        widths = [features, *net.hidden, net.classes]
+        widths = [features, *net.outputs]
         self.dense = nn.ModuleList(nn.Linear(a, b) for a, b in itertools.pairwise(widths))
 
     def features(self, x: Tensor) -> Tensor:

@@ -13,6 +13,7 @@ from pydantic import BaseModel, ValidationError
 
 from flightdyn.aircraft import Aircraft
 from flightdyn.config import AircraftConfig, GnssConfig, ImuConfig, MagConfig, SensorsConfig
+from flightdyn.guidance.pursuit import Target
 
 
 def least(model: type[BaseModel], key: str) -> Any:
@@ -26,7 +27,7 @@ def most(model: type[BaseModel], key: str) -> Any:
 def met_and_bounced(aircraft: Aircraft) -> tuple[float, float]:
     """Up and down at 0.7 m/s: the speed (m/s) that the ground is met with, the height (m) after."""
     take_off(aircraft, 3.0)
-    aircraft.velocity(np.array([0.0, 0.0, 0.7]), 0.0)
+    aircraft.pursue(Target(vel=(0.0, 0.0, 0.7), yaw=0.0))
     seen: list[tuple[float, float]] = []
 
     def stands() -> bool:

@@ -10,7 +10,8 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
-from test_run import SMALL, digests, fly
+from small_runs import digests
+from test_run import SMALL, fly
 
 from mission.cli import call
 

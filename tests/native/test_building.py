@@ -10,7 +10,6 @@ from typing import Any
 import pytest
 
 from native import building, loading
-from native.building import BuildError
 from native.errors import LibraryError
 
 
@@ -70,14 +69,16 @@ def test_without_a_compiler_one_line_says_what_helps(library):
 
 def test_a_source_that_does_not_compile_is_shown_with_what_the_compiler_says(library):
     (library.folder / "strapdown.h").write_text("no C\n")
-    with pytest.raises(BuildError, match=r"strapdown\.h:1:1: error: "):
+    with pytest.raises(LibraryError, match=r"strapdown\.h:1:1: error: "):
         building.build(library)
     assert library.built == []
 
 
 def test_cc_names_the_only_compiler(monkeypatch, library):
     monkeypatch.setenv("CC", "/no/such/compiler -m64")
-    with pytest.raises(BuildError, match="CC=/no/such/compiler -m64: does not compile a C program"):
+    with pytest.raises(
+        LibraryError, match="CC=/no/such/compiler -m64: does not compile a C program"
+    ):
         building.build(library)
     assert build_hook(monkeypatch).dependencies() == []
 

@@ -16,7 +16,6 @@ from pymavlink.dialects.v20 import common as mav
 from sitl_desk import Desk, item, of
 
 from sitl.autopilot.modes import Mode
-from sitl.vehicle import Vehicle
 
 KINDS = sorted(wide.mavlink_map)
 SENDERS = ((255, 190), (254, 190), (1, 1))  # two stations, and somebody who says to be the vehicle
@@ -162,7 +161,6 @@ class Attack:
     def __post_init__(self) -> None:
         self._frames = Frames(self.seed)
         self._log = _Errors()
-        self._ears = mav.MAVLink(None)
 
     def run(self, count: int) -> None:
         """Send `count` frames.
@@ -206,9 +204,9 @@ class Attack:
 
     def _asks(self, frame: bytes) -> int | None:
         """The command that an undamaged frame to the vehicle orders."""
-        self._ears = mav.MAVLink(None)
-        self._ears.robust_parsing = True
-        for message in self._ears.parse_buffer(frame) or ():
+        ears = mav.MAVLink(None)
+        ears.robust_parsing = True
+        for message in ears.parse_buffer(frame) or ():
             orders = (mav.MAVLink_command_long_message, mav.MAVLink_command_int_message)
             if not isinstance(message, orders):
                 continue
@@ -288,8 +286,3 @@ class _Errors(logging.Handler):
 
     def emit(self, record: logging.LogRecord) -> None:
         self.records.append(record)
-
-
-def vehicle_of(attack: Attack) -> Vehicle:
-    """The vehicle under attack."""
-    return attack.desk.vehicle

@@ -42,7 +42,6 @@ class PointMass:
         self.vel_ned_mps = np.zeros(3)
         self.yaw_rad = 0.0
         self._path: FlightPath | None = None
-        self._velocity: Vector | None = None
         self.target: Target | None = None
         self.attitude: AttitudeOrder | None = None
         self.interest_ned_m: Vector | None = None
@@ -88,19 +87,14 @@ class PointMass:
 
     def disarm(self) -> None:
         self.armed = False
-        self._path = self._velocity = self.cmd_pos_ned_m = self.target = self.attitude = None
+        self._path = self.cmd_pos_ned_m = self.target = self.attitude = None
         self.progress = PathProgress()
 
     def idle(self) -> None:
-        self._path = self._velocity = self.cmd_pos_ned_m = self.target = None
+        self._path = self.cmd_pos_ned_m = self.target = None
 
     def hold(self, pos_ned_m: Vector, yaw_rad: float) -> None:
         self.follow(FlightPath(np.array([self.pos_ned_m, pos_ned_m]), np.array([5.0]), np.ones(2)))
-        self.yaw_rad = math.remainder(yaw_rad, math.tau)
-
-    def velocity(self, vel_ned_mps: Vector, yaw_rad: float) -> None:
-        self.idle()
-        self._velocity = np.array(vel_ned_mps)
         self.yaw_rad = math.remainder(yaw_rad, math.tau)
 
     def pursue(self, target: Target) -> None:
@@ -153,8 +147,6 @@ class PointMass:
             here = (float(self.pos_ned_m[0]), float(self.pos_ned_m[1]), float(self.pos_ned_m[2]))
             wanted = wanted_velocity(here, (0.0, 0.0, 0.0), self.target, LimitsConfig())
             self.pos_ned_m += np.array(wanted) * left_s
-        if self._velocity is not None:
-            self.pos_ned_m += self._velocity * left_s
         path, progress = self._path, self.progress
         while path is not None and not progress.finished and left_s > 0:
             goal = path.points_ned_m[progress.passed]

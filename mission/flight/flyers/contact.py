@@ -12,12 +12,10 @@ import numpy as np
 from flightdyn.plant import Plant
 from mission.base.area import Area
 from mission.base.errors import FlightError, InputError
-from mission.base.interrupts import run_flight
 from mission.config.models import LinkConfig
 from mission.flight.flyers.flyers import Say
 from mission.flight.pilot.connection import connect
 from mission.flight.pilot.feed import Known, TelemetryFeed
-from mission.flight.pilot.limits import VehicleLimits, read_limits
 from mission.flight.pilot.pilot import Pilot
 from sitl.block import following
 from sitl.links import RawLink
@@ -116,22 +114,6 @@ async def until_ready(pilot: Pilot, feed: TelemetryFeed, *, timeout_s: float) ->
         raise FlightError(
             f"the vehicle cannot be armed after {timeout_s:g} s (link.ready_timeout_s): {why}"
         ) from None
-
-
-def await_vehicle(link: LinkConfig, *, area: Area, say: Say) -> VehicleLimits:
-    """Connect as for a flight, see that the vehicle stands in the area, and part; its limits.
-
-    Raises:
-        LinkLostError, FlightError, InputError: as `located`.
-        KeyboardInterrupt: nobody wants to wait any longer.
-    """
-
-    async def look() -> VehicleLimits:
-        async with located(link, area=area, observers=(), say=say) as (pilot, _):
-            return await read_limits(pilot.parameters, pilot.dialect.limits)
-
-    say(f"waiting for a vehicle on {link.url} (Ctrl-C ends)")
-    return run_flight(look())
 
 
 async def until(met: Callable[[], bool]) -> None:

@@ -18,9 +18,10 @@ from mission.base import polyline
 from mission.base.area import Area
 from mission.base.arrays import Floats
 from mission.base.errors import AerofedError, FlightError, LinkLostError
+from mission.base.interrupts import run_flight
 from mission.config.models import LinkConfig, MissionConfig
 from mission.flight.flight_plan import Demand, FlightPlan
-from mission.flight.flyers.contact import await_vehicle, located, until, until_ready
+from mission.flight.flyers.contact import located, until, until_ready
 from mission.flight.flyers.flyer import CHARGED, HOLD_TIMEOUT_S, Flyer
 from mission.flight.flyers.flyers import Attached, Flyers, Say
 from mission.flight.mission_items import mission_items, stop_items
@@ -122,7 +123,8 @@ class ExternalFlyer(Flyer):
         if plan.waits:  # a mission that is over at once takes some autopilots long to tell
             end_ns = self.t_ns + round(1e9 * plan.stops[0].hold_s)
             flight = await self.record(
-                lambda: self.pilot.wait(lambda: self.here().t_ns >= end_ns), goes_on=plan.goes_on
+                lambda: self.pilot.until(lambda: self.here().t_ns >= end_ns, "hover"),
+                goes_on=plan.goes_on,
             )
             return replace(flight, passages=(flight.at(int(flight.t_ns[0])),))
         stops = self.area.to_ned(plan.points_m, plan.alt_rel_m)
@@ -307,7 +309,15 @@ class ExternalFlyers(Flyers):
         return f"telemetry of {url}: truth and belief are what the autopilot says"
 
     def await_vehicle(self, *, say: Say) -> VehicleLimits:
-        return await_vehicle(self.task.config.link, area=self.task.area, say=say)
+        """Connect as for a flight, see that the vehicle stands in the area, and part."""
+        link = self.task.config.link
+
+        async def look() -> VehicleLimits:
+            async with located(link, area=self.task.area, observers=(), say=say) as (pilot, _):
+                return await read_limits(pilot.parameters, pilot.dialect.limits)
+
+        say(f"waiting for a vehicle on {link.url} (Ctrl-C ends)")
+        return run_flight(look())
 
     @asynccontextmanager
     async def open(self, attached: Attached) -> AsyncIterator[ExternalFlyer]:

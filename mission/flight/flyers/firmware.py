@@ -78,7 +78,7 @@ class FirmwareFlyer(ExternalFlyer):
 
     @property
     def battery_remaining(self) -> float:
-        return self.vehicle.clock.now.battery.remaining
+        return self.vehicle.clock.truth.newest.battery.remaining
 
     async def refresh(self, needed: float) -> bool:
         """As the simulated vehicle does: its charge is known, and nobody has to be waited for."""
@@ -162,9 +162,9 @@ class FirmwareFlyers(Flyers):
                         say=attached.say,
                         raw_link=raw_link,
                         known=Known(
-                            vehicle.clock.at,
+                            vehicle.clock.truth.at,
                             takers,
-                            vehicle.clock.motors,
+                            vehicle.clock.truth.motors,
                             config.vehicle.control_rate_hz,
                         ),
                     ) as (pilot, feed):

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, TypeAlias
 from flightdyn.random import RandomStreams
 from mission.base.area import Area
 from mission.base.errors import LinkLostError
-from mission.config.models import LinkConfig, RunConfig
+from mission.config.models import RunConfig
 from mission.flight.fence_zones import airspace_zones
 from mission.flight.flight_plan import Demand
 from mission.flight.flyers.flyer import Flyer
@@ -71,7 +71,13 @@ class Flyers(ABC):
             LinkLostError: a port is taken.
             InputError: the firmware's binary is not there.
         """
-        check_link(self.task.config.link)
+        link = self.task.config.link
+        if link.kind == "udp":
+            _check_port("127.0.0.1", link.udp_port, f"link.udp_port = {link.udp_port}")
+        elif link.kind == "external":
+            _check_url(link.url, "link.url")
+        for url in link.gcs:
+            _check_url(url, "link.gcs")
 
     def await_vehicle(self, *, say: Say) -> "VehicleLimits | None":  # noqa: ARG002
         """Wait for a vehicle that must be there already; `say` hears what is waited for.
@@ -90,20 +96,6 @@ class Flyers(ABC):
     @abstractmethod
     def open(self, attached: Attached) -> AbstractAsyncContextManager[Flyer]:
         """A context manager that gives the flyer, and ends it with the block."""
-
-
-def check_link(link: LinkConfig) -> None:
-    """Refuse UDP ports that are taken, before anything is written.
-
-    Raises:
-        LinkLostError: names the key and the port.
-    """
-    if link.kind == "udp":
-        _check_port("127.0.0.1", link.udp_port, f"link.udp_port = {link.udp_port}")
-    elif link.kind == "external":
-        _check_url(link.url, "link.url")
-    for url in link.gcs:
-        _check_url(url, "link.gcs")
 
 
 def _check_url(url: str, key: str) -> None:

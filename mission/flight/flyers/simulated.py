@@ -32,8 +32,6 @@ from sitl.links import Link, RawLink, UdpLink
 from sitl.pace import Simulation
 from sitl.vehicle import Vehicle
 
-SIMULATED_POSITIONS = "simulated vehicle: truth from its physics, belief from its estimator"
-
 
 def simulated_vehicle(config: VehicleConfig, *, area: Area, streams: RandomStreams) -> Vehicle:
     """A vehicle on the ground at home, with nothing that goes by wall time.
@@ -125,7 +123,7 @@ class BuiltInFlyers(Flyers):
     """Our own autopilot on the simulated aircraft. A run flies it once."""
 
     vehicle: Vehicle  # on the ground at home
-    position_source = SIMULATED_POSITIONS
+    position_source = "simulated vehicle: truth from its physics, belief from its estimator"
 
     @classmethod
     def of(cls, task: Task) -> Self:

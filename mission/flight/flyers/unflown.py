@@ -17,7 +17,6 @@ from mission.flight.track import Flight, FlightRecorder, Passage
 from sitl.autopilot.codec.orders import MissionItem
 from sitl.observer import VehicleObserver, VehicleSample
 
-PLANNED_POSITIONS = "nothing is flown: what is planned is met exactly, at the planned speed"
 LEVEL = np.array([1.0, 0.0, 0.0, 0.0])
 FULL = BatteryState(voltage_v=0.0, current_a=0.0, consumed_mah=0.0, remaining=1.0)
 
@@ -115,7 +114,7 @@ class UnflownFlyer(Flyer):
 class NoFlyers(Flyers):
     """Nobody flies: a plan, if there is one, is met exactly."""
 
-    position_source = PLANNED_POSITIONS
+    position_source = "nothing is flown: what is planned is met exactly, at the planned speed"
 
     def check(self) -> None:
         """Refuse nothing: no link is needed."""

@@ -7,12 +7,11 @@ know is not in the file. Heights are as in our logs: above sea level, home's and
 import json
 import math
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from pymavlink.dialects.v20 import common as mav
 
-from mission.base.area import Area
+from mission.base.area import Area, on_globe
 from mission.base.arrays import Floats
 from mission.base.errors import InputError
 from mission.base.run_folder import write_atomically
@@ -21,7 +20,7 @@ from mission.flight.logs.ulog import COMMANDS, MISSIONS, MODES
 from mission.flight.logs.ulog_file import Rows, rows, ulog
 from mission.log import topics
 from mission.log.contents import Contents, load
-from mission.log.reader import decode
+from mission.log.reader import decode, vectors
 from mission.log.topics import Topic
 from mission.log.values import NS_PER_S, ControlTrack, FlightData
 from sitl.autopilot.codec.orders import GLOBAL_FRAMES
@@ -102,22 +101,22 @@ def _poses(
 ) -> dict[str, Rows]:
     """Local and global position, and attitude; velocities between those of the log."""
     found = list(contents.decoded(poses))
-    t_ns = np.array([t for t, _ in found], dtype=np.int64)
-    ned = _ned(data.area, [message.pose.position for _, message in found])
+    t_ns, xyz = vectors((t, message.pose.position) for t, message in found)
+    ned = data.area.to_ned(xyz[:, :2], xyz[:, 2])
     turns = [message.pose.orientation for _, message in found]
     q = _attitude(np.array([(q.x, q.y, q.z, q.w) for q in turns], dtype=np.float64))
-    speeds = list(contents.decoded(velocities))
-    known = [t for t, _ in speeds]
-    enu = np.array([(v.x, v.y, v.z) for _, v in speeds], dtype=np.float64).reshape(-1, 3)
+    known, enu = vectors(contents.decoded(velocities))
     axes = (enu[:, 1], enu[:, 0], -enu[:, 2])
-    vel = [np.interp(t_ns, known, axis) if known else np.full(len(t_ns), np.nan) for axis in axes]
+    vel = [
+        np.interp(t_ns, known, axis) if len(known) else np.full(len(t_ns), np.nan) for axis in axes
+    ]
     w, x, y, z = q.T
     home = data.area.home
-    lat, lon = _on_globe(data.area, ned)
+    places = on_globe(data.area, xyz[:, :2], xyz[:, 2])
     local = rows(
         t_ns,
         **dict.fromkeys(("xy_valid", "z_valid"), True),
-        **dict.fromkeys(("v_xy_valid", "v_z_valid"), bool(known)),
+        **dict.fromkeys(("v_xy_valid", "v_z_valid"), len(known) > 0),
         **dict(zip("xyz", ned.T, strict=True)),
         **dict(zip(("vx", "vy", "vz"), vel, strict=True)),
         heading=np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)),
@@ -126,7 +125,12 @@ def _poses(
         ref_lon=home.lon_deg,
         ref_alt=home.alt_msl_m,
     )
-    globe = rows(t_ns, lat=lat, lon=lon, alt=home.alt_msl_m - ned[:, 2])
+    globe = rows(
+        t_ns,
+        lat=[place.lat_deg for place in places],
+        lon=[place.lon_deg for place in places],
+        alt=home.alt_msl_m - ned[:, 2],
+    )
     return {
         f"vehicle_local_position{suffix}": local,
         f"vehicle_global_position{suffix}": globe,
@@ -134,24 +138,11 @@ def _poses(
     }
 
 
-def _ned(area: Area, places: list[Any]) -> Floats:
-    """(n, 3) NED about home of points in the area's frame."""
-    xyz = np.array([(p.x, p.y, p.z) for p in places], dtype=np.float64).reshape(-1, 3)
-    return area.to_ned(xyz[:, :2], xyz[:, 2])
-
-
 def _attitude(turns: Floats) -> Floats:
     """(n, 4) FRD -> NED as (w, x, y, z), of what our log has as FLU -> ENU: (x, y, z, w)."""
     x, y, z, w = turns.reshape(-1, 4).T
     turned = np.column_stack((w + z, x + y, x - y, w - z))
     return np.asarray(turned / np.linalg.norm(turned, axis=1, keepdims=True))
-
-
-def _on_globe(area: Area, ned: Floats) -> tuple[Floats, Floats]:
-    """Latitudes and longitudes, (n,) each."""
-    frame = area.frame
-    places = [frame.to_geodetic(row) for row in ned]
-    return np.array([p.lat_deg for p in places]), np.array([p.lon_deg for p in places])
 
 
 def _control(area: Area, track: ControlTrack) -> dict[str, Rows]:

@@ -120,7 +120,7 @@ class TelemetryFeed:
         for number in _CONTROL if self._control_hz else ():
             await messages.stream(number, self._control_hz)
         self.readiness.estimator_promised = await messages.stream(
-            self._pilot.dialect.estimator.number, ESTIMATOR_HZ
+            self._pilot.dialect.estimator_number, ESTIMATOR_HZ
         )
 
     async def watch(self) -> None:
@@ -146,9 +146,9 @@ class TelemetryFeed:
                 streams = [(messages.of(name), take) for name, take in takers.items()]
                 group.create_task(follow(*streams))
 
-    def note(self, text: str, *, severity: int = _INFO) -> None:
+    def note(self, text: str) -> None:
         """Put a line about the vehicle into the log, where it is and flies now."""
-        self._happened("status", text, severity)
+        self._happened("status", text, _INFO)
 
     def passed(self, seq: int, passage: Passage) -> None:
         """Tell the observers when an item was reached, which is known afterwards only."""

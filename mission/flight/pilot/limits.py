@@ -1,8 +1,9 @@
 """What a vehicle's parameters let it do, against what a flight asks of it."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import TypeAlias
 
 from flightdyn.config import LimitsConfig
 from mission.flight.flight_plan import Demand
@@ -12,77 +13,50 @@ _HEIGHT, _RADIUS = 1, 2  # bits of FENCE_TYPE
 _EVERY_KIND = 3
 SET_BY = "link.set_parameters = true sets it for the flight"
 
-
-@dataclass(frozen=True)
-class Name:
-    """A parameter's name, and how many of our units (SI) one of its own is."""
-
-    name: str
-    unit: float = 1.0
-
-
-@dataclass(frozen=True)
-class LimitNames:
-    """What a family of autopilots calls its limits: each under the names of its versions.
-
-    The n-th name of each is that of the n-th version.
-
-    None where it has no such parameter.
-    """
-
-    cruise_mps: tuple[Name, ...]  # speed of legs for which none is ordered
-    speed_mps: tuple[Name, ...]  # fastest, whatever is ordered
-    acceleration_mps2: tuple[Name, ...]  # along a leg, and in its corners
-    tilt_deg: tuple[Name, ...]
-    acceptance_m: tuple[Name, ...]  # acceptance radius where the items' own does not count
-    fence_on: tuple[Name, ...]
-    fence_kinds: tuple[Name, ...]  # bits: which of its fences are meant; all where there is none
-    fence_radius_m: tuple[Name, ...]
-    fence_height_m: tuple[Name, ...]
-
+# What a family of autopilots calls its limits, by what they limit: the parameter's name in each of
+# its versions, the n-th that of the n-th, and how many of our units (SI) one of its own is.
+LimitNames: TypeAlias = Mapping[str, Mapping[str, float]]
 
 # PX4 v1.16: FlightTaskAuto takes the lesser of what a mission orders and MPC_XY_VEL_MAX.
-PX4_LIMITS = LimitNames(
-    cruise_mps=(Name("MPC_XY_CRUISE"),),
-    speed_mps=(Name("MPC_XY_VEL_MAX"),),
-    acceleration_mps2=(Name("MPC_ACC_HOR"),),
-    tilt_deg=(Name("MPC_TILTMAX_AIR"),),
-    acceptance_m=(),
-    fence_on=(Name("GF_ACTION"),),
-    fence_kinds=(),
-    fence_radius_m=(Name("GF_MAX_HOR_DIST"),),
-    fence_height_m=(Name("GF_MAX_VER_DIST"),),
-)
+PX4_LIMITS: LimitNames = {
+    "cruise_mps": {"MPC_XY_CRUISE": 1.0},  # of legs for which no speed is ordered
+    "speed_mps": {"MPC_XY_VEL_MAX": 1.0},  # fastest, whatever is ordered
+    "acceleration_mps2": {"MPC_ACC_HOR": 1.0},  # along a leg, and in its corners
+    "tilt_deg": {"MPC_TILTMAX_AIR": 1.0},
+    "fence_on": {"GF_ACTION": 1.0},
+    "fence_radius_m": {"GF_MAX_HOR_DIST": 1.0},
+    "fence_height_m": {"GF_MAX_VER_DIST": 1.0},
+}
 # ArduCopter: DO_CHANGE_SPEED is not held against WPNAV_SPEED; only its lean limits it.
-ARDUPILOT_LIMITS = LimitNames(
-    cruise_mps=(Name("WPNAV_SPEED", 0.01), Name("WP_SPD")),
-    speed_mps=(),
-    acceleration_mps2=(Name("WPNAV_ACCEL", 0.01), Name("WP_ACC")),
-    tilt_deg=(Name("ANGLE_MAX", 0.01), Name("ATC_ANGLE_MAX")),
-    acceptance_m=(Name("WPNAV_RADIUS", 0.01), Name("WP_RADIUS_M")),
-    fence_on=(Name("FENCE_ENABLE"),),
-    fence_kinds=(Name("FENCE_TYPE"),),
-    fence_radius_m=(Name("FENCE_RADIUS"),),
-    fence_height_m=(Name("FENCE_ALT_MAX"),),
-)
+ARDUPILOT_LIMITS: LimitNames = {
+    "cruise_mps": {"WPNAV_SPEED": 0.01, "WP_SPD": 1.0},
+    "acceleration_mps2": {"WPNAV_ACCEL": 0.01, "WP_ACC": 1.0},
+    "tilt_deg": {"ANGLE_MAX": 0.01, "ATC_ANGLE_MAX": 1.0},
+    "acceptance_m": {"WPNAV_RADIUS": 0.01, "WP_RADIUS_M": 1.0},  # the items' own does not count
+    "fence_on": {"FENCE_ENABLE": 1.0},
+    "fence_kinds": {"FENCE_TYPE": 1.0},  # bits: which of its fences are meant; without it all
+    "fence_radius_m": {"FENCE_RADIUS": 1.0},
+    "fence_height_m": {"FENCE_ALT_MAX": 1.0},
+}
 
 
 @dataclass(frozen=True)
 class Limit:
     """One limit that a parameter of the vehicle sets."""
 
-    name: Name
+    name: str
+    unit: float  # SI units that one of the parameter's is
     value: float  # in our unit
 
     @property
     def raw(self) -> float:
         """The value in the unit of the parameter."""
-        return self.value / self.name.unit
+        return self.value / self.unit
 
 
 @dataclass(frozen=True)
 class VehicleLimits:
-    """The limits that a vehicle told, by the fields of `LimitNames`; those it lacks are missing."""
+    """The limits that a vehicle told, by the keys of `LimitNames`; those it lacks are missing."""
 
     told: dict[str, Limit] = field(default_factory=dict)
 
@@ -110,7 +84,7 @@ class VehicleLimits:
 
     def lines(self) -> list[str]:
         """The parameters behind them, one a line, as the vehicle counts."""
-        return [f"{limit.name.name} = {limit.raw:g}" for limit in self.told.values()]
+        return [f"{limit.name} = {limit.raw:g}" for limit in self.told.values()]
 
     def adjustments(self, demand: Demand) -> dict[str, tuple[float, float]]:
         """Parameters to change: the value of each, and the one with which the demand can be flown.
@@ -118,14 +92,14 @@ class VehicleLimits:
         Speed and acceptance radius only: lean and fence are there to protect the vehicle.
         """
         return {
-            limit.name.name: (limit.raw, asked / limit.name.unit)
+            limit.name: (limit.raw, asked / limit.unit)
             for limit, asked, _ in self._correctable(demand)
         }
 
     def shortfalls(self, demand: Demand, *, adjusted: bool) -> Sequence[str]:
         """What of the demand will not be flown as asked, a phrase each, parameters named."""
         phrases = [
-            f"{words} ({limit.name.name} = {limit.raw:g}), {asked:g} asked; {SET_BY}"
+            f"{words} ({limit.name} = {limit.raw:g}), {asked:g} asked; {SET_BY}"
             for limit, asked, words in self._correctable(demand)
             if not adjusted
         ]
@@ -151,7 +125,7 @@ class VehicleLimits:
             "fence_radius_m": (_RADIUS, demand.distance_m, "from"),
         }
         return [
-            f"its fence ends {limit.value:g} m {where} home ({limit.name.name}), {wanted_m:.0f} "
+            f"its fence ends {limit.value:g} m {where} home ({limit.name}), {wanted_m:.0f} "
             "asked: it will not let the mission pass"
             for what, (kind, wanted_m, where) in asked.items()
             # 0 means that there is none.
@@ -169,11 +143,12 @@ async def read_limits(parameters: Parameters, names: LimitNames) -> VehicleLimit
     """
     told = {}
     version = 0
-    for what, alternatives in vars(names).items():
-        for number, name in sorted(enumerate(alternatives), key=lambda one: one[0] != version):
-            value = await parameters.get(name.name)
+    for what, alternatives in names.items():
+        versions = enumerate(alternatives.items())
+        for number, (name, unit) in sorted(versions, key=lambda one: one[0] != version):
+            value = await parameters.get(name)
             if value is not None:
-                told[what] = Limit(name, value * name.unit)
+                told[what] = Limit(name, unit, value * unit)
                 version = max(version, number)
                 break
     return VehicleLimits(told)

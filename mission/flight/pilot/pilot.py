@@ -12,7 +12,7 @@ from mavsdk.exceptions import MavsdkError
 from mavsdk.plugins.telemetry import FlightMode, LandedState
 
 from mission.base.errors import FlightError, LinkLostError
-from mission.flight.pilot.dialects import PX4, Dialect
+from mission.flight.pilot.dialects import Dialect
 from mission.flight.pilot.parameters import Parameters
 from mission.flight.pilot.raw_items import as_dialect, from_raw, raw_items, same_mission
 from mission.flight.pilot.raw_messages import (
@@ -43,7 +43,7 @@ TAKE_OFF_TOLERANCE_M = 2.0
 class Pilot:
     """Flies one vehicle over one MAVSDK system, while its `watch` runs; see `connect`."""
 
-    def __init__(self, system: System, *, dialect: Dialect = PX4, stall_timeout_s: float) -> None:
+    def __init__(self, system: System, *, dialect: Dialect, stall_timeout_s: float) -> None:
         self.system = system
         self.dialect = dialect
         self.watch = Watch(system)
@@ -102,15 +102,15 @@ class Pilot:
 
     async def arm(self) -> None:
         """Release the motors, in a mode that takes no vehicle without a position."""
-        mode = self.dialect.arming_mode
-        if mode is not None:
+        if self.dialect.arming_mode is not None:
+            number, shown = self.dialect.arming_mode
             self.watch.order_given()
-            if await self.messages.command(DO_SET_MODE, CUSTOM_MODE, mode.custom) != ACCEPTED:
+            if await self.messages.command(DO_SET_MODE, CUSTOM_MODE, number) != ACCEPTED:
                 raise await self._refused("take the mode to arm in")
             # Before it is seen MAVSDK may order a hold, in whose mode ArduCopter cannot be armed.
-            await self._until(lambda: self.mode == mode.shown, "take the mode to arm in")
+            await self.until(lambda: self.mode == shown, "take the mode to arm in")
         await self._order("arm", self._action.arm())
-        await self._until(lambda: self.watch.armed, "arm")
+        await self.until(lambda: self.watch.armed, "arm")
 
     async def take_off(self, alt_rel_m: float) -> None:
         """Arm, climb, and wait for the hover at `alt_rel_m` above home."""
@@ -118,7 +118,7 @@ class Pilot:
         await self.arm()
         await self._order("take off", self._action.takeoff())
         # Telemetry of one instant arrives in several messages, so all of it must agree.
-        await self._until(
+        await self.until(
             lambda: (
                 self.watch.landed == LandedState.IN_AIR
                 and self.mode in self.dialect.resting
@@ -134,7 +134,7 @@ class Pilot:
             FlightError: the vehicle leaves it, or misses its end.
         """
         await self.carry_out()
-        await self._until(
+        await self.until(
             lambda: self.mode in self.dialect.resting, "hold its position after the mission"
         )
 
@@ -235,7 +235,7 @@ class Pilot:
 
     async def landed(self) -> None:
         """Wait until the vehicle stands on the ground with its motors off."""
-        await self._until(lambda: self._landed, "land and disarm")
+        await self.until(lambda: self._landed, "land and disarm")
 
     async def land(self) -> None:
         """Return to home, land, and wait until the motors are off."""
@@ -246,13 +246,15 @@ class Pilot:
         """Stop and hover where the vehicle is."""
         await self._order("hold", self._action.hold())
 
-    async def wait(self, over: Callable[[], bool]) -> None:
-        """Let the vehicle hover until telemetry says so.
+    async def until(self, met: Callable[[], bool], what: str) -> None:
+        """Wait until telemetry says so, while the vehicle should do `what`.
 
         Raises:
             LinkLostError, FlightError: it falls silent, or is lost.
         """
-        await self._until(over, "hover")
+        while not met():
+            self._check_alive(what)
+            await asyncio.sleep(POLL_S)
 
     async def upload_items(self, items: Sequence[MissionItem]) -> None:
         """Upload any mission, numbered from 0, and make its first item the next.
@@ -298,11 +300,6 @@ class Pilot:
         said = _because(self.watch.first_warning)
         why = "" if error is None else f": {reason(error)}"
         return FlightError(f"the vehicle did not {what}{why}{said}")
-
-    async def _until(self, met: Callable[[], bool], what: str) -> None:
-        while not met():
-            self._check_alive(what)
-            await asyncio.sleep(POLL_S)
 
     def _check_alive(self, what: str) -> None:
         watch = self.watch

@@ -47,7 +47,7 @@ def _to_raw(item: MissionItem) -> RawItem:
 def from_raw(item: RawItem, dialect: Dialect) -> MissionItem:
     """An item as it comes back; where item 0 is the home position, that is no command."""
     scale = DEG_E7 if item.frame in GLOBAL_FRAMES else 1.0
-    home = dialect.home_first and item.seq == 0 and item.mission_type == 0
+    home = item.seq < dialect.first_item and item.mission_type == 0
     return MissionItem(
         item.seq,
         0 if home else item.command,
@@ -64,7 +64,7 @@ def from_raw(item: RawItem, dialect: Dialect) -> MissionItem:
 def as_dialect(items: Sequence[RawItem], dialect: Dialect) -> list[RawItem]:
     """Mission items in the form that the family of autopilots `dialect` takes."""
     taken = [copy(item) for item in items]
-    if dialect.home_first:
+    if dialect.first_item:
         # The autopilot puts its own home there.
         home = copy(taken[0])
         home.command, home.frame = mav.MAV_CMD_NAV_WAYPOINT, mav.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT

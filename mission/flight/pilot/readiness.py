@@ -2,8 +2,6 @@
 it be armed. An autopilot streams positions long before, ArduPilot 0, 0 among them.
 """
 
-from dataclasses import dataclass
-
 from mission.flight.pilot.raw_messages import Messages, follow
 from sitl.autopilot.codec.orders import Fields
 
@@ -21,22 +19,10 @@ _NEEDED = {
 _FORBIDDEN = {1024: "not started, or misled by GPS"}
 
 
-@dataclass(frozen=True)
-class EstimatorMessage:
-    """How a family of autopilots says what its estimator knows."""
-
-    name: str
-    number: int
-
-
-ESTIMATOR_STATUS = EstimatorMessage("ESTIMATOR_STATUS", 230)
-EKF_STATUS_REPORT = EstimatorMessage("EKF_STATUS_REPORT", 193)
-
-
 class Readiness:
     """GNSS fix, estimator status and home position that a vehicle has reported."""
 
-    def __init__(self, estimator: EstimatorMessage) -> None:
+    def __init__(self, estimator: str) -> None:
         self._estimator = estimator
         # Whether it agreed to stream its estimator's status; None: not asked yet.
         self.estimator_promised: bool | None = None
@@ -71,7 +57,7 @@ class Readiness:
         """Follow what the vehicle says until cancelled."""
         await follow(
             (messages.of("GPS_RAW_INT"), self._take_fix),
-            (messages.of(self._estimator.name), self._take_flags),
+            (messages.of(self._estimator), self._take_flags),
             (messages.of("HOME_POSITION"), self._take_home),
         )
 

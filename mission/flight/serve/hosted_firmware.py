@@ -79,7 +79,7 @@ class FirmwareHost(Host):
 
     @property
     def state(self) -> State:
-        now, flyer = self._flyer.vehicle.clock.now, self._flyer
+        now, flyer = self._flyer.vehicle.clock.truth.newest, self._flyer
         return State(now.kinematics, self.track.mode, flyer.pilot.armed, now.battery.remaining)
 
     async def run_for(self, seconds: float) -> None:

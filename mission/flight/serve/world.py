@@ -3,7 +3,6 @@
 import asyncio
 import math
 import threading
-from collections.abc import Callable
 from contextlib import AsyncExitStack, closing
 from dataclasses import dataclass
 
@@ -13,11 +12,11 @@ from mission.base.errors import FlightError, InputError
 from mission.config.models import LinkConfig, RunConfig
 from mission.flight.failures import of_a_vehicle, of_settings
 from mission.flight.flyers.contact import Milestones, located
+from mission.flight.flyers.flyers import Say
 from mission.flight.pilot.feed import Known
 from mission.flight.serve.flight_logs import FlightLogs
 from sitl.autopilot.codec.orders import MissionItem
 from sitl.block import following
-from sitl.config import VehicleConfig
 from sitl.errors import FirmwareError, FirmwareRestartedError
 from sitl.firmware.ardupilot import ArduPilotBridge
 from sitl.firmware.bridge import Bridge
@@ -28,8 +27,6 @@ from sitl.firmware.vehicle import plant_for
 _LOOK_S = 0.2
 _FOR_EVER_S = 1e6
 _TELL_OF_LISTS = ("total", "mission_id", "fence_id", "rally_points_id")
-
-Say = Callable[[str], None]
 
 
 @dataclass(frozen=True)
@@ -53,7 +50,7 @@ class Recorder:
         link = self.link.model_copy(update={**patient, "url": self.url})
         with closing(self.logs):
             observers = self.logs, Milestones(clock.plant)
-            known = Known(clock.at)
+            known = Known(clock.truth.at)
             async with located(link, area=self.area, observers=observers, say=say, known=known) as (
                 pilot,
                 _,
@@ -138,9 +135,8 @@ async def _watch(
 
 
 def _bridge(config: RunConfig, autopilot: str, port: int, *, told: bool) -> Bridge:
-    vehicle = VehicleConfig.model_construct(
-        **{**dict(config.vehicle), "autopilot": autopilot}  # its firmware is somebody else's
-    )
+    # Not validated: its firmware is somebody else's.
+    vehicle = config.vehicle.model_copy(update={"autopilot": autopilot})
     for fault in config.vehicle.aircraft.faults:
         if fault.after is not None and not told:
             raise InputError(

@@ -23,7 +23,7 @@ typedef struct {
 /* Bound of what the devices off the order can bring, within the places that are left. */
 static double rest_of(const Node *node, const Problem *problem)
 {
-    if (problem->limits.timed) return 0.0;
+    if (problem->devices.hover) return 0.0;
     const int64_t room = problem->limits.steps * problem->limits.per_step - node->size;
     double promises[MOST_DEVICES], total = 0.0;
     int64_t count = 0;
@@ -172,7 +172,7 @@ static Probe probe(
 {
     const Relaxation *relaxation = &problem->relaxation;
     const int64_t level = node->level[device], radius = relaxation->ladder[level];
-    const double promise = problem->limits.timed ? 0.0 : promise_of(node, device, relaxation);
+    const double promise = problem->devices.hover ? 0.0 : promise_of(node, device, relaxation);
     const double others = goal->rest - promise;
     Order *first = all->solver.end, *last = first;
     for (int64_t gap = 0; gap <= node->size; gap++) {
@@ -206,7 +206,7 @@ static void by_insertion(
     const double promise = promise_of(node, probe->device, relaxation);
     const double less = relaxation->promise[probe->device * relaxation->radii + probe->radius];
     double rest = probe->others + less;
-    if (problem->limits.timed) {
+    if (problem->devices.hover) {
         const double hover = problem->devices.hover[probe->device], soft = all->solver.all.soft;
         rest = left_over_at(less, hover, node->price, soft) -
                left_over_at(promise, hover, node->price, soft);

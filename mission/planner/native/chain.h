@@ -25,22 +25,12 @@ static void shrink(Point *way, int64_t count, double length)
     }
 }
 
-/* The point of the leg from a to b that is nearest to p; `share` is how much of the leg lies
-   before it. */
-static inline Point foot(Point p, Point a, Point b, double *share)
-{
-    double ex = b.x - a.x, ey = b.y - a.y, square = ex * ex + ey * ey, t = 0.0;
-    if (square > 0.0) t = least(1.0, most(0.0, ((p.x - a.x) * ex + (p.y - a.y) * ey) / square));
-    *share = t;
-    return (Point){a.x + t * ex, a.y + t * ey};
-}
-
 /* Distance of a point from the polyline through `count` points. */
 static double distance_to(Point p, const Point *way, int64_t count)
 {
-    double square = square_between(p, way[0]), share;
+    double square = square_between(p, way[0]);
     for (int64_t n = 0; n + 1 < count; n++)
-        square = least(square, square_between(p, foot(p, way[n], way[n + 1], &share)));
+        square = least(square, square_between(p, foot_of(p, way[n], way[n + 1])));
     return sqrt(square);
 }
 
@@ -92,8 +82,8 @@ static void rate_by_worth(
     spare->have[k] = spare->could[k] = 0.0;
     for (int64_t n = 0; n < count; n++) spare->have[k] = most(spare->have[k], worth(devices, k, way[n]));
     for (int64_t n = 0; n + 1 < count; n++) {
-        double share;
-        const Point there = foot(devices->at[k], way[n], way[n + 1], &share);
+        const double share = share_before(devices->at[k], way[n], way[n + 1]);
+        const Point there = between_at(way[n], way[n + 1], share);
         const double could = worth(devices, k, there);
         if (!(could > spare->could[k])) continue;
         spare->could[k] = could;
@@ -114,8 +104,8 @@ static void rate_spare(const Point *way, int64_t count, const Devices *devices, 
         for (int64_t n = 0; n < count; n++) {
             near = least(near, square_between(devices->at[k], way[n]));
             if (n + 1 < count) {
-                double share;
-                Point there = foot(devices->at[k], way[n], way[n + 1], &share);
+                const double share = share_before(devices->at[k], way[n], way[n + 1]);
+                const Point there = between_at(way[n], way[n + 1], share);
                 double square = square_between(devices->at[k], there);
                 if (square < nearest) {
                     nearest = square;

@@ -159,7 +159,7 @@ static void fill_lane(Solver *solver, int i, const Node *node)
         put_interval(&link->interval, i, row, relaxation);
         link->floor[i] = FLAT * link->interval.outer[i] / link->interval.end[i];
     }
-    if (problem->limits.timed) fill_timed(solver, i, node);
+    if (problem->devices.hover) fill_timed(solver, i, node);
     be_at(solver, i, node);
 }
 

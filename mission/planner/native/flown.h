@@ -241,8 +241,7 @@ static double cut_path(const Round *round, const Flown *whole, double metres, Fl
             plan->points = p;
             for (; n < round->steps; n++) {
                 plan->at[n] = plan->points;
-                plan->route[plan->points++] =
-                    (Point){a.x + (b.x - a.x) * share, a.y + (b.y - a.y) * share};
+                plan->route[plan->points++] = between_at(a, b, share);
             }
             return metres;
         }

@@ -224,7 +224,7 @@ static void look_at_barrier(Lanes *all)
 static void look(Lanes *all, const Problem *problem)
 {
     look_at_barrier(all);
-    if (problem->limits.timed) look_beside(all, problem);
+    if (problem->devices.hover) look_beside(all, problem);
     for (int64_t k = 0; k < all->size; k++) {
         Link *link = all->link + k, *next = k + 1 < all->size ? link + 1 : NULL;
         const WidePoint w = next ? wide_less(link->trial, next->trial) : link->trial, u = link->at;

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from fl.radio.per_grid import PerGrid
-from mission.base.arrays import Floats, Ints
+from mission.base.arrays import Bools, Floats, Ints
 from mission.planner.reward import Conjugates
 from native.building import library
 from native.loading import address, check_sizes, functions, load
@@ -53,8 +53,8 @@ class _Devices(ctypes.Structure):
 
 class _Limits(ctypes.Structure):
     _fields_ = (
-        ("steps", _INT), ("per_step", _INT), ("length", _DOUBLE), ("timed", _INT),
-        ("stop", _DOUBLE * 2), ("turn", _DOUBLE * 2),
+        ("steps", _INT), ("per_step", _INT), ("length", _DOUBLE), ("stop", _DOUBLE * 2),
+        ("turn", _DOUBLE * 2),
     )  # fmt: skip
 
 
@@ -101,6 +101,7 @@ class Devices:
     u: Floats  # (K, 2) positions in metres
     delta: Floats  # (K,) importance, above 0
     rows: Floats  # (R, 3) f, f', f'' of the channel, one row a metre
+    # Where hovers and turns count, for bounds only:
     hover: Floats | None = None  # (K,) metres of the length that go while each sends
     after: Floats | None = None  # (K,) most metres of time from its turn on, its hover included
     sends: Floats | None = None  # (K,) metres that could be flown while each sends
@@ -136,10 +137,8 @@ class PathLimits:
     steps: int  # N
     per_step: int  # K_bar
     length: float  # L_max, metres
-    # Whether hovers and turns of the devices count, for bounds only; metres that a stop takes at
-    # least beyond its leg, and from a leg of another length on, as many more: of the length, and of
-    # what comes after a device's turn.
-    timed: bool = False
+    # Metres that a stop takes at least beyond its leg, and from a leg of another length on, as many
+    # more: of the length, and of what comes after a device's turn.
     stop: tuple[float, float] = (0.0, 0.0)
     turn: tuple[float, float] = (0.0, 0.0)
 
@@ -147,7 +146,7 @@ class PathLimits:
         """The structure as C takes it."""
         if self.steps < 2 or self.per_step < 1 or not 0.0 < self.length < np.inf:
             raise ValueError(f"nothing to move for: {self}")
-        return _Limits(self.steps, self.per_step, self.length, self.timed, self.stop, self.turn)
+        return _Limits(self.steps, self.per_step, self.length, self.stop, self.turn)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -218,7 +217,7 @@ def explore(
         way.ctypes.data,
         assigned.ctypes.data,
     )
-    return _or_memory_error(value), way, assigned
+    return enough_memory(value), way, assigned
 
 
 @dataclass(frozen=True)
@@ -315,27 +314,32 @@ def _searched(
     return replace(found, ended=why)
 
 
-def assign(worth: Floats, per_step: int) -> Ints:
-    """The step of each device, -1 for none, at which the most of `worth` (K, N) is earned.
+def assign(success: Floats, importance: Floats, per_step: int) -> Bools:
+    """(N, K) the schedule omega that maximises sum_n sum_k omega_k[n] success[n, k] importance[k].
 
-    At most `per_step` devices a step.
+    A transportation problem: its constraint matrix is totally unimodular, so the relaxation of
+    omega to [0, 1] has integral vertices, and shortest augmenting paths find one directly.
+    At most `per_step` devices a step, each device at most once. A pair that is worth nothing
+    (no chance of success, or no importance) is never scheduled.
 
     Raises:
-        ValueError: it is not such an array.
+        ValueError: what pairs are worth is not finite.
         MemoryError: there is too little memory.
     """
-    devices, steps = worth.shape
-    assigned = np.full(devices, -1, dtype=np.int64)
+    worth = success * importance
+    steps, devices = worth.shape
+    schedule = np.zeros((steps, devices), dtype=np.bool_)
     if not devices or not steps or per_step < 1:
-        return assigned
+        return schedule
     if not np.isfinite(worth).all():
         raise ValueError("what assignments are worth must be finite")
-    failed = FUNCTIONS.assign(
-        devices, steps, per_step, address(worth, np.float64, (devices, steps)), assigned.ctypes.data
-    )
-    if failed:
+    by_device, served = np.ascontiguousarray(worth.T), np.empty(devices, dtype=np.int64)
+    at = address(by_device, np.float64, (devices, steps))
+    if FUNCTIONS.assign(devices, steps, per_step, at, served.ctypes.data):
         raise MemoryError("too little memory to assign devices")
-    return assigned
+    here = np.flatnonzero(served >= 0)
+    schedule[served[here], here] = True
+    return schedule & (worth > 0.0)
 
 
 def match(devices: Devices, limits: PathLimits, way: Floats) -> tuple[float, Ints]:
@@ -347,7 +351,7 @@ def match(devices: Devices, limits: PathLimits, way: Floats) -> tuple[float, Int
         address(way, np.float64, (limits.steps, 2)),
         assigned.ctypes.data,
     )
-    return _or_memory_error(value), assigned
+    return enough_memory(value), assigned
 
 
 def order_bound(
@@ -381,7 +385,7 @@ def order_bound(
 def square_bound(devices: Devices, limits: PathLimits, x: float, y: float, half: float) -> float:
     """Bound of what a stop earns somewhere in the square around (x, y), its side 2 `half` long."""
     shared = devices.as_c(), limits.as_c()
-    return _or_memory_error(FUNCTIONS.square_bound(*map(ctypes.addressof, shared), x, y, half))
+    return enough_memory(FUNCTIONS.square_bound(*map(ctypes.addressof, shared), x, y, half))
 
 
 def conjugate(relaxation: Relaxation, row: int, s: float) -> float:
@@ -392,7 +396,8 @@ def conjugate(relaxation: Relaxation, row: int, s: float) -> float:
     return value
 
 
-def _or_memory_error(value: float) -> float:
-    if value != value:
+def enough_memory(found: float) -> float:
+    """What was found; C gives NaN or -1 where memory is short."""
+    if found != found or found == -1:
         raise MemoryError("too little memory to plan")
-    return value
+    return found

@@ -19,7 +19,7 @@ typedef struct {
     int64_t count;       /* K */
     const Point *at;     /* (K,) metres */
     const double *delta; /* (K,) importance, above 0 */
-    const double *hover; /* (K,) metres of the length that go while each sends */
+    const double *hover; /* (K,) metres of the length that go while each sends; for bounds only, or NULL */
     const double *after; /* (K,) most metres from its turn on, hovers included: of time */
     const double *sends; /* (K,) metres that could be flown in the time for which each sends */
     int64_t rows;
@@ -37,7 +37,6 @@ typedef struct {
     int64_t steps;    /* N */
     int64_t per_step; /* K_bar */
     double length;    /* L_max, metres */
-    int64_t timed;    /* whether hovers and turns count; for bounds only */
     Stopping stop;    /* of the length */
     Stopping turn;    /* of what comes after a device's turn: the length may be one of energy */
 } Limits;

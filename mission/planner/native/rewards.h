@@ -7,15 +7,7 @@
 
 #include "grid.h"
 
-static inline double least(double a, double b) { return b < a ? b : a; }
-static inline double most(double a, double b) { return b > a ? b : a; }
 static inline int64_t fewer(int64_t a, int64_t b) { return b < a ? b : a; }
-
-static inline double square_between(Point a, Point b)
-{
-    double dx = a.x - b.x, dy = a.y - b.y;
-    return dx * dx + dy * dy;
-}
 
 static inline double between(Point a, Point b) { return sqrt(square_between(a, b)); }
 

@@ -11,7 +11,7 @@ from flightdyn.native.library import Air, Steering
 from mission.base.airspace import OPEN, Airspace
 from mission.base.arrays import Bools, Floats, Ints
 from mission.base.native.library import Structure
-from mission.planner.native.library import FUNCTIONS, LIBRARY, grid_as_c
+from mission.planner.native.library import FUNCTIONS, LIBRARY, enough_memory, grid_as_c
 from native.loading import address, check_sizes
 
 _POINTER, _INT, _DOUBLE = ctypes.c_void_p, ctypes.c_int64, ctypes.c_double
@@ -147,7 +147,7 @@ class Round:
             self.at, address(waypoints_m, np.float64, (steps, 2)), ctypes.addressof(given), metres,
             above, limited,
         )  # fmt: skip
-        return self._made(plan, given) if _checked(found) else None
+        return self._made(plan, given) if enough_memory(found) else None
 
     def varied(
         self,
@@ -169,7 +169,7 @@ class Round:
         other = self._with_room(*plan)
         given = self._as_c(other, len(plan.route))
         at = ctypes.addressof(given)
-        _checked(FUNCTIONS.vary(self.at, at, metres, changes, tolerance, seed, limited))
+        enough_memory(FUNCTIONS.vary(self.at, at, metres, changes, tolerance, seed, limited))
         return self._made(other, given)
 
     def _with_room(self, route: Floats, at: Ints, schedule: Bools, value: float) -> Flown:
@@ -185,7 +185,7 @@ class Round:
         """
         plan = plan._replace(schedule=plan.schedule.copy())
         given = self._as_c(plan)
-        _checked(FUNCTIONS.leave_out(self.at, ctypes.addressof(given)))
+        enough_memory(FUNCTIONS.leave_out(self.at, ctypes.addressof(given)))
         return plan._replace(value=given.value)
 
     def judged(self, plan: Flown) -> Verdict:
@@ -198,7 +198,7 @@ class Round:
         kept = np.empty(points, np.int64), np.empty(points), np.empty(steps), np.zeros(steps)
         found = _Verdict(0.0, 0.0, *(array.ctypes.data for array in kept))
         given = self._as_c(plan)
-        _checked(FUNCTIONS.judge(self.at, ctypes.addressof(given), ctypes.addressof(found)))
+        enough_memory(FUNCTIONS.judge(self.at, ctypes.addressof(given), ctypes.addressof(found)))
         return Verdict(found.radius, found.share, *kept)
 
     def _as_c(self, plan: Flown, points: int | None = None) -> _Flown:
@@ -228,16 +228,9 @@ def foresee(
     holds, arrived_s, joules = np.array(hold_s, dtype=np.float64), np.empty(len(stops)), _DOUBLE()
     if not len(stops):
         raise ValueError("a flight has at least one stop")
-    seconds = FUNCTIONS.foresee(
+    seconds = enough_memory(FUNCTIONS.foresee(
         ctypes.addressof(flying), len(stops), address(stops, np.float64, (len(stops), 2)),
         address(holds, np.float64, (len(stops),)), radius_m, arrived_s.ctypes.data,
         ctypes.addressof(joules),
-    )  # fmt: skip
-    _checked(-1 if np.isnan(seconds) else 0)
+    ))  # fmt: skip
     return arrived_s, seconds, joules.value
-
-
-def _checked(found: int) -> int:
-    if found < 0:
-        raise MemoryError("too little memory to plan")
-    return found

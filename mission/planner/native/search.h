@@ -227,7 +227,7 @@ static void keep_to_turns(Search *all, const Problem *problem, const Goal *goal,
    shows what to branch on. */
 static int improve(Search *all, const Problem *problem, const Goal *goal, Plan *plan)
 {
-    if (problem->limits.timed) {
+    if (problem->devices.hover) {
         keep_to_turns(all, problem, goal, TURNS_WEIGHED);
         return 0;
     }
@@ -283,7 +283,7 @@ static Proof prove(const Problem *problem, double gap, int64_t max_nodes, Plan *
     Progress progress = {FIRST_LOOK / problem->devices.count, INFINITY};
     for (int64_t k = 0; k < problem->devices.count; k++) node->mask[k] = 1;
     node->bound = rest_of(node, problem);
-    if (problem->limits.timed) {
+    if (problem->devices.hover) {
         for (int64_t k = 0; k < problem->devices.count; k++)
             node->dual += left_over_at(
                 promise_of(node, k, &problem->relaxation), problem->devices.hover[k], 0.0,
@@ -317,7 +317,7 @@ static Proof prove(const Problem *problem, double gap, int64_t max_nodes, Plan *
         }
         const Contest contest = branch(all, problem, &goal, TINY * plan->value);
         if (!contest.best) {
-            if (problem->limits.timed) keep_to_turns(all, problem, &goal, LAST_TURNS);
+            if (problem->devices.hover) keep_to_turns(all, problem, &goal, LAST_TURNS);
             proof.bound = most(proof.bound, node->bound);
             continue;
         }

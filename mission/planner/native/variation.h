@@ -43,11 +43,6 @@ static int64_t draw_under(int64_t limit, uint64_t *state)
     return (int64_t)(next_random(state) * (double)limit);
 }
 
-static Point between_at(Point from, Point to, double share)
-{
-    return (Point){from.x + share * (to.x - from.x), from.y + share * (to.y - from.y)};
-}
-
 /* Move a waypoint (of N, the first stays) or all that are at its place, put one near a device, elsewhere in
    the order, or to the one before it, or reverse a stretch. */
 static void change_way(int64_t steps, Point *way, Point device, uint64_t *state)

@@ -7,16 +7,11 @@ from functools import lru_cache
 
 import numpy as np
 
-from fl.radio.channel import Channel, LogisticFit, fit_logistic, smooth_per
+from fl.radio.channel import fit_logistic, smooth_per
 from mission.base.arrays import Bools, Floats
 from mission.planner.errors import SolverError
-from mission.planner.evaluate import (
-    assign,
-    distances,
-    finish,
-    fit_budget,
-    plan_without_moving,
-)
+from mission.planner.evaluate import distances, finish, fit_budget, plan_without_moving
+from mission.planner.native.library import assign
 from mission.planner.paper.initial_path import METRE_POWERS, greedy_walk
 from mission.planner.paper.path_step import PathProgram, path_program
 from mission.planner.problem import RoundPlan, RoundProblem
@@ -27,11 +22,7 @@ RISE = 1e-4  # a relative rise of the q_tilde objective under this ends an ascen
 MAX_PATH_STEPS = 15  # convex programs in one path step
 MAX_ALTERNATIONS = 15
 
-
-@lru_cache(maxsize=64)
-def logistic(channel: Channel) -> LogisticFit:
-    """The fit of a channel, made once."""
-    return fit_logistic(channel)
+logistic = lru_cache(maxsize=64)(fit_logistic)  # of a channel, made once
 
 
 @dataclass(frozen=True)

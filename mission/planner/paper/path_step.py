@@ -110,10 +110,7 @@ class PathProgram:
         return path
 
 
-@lru_cache(maxsize=16)
-def path_program(steps: int, devices: int, *, exact_cone: bool) -> PathProgram:
-    """The compiled program of this size, shared by all rounds and planners."""
-    return PathProgram(steps, devices, exact_cone=exact_cone)
+path_program = lru_cache(maxsize=16)(PathProgram)  # of a size, for all rounds and planners
 
 
 def tangent(fit: LogisticFit, around_m: Floats, *, height_m: float) -> tuple[Floats, Floats]:

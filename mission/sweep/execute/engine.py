@@ -44,7 +44,7 @@ class EngineChoice:
     jobs: int | None = None  # runs at a time; None: one a core
     address: str | None = None  # of a Ray cluster
 
-    def check(self) -> None:
+    def __post_init__(self) -> None:
         """Refuse options that do not fit the engine, before anything is written.
 
         Raises:
@@ -67,10 +67,9 @@ class EngineChoice:
         """The engine, for runs of these configurations. Its library is imported here.
 
         Raises:
-            InputError: it is not installed, or the options do not fit it.
+            InputError: it is not installed.
             LinkLostError: it cannot be reached.
         """
-        self.check()
         if self.name == "ray":
             from mission.sweep.execute.cluster import RayEngine
 

@@ -12,7 +12,7 @@ from scipy.special import stdtrit
 
 from mission.base.arrays import Floats
 from mission.base.palette import COLOURS
-from mission.sweep.results import RunResult
+from mission.sweep.results import RunResult, communities_of
 
 Groups: TypeAlias = Mapping[str, Sequence[RunResult]]
 
@@ -27,13 +27,12 @@ class Interval:
 
     mean: float
     half: float  # NaN with fewer than three values
-    count: int
 
 
 def interval(values: Sequence[float] | Floats) -> Interval:
     """Mean over independent runs with Student's t interval; NaN for no values."""
     mean, half = band(np.asarray(values, dtype=np.float64).reshape(-1, 1))
-    return Interval(float(mean[0]), float(half[0]), len(values))
+    return Interval(float(mean[0]), float(half[0]))
 
 
 def band(curves: Floats) -> tuple[Floats, Floats]:
@@ -57,20 +56,13 @@ def groups_of(results: Sequence[RunResult]) -> dict[str, list[RunResult]]:
     """Results by what they have in common beside the seed, in order of appearance."""
     groups: dict[str, list[RunResult]] = {}
     for result in results:
-        groups.setdefault(result.label, []).append(result)
+        groups.setdefault(result.point.label, []).append(result)
     return groups
 
 
 def flies(runs: Sequence[RunResult]) -> bool:
     """Whether the group leaves the ground; `ideal` does not."""
     return float(runs[0].summary["simulated_s"]) > 0.0
-
-
-def communities_of(results: Sequence[RunResult]) -> list[str]:
-    """Names of all communities, in order of appearance."""
-    prefix = "final_accuracy_"
-    keys = (key for result in results for key in result.summary if key.startswith(prefix))
-    return list(dict.fromkeys(key.removeprefix(prefix) for key in keys))
 
 
 @dataclass(frozen=True)

@@ -15,13 +15,12 @@ from mission.sweep.outcome.curves import (
     Curve,
     Panel,
     Picture,
-    communities_of,
     groups_of,
     interval,
     pictures_of,
 )
 from mission.sweep.outcome.gains import METHOD, paired_gains
-from mission.sweep.results import RunResult
+from mission.sweep.results import RunResult, communities_of
 
 
 def draw_sweep(name: str, results: Sequence[RunResult], folder: Path) -> None:

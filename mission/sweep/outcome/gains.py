@@ -8,9 +8,9 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from mission.sweep.outcome.curves import Interval, communities_of, interval
+from mission.sweep.outcome.curves import Interval, interval
 from mission.sweep.outcome.view import percent, points
-from mission.sweep.results import EQUAL, RunResult, at_equal, differ
+from mission.sweep.results import EQUAL, RunResult, at_equal, communities_of, differ
 
 METHOD = "cov"
 POINTS = (

@@ -9,8 +9,8 @@ from rich import box
 from rich.table import Table
 
 from mission.base.tables import number
-from mission.sweep.outcome.curves import Interval, communities_of, groups_of, interval
-from mission.sweep.results import EQUAL, RunResult
+from mission.sweep.outcome.curves import Interval, groups_of, interval
+from mission.sweep.results import EQUAL, RunResult, communities_of
 
 Cells: TypeAlias = tuple[list[str], list[list[str]]]  # heads, rows
 

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Sequence
 from copy import copy
-from dataclasses import dataclass
 
 import numpy as np
 from pymavlink.dialects.v20 import common as mav
@@ -27,14 +26,8 @@ _LANDED_STATES = {
     Mode.LAND: mav.MAV_LANDED_STATE_LANDING,
 }
 _LIFTS = frozenset({Trigger.ORDER_TAKEOFF, Trigger.ORDER_MISSION})  # orders that take off
-
-
-@dataclass(frozen=True, slots=True)
-class _Goal:
-    """The target of a position order: position (m, NED) and heading (rad; None: as it is)."""
-
-    pos_ned_m: tuple[float, ...]
-    yaw_rad: float | None
+# Modes in which another order for them may ask for something else.
+_ANEW = frozenset({Mode.HOLD, Mode.TAKEOFF, Mode.ORBIT})
 
 
 class Flight:
@@ -67,7 +60,8 @@ class Flight:
         self._parameters = parameters
         self._report = reporter
         self._ordered_speed_mps: float | None = None
-        self._goal: _Goal | None = None  # of a position order under way
+        # Of a position order under way: position (m, NED) and heading (rad; None: as it is).
+        self._goal: tuple[tuple[float, ...], float | None] | None = None
         self._ended_by: int | None = None  # the command of the mission's last stage
         self._manoeuvre: do.Manoeuvre | None = do.settle(aircraft)
         self._settling = True
@@ -266,12 +260,12 @@ class Flight:
 
     def go_to(self, pos_ned_m: Vector, *, yaw_rad: float | None = None) -> str | None:
         """Fly straight to a position and stay there."""
-        goal = _Goal(tuple(float(part) for part in pos_ned_m), yaw_rad)
+        goal = tuple(float(part) for part in pos_ned_m), yaw_rad
         if goal == self._goal:
             return None
-        if forbidden := self.guard.forbidden(np.array(goal.pos_ned_m)):
+        if forbidden := self.guard.forbidden(np.array(goal[0])):
             return f"the position is {forbidden}"
-        reason = self.order(Trigger.ORDER_GOTO, lambda: self._go(goal))
+        reason = self.order(Trigger.ORDER_GOTO, lambda: self._go(*goal))
         if reason is None:
             self._goal = goal
         return reason
@@ -284,14 +278,10 @@ class Flight:
 
     def return_home(self, why: str | None = None) -> str | None:
         """Fly home, or to a rally point that is closer, at a safe height and land."""
-        if self.mode is Mode.RETURN:
-            return None
         return self.order(Trigger.ORDER_RETURN, self._return, why)
 
     def land(self, why: str | None = None) -> str | None:
         """Land where the aircraft is."""
-        if self.mode is Mode.LAND:
-            return None
         return self.order(Trigger.ORDER_LAND, self._land_here, why)
 
     def change_speed(self, speed_mps: float | None) -> None:
@@ -301,7 +291,7 @@ class Flight:
         if self.mode is Mode.MISSION and self.moving:
             self._manoeuvre = self._fly_on(self._stages(self.mission))
         elif self._goal is not None:
-            self._manoeuvre = self._go(self._goal)
+            self._manoeuvre = self._go(*self._goal)
 
     def set_home(self, home: GeodeticPoint) -> None:
         """Move home to a place."""
@@ -316,9 +306,11 @@ class Flight:
         """Begin the manoeuvre that `make` makes, if the mode and its needs allow it."""
         if self._settling:
             return _STARTING
+        target, needs = ORDERS[trigger]
+        if target is self.mode and target not in _ANEW:
+            return None
         if not possible(self.mode, trigger):
             return f"not possible in mode {self.mode.name}"
-        target, needs = ORDERS[trigger]
         for need in needs:
             if not self.needs[need]():
                 return need.value
@@ -388,12 +380,9 @@ class Flight:
             self._report.armed(False)
             self._ordered_speed_mps = None
 
-    def _go(self, goal: _Goal) -> do.Manoeuvre:
+    def _go(self, pos_ned_m: tuple[float, ...], yaw_rad: float | None) -> do.Manoeuvre:
         return self.navigator.go_to(
-            self.here(),
-            np.array(goal.pos_ned_m),
-            speed_mps=self._ordered_speed_mps,
-            yaw_rad=goal.yaw_rad,
+            self.here(), np.array(pos_ned_m), speed_mps=self._ordered_speed_mps, yaw_rad=yaw_rad
         )
 
     def _return(self) -> do.Manoeuvre:

@@ -111,7 +111,6 @@ class Follow(Manoeuvre):
     ) -> None:
         self._passed = passed
         self._count = 0
-        self._points = len(path.points_ned_m)
         aircraft.follow(path)
         self._progress = aircraft.progress  # of this very path
 

@@ -10,7 +10,7 @@ from sitl.autopilot.codec import ranges
 from sitl.autopilot.codec.orders import Handlers, Peer
 from sitl.autopilot.codec.units import from_deg_e7
 from sitl.autopilot.flying import manoeuvres as do
-from sitl.autopilot.modes import Mode, Trigger
+from sitl.autopilot.modes import Trigger
 from sitl.autopilot.pilots.stream import Cockpit
 
 _KEPT_S = 3.0  # wall time for which a silent target is extrapolated
@@ -57,8 +57,6 @@ class Follower:
 
     def enter(self) -> str | None:
         """Follow from now on; until there is a target the vehicle stays where it is."""
-        if self._flight.mode is Mode.FOLLOW:
-            return None
         return self._flight.order(Trigger.ORDER_FOLLOW, self._piloted)
 
     def _piloted(self) -> do.Manoeuvre:

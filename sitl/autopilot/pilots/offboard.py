@@ -72,8 +72,6 @@ class Offboard(StreamPilot):
 
     def enter(self) -> str | None:
         """Fly by setpoints from now on; the reason if that cannot be."""
-        if self._flies:
-            return None
         return self._flight.order(Trigger.ORDER_OFFBOARD, self._piloted)
 
     def _flyable(self) -> bool:

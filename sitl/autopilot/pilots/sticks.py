@@ -72,8 +72,6 @@ class Sticks(StreamPilot):
 
     def enter(self, mode: Mode, why: str | None = None) -> str | None:
         """Fly by the sticks from now on; the reason if that cannot be."""
-        if self._flight.mode is mode:
-            return None
         return self._flight.order(_ORDERS[mode], lambda: self._piloted(mode), why)
 
     def _override(

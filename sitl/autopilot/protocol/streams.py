@@ -62,8 +62,8 @@ class Streams:
         """The handler of each MAV_CMD that is carried out."""
         home, version = mav.MAVLINK_MSG_ID_HOME_POSITION, mav.MAVLINK_MSG_ID_AUTOPILOT_VERSION
         return {
-            mav.MAV_CMD_GET_HOME_POSITION: lambda *_: self._send_once(home),
-            mav.MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES: lambda *_: self._send_once(version),
+            mav.MAV_CMD_GET_HOME_POSITION: lambda _: self._asked.add(home),
+            mav.MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES: lambda _: self._asked.add(version),
             mav.MAV_CMD_REQUEST_MESSAGE: self._request_message,
             mav.MAV_CMD_SET_MESSAGE_INTERVAL: self._set_interval,
             mav.MAV_CMD_GET_MESSAGE_INTERVAL: self._get_interval,
@@ -85,9 +85,6 @@ class Streams:
     def due(self) -> float:
         """When the next message is due; never later than the next heartbeat."""
         return min(self._next.values())
-
-    def _send_once(self, kind: int) -> None:
-        self._asked.add(kind)
 
     def _request_message(self, order: CommandOrder) -> None:
         self._asked.add(_telemetry(order))

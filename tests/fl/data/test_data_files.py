@@ -76,11 +76,11 @@ def made_official(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("fl.data.cifar.CIFAR_BATCH_MD5", sums)
 
 
-def tar_bytes(files: dict[str, bytes], *, top: str = "cifar-10-batches") -> bytes:
+def tar_bytes(files: dict[str, bytes]) -> bytes:
     out = io.BytesIO()
     with tarfile.open(fileobj=out, mode="w") as archive:
         for name, content in files.items():
-            info = tarfile.TarInfo(f"{top}/{name}")
+            info = tarfile.TarInfo(f"cifar-10-batches/{name}")
             info.size = len(content)
             archive.addfile(info, io.BytesIO(content))
     return out.getvalue()

@@ -13,8 +13,8 @@ def rng(seed: int = 0) -> np.random.Generator:
     return np.random.Generator(np.random.PCG64(seed))
 
 
-def balanced(classes: int, each: int) -> np.ndarray:
-    return rng(99).permutation(np.repeat(np.arange(classes), each))
+def balanced(each: int) -> np.ndarray:
+    return rng(99).permutation(np.repeat(np.arange(10), each))
 
 
 @given(
@@ -51,7 +51,7 @@ def test_two_random_labels_on_six_devices_leave_2_6_of_10_classes_orphaned() -> 
 
 @pytest.mark.parametrize("seed", range(5))
 def test_a_class_is_split_equally_over_its_owners_and_used_once(seed: int) -> None:
-    labels = balanced(10, 101)
+    labels = balanced(101)
     owns = draw_owners(6, 10, per_device=4, coverage=False, rng=rng(seed))
     shares = by_labels(labels, owns, rng=rng(seed + 1))
     counts = class_counts(labels, shares, classes=10)
@@ -80,7 +80,7 @@ def test_iid_uses_all_samples_equally() -> None:
 
 
 def test_dirichlet_is_even_for_large_and_uneven_for_small_alpha() -> None:
-    labels = balanced(10, 200)
+    labels = balanced(200)
 
     def spread(alpha: float) -> float:
         shares = by_dirichlet(labels, devices=5, classes=10, alpha=alpha, rng=rng(3))
@@ -104,7 +104,7 @@ def test_a_device_without_samples_is_an_error() -> None:
 
 
 def test_same_stream_same_assignment() -> None:
-    labels = balanced(10, 30)
+    labels = balanced(30)
     for make in (
         lambda r: by_labels(labels, draw_owners(4, 10, per_device=3, coverage=True, rng=r), rng=r),
         lambda r: by_dirichlet(labels, devices=4, classes=10, alpha=0.5, rng=r),
@@ -119,7 +119,7 @@ def test_same_stream_same_assignment() -> None:
 
 @pytest.mark.parametrize("kind", ["labels", "dirichlet", "iid"])
 def test_weights_say_who_has_how_much(kind: str) -> None:
-    labels, weights = balanced(10, 300), np.array([4.0, 2.0, 1.0, 1.0])
+    labels, weights = balanced(300), np.array([4.0, 2.0, 1.0, 1.0])
     if kind == "labels":
         owns = np.ones((4, 10), dtype=np.bool_)
         shares = by_labels(labels, owns, rng=rng(1), weights=weights)

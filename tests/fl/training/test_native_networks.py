@@ -50,7 +50,7 @@ def test_training_is_that_of_torch(sizes):
     images = Images(pixels, labels, scale, shift)
     order = np.concatenate([rng.permutation(count), [-1, -1]]).reshape(2, 21)
     image, channels, kernels, pools, hidden = sizes
-    network = Network(image, channels, kernels, pools, hidden, len(weights))
+    network = Network(image, channels, kernels, pools, hidden)
     weights, loss = train(network, images, order, weights, correction=None, rates=(0.05, 0.9, 0.1))
     batches = [row[row >= 0] for row in order]
     scaled = pixels * scale + shift

@@ -23,10 +23,10 @@ def rng(seed: int) -> np.random.Generator:
     return np.random.Generator(np.random.PCG64(seed))
 
 
-def random_split(shape: tuple[int, int, int], count: int, *, classes: int = 10) -> Split:
+def random_split(shape: tuple[int, int, int], count: int) -> Split:
     """Images that can be learnt: a bright patch whose place depends on the class."""
     r = rng(5)
-    labels = r.integers(0, classes, count)
+    labels = r.integers(0, 10, count)
     images = r.integers(0, 120, (count, *shape)).astype(np.uint8)
     for image, label in zip(images, labels, strict=True):
         row, column = divmod(int(label), 5)

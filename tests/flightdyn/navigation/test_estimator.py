@@ -103,10 +103,10 @@ class Twin:
         if t_ns % 200_000_000 == 0:
             north, east, down = self.state.p
             height = (north**2 + east**2) / (2 * 6.371e6) - down
-            self.estimator.measurements.add_baro(BaroSample(t_ns, pressure_pa(height)))
+            self.estimator.measurements.baro.append(BaroSample(t_ns, pressure_pa(height)))
             r = np.array(rotation_matrix(self.state.q)).reshape(3, 3)
             x, y, z = (r.T @ np.array(FIELD)).tolist()
-            self.estimator.measurements.add_mag(MagSample(t_ns, (x, y, z)))
+            self.estimator.measurements.mag.append(MagSample(t_ns, (x, y, z)))
         epoch = t_ns - 120_000_000
         due = epoch > 0 and epoch % 200_000_000 == 0
         self.estimator.increments.add(felt, dt_s=0.02, carried=self.estimator.to_now)
@@ -203,7 +203,7 @@ def observe(seed: int, seconds: float) -> Errors:
         e = [*np.subtract(p, h.p), *np.subtract(v, h.v), *rotation_error(q, h.q)]
         belief, truth = estimator.now, past[aircraft.t_ns]
         now = [*np.subtract(truth[0], belief.p), *np.subtract(truth[1], belief.v)]
-        covariance = estimator.covariance[:9, :9]
+        covariance = estimator._kf.P[:9, :9].copy()
         wander = np.array(navigation.sensors.receiver.error_ned_m)
         rows.append((np.array(e), covariance, np.array(now), wander))
         for innovation in estimator.innovations:

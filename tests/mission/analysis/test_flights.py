@@ -12,6 +12,7 @@ import pytest
 from pymavlink.dialects.v20 import common as mav
 from sitl_desk import Desk
 from sitl_mavsdk import HOME
+from small_runs import refused
 
 from flightdyn.frames import LocalFrame
 from mission.analysis.compare import compare_run
@@ -43,10 +44,10 @@ def item(seq: int, command: int, *params: float, at: tuple[float, ...] | None = 
     )
 
 
-def square(*, first: int = 1) -> list[Any]:
+def square() -> list[Any]:
     return [
-        item(first + k, mav.MAV_CMD_NAV_WAYPOINT, at=(*place, 30.0))
-        for k, place in enumerate(SQUARE)
+        item(seq, mav.MAV_CMD_NAV_WAYPOINT, at=(*place, 30.0))
+        for seq, place in enumerate(SQUARE, start=1)
     ]
 
 
@@ -60,6 +61,14 @@ def plain() -> list[Any]:
 
 def mode(desk: Desk, sub: int) -> None:
     assert desk.command(mav.MAV_CMD_DO_SET_MODE, 1, 4, sub) == mav.MAV_RESULT_ACCEPTED
+
+
+def abort(desk: Desk) -> None:
+    desk.fly(seconds=30)
+    mode(desk, 3)
+    desk.fly(seconds=8)
+    desk.send(mav.MAVLink_mission_set_current_message(1, 1, 1))
+    mode(desk, 4)
 
 
 def flown(folder: Path, items: Sequence[Any], then: Callable[[Desk], None] | None = None) -> Path:
@@ -81,7 +90,7 @@ def compared(log: Path, data: FlightData | None = None) -> Any:
     loaded = load_run(log)
     if data is not None:
         found = judged(log, data, None)
-        loaded = LoadedRun(log, found.data, {}, cut=False, judged=found)
+        loaded = LoadedRun(log, found.data, {}, judged=found)
     assert loaded.judged is not None, loaded.unjudged
     return compare_run(loaded)
 
@@ -187,13 +196,6 @@ def test_laps_by_a_jump_are_told_apart(tmp_path: Path) -> None:
 
 
 def test_an_aborted_and_a_repeated_mission_are_two_passes(tmp_path: Path) -> None:
-    def abort(desk: Desk) -> None:
-        desk.fly(seconds=30)
-        mode(desk, 3)
-        desk.fly(seconds=8)
-        desk.send(mav.MAVLink_mission_set_current_message(1, 1, 1))
-        mode(desk, 4)
-
     found = compared(flown(tmp_path, plain(), abort))
     first, second = found.run.judged.passes
     assert first.record.round == 1
@@ -270,9 +272,8 @@ def test_a_plan_of_another_place_and_a_flight_without_a_mission_are_refused(
     rows = "0 0 3 22 0 0 0 0 0 0 30 1", "1 0 3 16 0 0 0 0 48.0 8.5 30 1", "2 0 3 20 0 0 0 0 0 0 0 1"
     plan.write_text("\n".join(["QGC WPL 110", *("\t".join(row.split()) for row in rows)]) + "\n")
     assert call(["compare", str(log), "--plan", str(plan)]) == 2
-    (line,) = capsys.readouterr().err.splitlines()
-    assert "far.waypoints is of another place: its nearest item is" in line
-    assert "km from the flight" in line
+    words = "far.waypoints is of another place: its nearest item is", "km from the flight"
+    refused(capsys, *words)
     data = replace(read_log(log), missions=())
     with pytest.raises(InputError, match="the log has no mission; give the plan"):
         judged(log, data, None)
@@ -314,13 +315,6 @@ def test_json_has_legs_spikes_and_what_was_not_compared(
 
 
 def test_a_flight_of_two_passes_has_its_pictures_and_its_page(tmp_path: Path) -> None:
-    def abort(desk: Desk) -> None:
-        desk.fly(seconds=30)
-        mode(desk, 3)
-        desk.fly(seconds=8)
-        desk.send(mav.MAVLink_mission_set_current_message(1, 1, 1))
-        mode(desk, 4)
-
     log, page = flown(tmp_path, plain(), abort), tmp_path / "page.html"
     assert call(["report", str(log), "--out", str(page)]) == 0
     text = page.read_text()

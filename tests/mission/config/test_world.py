@@ -34,19 +34,19 @@ def load(tmp_path: Path):
     return _load
 
 
+def collection(kind: str, *features: tuple[dict[str, Any], Any]) -> str:
+    """GeoJSON of (properties, coordinates) each."""
+    found = [
+        {"type": "Feature", "properties": told, "geometry": {"type": kind, "coordinates": at}}
+        for told, at in features
+    ]
+    return json.dumps({"type": "FeatureCollection", "features": found})
+
+
 def points(*places: tuple[float, float], **properties: Any) -> str:
-    return json.dumps(
-        {
-            "type": "FeatureCollection",
-            "features": [
-                {
-                    "type": "Feature",
-                    "properties": {k: v[i] for k, v in properties.items()},
-                    "geometry": {"type": "Point", "coordinates": [lon, lat]},
-                }
-                for i, (lat, lon) in enumerate(places)
-            ],
-        }
+    told = ({k: v[i] for k, v in properties.items()} for i in range(len(places)))
+    return collection(
+        "Point", *((p, [lon, lat]) for p, (lat, lon) in zip(told, places, strict=True))
     )
 
 
@@ -293,21 +293,9 @@ def test_a_configuration_whose_file_nobody_read_is_no_scenario() -> None:
 
 def zones(*polygons: Any) -> str:
     """GeoJSON of (properties, ((lat, lon), ...)) each."""
-    return json.dumps(
-        {
-            "type": "FeatureCollection",
-            "features": [
-                {
-                    "type": "Feature",
-                    "properties": properties,
-                    "geometry": {
-                        "type": "Polygon",
-                        "coordinates": [[[lon, lat] for lat, lon in (*corners, corners[0])]],
-                    },
-                }
-                for properties, corners in polygons
-            ],
-        }
+    return collection(
+        "Polygon",
+        *((told, [[[lon, lat] for lat, lon in (*ring, ring[0])]]) for told, ring in polygons),
     )
 
 

@@ -1,7 +1,6 @@
 """The experiment on an external autopilot: our own, served by another process."""
 
 import asyncio
-import csv
 import json
 import math
 import signal
@@ -14,6 +13,7 @@ import small_runs
 from drawing import UNDRAWN
 from patience import HANG_S, until
 from serving import free_port, served
+from small_runs import refused, rows
 
 from mission.analysis.load import load_run
 from mission.cli import call
@@ -24,11 +24,6 @@ pytestmark = pytest.mark.slow
 
 QUICKSTART = str(Path(__file__).parents[3] / "configs" / "quickstart.toml")  # where a run flies
 SMALL = (*small_runs.SMALL, "--set", "planner.gap=0.1")
-
-
-def rows(path: Path) -> list[dict[str, str]]:
-    with path.open(newline="") as file:
-        return list(csv.DictReader(file))
 
 
 def test_two_rounds_on_an_autopilot_in_another_process(tmp_path: Path) -> None:
@@ -151,11 +146,7 @@ def test_a_url_of_another_kind_is_refused_in_words(
 ) -> None:
     out = tmp_path / "out"
     assert call(["run", "--vehicle", url, "--out", str(out), *SMALL]) == 2
-    (error,) = capsys.readouterr().err.splitlines()
-    assert "--vehicle " in error
-    assert url in error
-    assert "udpin://HOST:PORT" in error
-    assert "serial:///DEVICE:BAUD" in error
+    refused(capsys, "--vehicle ", url, "udpin://HOST:PORT", "serial:///DEVICE:BAUD")
     assert not out.exists()
 
 

@@ -1,6 +1,5 @@
 """`aerofed run --gcs`: a ground station sees the vehicle that MAVSDK flies, and changes nothing."""
 
-import csv
 import socket
 import threading
 import time
@@ -74,8 +73,7 @@ def test_a_ground_station_sees_the_flight_and_changes_nothing(tmp_path: Path) ->
     assert station.seen["PARAM_VALUE"] > 20
     assert station.seen["MISSION_COUNT"] > 0
     assert {"HEARTBEAT", "SYS_STATUS", "ATTITUDE", "MISSION_CURRENT"} <= station.seen.keys()
-    with (tmp_path / "seen" / "rounds.csv").open(newline="") as file:
-        assert len(list(csv.DictReader(file))) == 2
+    assert len(small_runs.rows(tmp_path / "seen" / "rounds.csv")) == 2
 
 
 def test_a_wrong_address_is_refused_before_anything(
@@ -83,10 +81,8 @@ def test_a_wrong_address_is_refused_before_anything(
 ) -> None:
     out = tmp_path / "out"
     assert call(["run", "--out", str(out), "--gcs", "127.0.0.1:14550", *SMALL]) == 2
-    error = capsys.readouterr().err
-    assert error.count("\n") == 1
-    assert "--gcs: 127.0.0.1:14550: no address of a link" in error
-    assert "udpout://HOST:PORT" in error
+    words = "--gcs: 127.0.0.1:14550: no address of a link", "udpout://HOST:PORT"
+    small_runs.refused(capsys, *words)
     assert not out.exists()
 
 
@@ -96,10 +92,7 @@ def test_an_external_autopilot_is_not_shown_to_ground_stations(
     url, out = "udpout://127.0.0.1:14550", tmp_path / "out"
     options = ["--gcs", url, "--vehicle", "udpin://127.0.0.1:14540"]
     assert call(["run", "--out", str(out), *options, *SMALL]) == 2
-    error = capsys.readouterr().err
-    assert error.count("\n") == 1
-    assert "link: gcs" in error
-    assert "--vehicle" in error
+    small_runs.refused(capsys, "link: gcs", "--vehicle")
     assert not out.exists()
 
 
@@ -109,7 +102,5 @@ def test_a_port_in_use_is_a_link_error(tmp_path: Path, capsys: pytest.CaptureFix
         port = taken.getsockname()[1]
         url = f"udpin://127.0.0.1:{port}"
         assert call(["run", "--out", str(tmp_path / "out"), "--gcs", url, *SMALL]) == 5
-    error = capsys.readouterr().err
-    assert str(port) in error
-    assert "in use" in error
+    small_runs.refused(capsys, str(port), "in use")
     assert not (tmp_path / "out").exists()

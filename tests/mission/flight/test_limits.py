@@ -16,7 +16,7 @@ from mission.flight.pilot.limits import (
     read_limits,
 )
 from mission.flight.pilot.parameters import Parameters, adjusted
-from mission.flight.pilot.readiness import EKF_STATUS_REPORT, Readiness
+from mission.flight.pilot.readiness import Readiness
 
 DEMAND = Demand(speed_mps=20.0, altitude_m=60.0, distance_m=500.0, acceptance_m=5.0)
 
@@ -137,7 +137,7 @@ def test_a_lost_link_names_what_stays_as_it_was_set() -> None:
 
 
 def test_a_position_is_believed_when_everything_says_so() -> None:
-    readiness = Readiness(EKF_STATUS_REPORT)
+    readiness = Readiness("EKF_STATUS_REPORT")
     assert readiness.missing == "no word of its GPS, no word of its estimator, no home position"
     readiness._take_fix({"fix_type": 1})
     readiness._take_flags({"flags": 1024})
@@ -152,7 +152,7 @@ def test_a_position_is_believed_when_everything_says_so() -> None:
 
 
 def test_a_vehicle_that_cannot_tell_of_its_estimator_is_believed_without() -> None:
-    readiness = Readiness(EKF_STATUS_REPORT)
+    readiness = Readiness("EKF_STATUS_REPORT")
     readiness._take_fix({"fix_type": 3})
     readiness._take_home({"latitude": 436145000, "longitude": 70715000})
     assert readiness.missing == "no word of its estimator"

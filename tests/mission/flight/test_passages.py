@@ -18,10 +18,9 @@ from sitl.observer import VehicleEvent
 S = 1_000_000_000
 
 
-def flight(points: list[tuple[float, float]], *, every_s: float = 1.0) -> Flight:
+def flight(points: list[tuple[float, float]]) -> Flight:
     ned = np.array([(x, y, -60.0) for x, y in points])
-    t_ns = (np.arange(len(points)) * every_s * S).astype(np.int64)
-    return Flight(t_ns, ned, ned, 1.0)
+    return Flight(np.arange(len(points)) * S, ned, ned, 1.0)
 
 
 def stops(*points: tuple[float, float]) -> np.ndarray:

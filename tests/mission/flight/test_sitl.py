@@ -16,6 +16,7 @@ from patience import HANG_S
 from pymavlink import mavutil
 from pymavlink.dialects.v20 import common as mav
 from serving import free_port, served
+from small_runs import refused
 
 from mission.cli import call
 from mission.config.loading import builtin_config, load_config
@@ -195,10 +196,7 @@ def test_wrong_input_is_one_line(
     capsys: pytest.CaptureFixture[str], arguments: list[str], words: list[str]
 ) -> None:
     assert call(["sitl", *arguments]) == 2
-    printed = capsys.readouterr()
-    assert (printed.out, printed.err.count("\n")) == ("", 1)
-    for word in words:
-        assert word in printed.err
+    refused(capsys, *words)
 
 
 def test_a_second_vehicle_on_px4s_ports_is_refused(capsys: pytest.CaptureFixture[str]) -> None:

@@ -31,8 +31,8 @@ CONFIG = b"seed = 1\n[vehicle.aircraft.wind]\nspeed_mps = 4.5\n"
 DT_NS = 100_000_000
 
 
-def devices(rng: np.random.Generator, per_community: int = 6) -> Devices:
-    names = ("digits",) * per_community + ("colour-shapes",) * per_community
+def devices(rng: np.random.Generator) -> Devices:
+    names = ("digits",) * 6 + ("colour-shapes",) * 6
     return Devices(rng.uniform((0, 0), AREA.size_m, (len(names), 2)), names)
 
 

@@ -1,6 +1,5 @@
 """`aerofed log ...` and `aerofed report`: what they say, write, refuse, and return."""
 
-import csv
 import json
 import re
 import subprocess
@@ -17,6 +16,7 @@ from drawing import drawn
 from limits import no_file_larger_than
 from mcap.reader import make_reader
 from mcap.writer import Writer
+from small_runs import rows
 from synthetic_flight import AREA, CONFIG, Fixed, fly
 
 from mission.base.errors import DIFFERENT, InputError
@@ -56,11 +56,6 @@ def foreign(path: Path) -> Path:
         writer.add_message(channel, 1, b"{}", 1)
         writer.finish()
     return path
-
-
-def rows(path: Path) -> list[dict[str, str]]:
-    with path.open(encoding="utf-8", newline="") as file:
-        return list(csv.DictReader(file))
 
 
 def test_info_counts_what_is_there(made: Fixed, capsys: pytest.CaptureFixture[str]) -> None:

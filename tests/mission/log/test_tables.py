@@ -29,9 +29,9 @@ def round_record(number: int = 0, **changes: Any) -> RoundRecord:
     return dataclasses.replace(UNKNOWN_ROUND, **{**values, **changes})
 
 
-def uplink(round_number: int = 0, device: int = 3, **changes: Any) -> UplinkRecord:
+def uplink(round_number: int = 0, **changes: Any) -> UplinkRecord:
     record = UplinkRecord(
-        round_number, device, "digits", 1, 25.9, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 0.1, 0.2,
+        round_number, 3, "digits", 1, 25.9, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 0.1, 0.2,
         0.3, 0.25, delivered=True,
     )  # fmt: skip
     return dataclasses.replace(record, **changes)

@@ -5,6 +5,7 @@ import itertools
 
 import numpy as np
 import pytest
+from drawn_problems import drawn_problem, plan
 
 from fl.radio.channel import CHANNEL_PRESETS, Channel, average_per
 from mission.base.airspace import Airspace
@@ -15,7 +16,7 @@ from mission.planner.config import PlannerConfig
 from mission.planner.errors import InfeasiblePlanError, PlanInputError
 from mission.planner.evaluate import check_problem, finish, success_bounds
 from mission.planner.factory import make_planner
-from mission.planner.problem import RoundPlan, RoundProblem
+from mission.planner.problem import RoundProblem
 from mission.planner.reward import FINE_M, excess, reward_table
 
 LIMITS = (40.0, 120.0)
@@ -23,24 +24,8 @@ GAP = 0.01
 
 
 def problem(seed: int = 1, *, devices: int = 6, channel: str = "suburban", **more) -> RoundProblem:
-    rng = np.random.default_rng(seed)
-    known = {
-        "devices_m": rng.uniform(0.0, 800.0, (devices, 2)),
-        "importance": rng.uniform(0.2, 1.0, devices),
-        "start_m": np.array([400.0, 400.0]),
-        "steps": 4,
-        "per_step": 2,
-        "path_budget_m": 800.0,
-        "channel": CHANNEL_PRESETS[channel],
-        "altitudes_m": LIMITS,
-    }
-    return RoundProblem(**{**known, **more})
-
-
-def plan(given: RoundProblem, kind: str = "certified", **options: float) -> RoundPlan:
-    made = make_planner(PlannerConfig(kind=kind, **options)).plan(given)
-    check_plan(given, made)
-    return made
+    usual = {"steps": 4, "altitudes_m": LIMITS, "channel": CHANNEL_PRESETS[channel]}
+    return drawn_problem(seed, devices=devices, **{**usual, **more})
 
 
 @pytest.mark.slow

@@ -2,11 +2,12 @@
 
 import dataclasses
 import itertools
+from functools import partial
 
 import numpy as np
 import pytest
+from drawn_problems import drawn_problem, plan
 
-from fl.radio.channel import CHANNEL_PRESETS
 from mission.base.airspace import Airspace
 from mission.planner.check import check_plan
 from mission.planner.config import PlannerConfig
@@ -15,33 +16,13 @@ from mission.planner.evaluate import finish
 from mission.planner.factory import make_planner
 from mission.planner.flyable import acceptance_radius
 from mission.planner.limited import reach_bound
-from mission.planner.problem import RoundPlan, RoundProblem
 
 WALL = np.array([[300.0, 100], [360, 100], [360, 700], [300, 700]])
 BLOCK = np.array([[500.0, 300], [700, 300], [700, 500], [500, 500]])
 FENCE = np.array([[-100.0, -100], [900, -100], [900, 900], [-100, 900]])
 SPACE = Airspace((WALL, BLOCK), FENCE, 15.0)
 
-
-def problem(seed: int = 1, *, devices: int = 8, steps: int = 6, budget: float = 800.0, **more):
-    rng = np.random.default_rng(seed)
-    known = {
-        "devices_m": rng.uniform(0, 800, (devices, 2)),
-        "importance": rng.uniform(0.2, 1.0, devices),
-        "start_m": np.array([200.0, 400.0]),
-        "steps": steps,
-        "per_step": 2,
-        "path_budget_m": budget,
-        "channel": CHANNEL_PRESETS["suburban"],
-        "airspace": SPACE,
-    }
-    return RoundProblem(**{**known, **more})
-
-
-def plan(given: RoundProblem, kind: str = "certified") -> RoundPlan:
-    made = make_planner(PlannerConfig(kind=kind)).plan(given)
-    check_plan(given, made)
-    return made
+problem = partial(drawn_problem, start_m=np.array([200.0, 400.0]), airspace=SPACE)
 
 
 @pytest.mark.slow
@@ -89,7 +70,7 @@ def test_where_nothing_is_in_the_way_the_plan_is_the_planners_own() -> None:
 
 @pytest.mark.slow
 def test_two_steps_are_as_good_as_the_best_of_a_fine_grid() -> None:
-    given = problem(3, devices=3, steps=2, budget=700.0)
+    given = problem(3, devices=3, steps=2, path_budget_m=700.0)
     x, y = np.meshgrid(np.arange(-80, 881, 10.0), np.arange(-80, 881, 10.0))
     places = np.column_stack((x.ravel(), y.ravel()))
     places = places[SPACE.free(places)]
@@ -102,8 +83,8 @@ def test_two_steps_are_as_good_as_the_best_of_a_fine_grid() -> None:
 def test_a_device_deep_inside_bounds_what_a_plan_is_worth() -> None:
     wide = np.array([[200.0, -400], [1600, -400], [1600, 1000], [200, 1000]])
     inside = problem(
-        devices_m=np.array([[900.0, 300.0]]), importance=np.ones(1),
-        start_m=np.array([100.0, 300.0]), airspace=Airspace((wide,), None, 15.0), budget=5000.0,
+        devices_m=np.array([[900.0, 300.0]]), importance=np.ones(1), path_budget_m=5000.0,
+        start_m=np.array([100.0, 300.0]), airspace=Airspace((wide,), None, 15.0),
     )  # fmt: skip
     bound = reach_bound(inside)
     assert bound < 0.05
@@ -122,7 +103,7 @@ def test_a_start_that_has_drifted_into_the_margin_is_left() -> None:
 @pytest.mark.parametrize("kind", ["certified", "sqp"])
 def test_devices_behind_what_nobody_can_cross_are_heard_from_this_side(kind: str) -> None:
     river = np.array([[380.0, -200], [420, -200], [420, 1000], [380, 1000]])
-    given = problem(budget=2500.0, airspace=Airspace((river,), FENCE, 15.0))
+    given = problem(path_budget_m=2500.0, airspace=Airspace((river,), FENCE, 15.0))
     made = plan(given, kind)
     assert (made.route_m[:, 0] <= 365.0 + 1e-6).all()
     assert made.value > 0.0
@@ -130,7 +111,7 @@ def test_devices_behind_what_nobody_can_cross_are_heard_from_this_side(kind: str
         [[-60, -60], [60, -60], [60, -40], [-60, -40]], [[-60, 40], [60, 40], [60, 60], [-60, 60]],
         [[-60, -50], [-40, -50], [-40, 50], [-60, 50]], [[40, -50], [60, -50], [60, 50], [40, 50]],
     )]  # fmt: skip
-    inside = plan(problem(budget=2500.0, airspace=Airspace(tuple(ring), None, 5.0)), kind)
+    inside = plan(problem(path_budget_m=2500.0, airspace=Airspace(tuple(ring), None, 5.0)), kind)
     assert (np.abs(inside.route_m - (200, 400)) <= 40.0).all()
 
 
@@ -159,7 +140,7 @@ def test_a_route_that_is_free_nowhere_is_judged() -> None:
 
 
 def test_what_the_budget_does_not_pay_for_is_left_out() -> None:
-    given = problem(steps=3, budget=100.0)
+    given = problem(steps=3, path_budget_m=100.0)
     made = finish(given, np.array([given.start_m, [450.0, 400.0], [450.0, 500.0]]))
     check_plan(given, made)
     assert made.path_m == pytest.approx(100.0)

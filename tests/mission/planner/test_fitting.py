@@ -4,8 +4,8 @@ import pickle
 
 import numpy as np
 import pytest
+from drawn_problems import drawn_problem
 
-from fl.radio.channel import CHANNEL_PRESETS
 from flightdyn.config import LimitsConfig
 from mission.base import polyline
 from mission.base.airspace import Airspace
@@ -22,18 +22,8 @@ AREAS = Airspace((WALL,), None, 15.0)
 
 
 def problem(seed: int, *, duration_s: float = 40.0, **more) -> RoundProblem:
-    rng = np.random.default_rng(seed)
-    known = {
-        "devices_m": rng.uniform(0, 800, (8, 2)),
-        "importance": rng.uniform(0.2, 1.0, 8),
-        "start_m": np.array([200.0, 400.0]),
-        "steps": 6,
-        "per_step": 2,
-        "path_budget_m": 700.0,
-        "channel": CHANNEL_PRESETS["suburban"],
-        "limits": RoundLimits(FLYING, duration_s),
-    }
-    return RoundProblem(**{**known, **more})
+    limits, start_m = RoundLimits(FLYING, duration_s), np.array([200.0, 400.0])
+    return drawn_problem(seed, start_m=start_m, path_budget_m=700.0, limits=limits, **more)
 
 
 def path(given: RoundProblem, seed: int) -> np.ndarray:

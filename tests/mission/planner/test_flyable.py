@@ -1,12 +1,11 @@
 """Corners as sharp as the plan needs them, and what a flight then brings."""
 
-import csv
 import dataclasses
 from pathlib import Path
 
 import numpy as np
 import pytest
-from small_runs import QUIET
+from small_runs import QUIET, rows
 
 from fl.radio.channel import CHANNEL_PRESETS
 from mission.cli import call
@@ -49,10 +48,8 @@ def test_with_perfect_sensors_in_calm_air_one_percent_is_lost_at_most(tmp_path: 
         "channel.preset=high-rise", "vehicle.aircraft.sensors.kind=perfect",
         "learning.local_epochs=1",
     )  # fmt: skip
-    given = [word for setting in settings for word in ("--set", setting)]
     out = tmp_path / "run"
-    assert call(["run", "--out", str(out), "--rounds", "2", *QUIET, *given]) == 0
-    with (out / "rounds.csv").open(newline="") as file:
-        rows = list(csv.DictReader(file))
-    lost = [1.0 - float(row["true_objective"]) / float(row["plan_objective"]) for row in rows]
+    assert call(["run", "--out", str(out), "--rounds", "2", *QUIET, "--set", *settings]) == 0
+    rounds = rows(out / "rounds.csv")
+    lost = [1.0 - float(row["true_objective"]) / float(row["plan_objective"]) for row in rounds]
     assert np.mean(lost) < 0.01

@@ -6,8 +6,8 @@ import math
 
 import numpy as np
 import pytest
+from drawn_problems import drawn_problem, plan
 
-from fl.radio.channel import CHANNEL_PRESETS
 from flightdyn.config import LimitsConfig
 from mission.base.airspace import Airspace
 from mission.planner.check import check_plan
@@ -29,25 +29,8 @@ def limits(duration_s: float = math.inf, energy_j: float = math.inf) -> RoundLim
     return RoundLimits(FLYING, duration_s, energy_j)
 
 
-def problem(seed: int = 1, *, given: RoundLimits | None, devices: int = 8, **more):
-    rng = np.random.default_rng(seed)
-    known = {
-        "devices_m": rng.uniform(0, 800, (devices, 2)),
-        "importance": rng.uniform(0.2, 1.0, devices),
-        "start_m": np.array([400.0, 400.0]),
-        "steps": 6,
-        "per_step": 2,
-        "path_budget_m": 1200.0,
-        "channel": CHANNEL_PRESETS["suburban"],
-        "limits": given,
-    }
-    return RoundProblem(**{**known, **more})
-
-
-def plan(given: RoundProblem, kind: str = "certified") -> RoundPlan:
-    made = make_planner(PlannerConfig(kind=kind)).plan(given)
-    check_plan(given, made)
-    return made
+def problem(seed: int = 1, *, given: RoundLimits | None, **more):
+    return drawn_problem(seed, limits=given, **{"path_budget_m": 1200.0, **more})
 
 
 @pytest.mark.slow

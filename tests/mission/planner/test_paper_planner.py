@@ -27,13 +27,13 @@ from mission.planner.problem import RoundProblem
 SUBURBAN = CHANNEL_PRESETS["suburban"]
 
 
-def random_problem(seed, *, devices=6, steps=5, channel=SUBURBAN, budget=600.0):
+def random_problem(seed, *, channel=SUBURBAN, budget=600.0):
     rng = np.random.default_rng(seed)
     return RoundProblem(
-        devices_m=rng.uniform(0, 800, (devices, 2)),
-        importance=rng.uniform(0.5, 1.5, devices),
+        devices_m=rng.uniform(0, 800, (6, 2)),
+        importance=rng.uniform(0.5, 1.5, 6),
         start_m=rng.uniform(0, 800, 2),
-        steps=steps,
+        steps=5,
         per_step=2,
         path_budget_m=budget,
         channel=channel,
@@ -145,6 +145,16 @@ def test_a_path_step_agrees_with_the_program_written_out():
 
     # 1 / (1 + S) is flat where S is in the thousands: Clarabel ends 1e-4 of the whole off the best.
     assert lower_bound(path) == pytest.approx(reference.value, rel=3e-4)
+
+
+@pytest.mark.parametrize("kind", ["certified", "sqp", "paper"])
+def test_planning_something_else_in_between_changes_nothing(kind):
+    planner = make_planner(PlannerConfig(kind=kind))
+    first = planner.plan(random_problem(1))
+    planner.plan(random_problem(2, budget=900.0))
+    again = planner.plan(random_problem(1))
+    assert first.waypoints_m.tobytes() == again.waypoints_m.tobytes()
+    assert (first.schedule == again.schedule).all()
 
 
 def test_the_printed_version_runs_and_is_feasible():

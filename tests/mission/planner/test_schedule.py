@@ -6,8 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import linear_sum_assignment, linprog
 
-from mission.planner.evaluate import assign
-from mission.planner.native.library import Devices, PathLimits, match
+from mission.planner.native.library import Devices, PathLimits, assign, match
 
 
 def linear_program(success, importance, per_step):

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 from rich.console import Console
+from small_runs import refused
 from test_planfile import plan_document, simple
 
 from mission.base.console import RunConsole
@@ -46,8 +47,7 @@ def test_a_run_that_has_just_ended_is_kept(
     out = tmp_path / "out"
     what = {"run": ("--set", "mission.flight=none", "--rounds", "1"), "fly": (plan,)}[command]
     assert call([command, *what, "--out", str(out), "--quiet"]) == 2
-    (error,) = capsys.readouterr().err.splitlines()
-    assert f"{out}: the output folder is already used" in error
+    refused(capsys, f"{out}: the output folder is already used")
     assert RunFolder(out).told() == FINISHED
     assert not RunFolder(out).config.exists()
 

@@ -14,7 +14,8 @@ from typing import Any
 import pytest
 from drawing import UNDRAWN
 from patience import until
-from test_run import SMALL, UNFLOWN, digests, fly, refused, rows
+from small_runs import digests, refused, rows
+from test_run import SMALL, UNFLOWN, fly
 
 from mission.base.run_folder import RunFolder
 from mission.cli import call

@@ -1,6 +1,5 @@
 """Devices that take time, in whole runs: recomputed from the tables alone, without code of ours."""
 
-import csv
 import itertools
 import json
 from collections import defaultdict
@@ -9,12 +8,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from cutting import cut_after
+from cutting import check_resumed
 from drawing import outlined
+from small_runs import rows
 
 import aerofed
 from mission.analysis.load import load_run
-from mission.base.errors import FlightError, InputError
+from mission.base.errors import InputError
 from mission.cli import call
 from mission.figures.maps import round_map
 from mission.flight.flight_plan import FlightPlan
@@ -51,19 +51,14 @@ def fly(out: Path, *more: Mapping[str, object], rounds: int = 3) -> aerofed.Run:
     return aerofed.run("quickstart", keys, out=out)
 
 
-def table(folder: Path, name: str) -> list[dict[str, str]]:
-    with (folder / name).open(newline="") as file:
-        return list(csv.DictReader(file))
-
-
 def check_times(folder: Path, *, stale: bool) -> set[str]:
     """Retell who was late with what; gives what happened to updates, in words."""
-    devices, rounds = table(folder, "devices.csv"), table(folder, "rounds.csv")
+    devices, rounds = rows(folder / "devices.csv"), rows(folder / "rounds.csv")
     compute_ns = [round(1e9 * float(row["compute_s"])) for row in devices]
     upload_s = [float(row["upload_s"]) for row in devices]
     begun, ready_ns = [0] * len(devices), [0] * len(devices)
     owes = [False] * len(devices)
-    uplinks, seen = table(folder, "uplinks.csv"), set()
+    uplinks, seen = rows(folder / "uplinks.csv"), set()
     for record in rounds:
         number, start_ns = int(record["round"]), round(1e9 * float(record["start_t_s"]))
         for k in range(len(devices)):
@@ -105,7 +100,7 @@ def test_who_is_late_follows_from_the_tables(tmp_path: Path, late: str) -> None:
     seen = check_times(run.path, stale=late == "stale")
     assert seen == ({"late", "fresh", "stale"} if late == "stale" else {"late", "fresh"})
     bits = 500_000 / 2e6
-    assert [float(row["upload_s"]) for row in table(run.path, "devices.csv")[4:]] == [bits] * 3
+    assert [float(row["upload_s"]) for row in rows(run.path / "devices.csv")[4:]] == [bits] * 3
     assert run.table("uplinks").equals(run.uplinks)
     assert (run.uplinks["late"] & run.uplinks["delivered"]).sum() == 0
 
@@ -135,19 +130,12 @@ def test_the_aircraft_hovers_until_all_have_sent(tmp_path: Path) -> None:
     ids=["fedprox", "late_updates", "fedbuff", "buffers"],
 )
 def test_what_is_still_to_come_is_resumed_to_the_same_bytes(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, own: dict[str, object]
+    tmp_path: Path, own: dict[str, object]
 ) -> None:
-    more = {**UNFLOWN, **GAMBLE, **own, "learning.late": "stale"}
-    whole = fly(tmp_path / "whole", more, rounds=2)
-    with monkeypatch.context() as patch:
-        cut_after(patch, 1)
-        with pytest.raises(FlightError, match="cut"):
-            fly(tmp_path / "cut", more, rounds=2)
-    resumed = aerofed.resume(tmp_path / "cut")
+    more = {**UNFLOWN, **GAMBLE, **own, "learning.late": "stale", "mission.rounds": 2}
+    whole = check_resumed({**SMALL, **SLOW, **more}, tmp_path, after=1)
     late = whole.uplinks[(whole.uplinks["round"] > 1) & whole.uplinks["delivered"]]
     assert (late["round"] - late["staleness"] <= 1).any(), "nothing came across the cut"
-    for name in ("rounds.csv", "uplinks.csv", "learning.csv", "devices.csv", "flight.mcap"):
-        assert (resumed.path / name).read_bytes() == (whole.path / name).read_bytes()
 
 
 @pytest.mark.slow
@@ -163,7 +151,7 @@ def test_a_round_without_anybody_ready_waits_for_the_first(tmp_path: Path) -> No
     slow = {"communities.0.compute_s": [50.0, 60.0], "communities.1.compute_s": 70.0}
     run = fly(tmp_path / "run", UNFLOWN, slow, {"learning.late": "stale"}, rounds=2)
     waited, flown = run.rounds.itertuples()
-    first_s = min(float(row["compute_s"]) for row in table(run.path, "devices.csv"))
+    first_s = min(float(row["compute_s"]) for row in rows(run.path / "devices.csv"))
     assert (waited.scheduled, waited.duration_s) == (0, pytest.approx(first_s))
     assert flown.delivered > 0
 
@@ -196,7 +184,7 @@ def test_nobody_is_slow_unless_it_is_configured(tmp_path: Path) -> None:
     keys = {**SMALL, **UNFLOWN, "mission.rounds": 1}
     run = aerofed.run("quickstart", keys, out=tmp_path / "run")
     assert list(run.uplinks.columns)[-1] == "delivered"
-    assert "compute_s" not in table(run.path, "devices.csv")[0]
+    assert "compute_s" not in rows(run.path / "devices.csv")[0]
 
 
 @pytest.mark.parametrize(

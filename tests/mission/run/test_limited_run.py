@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 from drawing import outlined
-from small_runs import last_counts
-from test_run import SMALL, digests, rows
+from small_runs import digests, last_counts, rows
+from test_run import SMALL
 
 from mission.analysis.compare import compare_run
 from mission.analysis.load import load_run

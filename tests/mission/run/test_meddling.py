@@ -6,6 +6,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from small_runs import refused
 from test_unflown import play
 
 from mission.base.errors import InputError
@@ -54,9 +55,7 @@ def test_who_touches_a_file_of_a_run_under_way_ends_it_in_one_line(
     monkeypatch.delitem(sys.modules, "meddler", raising=False)
     callback = ("--set", 'callbacks=["meddler:Meddler"]')
     assert play(tmp_path / "out", *callback, rounds=2) == 2
-    error = capsys.readouterr().err
-    assert error.count("\n") == 1
-    assert said in error
+    refused(capsys, said)
 
 
 def test_what_is_deleted_while_figures_are_drawn_is_missed(

@@ -1,11 +1,10 @@
 """Fairness and importance of a run, recomputed from its tables alone, without code of ours."""
 
-import csv
 import math
 from pathlib import Path
 
 import pytest
-from small_runs import QUIET
+from small_runs import QUIET, rows
 
 from mission.cli import call
 
@@ -21,19 +20,14 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     hard = ["channel.extra_gain_db=-5", f"learning.cov_period_rounds={PERIOD}"]
     path = ["mission.steps=4", "mission.path_budget_m=250", "planner.kind=paper"]
     path += ["mission.flight=none"]
-    sets = [part for pair in few + hard + path for part in ("--set", pair)]
+    sets = ("--set", *few, *hard, *path)
     assert call(["run", "--out", str(out), "--rounds", "6", *QUIET, *sets]) == 0
     return out
 
 
-def table(folder: Path, name: str) -> list[dict[str, str]]:
-    with (folder / name).open(newline="") as file:
-        return list(csv.DictReader(file))
-
-
 def test_psi_and_delta_of_every_round_follow_from_the_tables(folder: Path) -> None:
-    devices, rounds = table(folder, "devices.csv"), table(folder, "rounds.csv")
-    uplinks, learning = table(folder, "uplinks.csv"), table(folder, "learning.csv")
+    devices, rounds = rows(folder / "devices.csv"), rows(folder / "rounds.csv")
+    uplinks, learning = rows(folder / "uplinks.csv"), rows(folder / "learning.csv")
     p = [float(row["p"]) for row in devices]
     of = [row["community"] for row in devices]
     eps = {(int(r["round"]), int(r["device"])): float(r["accuracy"]) for r in learning}
@@ -70,7 +64,7 @@ def test_psi_and_delta_of_every_round_follow_from_the_tables(folder: Path) -> No
 
 
 def test_the_table_begins_with_the_untrained_models(folder: Path) -> None:
-    first = [row for row in table(folder, "learning.csv") if row["round"] == "0"]
+    first = [row for row in rows(folder / "learning.csv") if row["round"] == "0"]
     assert len(first) == 8
     assert {row["received_accuracy"] for row in first} == {"nan"}
     assert {row["loss"] for row in first} == {"nan"}

@@ -1,8 +1,6 @@
 """Whole runs: MAVSDK flies the autopilot, JSBSim flies, devices train, a folder is left behind."""
 
-import csv
 import gzip
-import hashlib
 import json
 import os
 import shutil
@@ -18,6 +16,7 @@ import small_runs
 from drawing import drawn
 from mcap.reader import make_reader
 from patience import HANG_S, until
+from small_runs import digests, refused, rows
 
 from mission.cli import call
 
@@ -30,19 +29,9 @@ def fly(out: Path, *more: str, rounds: int = 2) -> int:
     return call(["run", "--out", str(out), "--rounds", str(rounds), *words])
 
 
-def rows(path: Path) -> list[dict[str, str]]:
-    with path.open(newline="") as file:
-        return list(csv.DictReader(file))
-
-
 def begun(out: Path) -> bool:
     """Whether the run there has finished a round."""
     return (out / "rounds.csv").exists() and bool(rows(out / "rounds.csv"))
-
-
-def digests(folder: Path) -> dict[str, str]:
-    names = ("rounds.csv", "uplinks.csv", "learning.csv", "devices.csv", "flight.mcap")
-    return {name: hashlib.sha256((folder / name).read_bytes()).hexdigest() for name in names}
 
 
 @pytest.fixture(scope="module")
@@ -230,14 +219,6 @@ def test_ctrl_c_keeps_what_was_flown(tmp_path: Path) -> None:
     assert summary is not None
     assert summary.statistics.message_count > 100
     assert list((out / "figures").glob("*.png"))
-
-
-def refused(capsys: pytest.CaptureFixture[str], *words: str) -> None:
-    printed = capsys.readouterr()
-    assert printed.out == ""
-    assert printed.err.count("\n") == 1, printed.err
-    for word in words:
-        assert word in printed.err
 
 
 @pytest.mark.parametrize(

@@ -47,8 +47,8 @@ def request_for(seq: int, kind: int = MISSION, to: Peer = VEHICLE) -> Any:
     return Request(*to, seq, kind)
 
 
-def request_list(kind: int = MISSION) -> Any:
-    return mav.MAVLink_mission_request_list_message(*VEHICLE, kind)
+def request_list() -> Any:
+    return mav.MAVLink_mission_request_list_message(*VEHICLE, MISSION)
 
 
 def clear(kind: int) -> Any:
@@ -134,7 +134,7 @@ class Uploader:
     def __init__(self, network: BadNetwork, vehicle: Vehicle, items: tuple[MissionItem, ...]):
         self.network, self.vehicle, self.items = network, vehicle, items
         self.result: int | None = None
-        self._last: Any = count_of(len(items), MISSION)
+        self._last: Any = count_of(len(items))
         self._tries = 0
         self._repeat()
 
@@ -180,8 +180,7 @@ class Downloader:
             self.ask()
 
     def ask(self) -> None:
-        kind = MISSION
-        self.send(request_list(kind) if self.count is None else request_for(len(self.items), kind))
+        self.send(request_list() if self.count is None else request_for(len(self.items)))
 
     def send(self, message: Any) -> None:
         self.network.post(lambda: hand_over(self, message))
@@ -244,7 +243,7 @@ class MavsdkUpload(Mavsdk):
         if self._asked:
             self._tries += 1
         else:
-            self.send(count_of(len(self.items), MISSION))
+            self.send(count_of(len(self.items)))
 
     def hear(self, body: Any) -> None:
         if self.done is not None:
@@ -273,9 +272,7 @@ class MavsdkDownload(Mavsdk):
         self.again()
 
     def again(self) -> None:
-        kind = MISSION
-        asked = request_list(kind) if self._count is None else request_for(self._next, kind)
-        self.send(asked)
+        self.send(request_list() if self._count is None else request_for(self._next))
 
     def hear(self, body: Any) -> None:
         if self.done is not None:
@@ -394,7 +391,7 @@ def upload(vehicle: Vehicle, items: tuple[MissionItem, ...], *, now: float = 0.0
 def test_a_broken_off_upload_leaves_the_old_mission() -> None:
     vehicle = Vehicle()
     upload(vehicle, waypoints(3))
-    vehicle.say(count_of(5, MISSION), now=10.0)
+    vehicle.say(count_of(5), now=10.0)
     vehicle.say(waypoints(5, shift=1.0)[0], now=10.0)
     now, asked = 10.0, 0
     answers: list[object] = []
@@ -405,7 +402,7 @@ def test_a_broken_off_upload_leaves_the_old_mission() -> None:
         vehicle.transfer.poll(now)
         answers = vehicle.take()
         asked += isinstance(answers[0], Request)
-    assert answers == [ack(mav.MAV_MISSION_OPERATION_CANCELLED, MISSION)]
+    assert answers == [ack(mav.MAV_MISSION_OPERATION_CANCELLED)]
     assert asked == REQUESTS_PER_ITEM - 1
     assert vehicle.lists[MISSION] == waypoints(3)
     assert vehicle.transfer.due() == math.inf
@@ -414,17 +411,17 @@ def test_a_broken_off_upload_leaves_the_old_mission() -> None:
 def test_a_second_count_starts_again_so_that_missions_never_mix() -> None:
     vehicle = Vehicle()
     old, new = waypoints(3), waypoints(3, shift=1.0)
-    vehicle.say(count_of(3, MISSION))
+    vehicle.say(count_of(3))
     vehicle.say(old[0])
     vehicle.say(old[1])
-    assert upload(vehicle, new) == ack(ACCEPTED, MISSION)
+    assert upload(vehicle, new) == ack(ACCEPTED)
     assert vehicle.lists[MISSION] == new
 
 
 def test_items_after_a_complete_upload_are_thanked_for_again_but_not_at_once() -> None:
     vehicle = Vehicle()
     items = waypoints(2)
-    accepted = ack(ACCEPTED, MISSION)
+    accepted = ack(ACCEPTED)
     assert upload(vehicle, items, now=5.0) == accepted
     assert vehicle.say(items[1], now=5.1) == []  # a duplicate on its way
     assert vehicle.say(items[1], now=5.5) == [accepted]
@@ -445,49 +442,47 @@ def echoes(vehicle: Vehicle, now: float) -> list[object]:
 
 
 def test_an_acknowledgement_is_echoed_where_the_link_has_been_seen_to_lose() -> None:
-    items, kind = waypoints(2), MISSION
-    accepted = ack(ACCEPTED, kind)
-    vehicle = Vehicle()
+    items, vehicle = waypoints(2), Vehicle()
+    accepted = ack(ACCEPTED)
     assert upload(vehicle, items, now=1.0) == accepted
     assert echoes(vehicle, 1.0) == []  # nothing had to be asked for again
-    vehicle.say(count_of(2, kind), now=5.0)
+    vehicle.say(count_of(2), now=5.0)
     vehicle.say(items[0], now=5.0)
     vehicle.transfer.poll(5.0 + REQUEST_AGAIN_S)
-    assert vehicle.take() == [request_for(1, kind, STATION)]
+    assert vehicle.take() == [request_for(1, to=STATION)]
     assert vehicle.say(items[1], now=6.0) == [accepted]
     assert echoes(vehicle, 6.0) == [accepted] * ANSWERS_REPEATED
     # Whoever goes on has heard it: no stray acknowledgement in the next transfer.
-    vehicle.say(count_of(2, kind), now=7.0)
+    vehicle.say(count_of(2), now=7.0)
     vehicle.transfer.poll(7.0 + REQUEST_AGAIN_S)
     vehicle.say(items[0], now=7.5)
     assert vehicle.say(items[1], now=7.5)[-1] == accepted
-    vehicle.say(count_of(2, kind), now=7.55)
+    vehicle.say(count_of(2), now=7.55)
     vehicle.transfer.poll(7.7)
     assert vehicle.take() == []
 
 
 def test_items_are_echoed_once_one_was_asked_for_again() -> None:
-    vehicle, kind = Vehicle(), MISSION
-    items = waypoints(3)
+    vehicle, items = Vehicle(), waypoints(3)
     upload(vehicle, items)
-    vehicle.say(request_list(kind), now=5.0)
-    assert vehicle.say(request_for(0, kind), now=5.0) == [items[0]]
+    vehicle.say(request_list(), now=5.0)
+    assert vehicle.say(request_for(0), now=5.0) == [items[0]]
     assert vehicle.transfer.due() == math.inf
-    assert vehicle.say(request_for(0, kind), now=5.5) == [items[0]]
+    assert vehicle.say(request_for(0), now=5.5) == [items[0]]
     vehicle.transfer.poll(5.7)
     assert vehicle.take() == [items[0]]
-    assert vehicle.say(request_for(1, kind), now=5.8) == [items[1]]
+    assert vehicle.say(request_for(1), now=5.8) == [items[1]]
     assert echoes(vehicle, 5.8) == [items[1]] * ANSWERS_REPEATED
-    vehicle.say(request_for(2, kind), now=7.0)
-    vehicle.say(ack(ACCEPTED, kind), now=7.0)
+    vehicle.say(request_for(2), now=7.0)
+    vehicle.say(ack(ACCEPTED), now=7.0)
     assert echoes(vehicle, 7.0) == []
 
 
 def test_only_one_station_uploads_at_a_time() -> None:
     vehicle = Vehicle()
-    vehicle.say(count_of(2, MISSION))
+    vehicle.say(count_of(2))
     denied = [ack(mav.MAV_MISSION_DENIED, to=OTHER)]
-    assert vehicle.say(count_of(2, MISSION), peer=OTHER) == denied
+    assert vehicle.say(count_of(2), peer=OTHER) == denied
     assert vehicle.say(waypoints(2)[0], peer=OTHER) == []
 
 
@@ -509,12 +504,11 @@ def test_a_download_is_of_one_list_even_if_it_is_replaced_meanwhile() -> None:
     vehicle = Vehicle()
     old, new = waypoints(2), waypoints(4, shift=1.0)
     upload(vehicle, old)
-    kind = MISSION
-    assert vehicle.say(request_list(kind), peer=OTHER) == [count_of(2, to=OTHER)]
+    assert vehicle.say(request_list(), peer=OTHER) == [count_of(2, to=OTHER)]
     upload(vehicle, new)
-    assert vehicle.say(request_for(1, kind), peer=OTHER) == [old[1]]
-    vehicle.say(ack(ACCEPTED, kind), peer=OTHER)
-    assert vehicle.say(request_for(1, kind), peer=OTHER) == [new[1]]
+    assert vehicle.say(request_for(1), peer=OTHER) == [old[1]]
+    vehicle.say(ack(ACCEPTED), peer=OTHER)
+    assert vehicle.say(request_for(1), peer=OTHER) == [new[1]]
 
 
 def test_lists_are_apart_and_cleared_apart() -> None:
@@ -543,7 +537,7 @@ def test_refusals_name_what_is_wrong() -> None:
             "seq": 0, "command": 16, "frame": 3, "params": (0.0, 0.0, 0.0, 0.0),
             "x": 47.0, "y": 8.0, "z": 30.0,
         }  # fmt: skip
-        vehicle.say(count_of(1, MISSION))
+        vehicle.say(count_of(1))
         (answer,) = vehicle.say(MissionItem(**{**fields, **changes}))  # type: ignore[arg-type]
         assert isinstance(answer, Ack)
         return answer.type
@@ -566,19 +560,18 @@ def test_refusals_name_what_is_wrong() -> None:
         verdict(command=178, frame=2, params=(3.0, 5.0, 0.0, 0.0)) == mav.MAV_MISSION_INVALID_PARAM1
     )
     assert verdict(command=22, x=math.nan, y=math.nan) == ACCEPTED
-    kind = MISSION
-    assert vehicle.say(count_of(MAX_ITEMS + 1, kind)) == [ack(mav.MAV_MISSION_NO_SPACE, kind)]
-    assert vehicle.say(request_for(7, kind)) == [ack(mav.MAV_MISSION_INVALID_SEQUENCE, kind)]
+    assert vehicle.say(count_of(MAX_ITEMS + 1)) == [ack(mav.MAV_MISSION_NO_SPACE)]
+    assert vehicle.say(request_for(7)) == [ack(mav.MAV_MISSION_INVALID_SEQUENCE)]
     for part in (
-        mav.MAVLink_mission_request_partial_list_message(*VEHICLE, 0, 1, kind),
-        mav.MAVLink_mission_write_partial_list_message(*VEHICLE, 0, 1, kind),
+        mav.MAVLink_mission_request_partial_list_message(*VEHICLE, 0, 1, MISSION),
+        mav.MAVLink_mission_write_partial_list_message(*VEHICLE, 0, 1, MISSION),
     ):
         answer, said, *_ = vehicle.say(part)
-        assert answer == ack(mav.MAV_MISSION_UNSUPPORTED, kind)
+        assert answer == ack(mav.MAV_MISSION_UNSUPPORTED)
         assert isinstance(said, mav.MAVLink_statustext_message)
     vehicle.verdict = mav.MAV_MISSION_DENIED
-    assert upload(vehicle, waypoints(1)) == ack(mav.MAV_MISSION_DENIED, kind)
-    assert vehicle.say(clear(kind)) == [ack(mav.MAV_MISSION_DENIED, kind)]
+    assert upload(vehicle, waypoints(1)) == ack(mav.MAV_MISSION_DENIED)
+    assert vehicle.say(clear(MISSION)) == [ack(mav.MAV_MISSION_DENIED)]
 
 
 def test_who_does_not_answer_the_new_request_is_asked_by_the_old_one() -> None:

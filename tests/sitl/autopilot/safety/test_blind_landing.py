@@ -32,8 +32,8 @@ def hovering(seed: int, *, wind_mps: float, recorder: Recorder) -> Vehicle:
     return vehicle
 
 
-def finish(vehicle: Vehicle, *, most_s: float = 300.0) -> None:
-    until_ns = vehicle.t_ns + round(most_s * 1e9)
+def finish(vehicle: Vehicle) -> None:
+    until_ns = vehicle.t_ns + 300_000_000_000
     while vehicle.moving:
         vehicle.step()
         assert vehicle.t_ns < until_ns, "never came to an end"

@@ -62,8 +62,8 @@ def test_a_wreck_takes_no_orders() -> None:
     assert not desk.vehicle.moving
 
 
-def fly(vehicle: Vehicle, *, until_s: float | None = None) -> None:
-    limit_ns = round((vehicle.t_ns * 1e-9 + 120.0 if until_s is None else until_s) * 1e9)
+def fly(vehicle: Vehicle) -> None:
+    limit_ns = vehicle.t_ns + 120_000_000_000
     while vehicle.moving and vehicle.t_ns < limit_ns:
         vehicle.step()
 
