@@ -2,4 +2,4 @@
 
 
 class LibraryError(Exception):
-    """A library cannot be loaded, or not as asked; the message is for the user."""
+    """A library cannot be built or loaded, or not as asked; the message is for the user."""

@@ -1,7 +1,7 @@
 """The truth as a source of what the autopilot knows.
 
-Which source is used is chosen once, when the aircraft is made. `fly` hands body rates to the inner
-loops after each tick of the physics; `state` is what the guidance flies on.
+It stands in for `InertialNavigation`, with all that an aircraft asks of that one: `fly` hands body
+rates to the inner loops after each tick of the physics; `state` is what the guidance flies on.
 """
 
 import numpy as np

@@ -8,7 +8,7 @@ import csv
 import io
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, Generic, Self, TypeVar
+from typing import Any, Generic, NamedTuple, Self, TypeVar
 
 from mission.base.errors import InputError
 from mission.base.record_file import RecordFile
@@ -50,7 +50,7 @@ class Table(Generic[Record]):
         Raises:
             InputError: the file cannot be written.
         """
-        self._header = _header(record, communities)
+        self._header = [cell.name for cell in _cells(record, communities)]
         self.file = RecordFile(path)
         self._append([self._header])
 
@@ -89,43 +89,51 @@ def read_table(path: Path, record: type[Record]) -> tuple[Record, ...]:
     header, rows = _read(path)
     communities = [c.removeprefix("accuracy_") for c in header if c.startswith("accuracy_")]
     wider: Any = _WIDER.get(record, record)
-    if header == _header(wider, communities):
+    if header == [cell.name for cell in _cells(wider, communities)]:
         record = wider
-    _check_header(path, header, _header(record, communities))
-    return tuple(
-        record(**_values(path, record, communities, line, dict(zip(header, row, strict=True))))
-        for line, row in rows
-    )
+    cells = _cells(record, communities)
+    _check_header(path, header, [cell.name for cell in cells])
+    return tuple(record(**_values(path, record, cells, *row)) for row in rows)
 
 
-def _header(record: type, communities: Sequence[str]) -> list[str]:
-    names: list[str] = []
+class _Cell(NamedTuple):
+    """One column of a file, and where its value stands in a record."""
+
+    name: str
+    field: str
+    key: str | None  # in the field, where it holds several columns
+    kind: object  # type of the value
+
+
+def _cells(record: type, communities: Sequence[str]) -> list[_Cell]:
+    cells: list[_Cell] = []
     for column in columns(record):
-        by_community = [f"{column.name}_{name}" for name in communities]
-        names += by_community if is_by_community(column) else [column.name]
-    return names
+        field = column.name
+        if is_by_community(column):
+            cells += [_Cell(f"{field}_{name}", field, name, float) for name in communities]
+        else:
+            cells.append(_Cell(field, field, None, column.holds))
+    return cells
 
 
 def _values(
-    path: Path, record: type, communities: Sequence[str], line: int, row: Mapping[str, str]
+    path: Path, record: type, cells: Sequence[_Cell], line: int, row: Sequence[str]
 ) -> dict[str, Any]:
     """The fields of a record, by the texts of its row."""
-
-    def value(name: str, kind: object) -> object:
-        parse, allowed = _KINDS[kind]
+    values: dict[str, Any] = {c.name: {} for c in columns(record) if is_by_community(c)}
+    for cell, text in zip(cells, row, strict=True):
+        parse, allowed = _KINDS[cell.kind]
         try:
-            return parse(row[name])
+            value = parse(text)
         except (ValueError, KeyError):
             raise TableError(
-                f"{path}: line {line}: {name} = {row[name]!r}: must be {allowed}"
+                f"{path}: line {line}: {cell.name} = {text!r}: must be {allowed}"
             ) from None
-
-    return {
-        column.name: {name: value(f"{column.name}_{name}", float) for name in communities}
-        if is_by_community(column)
-        else value(column.name, column.holds)
-        for column in columns(record)
-    }
+        if cell.key is None:
+            values[cell.field] = value
+        else:
+            values[cell.field][cell.key] = value
+    return values
 
 
 def _read(path: Path) -> tuple[list[str], Iterator[tuple[int, list[str]]]]:

@@ -400,7 +400,7 @@ class FlightData:
     def config(self) -> Mapping[str, Any]:
         """The configuration that the log holds, as TOML has it; empty where it holds none."""
         try:
-            return tomllib.loads(self.attachments.get("config.toml", b"").decode())
+            return tomllib.loads(self.attachments.get("config.toml", b"").decode(errors="replace"))
         except ValueError:
             return {}
 

@@ -15,8 +15,9 @@ _FEW_NODES, _SEARCHES = 500, 10  # where a proof of many altitudes would take lo
 
 
 def make_planner(config: PlannerConfig) -> Planner:
-    """The planner of that kind, which keeps to where may be flown and to a round's limits. Its
-    solver library is imported here, not before.
+    """The planner of that kind, which keeps to where may be flown and to a round's limits.
+
+    CVXPY and OSQP are imported here, by the planners that use them.
 
     Raises:
         UsersCodeError: one's own that cannot be imported or is no planner.

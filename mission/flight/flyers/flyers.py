@@ -86,6 +86,7 @@ class Flyers(ABC):
 
         Raises:
             LinkLostError, FlightError, InputError: it is not, or not where the devices are.
+            KeyboardInterrupt: nobody wants to wait any longer.
         """
         return None
 

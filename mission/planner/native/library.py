@@ -101,11 +101,11 @@ class Devices:
     u: Floats  # (K, 2) positions in metres
     delta: Floats  # (K,) importance, above 0
     rows: Floats  # (R, 3) f, f', f'' of the channel, one row a metre
+    grid: PerGrid | None = None  # of their success, in place of the rows; about the start
     # Where hovers and turns count, for bounds only:
     hover: Floats | None = None  # (K,) metres of the length that go while each sends
     after: Floats | None = None  # (K,) most metres of time from its turn on, its hover included
     sends: Floats | None = None  # (K,) metres that could be flown while each sends
-    grid: PerGrid | None = None  # of their success, in place of the rows; about the start
 
     def as_c(self) -> _Devices:
         """The structure as C takes it; the arrays have to outlive it."""

@@ -19,9 +19,9 @@ typedef struct {
     int64_t count;       /* K */
     const Point *at;     /* (K,) metres */
     const double *delta; /* (K,) importance, above 0 */
-    const double *hover; /* (K,) metres of the length that go while each sends; for bounds only, or NULL */
-    const double *after; /* (K,) most metres from its turn on, hovers included: of time */
-    const double *sends; /* (K,) metres that could be flown in the time for which each sends */
+    const double *hover; /* (K,) metres of the length that go while each sends; or NULL: hovers do not count */
+    const double *after; /* (K,) most metres from its turn on, hovers included: of time; NULL as `hover` is */
+    const double *sends; /* (K,) metres that could be flown in the time for which each sends; NULL as `hover` is */
     int64_t rows;
     const double *table; /* (rows, 3) f, f', f'' of the channel, one row a metre */
     const Grid *grid;    /* of their success, in its place; or NULL */

@@ -150,9 +150,9 @@ def test_a_path_step_agrees_with_the_program_written_out():
 @pytest.mark.parametrize("kind", ["certified", "sqp", "paper"])
 def test_planning_something_else_in_between_changes_nothing(kind):
     planner = make_planner(PlannerConfig(kind=kind))
-    first = planner.plan(random_problem(1))
+    first = planner.plan(random_problem(1, budget=300.0))
     planner.plan(random_problem(2, budget=900.0))
-    again = planner.plan(random_problem(1))
+    again = planner.plan(random_problem(1, budget=300.0))
     assert first.waypoints_m.tobytes() == again.waypoints_m.tobytes()
     assert (first.schedule == again.schedule).all()
 
