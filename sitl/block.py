@@ -1,4 +1,4 @@
-"""Work beside the block of an asynchronous context manager, which it ends when it fails."""
+"""Background work for an `async with` block, which ends when the work fails."""
 
 import asyncio
 from collections.abc import AsyncIterator, Coroutine
@@ -8,8 +8,8 @@ from typing import Any
 
 @asynccontextmanager
 async def following(work: Coroutine[Any, Any, None], *, name: str) -> AsyncIterator[None]:
-    """Do `work` beside the block. An error in it cancels the block, so that nobody in there waits
-    any longer, and is raised in place of that; of errors that came as a group, the first.
+    """Run `work` in the background of the block and cancel it at the end. An error in it cancels
+    the block and is raised in place of that; of an exception group, its first error is raised.
     """
     try:
         async with asyncio.TaskGroup() as group:

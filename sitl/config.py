@@ -1,4 +1,4 @@
-"""What can be chosen about the vehicle as MAVLink sees it."""
+"""Configuration of the vehicle: aircraft, autopilot, firmware, sampling and parameters."""
 
 from pathlib import Path
 from typing import Literal, Self

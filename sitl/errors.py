@@ -1,4 +1,4 @@
-"""What can go wrong in the simulated vehicle; every exception of the package derives from one."""
+"""Exceptions of the simulated vehicle; they all derive from `SitlError`."""
 
 
 class SitlError(Exception):
@@ -18,8 +18,8 @@ class FirmwareError(SitlError):
 
 
 class FirmwareSilentError(FirmwareError):
-    """It has died, cannot be started, or asks for nothing any more."""
+    """The firmware has died, cannot be started, or no longer asks for anything."""
 
 
 class FirmwareRestartedError(FirmwareSilentError):
-    """It has ended or started anew: what it flew is over."""
+    """The firmware has ended or restarted, which ends the flight."""

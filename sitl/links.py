@@ -30,13 +30,13 @@ Address: TypeAlias = tuple[str, int]
 
 
 class Link(Protocol):
-    """A way for bytes in and out. All but `open` never block and never wait."""
+    """A transport for MAVLink bytes, in and out. Only `open` may block."""
 
     def open(self, wake: Wake) -> None:
         """Start; `wake` is called in the event loop whenever something has arrived."""
 
     def receive(self) -> list[bytes]:
-        """The datagrams that have arrived."""
+        """Return the datagrams, or the whole frames of a stream, that have arrived."""
 
     def newcomers(self) -> bool:
         """Whether somebody has joined since this was asked last."""
@@ -49,9 +49,9 @@ class Link(Protocol):
 
 
 class RawLink:
-    """Bytes handed over within the process, for MAVSDK's raw:// connection.
+    """A link within the process, for MAVSDK's raw:// connection.
 
-    `feed` may be called from any thread; `send` of the other side is called in the event loop.
+    `feed` may be called from any thread; the attached `send` is called in the event loop.
     """
 
     def __init__(self) -> None:
@@ -68,11 +68,11 @@ class RawLink:
         self._notify()
 
     def detach(self) -> None:
-        """The other side is gone; what is sent is dropped."""
+        """Drop what is sent from now on, because the other side is gone."""
         self._send = None
 
     def feed(self, data: bytes) -> None:
-        """Bytes for the vehicle; from any thread."""
+        """Pass bytes to the vehicle; may be called from any thread."""
         self._arrived.append(data)
         self._notify()
 
@@ -103,7 +103,7 @@ class RawLink:
 
 
 class _NetworkLink:
-    """What links over UDP and TCP share: an address that is checked, a socket, who has joined."""
+    """Base of UDP and TCP links: a checked address, a socket, and who has joined."""
 
     _SCHEMES: ClassVar[tuple[str, ...]]
     _KIND: ClassVar[socket.SocketKind]
@@ -112,7 +112,7 @@ class _NetworkLink:
         """Check the address; nothing is opened yet. With a `seal` all is signed, both ways.
 
         Raises:
-            LinkError: `url` is none of the forms.
+            LinkError: `url` is not an address of this kind of link.
         """
         scheme, separator, address = url.partition("://")
         host, colon, port = address.rpartition(":")
@@ -127,7 +127,7 @@ class _NetworkLink:
         self._joined = False
 
     def open(self, wake: Wake) -> None:
-        """Listen, or begin to call; LinkError names an address that is in use or cannot be had."""
+        """Listen or begin to connect; LinkError if the address is in use or not available."""
         self._loop, self._wake = asyncio.get_running_loop(), wake
         sock = socket.socket(socket.AF_INET, self._KIND)
         try:
@@ -140,7 +140,7 @@ class _NetworkLink:
 
     @abstractmethod
     def _start(self, sock: socket.socket) -> None:
-        """Make the socket what the address says, and watch it; OSError where that cannot be."""
+        """Bind or connect the socket by the address, and watch it; OSError if that fails."""
 
     @property
     def port(self) -> int:
@@ -336,14 +336,14 @@ class TcpLink(_NetworkLink):
 
 
 def network_link(url: str, seal: Seal | None = None, *, own_port: int = 0) -> UdpLink | TcpLink:
-    """The link of an address; LinkError where it is none. `own_port`: of UDP."""
+    """Create the link for an address; LinkError if it is invalid. `own_port`: for UDP only."""
     return TcpLink(url, seal) if url.startswith("tcp") else UdpLink(url, seal, own_port=own_port)
 
 
 def _connected(sock: socket.socket, peer: Address) -> bool:
-    """Give a socket its peer, if that is one and not everybody.
+    """Connect a UDP socket to its peer; return False if that is a broadcast address.
 
-    Its own address is then that of the interface which leads there, and it hears nobody else.
+    Once connected it has the address of the interface that leads there, and hears nobody else.
     """
     sock.setsockopt(socket.SOL_SOCKET, socket.SO_BROADCAST, 0)
     try:
@@ -359,7 +359,7 @@ def _kept_s(peer: Address) -> float:
 
 
 def _named(host: str) -> bool:
-    """Whether `host` can be looked up at all: neither empty nor with a label that no name has."""
+    """Whether `host` can be a host name or address: not empty, and each label valid."""
     try:
         return bool(host.encode("idna"))
     except UnicodeError:
@@ -367,7 +367,7 @@ def _named(host: str) -> bool:
 
 
 def _packed(frames: Sequence[bytes]) -> list[bytes]:
-    """Whole frames joined into datagrams."""
+    """Join whole frames into datagrams below the usual MTU."""
     datagrams: list[bytes] = []
     pending = b""
     for frame in frames:

@@ -21,7 +21,7 @@ class LogFile(NamedTuple):
 
 
 def next_log(folder: Path) -> Path:
-    """The first name of a flight log that is free in a folder, also of links to nowhere."""
+    """Return the lowest-numbered free log path in a folder; a dangling symlink is not free."""
     number = 1
     while os.path.lexists(path := folder / _NAME.format(number)):
         number += 1
@@ -38,12 +38,12 @@ class LogFolder:
     def __init__(
         self, folder: Path | None, *, being_written: Callable[[], Path | None] = lambda: None
     ) -> None:
-        """Without a folder there are no logs."""
+        """`folder`: None for no logs; `being_written` returns the log that is not complete yet."""
         self._folder = folder
         self._being_written = being_written
 
     def logs(self) -> list[LogFile]:
-        """Those that are complete, the oldest first."""
+        """Return the complete logs, sorted by name."""
         return [
             LogFile(path.name, about.st_size, int(about.st_mtime))
             for path, about in self._complete()
@@ -62,7 +62,7 @@ class LogFolder:
             return b""
 
     def erase(self) -> None:
-        """Remove all that are complete."""
+        """Remove all complete logs."""
         for path, _ in self._complete():
             with suppress(OSError):  # by somebody else, or the folder may not be written to
                 path.unlink()

@@ -1,4 +1,4 @@
-"""How simulated time runs against wall time: still, as ordered, or as fast as it can."""
+"""Pacing of simulated time against wall time: still, ordered, or at a multiple of real time."""
 
 import asyncio
 import math
@@ -24,9 +24,9 @@ Runs: TypeAlias = Literal["moving", "always", "ordered"]
 class Simulation:
     """Runs a vehicle in the event loop: an asynchronous context manager.
 
-    Simulated time stands still or runs, as `runs` has it, which may change; at `speed` times real
-    time (infinite: flat out). Messages are exchanged in wall time throughout, so that the vehicle
-    never falls silent.
+    Simulated time stands still or runs, as `runs` says, which may change; at `speed` times real
+    time (infinite: as fast as possible). Messages are exchanged in wall time throughout, so that
+    the vehicle never falls silent.
     """
 
     def __init__(
@@ -65,9 +65,9 @@ class Simulation:
         await self._open.aclose()
 
     async def run_to(self, t_ns: int) -> None:
-        """Let ordered time run up to `t_ns` and stand still there.
+        """Let simulated time run up to `t_ns`, with `runs` = "ordered", and stand still there.
 
-        What was sent to the vehicle before is taken before.
+        What was sent to the vehicle before the call is handled before time runs.
         """
         self._ordered_ns = t_ns
         self._there.clear()
@@ -138,7 +138,7 @@ class Simulation:
             pass
 
     def _run_for(self, sim_s: float) -> float:
-        """Run about `sim_s` while a manoeuvre is under way; returns the simulated seconds run."""
+        """Run about `sim_s`, less if the manoeuvre ends; return the simulated seconds run."""
         vehicle = self.vehicle
         before_ns = vehicle.t_ns
         until_ns = before_ns + sim_s * 1e9

@@ -42,9 +42,9 @@ class Vehicle:
     ) -> None:
         """Build the configured aircraft, or take `aircraft` as it is.
 
-        A vehicle that stands alone, part of no run, may be rebooted, and says unasked what PX4
-        says. One `in_step` with whoever steers it takes for silence what lasts in simulated time,
-        not in wall time. `logs` are served to ground stations; `orders` hears of missions and
+        A `standalone` vehicle, part of no run, may be rebooted, and streams the telemetry that PX4
+        streams. One that is `in_step` measures silence of its pilots in simulated time, not in
+        wall time. `logs` are served to ground stations; `orders` hears of uploaded lists and
         setpoints.
 
         Raises:
@@ -103,7 +103,7 @@ class Vehicle:
         return self.autopilot.flight.moving
 
     def add_observer(self, observer: VehicleObserver) -> None:
-        """Tell `observer` from now on."""
+        """Send samples and events to `observer` from now on."""
         self._observers.append(observer)
 
     def step(self) -> bool:
@@ -162,7 +162,7 @@ class Vehicle:
         return frames
 
     def _reboot(self) -> None:
-        """Everything as new, at home and at time zero; parameters and lists are on flash."""
+        """Restart at home and at time zero; parameters and uploaded lists are kept."""
         old = self.autopilot
         self._boot(self._new_aircraft(), old.parameters)
         self.autopilot.transfer.restore(old.transfer.lists)
@@ -211,7 +211,7 @@ class Vehicle:
 
 
 def _steps(rate_hz: float, name: str, step_ns: int, of: str) -> int:
-    """Steps at a rate; refused where that is no whole number of at least one."""
+    """Return the steps in a period of `rate_hz`; SitlInputError if that is no whole number."""
     every = 1e9 / rate_hz / step_ns
     if abs(every - round(every)) > 1e-6 or every < 0.5:
         raise SitlInputError(

@@ -1,4 +1,4 @@
-"""Which point of a planned path each sample of a flown track belongs to."""
+"""Alignment of a flown track with its planned path, by dynamic programming."""
 
 import itertools
 import math
@@ -20,7 +20,7 @@ _HALVINGS = 16  # of the time between two samples
 
 @dataclass(frozen=True)
 class Alignment:
-    """Sample by sample: how far along the path, and how far from it."""
+    """Alignment of a track with a path: along-track progress and cross-track error by sample."""
 
     along_m: Floats  # (n,) never falls
     cross_m: Floats  # (n,) horizontal distance to the path near there
@@ -87,8 +87,8 @@ def align(
 def matched(
     track: Track, path_m: Floats, *, between: tuple[Floats, Floats] | None = None
 ) -> tuple[Track, Alignment]:
-    """`align`, with a sample more wherever a leg is left for the next: straight between two, where
-    both legs are equally far. Where a corner is cut, that is where the track is farthest off."""
+    """Align a track, and insert an interpolated sample at each change of leg, where both legs are
+    equally far: where a corner is cut, the cross-track error peaks there. Returns both."""
     pos_m = track.pos_m[:, : path_m.shape[1]]
     fit = align(pos_m, path_m, between=between)
     leg = leg_of(fit)
@@ -116,7 +116,7 @@ def matched(
 
 
 def leg_of(fit: Alignment) -> Ints:
-    """(n,) which leg of the plan each sample was matched with, from 0; past its end the next."""
+    """(n,) index from 0 of the leg that each sample lies on; the next one at a leg's end."""
     found = np.searchsorted(fit.waypoints_at_m, fit.along_m + 1e-6, side="right") - 1
     return np.clip(found, 0, len(fit.waypoints_at_m) - 2)
 
@@ -140,8 +140,8 @@ def _distinct(points: Floats) -> Floats:
 
 
 def _nodes(points: Floats, at_m: Floats) -> tuple[Floats, Floats]:
-    """The path's points and points between them, with where along the path they are; two at
-    least."""
+    """Return the path's points and evenly spaced ones between, (k, 2 or 3), two at least, and how
+    far along the path they are, (k,)."""
     if len(points) == 1:
         return np.repeat(points, 2, axis=0), np.zeros(2)
     spacing = max(_SPACING_M, float(at_m[-1]) / _MOST_NODES)
@@ -156,10 +156,10 @@ def _nodes(points: Floats, at_m: Floats) -> tuple[Floats, Floats]:
 def _monotone(
     track: Floats, nodes: Floats, first: NDArray[np.intp], last: NDArray[np.intp]
 ) -> NDArray[np.intp]:
-    """For each sample a piece between two nodes, never falling, with the least sum of squared
-    distances.
+    """(n,) index of the piece between two nodes that each sample is matched with: nondecreasing,
+    with the least sum of squared distances (dynamic programming).
 
-    Sample i may have the pieces `first[i]` to before `last[i]`, which may both not fall.
+    Sample i may have pieces `first[i]` to `last[i]` - 1; neither bound may fall.
     """
     way = np.diff(nodes, axis=0)
     half = np.linalg.norm(way, axis=1) / 2

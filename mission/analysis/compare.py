@@ -25,7 +25,7 @@ from mission.log.values import FlightData
 
 @dataclass(frozen=True)
 class Label:
-    """What a number is called where runs stand side by side, and its digits there."""
+    """Label and decimal places of a number in tables of several runs."""
 
     text: str
     digits: int
@@ -33,7 +33,7 @@ class Label:
 
 @dataclass(frozen=True)
 class Made:
-    """How a number is made of what was measured in one round, or in all of a run."""
+    """Reduction of measured rounds, one or all of a run, to one number."""
 
     by: Callable[[Sequence[Measured]], float]
     of: str  # what it is made of
@@ -156,7 +156,7 @@ class Comparison:
 @dataclass(frozen=True)
 class DeviceComparison:
     """One device over a run; means over the rounds in which it was scheduled and had something to
-    send, NaN if never."""
+    send (`est_per`: and its slot was reached), NaN if never."""
 
     device: int
     community: str
@@ -180,7 +180,7 @@ class RunComparison:
 
     @property
     def legs(self) -> tuple[Leg, ...]:
-        """Of every pass through a mission, in order."""
+        """Legs of every pass through a mission, in order; none for a run."""
         return tuple(leg for measured in self.measured for leg in legs(measured))
 
     @property

@@ -85,9 +85,9 @@ COLUMNS: _Columns = (
 
 
 def tables(comparison: RunComparison) -> tuple[Table, ...]:
-    """One run: path, time, slots and radio (a row a round, and the total), the devices.
+    """Return tables of one run: path, time, slots and radio (a row a round, a total), and devices.
 
-    A flight that is no run has numbers, one below the other, and legs.
+    A flight that is no run has a table of its numbers and one of its legs.
     """
     if comparison.run.judged is not None:
         legs = _table("Legs", *leg_rows(comparison.legs))
@@ -130,7 +130,7 @@ def in_full(found: Sequence[RunComparison], *, width: int) -> Iterator[Table | s
 
 
 def lines(comparison: RunComparison) -> list[str]:
-    """Spikes with what happened then, and what was not compared; for people, of a flight."""
+    """Describe a flight's spikes and what was not compared, a line each; empty for a run."""
     judged = comparison.run.judged
     if judged is None:
         return []
@@ -139,7 +139,7 @@ def lines(comparison: RunComparison) -> list[str]:
 
 
 def in_words(found: "Judged") -> list[str]:
-    """What was not compared, a line each; nothing where all was."""
+    """Describe what was not compared or not reached, one line each; empty if all was."""
     lines = [
         f"{count(number, what)} not read" for what, number in found.data.source.skipped.items()
     ]
@@ -194,7 +194,7 @@ def _devices(comparison: RunComparison) -> Table:
 
 
 def side_by_side(comparisons: Sequence[RunComparison], *, width: int) -> tuple[Table, ...]:
-    """Several runs: a row a number, a column a run, with the difference where there are two.
+    """Return tables of runs: a row a number, a column a run, and the difference of two.
 
     As many tables as it takes for none to be wider than `width` characters.
     """
@@ -226,13 +226,13 @@ def side_by_side(comparisons: Sequence[RunComparison], *, width: int) -> tuple[T
 
 
 def names_of(comparisons: Sequence[RunComparison]) -> list[str]:
-    """What the runs are called, with as many of the folders above as tell them apart."""
+    """Return names of the runs, with as many parent folders as tell them apart."""
     paths = [item.run.path.resolve().parts for item in comparisons]
     return ["/".join(path[-_telling(path, paths) :]) for path in paths]
 
 
 def labels_of(comparisons: Sequence[RunComparison]) -> list[str]:
-    """What the runs are about; what they are called where two are about the same."""
+    """Return titles of the runs (`LoadedRun.about`), or their names where two titles agree."""
     about = [item.run.about for item in comparisons]
     return about if len(set(about)) == len(about) else names_of(comparisons)
 

@@ -30,7 +30,7 @@ _EVENTS = {"mode_changes": "mode", "failsafes": "failsafe", "faults": "fault"}
 
 @dataclass(frozen=True)
 class Verdict:
-    """One limit of one flight. NaN is no value that is known, and meets no limit."""
+    """Whether one flight meets one limit. NaN is an unknown value and meets no limit."""
 
     flight: str
     name: str
@@ -41,7 +41,7 @@ class Verdict:
 
     @property
     def words(self) -> str:
-        """A line for people."""
+        """One line of text: the value, its limit, and where the worst was."""
         bound = "at least" if self.name in _AT_LEAST else "at most"
         value = "not known" if math.isnan(self.value) else f"{self.value:.4g}"
         where = f"; {self.where}" if self.where else ""
@@ -49,10 +49,10 @@ class Verdict:
 
 
 def known_limits(limits: Mapping[str, object], source: str) -> dict[str, float]:
-    """The limits, each of a number of the comparison.
+    """Check limits, by name of a number of the comparison, and return them as floats.
 
     Raises:
-        InputError: there is no such number, or a limit is none.
+        InputError: there is no such number, or a limit is not a valid number.
     """
     found: dict[str, float] = {}
     for name, value in limits.items():
@@ -93,7 +93,7 @@ def check_flown(strategy: str) -> None:
     """Refuse limits on a run of a strategy that flies nothing.
 
     Raises:
-        InputError: it is such a one.
+        InputError: the strategy is "ideal".
     """
     if strategy == "ideal":
         raise InputError("limits: mission.strategy = 'ideal' flies nothing that they could judge")
@@ -102,10 +102,10 @@ def check_flown(strategy: str) -> None:
 def given_limits(
     options: Sequence[str], table: Mapping[str, object] | None = None
 ) -> dict[str, float]:
-    """The limits of a table, under options NAME=VALUE.
+    """Return the limits of a table, overridden by options NAME=VALUE.
 
     Raises:
-        InputError: one of them is none.
+        InputError: one of them is not a limit that `known_limits` accepts.
     """
     limits = known_limits(table or {}, "limits")
     for option in options:
@@ -121,7 +121,7 @@ def given_limits(
 
 
 def verdicts(comparison: RunComparison, limits: Mapping[str, float]) -> tuple[Verdict, ...]:
-    """Whether a flight, or a whole run, keeps to each limit."""
+    """Judge a flight, or a whole run, by each limit."""
     found = []
     for name, limit in limits.items():
         value = float(getattr(comparison.total, name))
@@ -132,10 +132,10 @@ def verdicts(comparison: RunComparison, limits: Mapping[str, float]) -> tuple[Ve
 
 
 def kept(flights: Sequence[RunComparison], limits: Mapping[str, float]) -> tuple[Verdict, ...]:
-    """The verdicts on flights that keep to all limits.
+    """Return the verdicts on flights, all of which must keep to all limits.
 
     Raises:
-        LimitsNotMetError: one does not.
+        LimitsNotMetError: a limit is not met; it has all verdicts.
     """
     found = tuple(item for flight in flights for item in verdicts(flight, limits))
     if broken := [item.words for item in found if not item.met]:
@@ -144,7 +144,7 @@ def kept(flights: Sequence[RunComparison], limits: Mapping[str, float]) -> tuple
 
 
 def _where(comparison: RunComparison, name: str) -> str:
-    """Where and when the worst of a number was: leg, position, time."""
+    """Say where a number was worst (leg, time, position), or which event was first; else empty."""
     if name in _EVENTS:
         events = [e for e in comparison.run.data.events if e.kind == _EVENTS[name]]
         return f"first at {events[0].t_ns / NS_PER_S:.1f} s: {events[0].text}" if events else ""
@@ -157,7 +157,7 @@ def _where(comparison: RunComparison, name: str) -> str:
 
 
 def _values(measured: Measured, array: str) -> Floats:
-    """A number at every sample of the track; nothing where it has none at each."""
+    """(n,) a measured number at each sample of the track; empty where it is not by sample."""
     fit, count = measured.fit, len(measured.truth.t_ns)
     if array == "corner_cut_m":  # at the samples that pass the corners
         values = np.full(count, math.nan)

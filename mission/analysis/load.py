@@ -59,7 +59,7 @@ class LoadedRun:
 
     @property
     def notice(self) -> str:
-        """What a reader has to know of a run that is not finished; empty for one that is."""
+        """Notice that a run is not finished, and how it goes on; empty for one that is."""
         if not self.state:
             return ""
         if not (self.summary.get("resumable") and RunFolder(self.path).resumable):
@@ -70,14 +70,14 @@ class LoadedRun:
 
 
 def load_run(path: Path, plan: Path | None = None, *, believed: bool = False) -> LoadedRun:
-    """A run's folder or a log file by itself, of ours or of another program.
+    """Load a run from its folder, or a flight from a log file of ours or of another program.
 
     Of a run that was killed, or is still under way, everything that was flushed is read. A flight
     that is no run is matched with `plan`, a plan file, or else with the missions in its log.
     `believed` takes the positions that the autopilot believed also where the true ones are known.
 
     Raises:
-        InputError: neither; the folder has no log; the log is damaged, or of no kind that is known;
+        InputError: no such path; the folder has no log; the log is damaged, or of an unknown kind;
             the plan cannot be read, or is of another place.
     """
     loaded = _load(path)
@@ -102,7 +102,7 @@ def load_run(path: Path, plan: Path | None = None, *, believed: bool = False) ->
 
 
 def flights_in(path: Path) -> list[Path]:
-    """What to load of a path: of a folder that is no run's, the flight logs in it, by name."""
+    """Return the flight logs in a folder, by name; the path alone if it is a run's or a file."""
     if not path.is_dir() or RunFolder(path).log.is_file():
         return [path]
     logs = (file for file in path.iterdir() if file.suffix.lower() in (".mcap", *FOREIGN))
@@ -146,7 +146,7 @@ def flown(run: FlightData, record: RoundRecord) -> Track:
 
 
 def _whole_rounds(data: FlightData) -> FlightData:
-    """The data without the records of a last round that did not end."""
+    """Return the data without the uplinks of a last round that did not end."""
     ended = {record.round for record in data.rounds}
     return replace(data, uplinks=tuple(item for item in data.uplinks if item.round in ended))
 

@@ -59,7 +59,7 @@ class Measured:
 
     @property
     def cross_m(self) -> Floats:
-        """(n,) distance of the true track to the planned path."""
+        """(n,) horizontal distance (m) of the true track to its planned path; NaN on a return."""
         return self.fit.cross_m
 
 
@@ -140,7 +140,7 @@ def _measured(
     numbers: Mapping[str, float],
     **arrays: Any,
 ) -> Measured:
-    """What a track and what happened meanwhile give, beside `numbers` and `arrays`."""
+    """Measure a track and the log's events in its time; `numbers`, `arrays` are added as given."""
     xy = truth.pos_m[:, :2]
     start_ns, end_ns = int(truth.t_ns[0]), int(truth.t_ns[-1])
     belief = run.belief.at(truth.t_ns)
@@ -186,8 +186,8 @@ def _measured(
 
 
 def gnss_gaps(run: FlightData, start_ns: int, end_ns: int) -> list[tuple[float, float]]:
-    """From when to when (s) satellites gave no position, as far as that lies between two instants:
-    longer than a second, and than three of the usual intervals."""
+    """Return begin and end (s) of each GNSS outage that overlaps two instants, not clipped to them:
+    a gap longer than a second, and than three median intervals."""
     if len(run.gnss_ns) < 2:
         return []
     longest_s = max(_GAP_S, 3 * float(np.median(np.diff(run.gnss_ns))) / NS_PER_S)

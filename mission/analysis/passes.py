@@ -43,7 +43,7 @@ _FAR_M = 2000.0  # from the flight a plan is of another place
 
 @dataclass(frozen=True)
 class Plan:
-    """Mission items, and what they were read from."""
+    """A mission plan: its items, and the name of the file or log they were read from."""
 
     source: str
     items: tuple[MissionItem, ...]
@@ -53,7 +53,7 @@ class Plan:
 
 @dataclass(frozen=True)
 class Passage:
-    """How a place of the plan was passed; NaN where it never was, or where a return leads to."""
+    """Time and miss vector of passing an item; NaN where it was not, or lies on a return."""
 
     seq: int
     t_s: float
@@ -62,7 +62,7 @@ class Passage:
 
 @dataclass(frozen=True)
 class Pass:
-    """One way through the mission, from one of its items on."""
+    """One pass through a mission, from one of its items on: plan, track and their alignment."""
 
     plan: PlanRecord
     record: RoundRecord
@@ -75,7 +75,7 @@ class Pass:
 
 @dataclass(frozen=True)
 class Judged:
-    """What of a flight was matched with its plan, and what was not, in words."""
+    """Result of matching a flight with its plan: its passes, and what was left out."""
 
     data: FlightData
     passes: tuple[Pass, ...]
@@ -84,7 +84,7 @@ class Judged:
 
 
 def judged(path: object, data: FlightData, given: Plan | None) -> Judged:
-    """The passes of a flight through `given`, or through the missions in its log.
+    """Match a flight with the plan `given`, or with the missions in its log, as passes.
 
     Raises:
         InputError: nothing was flown, there is no plan, or it is of another place.
@@ -143,9 +143,9 @@ def judged(path: object, data: FlightData, given: Plan | None) -> Judged:
 
 
 def _airborne(path: object, data: FlightData) -> tuple[int, int]:
-    """The last second before it first flew away in which it stood, and the last instant at which it
-    was away from where it first was. Only what changes in a second tells standing from climbing:
-    home, from which heights count, may be set anew on the ground."""
+    """Return when a flight begins and ends (ns): the last second of standing before it leaves, and
+    the last instant away from its first position. Standing is no movement in a second, whatever the
+    height, since home may be set anew on the ground. InputError: it never left the ground."""
     t_ns, pos_m = data.truth.t_ns, data.truth.pos_m
     away_m = np.linalg.norm(pos_m - pos_m[0], axis=1)
     off = np.flatnonzero(away_m > _OFF_GROUND_M)
@@ -175,7 +175,7 @@ def _rally_m(data: FlightData) -> tuple[Floats, ...]:
 def _stretches(
     data: FlightData, plans: Sequence[Plan], start_ns: int, end_ns: int
 ) -> Iterator[tuple[Plan, int, int]]:
-    """The times in the mission mode, cut where another mission was uploaded."""
+    """Yield plan, begin and end (ns) of each time in mission mode, cut at uploads of missions."""
     names = data.modes.names
     begins = [max(int(t_ns), start_ns) for t_ns in data.modes.t_ns]
     ends = [*(t_ns - 1 for t_ns in begins[1:]), end_ns]  # the sample that tells has left it
@@ -204,7 +204,7 @@ def _stretches(
 def _joined(
     data: FlightData, stretches: Sequence[tuple[Plan, int, int]]
 ) -> list[tuple[Plan, list[tuple[int, int]]]]:
-    """From when to when each plan was flown: several times where there were pauses."""
+    """Join stretches across pauses: each plan with the times (begin, end) in ns it was flown."""
     found: list[tuple[Plan, list[tuple[int, int]]]] = []
     for plan, begin_ns, until_ns in stretches:
         before, times_ns = found[-1] if found else (None, [])
@@ -293,7 +293,7 @@ def _check_place(path: object, plan: Plan, way: MissionPath, track: Track) -> No
 
 
 def _current(data: FlightData, plan: Plan) -> tuple[Ints, Ints]:
-    """Times, and the item that is flown to from then on, as far as the log says so."""
+    """Return times (ns) and the current mission item from each on, as far as the log says so."""
     times, seqs = data.current
     if not plan.logged or len(times):
         kept = times >= plan.since_ns if plan.logged else np.zeros(len(times), dtype=bool)
@@ -359,16 +359,16 @@ def _pass(
 
 
 def _crossing(values: Floats, bound: float) -> float:
-    """The number of the sample, with a fraction, from which on values that never fall are at least
-    `bound`; of the last one where none is."""
+    """Return the fractional index at which nondecreasing values reach `bound`, interpolated; the
+    last index where none does."""
     index = min(int(np.searchsorted(values, bound)), len(values) - 1)
     before, after = values[max(index - 1, 0)], values[index]
     return index - float(np.clip((after - bound) / ((after - before) or 1.0), 0.0, min(index, 1)))
 
 
 def _end(track: Track, fit: Alignment, way: MissionPath, index: int) -> float:
-    """The sample, with a fraction, at which a point of the path is reached: where they come no
-    closer once they are there, of a landing where they are; the last one where they never are."""
+    """Return the fractional sample index at which point `index` of the path is reached: on arrival,
+    or the closest approach after it if its height is known; the last sample if it never is."""
     there = _crossing(fit.along_m, float(fit.waypoints_at_m[index]) - _AT_END_M)
     if not way.height_known[index]:
         return there
@@ -378,8 +378,8 @@ def _end(track: Track, fit: Alignment, way: MissionPath, index: int) -> float:
 
 
 def _returns_ns(data: FlightData, start_ns: int) -> float:
-    """When a return first began after an instant; not every autopilot changes its mode for one that
-    is an item of its mission."""
+    """Return when a return first began after an instant, in ns, by mode or by mission item, as not
+    every autopilot changes its mode for an item; infinity if none did."""
     modes = zip(data.modes.t_ns.tolist(), data.modes.names, strict=True)
     found = [t_ns for t_ns, name in modes if name in _RETURNS]
     for plan in _logged(data):
@@ -391,7 +391,7 @@ def _returns_ns(data: FlightData, start_ns: int) -> float:
 def _of_what_is_given(
     track: Track, fit: Alignment, way: MissionPath, returns_ns: float
 ) -> Alignment:
-    """The match without errors on a return, whose way is the vehicle's choice."""
+    """Return the alignment with errors set to NaN on a return, whose way the vehicle chooses."""
     last = way.given - 1
     if way.given == len(way.points_m):
         return fit
@@ -411,8 +411,8 @@ def _of_what_is_given(
 def _windows(
     way: MissionPath, at_m: Floats, track: Track, times: Ints, seqs: Ints
 ) -> tuple[Floats, Floats]:
-    """Least and greatest progress of each sample: from the leg before the one that leads to the
-    item flown to, to the one after it; any where the log does not say which item that is."""
+    """(n,) and (n,) bounds of each sample's progress in metres: from the leg before the one to the
+    current item, to the leg after it; the whole path where the log does not name the item."""
     stops = np.flatnonzero(way.seqs >= 0)
     inside = (times > track.t_ns[0]) & (times <= track.t_ns[-1])
     if not inside.any():
@@ -431,7 +431,7 @@ def _windows(
 
 
 def _passages(way: MissionPath, fit: Alignment, track: Track) -> Iterator[Passage]:
-    """When each place was passed, on the way that was matched, and by how much it was missed."""
+    """Yield for each item with a place when the matched track passed it, and its miss vector."""
     for index in np.flatnonzero(way.seqs >= 0):
         at_m, place = fit.waypoints_at_m[index], way.points_m[index]
         near = np.flatnonzero(np.abs(fit.along_m[:-1] - at_m) <= 3 * _REACHED_M)
@@ -459,7 +459,7 @@ def _passages(way: MissionPath, fit: Alignment, track: Track) -> Iterator[Passag
 def _apart(
     data: FlightData, passes: Sequence[Pass], start_ns: int, end_ns: int
 ) -> Mapping[str, float]:
-    """Seconds in the air that no pass has, by mode; not those of standing afterwards."""
+    """Return seconds in the air outside all passes, by mode, without standing at the end."""
     after = data.truth.between(int(passes[-1].track.t_ns[-1]), end_ns)
     if len(after.t_ns) and np.ptp(after.pos_m, axis=0).max() < _STANDING_M:
         end_ns = int(after.t_ns[0])

@@ -1,4 +1,4 @@
-"""Where a flight was farther off than usual, beside what happened then: one time line."""
+"""Spikes of a flight's errors, with the events of their time that may explain them."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -20,7 +20,7 @@ _WARNING = 4  # MAV_SEVERITY, and lower ones
 
 @dataclass(frozen=True)
 class Event:
-    """Something that happened, or lasted."""
+    """An event of a flight, instantaneous or with a duration."""
 
     start_s: float
     end_s: float
@@ -29,7 +29,7 @@ class Event:
 
 @dataclass(frozen=True)
 class Spike:
-    """Where a flight was farther off than usual, and what happened then."""
+    """An interval of unusually large error, its peak, and the events during it."""
 
     start_s: float
     end_s: float
@@ -42,7 +42,7 @@ class Spike:
 
     @property
     def words(self) -> str:
-        """A line for people."""
+        """One line of text: times, kind and peak of the spike, its leg, and the events."""
         during = "; ".join(f'"{text}"' for text in self.during)
         return (
             f"at {self.start_s:.1f}-{self.end_s:.1f} s {self.what} {self.peak_m:.1f} m, leg "
@@ -51,7 +51,7 @@ class Spike:
 
 
 def events(run: FlightData, start_s: float, end_s: float) -> list[Event]:
-    """What happened between two instants, in order of time."""
+    """Return the events between two instants in seconds, in order of their start."""
     happened = [
         (event.t_ns, f"{event.kind}: {event.text}")
         for event in run.events
@@ -68,9 +68,9 @@ def events(run: FlightData, start_s: float, end_s: float) -> list[Event]:
 
 
 def spikes(run: FlightData, all_measured: Sequence[Measured]) -> tuple[Spike, ...]:
-    """Where the flight was farther from its plan, or from where it believed to be, than usual.
+    """Return intervals of unusually large cross-track, height or estimation error, by start time.
 
-    Not where it cut a corner.
+    Corners that are cut do not count as cross-track error.
     """
     found: list[Spike] = []
     for measured in all_measured:
@@ -99,7 +99,7 @@ def spikes(run: FlightData, all_measured: Sequence[Measured]) -> tuple[Spike, ..
 
 
 def _stretches(t_s: Floats, values: Floats) -> Iterator[tuple[int, int]]:
-    """First and last sample of each stretch far above the usual value, out to half of the bound."""
+    """Yield first and last index of each stretch above half the bound whose peak exceeds it."""
     bound = max(_SPIKE_M, _USUAL * float(np.median(values)))
     high = np.flatnonzero(values > _EDGE * bound)
     for group in np.split(high, np.flatnonzero(np.diff(t_s[high]) > _JOIN_S) + 1):

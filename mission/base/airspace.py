@@ -1,6 +1,6 @@
-"""Where may be flown: areas to keep out of, a fence to keep within, and the ways around them.
+"""Airspace: no-fly areas, a fence, and shortest paths around them.
 
-Everything keeps a margin from the outlines, since nobody flies exactly where the plan has it. The
+Everything keeps a margin from the outlines, since no flight follows its plan exactly. The
 shortest way between two places leads over corners (de Berg et al., Computational Geometry, 15):
 here over points about the outlines' corners, at the margin from them. The work is done in C
 (`native/include/airspace.h`), which the planner calls, too.
@@ -29,7 +29,7 @@ _RINGS = (_REACHES[:, None, None] * _RAYS).reshape(-1, 2)
 
 @dataclass(frozen=True, eq=False)
 class Airspace:
-    """Areas in metres: x east, y north. Without any, everywhere may be flown."""
+    """No-fly areas and a fence, in metres (x east, y north); without any, all is free to fly."""
 
     keep_out: tuple[Floats, ...] = ()  # corners (n, 2) of each; the last joins the first
     keep_in: Floats | None = None
@@ -51,7 +51,7 @@ class Airspace:
 
     @cached_property
     def outlines(self) -> "Outlines":
-        """The outlines as C has them, where not everywhere may be flown."""
+        """The outlines for C, built on first use; only for an airspace that is not open."""
         # Imported here, as most runs have no areas.
         from mission.base.native.library import Outlines
 
@@ -68,20 +68,20 @@ class Airspace:
         )  # fmt: skip
 
     def allows(self, points_m: Floats) -> Bools:
-        """(P,) whether points (P, 2) lie outside all areas to keep out of, and within the fence.
+        """(P,) whether points (P, 2) lie outside all no-fly areas and within the fence.
 
-        An outline belongs to what must not be flown.
+        A point on an outline is not allowed. The margin does not count.
         """
         if self.is_open:
             return np.ones(len(points_m), dtype=bool)
         return self.outlines.allow(points_m)
 
     def outside(self, points_m: Floats) -> Bools:
-        """(P,) whether points (P, 2) are allowed, and on no outline."""
+        """(P,) whether points (P, 2) are allowed, and off every outline by more than rounding."""
         return self.allows(points_m) & ~self.crosses(points_m, points_m)
 
     def free(self, points_m: Floats) -> Bools:
-        """(P,) whether they are allowed, and at the margin from every outline."""
+        """(P,) whether points (P, 2) are allowed, and at least the margin from every outline."""
         return self.clear(points_m, points_m) & self.allows(points_m)
 
     def clear(self, from_m: Floats, to_m: Floats) -> Bools:
@@ -98,19 +98,19 @@ class Airspace:
         return self.outlines.keep(from_m, to_m, away_m)
 
     def moved(self, points_m: Floats) -> Floats:
-        """(P, 2) the points; one that is not free is at a place close to it that is.
+        """Return points (P, 2), each that is not free moved to a free place close to it.
 
-        From an allowed point the place is on its own side of every outline.
+        An allowed point stays on its own side of every outline.
 
         Raises:
-            ValueError: nowhere is free.
+            ValueError: no free place was found for a point.
         """
         return np.array(points_m) if self.is_open else self.outlines.moved(points_m)
 
     def way(self, from_m: Floats, to_m: Floats) -> Floats:
-        """(P, 2) the shortest way, both ends among its points.
+        """Return the shortest path (P, 2) between two points (2,), both among its points.
 
-        A start that is not free leaves to the nearest place that is; the end has to be free.
+        It leaves a start that is not free by a free place nearby; the end has to be free.
 
         Raises:
             ValueError: there is no way.
@@ -121,17 +121,17 @@ class Airspace:
         return way
 
     def route(self, waypoints_m: Floats) -> tuple[Floats, Ints]:
-        """(P, 2) the route through waypoints (N, 2), which are moved to where may be flown, and
-        around areas, and (N,) which of its points they are.
+        """Return the route (P, 2) around areas through waypoints (N, 2), and their indices (N,).
 
-        The start stays. A waypoint to which no way leads is where the one before it is.
+        Waypoints that are not free are moved to free places; the start stays. A waypoint that
+        cannot be reached is put where the one before it is.
         """
         if self.is_open:
             return np.ascontiguousarray(waypoints_m), np.arange(len(waypoints_m))
         return self.outlines.route(waypoints_m)
 
     def away(self, points_m: Floats) -> Floats:
-        """(P,) metres from points (P, 2) to where may be flown, margin or not."""
+        """(P,) metres from points (P, 2) to the nearest outline, margin aside; 0 where allowed."""
         return np.zeros(len(points_m)) if self.is_open else self.outlines.away(points_m)
 
 
@@ -146,7 +146,7 @@ def apart_within(outline_m: Floats, holes_m: Sequence[Floats]) -> bool:
 
 
 def triangles(rings_m: Sequence[Floats]) -> Floats:
-    """(T, 3, 2) that fill the first outline (n, 2), without the others, which lie within."""
+    """Triangulate the first outline (n, 2) without the others, its holes: corners (T, 3, 2)."""
     import shapely
 
     area = shapely.Polygon(rings_m[0], rings_m[1:])
@@ -172,8 +172,8 @@ def _oriented(ring_m: Floats, *, clockwise: bool) -> Floats:
 
 
 def _offset_corners(ring_m: Floats, margin_m: float, *, inner: bool) -> Floats:
-    """(n, 2) corners of a ring (n, 2) offset by the margin to its free (left) side: points around
-    corners that stick out into it, or with `inner` one in each other corner.
+    """Offset a ring (n, 2) by the margin to its free (left) side: points (P, 2) around its convex
+    corners, or with `inner` one at each of the other corners.
     """
     points: list[Floats] = []
     into = ring_m - np.roll(ring_m, 1, axis=0)
@@ -193,8 +193,8 @@ def _offset_corners(ring_m: Floats, margin_m: float, *, inner: bool) -> Floats:
 
 
 def thin(points: Floats, tolerance: float) -> Floats:
-    """Points of a path (n, 2), enough for the others to lie within `tolerance`; without those that
-    have a NaN."""
+    """Simplify a path (n, 2): the dropped points lie within `tolerance` of it. Points with a NaN
+    are dropped first."""
     import shapely
 
     points = points[~np.isnan(points).any(axis=1)]

@@ -1,4 +1,4 @@
-"""Area coordinates <-> the vehicle's local frame: the one crossing from planner to flight.
+"""Conversion between area coordinates (planner) and the vehicle's local frame (flight).
 
 Area coordinates are x east, y north in metres from the south-west corner of the area. The
 vehicle's frame is NED about the take-off point, which lies at `home_m` in the area.
@@ -19,7 +19,7 @@ from mission.base.arrays import Floats
 
 @dataclass(frozen=True)
 class Area:
-    """A rectangle on the ground around a take-off point."""
+    """A rectangle on the ground with a take-off point (home), which may lie outside it."""
 
     size_m: tuple[float, float]  # width (x), height (y)
     home_m: tuple[float, float]
@@ -29,14 +29,14 @@ class Area:
 
     @classmethod
     def around(cls, home: GeodeticPoint, pos_ned_m: Floats, *, margin_m: float) -> Self:
-        """The rectangle around positions (n, 3) about `home`."""
+        """Make the bounding rectangle of positions (n, 3), NED metres from `home`, and a margin."""
         low = pos_ned_m.min(axis=0) - margin_m
         north_m, east_m, _ = (pos_ned_m.max(axis=0) + margin_m - low).tolist()
         return cls((east_m, north_m), (-float(low[1]), -float(low[0])), home)
 
     @property
     def obstacles(self) -> Obstacles | None:
-        """The buildings as an aircraft meets them; None where there are none."""
+        """The buildings as obstacles to an aircraft, in its local frame; None without buildings."""
         known = [
             ([(ring - self.home_m)[:, ::-1] for ring in building.outlines_m], building.height_m)
             for building in self.buildings
@@ -68,6 +68,6 @@ class Area:
 
 
 def on_globe(area: Area, xy_m: Floats, alt_rel_m: float | Floats) -> list[GeodeticPoint]:
-    """Where (n, 2) area coordinates at heights above home, or one, are."""
+    """Convert area coordinates (n, 2) at heights above home (or one) to geodetic points."""
     frame = area.frame
     return [frame.to_geodetic(ned) for ned in area.to_ned(xy_m, alt_rel_m)]

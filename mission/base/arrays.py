@@ -1,5 +1,4 @@
-"""Arrays by what they hold; their shapes stand where they are used. Statistics of what is known,
-and what is pickled of values that keep something for C."""
+"""Types of NumPy arrays by element; statistics that ignore NaN; pickling of what caches for C."""
 
 import math
 from collections.abc import Callable
@@ -15,12 +14,12 @@ Bools: TypeAlias = NDArray[np.bool_]
 
 
 def given_alone(item: Any) -> dict[str, Any]:
-    """The state that is pickled of a dataclass: without what it keeps for C."""
+    """Return the pickle state of a dataclass: its fields, without values cached for C."""
     return {given.name: getattr(item, given.name) for given in fields(item)}
 
 
 def _known(reduce: Callable[[Floats], float]) -> Callable[[Floats], float]:
-    """A statistic of the values that are no NaN; NaN of nothing."""
+    """Make a statistic that ignores NaN values, and is NaN where none is left."""
 
     def of(values: Floats) -> float:
         known = values[~np.isnan(values)]

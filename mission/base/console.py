@@ -1,4 +1,4 @@
-"""Where a run is shown while it goes on. Nothing of that is remembered, or alters the run."""
+"""The terminal and the live view that show a run in progress; they never affect the run."""
 
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
@@ -20,5 +20,5 @@ class RunConsole:
         self.out.print(text, **PLAIN)
 
     def waiting(self, what: str) -> AbstractContextManager[object]:
-        """Show on a terminal that something goes on while the block runs."""
+        """Context manager: show `what` with a spinner while the block runs, on a terminal only."""
         return self.out.status(f"{what} ...") if self.out.is_terminal else nullcontext()

@@ -43,7 +43,7 @@ class UsersCodeError(AerofedError):
 
 
 class CallbackError(UsersCodeError):
-    """A callback failed: once it is mended, the run goes on, as callbacks alter none."""
+    """A callback failed; the run can be resumed once it is fixed, as callbacks alter no run."""
 
 
 class InputError(AerofedError):
@@ -65,7 +65,7 @@ class FlightError(AerofedError):
 
 
 class LimitsNotMetError(AerofedError):
-    """A flight does not keep to its limits; `verdicts` are all that were asked for."""
+    """A flight does not meet its limits; `verdicts` has one for each limit, met or not."""
 
     exit_code = LIMITS_NOT_MET
 
@@ -75,7 +75,7 @@ class LimitsNotMetError(AerofedError):
 
 
 class TrainingError(AerofedError):
-    """Training went wrong on the way: no retry helps, another setting may."""
+    """Training failed, for example diverged; a retry does not help, another setting may."""
 
     exit_code = 4
 

@@ -1,4 +1,4 @@
-"""What is wrong with a configuration, a line a key: where it stands, its value, what it may be."""
+"""Errors of a configuration in words, one line per key: its source, value and allowed values."""
 
 import json
 import re
@@ -28,9 +28,9 @@ WrongKey: TypeAlias = tuple[str, object, str]  # dotted path, its value, why it 
 
 @dataclass(frozen=True)
 class Blame:
-    """Where a wrong key may come from: a file or a place in one, but for those that were `given`.
+    """The origin of configuration keys, for messages: a file or place in one, or who set them.
 
-    Those were set by `giver`; each has the option that set it, or nothing for `--set`. All are
+    `giver` set those in `given`, each with the option that set it (empty for `--set`). All compare
     equal: configurations differ by their values, not by where those come from.
     """
 
@@ -46,7 +46,7 @@ class Blame:
         )
 
     def on(self, name: str) -> str:
-        """Who set a key: `giver`, where it or something in it was given so."""
+        """Return a key's origin: `giver` where it or something in it was given, else `source`."""
         return self.giver if self.sets(name) else self.source
 
 
@@ -72,10 +72,10 @@ def explain(
 
 @contextmanager
 def explained(model: type[BaseModel], data: object, blame: Blame) -> Iterator[None]:
-    """Have what pydantic refuses of `data` in the block said a line a key, as `explain` does.
+    """Context manager: turn a `ValidationError` about `data` into lines as of `explain`.
 
     Raises:
-        InputError: something is refused.
+        InputError: the block raised a `ValidationError`.
     """
     try:
         yield
@@ -84,7 +84,7 @@ def explained(model: type[BaseModel], data: object, blame: Blame) -> Iterator[No
 
 
 def tables(kind: object, path: Path = ()) -> Iterator[tuple[Path, type[BaseModel]]]:
-    """The models of all tables in a type, by their path; of the elements of a list, the first."""
+    """Yield path and model of every table in a type; elements of a list have the index 0."""
     if isinstance(kind, type) and issubclass(kind, BaseModel):
         yield path, kind
         for name, item in kind.model_fields.items():
@@ -104,7 +104,7 @@ def refusal(name: str, value: object, reason: str, blame: Blame) -> str:
 
 
 def shown(value: object) -> str:
-    """A value as TOML and JSON have it; shortened if it is long."""
+    """Format a value for a message: null, true, false, or Python's repr, shortened if long."""
     if value is None or isinstance(value, bool):
         return json.dumps(value)
     return told(value, _in_a_line, most=_LONG)
@@ -120,7 +120,7 @@ def _in_a_line(value: object) -> str:
 
 
 def _key(item: ErrorDetails, data: object) -> Path:
-    """The key of an error; pydantic puts names of its own between those of keys, for branches."""
+    """Return the path of an error's key, without the names that pydantic adds for branches."""
     path: Path = ()
     for part in item["loc"]:
         is_key = isinstance(data, Mapping) and part in data
@@ -178,7 +178,7 @@ def _reason(item: ErrorDetails, notation: Notation) -> str:
 
 
 def _hint(key: Path, model: type[BaseModel], *, sets: bool, notation: Notation) -> str:
-    """What may have been meant by an unknown key, and what is known in its table."""
+    """Suggest what an unknown key may mean, and list the known keys of its table."""
     *way, name = (0 if isinstance(part, int) else part for part in key)
     every = [(path, set(kind.model_fields)) for path, kind in tables(model)]
     elsewhere = [".".join(map(str, (*path, name))) for path, known in every if name in known]

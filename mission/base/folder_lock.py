@@ -12,8 +12,8 @@ from mission.base.user_files import or_input_error
 
 @contextmanager
 def without_traces(folder: Path) -> Iterator[None]:
-    """Where the block fails, take a folder and its parents away again: those that it has made and
-    left empty.
+    """Context manager: if the block fails, remove those of a folder and its parents that are new
+    and empty.
     """
     new = [one for one in (folder, *folder.parents) if not os.access(one, os.F_OK)]
     try:
@@ -29,9 +29,9 @@ def without_traces(folder: Path) -> Iterator[None]:
 def alone_in(folder: Path, lock: Path, *, who: str, chosen: bool = False) -> Iterator[None]:
     """Keep every other `who` out of a folder while the block runs, by a lock on the file `lock`.
 
-    The lock's folder is made where it is missing; who is refused leaves none. The lock ends with
-    the process, however that ends; whoever holds it may remove the folder. `chosen`: another
-    folder would do as well.
+    The lock's folder is made where it is missing, and removed again where the lock is refused. The
+    lock ends with the process; its holder may remove the folder. `who` names the kind of process
+    in messages. `chosen`: the message suggests another folder.
 
     Raises:
         InputError: another one is at work there, or the file cannot be written or locked.

@@ -31,7 +31,7 @@ _HOLDS_AREAS = "Polygons or MultiPolygons (GeoJSON)"
 
 @dataclass(frozen=True)
 class Place:
-    """A named point read from a CSV or GeoJSON file."""
+    """A point read from a CSV or GeoJSON file: a device's position, or a corner of an area."""
 
     where: str  # file and row, for messages
     at: Pair  # x, y in metres; of a `geodetic` one latitude, longitude in degrees
@@ -51,10 +51,10 @@ class Ring:
 
 
 def read_places(path: Path) -> tuple[Place, ...]:
-    """The points of a file, in its order.
+    """Read the device positions in a CSV or GeoJSON file, in its order.
 
     Raises:
-        InputError: it cannot be read, or something in it is no place; the line names the row.
+        InputError: it cannot be read, or a row or feature is no position; the message names it.
     """
     if path.suffix.lower() in (".geojson", ".json"):
         places = tuple(_geojson_places(path))
@@ -80,8 +80,8 @@ def read_rings(path: Path) -> tuple[Ring, ...]:
 
 
 def read_buildings(path: Path) -> tuple[tuple[Ring, ...], int]:
-    """The outlines of buildings in a GeoJSON file, with holes, and how many other things between
-    them are passed over: points and lines, and polygons that say nothing of a building.
+    """Read outlines of buildings, with holes, in a GeoJSON file, and count the features skipped:
+    points, lines, and polygons without a property of a building.
 
     Raises:
         InputError: it cannot be read, a polygon of a building is none, or there is no building.
@@ -102,10 +102,10 @@ def read_buildings(path: Path) -> tuple[tuple[Ring, ...], int]:
 
 
 def check_degrees(where: str, lat: float, lon: float) -> None:
-    """Refuse what is no latitude or longitude.
+    """Check a latitude (85 degrees at most) and a longitude, in degrees.
 
     Raises:
-        InputError: out of range.
+        InputError: one is out of range; the message says if they seem swapped.
     """
     for name, value in (("lat", lat), ("lon", lon)):
         most = _MOST_DEG[name]
@@ -155,7 +155,7 @@ def _table_places(path: Path, text: str) -> Iterator[Place]:
 
 
 def _columns(path: Path, head: list[str]) -> tuple[int, int, bool]:
-    """Indices of the two coordinate columns: x and y, or latitude and longitude."""
+    """Find the columns of x and y, or of latitude and longitude (then True): their indices."""
     if twice := next((name for name in head if name and head.count(name) > 1), None):
         raise InputError(f"{path}: row 1: the column {twice} is there twice")
     found = []
@@ -196,7 +196,7 @@ def _number(where: str, name: str, value: object) -> float:
 
 
 def _share(where: str, value: object) -> float | None:
-    """None for an empty cell, as a run without shares writes it."""
+    """Parse a device's data share; None for an empty cell, as a run without shares writes it."""
     if value in (None, ""):
         return None
     share = _number(where, "share", value)
@@ -243,7 +243,7 @@ def _features(path: Path) -> Iterator[tuple[str, object, object, Mapping[str, ob
 
 
 def _position(where: str, coordinates: object) -> Pair:
-    """Latitude and longitude; GeoJSON has them the other way round."""
+    """Convert a GeoJSON position [lon, lat] to (latitude, longitude) in degrees."""
     if not isinstance(coordinates, list) or len(coordinates) not in (2, 3):
         raise InputError(f"{where}: coordinates = {shown(coordinates)}: must be [lon, lat]")
     lon, lat = (

@@ -39,7 +39,7 @@ class InterruptedFiles:
                     file.replace(kept)
 
     def discard(self) -> None:
-        """The new files hold more now: remove the old ones, all at once. Twice is fine."""
+        """Remove the old files, all at once; for when the new ones hold as much. Twice is fine."""
         if self.path.exists():
             # Removed one by one under their name, a kill would leave some of them.
             self.path.replace(self._gone)

@@ -1,4 +1,4 @@
-"""Ctrl-C, and what stops a job politely: heard wherever the program happens to be."""
+"""Handling of Ctrl-C, SIGTERM and SIGHUP, wherever the program happens to be."""
 
 import _thread
 import os
@@ -29,7 +29,7 @@ BACKGROUND = "aerofed-work"  # begins the names of threads whose work may be lef
 
 @dataclass(eq=False)
 class _Ending:
-    """What an interruption ends in order: the flights of a block of code."""
+    """The flights of a block of code, which an interruption cancels in an orderly way."""
 
     patient: bool  # one that comes before a flight ends it as it begins
     flights: dict["asyncio.Task[Any]", "asyncio.AbstractEventLoop"] = field(default_factory=dict)
@@ -56,9 +56,9 @@ _endings: list[_Ending] = []  # the last one is interrupted
 
 
 def hear_interruptions() -> None:
-    """Have SIGTERM and SIGHUP do what Ctrl-C does, and none be lost in a callback from C.
+    """Install handlers: SIGTERM and SIGHUP act as Ctrl-C, and none is lost in a callback from C.
 
-    An exception in such a callback has nobody to go to: Python prints it and goes on. An
+    An exception in such a callback reaches no caller: Python prints it and goes on. An
     interruption is sent again instead.
     """
     global _is_program
@@ -77,11 +77,11 @@ def hear_interruptions() -> None:
 
 @contextmanager
 def ending_flights(*, patient: bool = False) -> Iterator[None]:
-    """An interruption ends the flights of the block, in order and once; the block goes on then.
+    """Context manager: an interruption cancels the flights of the block once; the block goes on.
 
     In a program a second one ends the process. Before a flight it is a KeyboardInterrupt, or, in a
-    `patient` block, ends the flight as it begins. Without effect in threads but the main one, and
-    where somebody else has Ctrl-C: a sweep, say.
+    `patient` block, ends the flight as it begins. It has no effect outside the main thread, or
+    where other code handles Ctrl-C, such as a sweep.
     """
     before = signal.getsignal(signal.SIGINT)
     ours = before is signal.default_int_handler or (patient and callable(before))
@@ -101,11 +101,11 @@ def ending_flights(*, patient: bool = False) -> Iterator[None]:
 def run_flight(flight: Coroutine[Any, Any, T]) -> T:
     """Run a flight as `asyncio.run` does; an interruption cancels it, once.
 
-    asyncio's own handler raises KeyboardInterrupt in the midst of the ending at the second one, and
+    asyncio's own handler raises KeyboardInterrupt at a second one, amid the cancellation, and
     MAVSDK taken down under its own threads ends the process by SIGABRT.
 
     Raises:
-        KeyboardInterrupt: the flight was interrupted; when all of it has ended.
+        KeyboardInterrupt: the flight was interrupted; raised once all of it has ended.
     """
     import asyncio  # not while the program is loading
 
@@ -132,17 +132,17 @@ def run_flight(flight: Coroutine[Any, Any, T]) -> T:
 
 
 def in_a_thread(work: Callable[[], T]) -> T:
-    """What `work` gives, done in a thread of its own: here an event loop is running already.
+    """Run `work` in a thread and return its result, for callers inside a running event loop.
 
-    An interruption here ends the flight in it as it would have ended one here, once.
+    An interruption cancels the flight in that thread, once.
     """
     with ThreadPoolExecutor(1, thread_name_prefix="aerofed") as pool, ending_flights(patient=True):
         return pool.submit(work).result()
 
 
 async def in_background(work: Callable[P, T], *given: P.args, **named: P.kwargs) -> T:
-    """What `work` gives, done in a thread while the loop turns; one that is cancelled is left
-    alone, as nothing ends what a researcher's own code is at."""
+    """Run `work` in a daemon thread and await its result, so that the event loop goes on.
+    Cancelling does not stop the thread: nothing can stop a researcher's own code."""
     import asyncio
 
     loop = asyncio.get_running_loop()
@@ -172,9 +172,9 @@ def end_process(line: str = "", code: int = INTERRUPTED) -> None:
 
 
 def end_program(code: int) -> None:
-    """Ignore Ctrl-C from now on: all work is done, and `code` is the exit code.
+    """Ignore Ctrl-C from now on: all work is done. Return, for the caller to exit with `code`.
 
-    Work that was left alone in a thread ends with the process, which does not wait for it.
+    Where work of `in_background` still runs, end the process here instead of waiting for it.
     """
     if threading.current_thread() is threading.main_thread():
         signal.signal(signal.SIGINT, signal.SIG_IGN)

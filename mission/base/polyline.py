@@ -21,12 +21,13 @@ def along(points: Floats) -> Floats:
 
 
 def at(where: float | Floats | Ints, known: Floats | Ints, points: Floats) -> Floats:
-    """(..., d) straight between (n, d) points that lie at `known` (n,), ascending."""
+    """Interpolate points (n, d), which lie at `known` (n,), ascending, linearly: (..., d)."""
     return np.stack([np.interp(where, known, axis) for axis in points.T], axis=-1)
 
 
 def to_segments(points: Floats, start: Floats, end: Floats) -> tuple[Floats, Floats]:
-    """(n, d) from segments to points, row by row, and the share (n,) of the segment there."""
+    """Return vectors (n, d) from segments to points, row by row, and the foot (n,) as a share
+    (0..1) of its segment."""
     way = end - start
     square = (way**2).sum(axis=1)
     along = ((points - start) * way).sum(axis=1)

@@ -7,10 +7,10 @@ from mission.base.errors import InputError
 
 
 class RecordFile:
-    """A file that is written from its beginning; what was flushed survives this process.
+    """An append-only file that starts empty; what was flushed survives this process.
 
-    A binary stream to whoever writes it. Writing and flushing raise nothing: `check` does, for
-    them and for what other programs did to the file.
+    It serves as a binary stream. Writing and flushing raise nothing: `check` does, for them and
+    for what other programs did to the file.
     """
 
     def __init__(self, path: Path) -> None:
@@ -45,7 +45,7 @@ class RecordFile:
             self._failure = self._failure or error
 
     def seek(self, offset: int, whence: int = os.SEEK_SET) -> int:
-        """The position, which is the end: nothing is written twice."""
+        """Return the position, always the end; the arguments are ignored."""
         del offset, whence
         return self.size
 

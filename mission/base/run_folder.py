@@ -82,10 +82,10 @@ class RunFolder:
 
     @classmethod
     def create(cls, path: Path) -> Self:
-        """Make the folder, or take an empty one.
+        """Make the folder, or take one that is empty or `stillborn`.
 
         Raises:
-            InputError: it exists and holds something, is a file, or cannot be written.
+            InputError: it holds something else, is a file, or cannot be written.
         """
         cls.check(path)
         try:
@@ -100,10 +100,10 @@ class RunFolder:
 
     @staticmethod
     def check(path: Path) -> None:
-        """Refuse what `create` would, without making anything.
+        """Refuse a folder that is used or no folder, as `create` does, without making anything.
 
         Raises:
-            InputError: it exists and holds something, or is a file, or cannot be looked into.
+            InputError: it is neither empty nor `stillborn`, is a file, or cannot be read.
         """
         folder = RunFolder(path)
         try:
@@ -134,7 +134,7 @@ class RunFolder:
 
     @property
     def stillborn(self) -> bool:
-        """Whether a run was killed here before its first checkpoint: nothing of it is worth much.
+        """Whether the folder holds only the remains of a run killed before its first checkpoint.
 
         The lock comes first, so that nobody's own `config.toml` is taken for a run's.
         """
@@ -150,12 +150,12 @@ class RunFolder:
         )
 
     def status(self) -> str | None:
-        """How the run ended as its summary says; None without a readable summary."""
+        """Return the status in the summary, such as "finished"; None without a readable one."""
         told = self.told()
         return str(told.get("status")) if told else None
 
     def told(self) -> "RunSummary":
-        """The summary so far; empty without a readable one."""
+        """Read `summary.json`; empty where it is missing or damaged."""
         try:
             told: RunSummary = read_json(self.summary)
         except InputError:
@@ -171,8 +171,8 @@ _STREAMS = {"/dev/stdout": 1, "/dev/stderr": 2}
 
 
 def write_atomically(path: Path, content: str | bytes) -> None:
-    """Write a file so that it is there whole or not at all, after a power cut too; a link leads to
-    it as before, and a device such as /dev/stdout is written to.
+    """Write a file atomically: whole or not at all, also after a power cut. A symbolic link is
+    followed; a device such as /dev/stdout is written to directly.
 
     Raises:
         InputError: it cannot be written.
@@ -202,10 +202,10 @@ def write_atomically(path: Path, content: str | bytes) -> None:
 
 @contextmanager
 def output_folder(given: Path | None, name: str) -> Iterator[Path]:
-    """The folder that was given, or `runs/name`, or `runs/name-2`, ... : the first that is free.
+    """Context manager: the given folder, or the first free of `runs/name`, `runs/name-2`, ...
 
-    That one is made at once, so that two that begin together do not take the same. It is taken
-    away again where the block fails and leaves nothing in it.
+    The latter is made at once, so that two that begin together do not take the same, and removed
+    where the block fails and leaves nothing in it.
 
     Raises:
         InputError: it cannot be made.
@@ -278,7 +278,7 @@ def environment() -> dict[str, object]:
 
 
 def library_versions() -> dict[str, str]:
-    """Versions of those libraries that are installed: torch is an extra."""
+    """Return the versions of `LIBRARIES` by name, without those that are not installed."""
     from importlib.metadata import PackageNotFoundError, version  # a sixth of `aerofed --help`
 
     found = {}

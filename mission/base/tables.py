@@ -2,8 +2,8 @@
 
     path_m: Annotated[float, "length of the planned path"]
 
-What stands beside a field's type is found again by its own type, so that headers, schemas, pages
-and tables on the terminal all follow from the one declaration.
+Annotations of a field are found again by their own type, so that headers, schemas, pages and
+tables on the terminal all follow from the one declaration.
 """
 
 import csv
@@ -19,14 +19,14 @@ Told = TypeVar("Told")
 
 @dataclass(frozen=True)
 class Column:
-    """One field: its name, what it holds, and what is told of it."""
+    """A table's column, from a field of a dataclass: name, bare type and annotations."""
 
     name: str
     holds: object  # its bare type
     told: tuple[object, ...]
 
     def find(self, kind: type[Told]) -> Told | None:
-        """The annotation of a type: `str` gives the words; None where there is none."""
+        """Return the annotation of a type (`str`: the description); None where there is none."""
         return next((item for item in self.told if isinstance(item, kind)), None)
 
 
@@ -42,7 +42,7 @@ def _columns(record: type) -> tuple[Column, ...]:
 
 
 def told(record: type, kind: type[Told]) -> Iterator[tuple[str, Told]]:
-    """Names of the fields that are annotated with a value of a type, each with that value."""
+    """Yield name and annotation of the fields that have an annotation of type `kind`."""
     for column in columns(record):
         found = column.find(kind)
         if found is not None:
@@ -50,7 +50,7 @@ def told(record: type, kind: type[Told]) -> Iterator[tuple[str, Told]]:
 
 
 def number(value: float, digits: int = 2) -> str:
-    """As tables show it, also those of pages; a dash for NaN."""
+    """Format a number for tables, with `digits` decimals; a dash for NaN."""
     return "-" if math.isnan(value) else f"{value:.{digits}f}"
 
 
@@ -62,7 +62,7 @@ def _column(name: str, hint: object) -> Column:
 
 
 def dotted(value: object, prefix: str = "") -> dict[str, object]:
-    """What is in tables and lists, by dotted key."""
+    """Flatten nested dicts and lists into values by dotted key."""
     if isinstance(value, dict):
         items = [(str(key), item) for key, item in value.items()]
     elif isinstance(value, list):
@@ -76,7 +76,7 @@ def dotted(value: object, prefix: str = "") -> dict[str, object]:
 
 
 def count(number: int, noun: str) -> str:
-    """`1 round`, `2 rounds of flight`: of the noun's words the first one has the plural."""
+    """Format a count: `1 round`, `2 rounds of flight`; the first word of the noun gets the s."""
     first, *others = noun.split(" ")
     return " ".join((str(number), first if number == 1 else f"{first}s", *others))
 

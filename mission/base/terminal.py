@@ -1,4 +1,4 @@
-"""Standard output that never ends what it reports on."""
+"""A console whose failure to write never ends the program that it reports on."""
 
 import errno
 import os
@@ -25,7 +25,7 @@ class Terminal(Console):
 
     @classmethod
     def for_tables(cls, **options: Any) -> "Terminal":
-        """One for tables: where the terminal is narrow, lines break, and no number is cut off."""
+        """Make a console at least `TABLE_WIDTH` wide: a narrow terminal breaks lines instead."""
         console = cls(**options)
         return console if console.width >= TABLE_WIDTH else cls(width=TABLE_WIDTH, **options)
 

@@ -10,7 +10,7 @@ from mission.base.errors import AerofedError, InputError, TrainingError, UsersCo
 
 
 class OwnCode(PlugIn):
-    """A researcher's own code at a place of the application."""
+    """A researcher's own code as a plug-in of the application; base class of such plug-ins."""
 
     error = UsersCodeError
     passed: ClassVar[tuple[type[Exception], ...]] = (AerofedError, LearningError)
@@ -18,7 +18,7 @@ class OwnCode(PlugIn):
 
 @contextmanager
 def errors_of_learning() -> Iterator[None]:
-    """Have errors of `fl` in the block end the run in one line.
+    """Context manager: convert errors of `fl` in the block to those of the application.
 
     Raises:
         UsersCodeError: a researcher's own code raised something, or answered what breaks a rule.

@@ -1,4 +1,4 @@
-"""Files that users name, read in one way: regular files, of a size that is believed, as UTF-8 text.
+"""Reading of files that users name: regular files of limited size, UTF-8 text, JSON, TOML.
 
 Devices, pipes and what the kernel serves (`/dev/zero`, `/proc/kmsg`) would hang or fill the memory.
 JSON and TOML are refused where they are nested deeper than anything of ours, or hold numbers that
@@ -22,7 +22,7 @@ MOST_DEEP = 100  # tables or lists in one another; ours has 6
 
 @contextmanager
 def or_input_error(place: object, cannot: str) -> Iterator[None]:
-    """Where the system refuses what the block does: an `InputError` of place, deed and reason."""
+    """Context manager: turn an OSError into an InputError `place: cannot: reason`."""
     try:
         yield
     except OSError as error:
@@ -30,8 +30,8 @@ def or_input_error(place: object, cannot: str) -> Iterator[None]:
 
 
 def whole_path(folder: Path, name: str | Path) -> Path:
-    """The whole name of a path that a file of `folder` names: beside it, or from ~, somebody's
-    home. A home that nobody has is a name like any other."""
+    """Resolve a path named in a file of `folder`: relative to it, absolute, or from a home (~).
+    The home of an unknown user is taken as a plain name."""
     path = Path(name)
     with suppress(RuntimeError):
         path = path.expanduser()
@@ -39,7 +39,7 @@ def whole_path(folder: Path, name: str | Path) -> Path:
 
 
 def cache_folder(name: str) -> Path:
-    """Where what was fetched or made once is kept; it is there afterwards.
+    """Return the cache folder `name` for what is fetched or computed once; make it if missing.
 
     Raises:
         InputError: it cannot be made.
@@ -66,7 +66,7 @@ def read_bytes(path: Path, *, most: int = TEXT_BYTES) -> bytes:
 
 
 def check_regular(path: Path, *, most: int) -> int:
-    """The size of a regular file, for libraries that open it themselves.
+    """Check a file that a library opens itself: regular, not too large. Return its size in bytes.
 
     Raises:
         InputError: it is not there, is no regular file, or has more than `most` bytes.
@@ -141,7 +141,7 @@ def _reason(error: BaseException) -> str:
 
 
 def _bounded(values: Any) -> Any:
-    """The values, whose depth and integers are within bounds."""
+    """Check the nesting depth and the integers of parsed values, and return them."""
     level, depth = [values], 0
     while level:
         if depth > MOST_DEEP:

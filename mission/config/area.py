@@ -123,8 +123,8 @@ class AreaConfig(Table):
         )
 
     def build(self, heights_m: tuple[float, float] | None = None) -> Area:
-        """The area with its local frame, and where in it may be flown at all heights above home
-        from one to another; everywhere, where nothing is flown."""
+        """Make the area with its local frame, and the airspace that is free at all heights above
+        home between the two (m); None: nothing is flown, so all is free."""
         home = GeodeticPoint(self.home_lat_deg, self.home_lon_deg, self.home_alt_msl_m)
         buildings = tuple(Building.of(**dict(one)) for one in self.buildings)
         if heights_m is None:

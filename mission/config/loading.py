@@ -30,7 +30,7 @@ SHIPPED: tuple[str, ...] = get_args(Shipped)
 
 
 def builtin_config(name: str) -> Path:
-    """A file that comes with the product, installed or in a checkout."""
+    """Return the path of a shipped configuration file; raise InputError if it is missing."""
     package = Path(__file__).parents[1]
     for folder in (package / "configs", package.parent / "configs"):
         if (folder / name).is_file():
@@ -39,7 +39,7 @@ def builtin_config(name: str) -> Path:
 
 
 def shipped_files(name: str) -> tuple[Path, ...]:
-    """The shipped configuration of that name, and the files that it names."""
+    """The shipped configuration of that name, and the GeoJSON files whose names begin with it."""
     config = builtin_config(f"{name}.toml")
     return (config, *sorted(config.parent.glob(f"{name}-*.geojson")))
 
@@ -74,7 +74,7 @@ def load_config(
 
     `giver` is what an error calls the place that the overrides come from; `options` says which of
     them an option of the command line made; `beneath` are keys that a file may leave out. Where
-    only some keys and tables `counts`, no other may be set.
+    `counts` names keys and tables, no others may be overridden.
 
     Raises:
         InputError: the file cannot be read or parsed, a key is unknown or out of range, or it
@@ -109,8 +109,8 @@ def load_config(
 
 
 def _make_absolute(data: Mapping[str, Any], folder: Path) -> None:
-    """Give the paths in a configuration their whole names: they stand in `folder`, beside the file
-    that names them, or begin with ~ for somebody's home."""
+    """Make the paths in a configuration absolute: they are relative to `folder`, that of the file
+    that names them, or begin with ~ for a home."""
     for *tables, key in _PATHS:
         table: Any = data
         for name in tables:
@@ -120,8 +120,8 @@ def _make_absolute(data: Mapping[str, Any], folder: Path) -> None:
 
 
 def plain(value: object) -> object:
-    """A value of a key as files have it: arrays and their scalars as lists and numbers, tuples as
-    lists, plug-ins that are passed as objects by their names, paths and dates as text."""
+    """Convert a key's value to what files can hold: arrays and their scalars to lists and numbers,
+    tuples to lists, plug-ins passed as objects to their names, paths and dates to text."""
     return json.loads(_json(value))
 
 

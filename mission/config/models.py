@@ -139,7 +139,7 @@ class MissionConfig(Table):
 
     @property
     def altitudes_m(self) -> tuple[float, float] | None:
-        """The limits within which rounds have an altitude of their own; None: they have not."""
+        """The lowest and highest altitude (m) that rounds choose from; None: there is one only."""
         return self.altitude_m if isinstance(self.altitude_m, tuple) else None
 
     @field_validator("replan")
@@ -279,14 +279,14 @@ class RunConfig(Table):
     _blame: Blame = PrivateAttr(default_factory=lambda: Blame("configuration"))
 
     def read_from(self, blame: Blame) -> Self:
-        """The same, where an error that is found later says that its keys come from `blame`."""
+        """Return a copy whose later errors name `blame` as the origin of its keys."""
         known = self.model_copy()
         known._blame = blame
         return known
 
     @property
     def notes(self) -> Sequence[str]:
-        """What its user should know of the files that were read for it, a line each."""
+        """Notes for the user on the files that were read for it, a line each."""
         return self._blame.notes
 
     def refuse(self, problems: Iterable[WrongKey]) -> None:
@@ -299,14 +299,14 @@ class RunConfig(Table):
             raise InputError(refusal(*problem, self._blame))
 
     def contradiction(self, keys: Sequence[str], reason: str) -> InputError:
-        """The error for keys that do not fit each other: of the first that was set over its file,
-        as that worked without it, or else of the first."""
+        """Make the error for keys that do not fit each other; it is about the first of them that
+        was set over its file, as that worked without it, or else about the first."""
         key = next((key for key in keys if self._blame.sets(key)), keys[0])
         return InputError(f"{self._blame.on(key)}: {key}: {reason}")
 
     @property
     def run_name(self) -> str:
-        """What tells it from other runs of its configuration: the name of its folder by default."""
+        """Name of the run and, by default, of its folder: configuration, strategy and seed."""
         return f"{self.name}-{label_of(self.mission.strategy)}-seed{self.seed}"
 
     @model_validator(mode="after")

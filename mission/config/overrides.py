@@ -8,7 +8,7 @@ from mission.base.user_files import MOST_DEEP, parse_toml
 
 
 def parse_override(text: str) -> tuple[str, object]:
-    """`a.b=value` into a dotted path and a TOML value; a bare word is a string.
+    """Parse `a.b=value` into a dotted path and a TOML value; a bare word is a string.
 
     Raises:
         InputError: there is no `=` or no key.

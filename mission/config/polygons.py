@@ -25,7 +25,7 @@ _Found = TypeVar("_Found")
 
 
 def with_polygons(area: AreaConfig, blame: Blame, heights_m: tuple[float, float]) -> AreaConfig:
-    """The area with the polygons of its files; flights are between two heights."""
+    """Read the polygon files of an area into it; `heights_m`: lowest and highest of flights."""
     known: dict[str, object] = {}
     if area.no_fly_file is not None:
         rings = _rings(area, "no_fly_file", blame)
@@ -110,7 +110,7 @@ def _rings(area: AreaConfig, name: str, blame: Blame) -> tuple[Ring, ...]:
 
 
 def read_of(read: Callable[[Path], _Found], key: str, name: str, blame: Blame) -> _Found:
-    """What is in the file that a key names."""
+    """Read the file that `key` names with `read`; its errors then name the key."""
     folder = Path() if key in blame.given else Path(blame.source).parent
     try:
         return read(whole_path(folder, name))
@@ -198,7 +198,7 @@ def on_ground(place: Place, area: AreaConfig) -> Pair:
 
 
 def check_near(globe: Sequence[Place], offsets: Floats, source: str, middle: str) -> None:
-    """Refuse places that are not on one ground, as swapped coordinates are not."""
+    """Refuse places too far from `middle` (`offsets`: (n, 2), m), as swapped coordinates are."""
     far = np.hypot(*offsets.T)
     worst = int(far.argmax())
     if far[worst] <= _FAR_M:
@@ -212,5 +212,5 @@ def check_near(globe: Sequence[Place], offsets: Floats, source: str, middle: str
 
 
 def home_words(area: AreaConfig) -> str:
-    """Home, for an error's line."""
+    """Home with its latitude and longitude, in words for error messages."""
     return f"home (lat {area.home_lat_deg:g}, lon {area.home_lon_deg:g})"

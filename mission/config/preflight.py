@@ -47,9 +47,9 @@ def problems(config: "RunConfig") -> Iterator[WrongKey]:
 
 
 def own_code(config: "RunConfig", *, told: bool = True) -> Iterator[tuple[str, str]]:
-    """The keys that name code of the researcher's own, each with the name.
+    """Yield the keys that name code of the researcher's own, each with the name.
 
-    Those that are only `told` of rounds, callbacks, alter no result.
+    `told`: also callbacks, which are only told of rounds and alter no result.
     """
     callbacks = enumerate(config.callbacks or ()) if told else ()
     places: list[tuple[str, str | None, tuple[str, ...]]] = [
@@ -74,13 +74,13 @@ def own_code(config: "RunConfig", *, told: bool = True) -> Iterator[tuple[str, s
 
 
 def code_digests(*configs: "RunConfig", told: bool = True) -> dict[str, str | None]:
-    """SHA-256 of the code of each plug-in, by its name; `told` as in `own_code`."""
+    """SHA-256 of each plug-in's code, by its name (None: unknown); `told` as in `own_code`."""
     names = {name for config in configs for _, name in own_code(config, told=told)}
     return {name: digest_of(name) for name in sorted(names)}
 
 
 def signing_key(path: Path) -> bytes:
-    """The key that the pass phrase in a file makes.
+    """Derive the MAVLink signing key from the pass phrase in a file.
 
     Raises:
         InputError: the file cannot be read, or the phrase is too short.
@@ -95,7 +95,7 @@ def signing_key(path: Path) -> bytes:
 
 
 def _owners(community: "CommunityConfig") -> SettingError | None:
-    """Why labels cannot be dealt out to a community's devices, where its classes are known."""
+    """Return why labels cannot be dealt out to a community's devices; None where none is known."""
     if community.partition == "labels" and community.task in TASKS[:-1]:
         each, coverage = community.labels_per_device, community.coverage
         try:
@@ -106,7 +106,7 @@ def _owners(community: "CommunityConfig") -> SettingError | None:
 
 
 def load_data(config: "RunConfig", data_dir: Path | None) -> None:
-    """Read the data sets that are files; the run finds them read.
+    """Load the data sets that are files into the cache of this process, for the run to use.
 
     Raises:
         InputError: one is missing or damaged.

@@ -9,10 +9,10 @@ URL_FORMS = f"{NETWORK_FORMS}, or serial:///DEVICE:BAUD"
 
 
 def checked_url(url: str) -> str:
-    """The URL, where MAVSDK can make something of it.
+    """Return the URL if it has a form that MAVSDK accepts.
 
     Raises:
-        ValueError: it cannot; says what it can.
+        ValueError: it has not; the message lists the forms.
     """
     scheme, _, address = url.partition("://")
     place, _, number = address.rpartition(":")

@@ -28,10 +28,10 @@ MOST_BYTES = 1 << 30  # of a radio map
 
 
 def with_world(config: RunConfig, blame: Blame) -> RunConfig:
-    """The configuration with its files read; `blame` says where its keys come from.
+    """Read the files of a configuration into it; `blame` says where its keys come from.
 
-    Files are found beside its own; those named on the command line from the working directory. What
-    is not given of area and home lies about what stands there.
+    Files are found beside its own; those named on the command line from the working directory. Area
+    and home, where they are not given, are placed around the devices.
 
     Raises:
         InputError: a file cannot be used, or something stands outside the area.
@@ -61,7 +61,7 @@ def with_world(config: RunConfig, blame: Blame) -> RunConfig:
 
 
 def _known_map(radio: RadioConfig, blame: Blame) -> RadioConfig:
-    """With the digest of the map's file; another file than that of the digest is refused."""
+    """Add the SHA-256 of the radio map's file; refuse a file that differs from a given one."""
     if radio.map_file is None:
         return radio
     # A run that is resumed has its own configuration only: that may not be changed.

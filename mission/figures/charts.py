@@ -125,13 +125,13 @@ def finished(
     height: float = HEIGHT,
     **more: Any,
 ) -> Chart:
-    """Layers as a chart with its title and a line that says how to read it."""
+    """Combine layers into a chart with a title and, below it, a `note` on how to read it."""
     words = {"text": title, **({"subtitle": note} if note else {})}
     return layered(layers, title=words, width=width, height=height, **more)
 
 
 def bar_chart(title: str, bars: Sequence[Series], *, x: str, y: str) -> Chart:
-    """Bars from zero at whole numbers, the later ones before the earlier."""
+    """Bar chart at whole numbers; bars begin at zero, later series are in front of earlier."""
     names = [item.label for item in bars]
     data = table(series=_labels(bars, "x"), x=_joined(bars, "x"), y=_joined(bars, "y"))
     numbers = ticks(sorted({int(at) for item in bars for at in item.x}))
@@ -235,7 +235,7 @@ def _range(values: Floats, most: float) -> list[float]:
 
 
 def _whole(series: Sequence[Series]) -> alt.Axis:
-    """Labels at whole numbers only."""
+    """Horizontal axis with labels at whole numbers only."""
     return alt.Axis(values=ticks(sorted({int(at) for one in series for at in one.x})), format="d")
 
 

@@ -20,7 +20,7 @@ _TIME = "simulated time (s)"
 
 
 def flight_charts(comparison: RunComparison) -> list[Chart]:
-    """Cross-track error, corner cuts, estimate error and lateness, by round."""
+    """Charts of tracking error along the path, and by round: tracking error and slot delays."""
     items = comparison.rounds
     rounds = [item.round for item in items if item.round is not None]
 
@@ -102,7 +102,7 @@ def condition_charts(run: FlightData) -> list[Chart]:
 
 
 def estimator_charts(run: FlightData) -> list[Chart]:
-    """Normalised innovation of each sensor of the estimator over time, with its gate at 1."""
+    """Charts of each sensor's innovation test ratio over time, with the gate at 1."""
     return [
         _innovations(sensor, index, track)
         for index, (sensor, track) in enumerate(run.innovations.items())
@@ -135,7 +135,7 @@ def _wind(wind: WindTrack) -> Chart:
 
 
 def _innovations(sensor: str, index: int, track: InnovationTrack) -> Chart:
-    """How far a sensor was from what the estimator expected; the line at 1 is its gate."""
+    """Chart of a sensor's innovation test ratio over time, with the gate at 1."""
     name = sensor.replace("gnss", "GNSS")
     x, y = _thinned(track.t_ns, track.ratio, np.max)
     refused = ~track.accepted
@@ -156,7 +156,7 @@ def _innovations(sensor: str, index: int, track: InnovationTrack) -> Chart:
 def _thinned(
     t_ns: Ints, values: Floats, what: Callable[[Floats], float]
 ) -> tuple[list[float], list[float]]:
-    """At most `_POINTS` points: one of each stretch of time, at its middle sample."""
+    """Thin to at most `_POINTS` (seconds, values): `what` reduces each stretch of time to one."""
     parts = np.array_split(np.arange(len(t_ns)), min(_POINTS, len(t_ns)))
     x = [float(t_ns[part[len(part) // 2]]) / 1e9 for part in parts]
     return x, [float(what(values[part])) for part in parts]

@@ -27,7 +27,7 @@ def profiles(flights: Sequence[RunComparison]) -> Chart:
 
 
 def profile_charts(flights: Sequence[RunComparison]) -> list[Chart]:
-    """Height, distance from the path, ground speed and error of the estimate, a line a flight."""
+    """Time lines, then charts of height, path distance, ground speed and estimate error."""
     plan = flights[0].run.data.plans[0]
     along_m = flights[0].measured[0].fit.waypoints_at_m
     height, cross, speed, error = [], [], [], []

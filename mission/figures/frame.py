@@ -1,4 +1,4 @@
-"""The ground of every map: axes in metres, and the lines on it."""
+"""The base of every map: its axes in metres, and layers of paths, outlines and areas."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, Self, TypeAlias
@@ -46,7 +46,7 @@ _LINES: Mapping[str, tuple[str, float, list[int]]] = {
 
 
 def run_lines(run: FlightData, plans: Sequence[PlanRecord]) -> Lines:
-    """The edges, and the planned and the flown path of every plan."""
+    """Collect the lines of a run's map: outlines, and each plan's planned and flown path."""
     fences = [zone.outline_m for zone in run.fence if zone.keep_in]
     lines = edges(fences, zones_of(run)[0], None if run.planned else run.area.size_m)
     lines += [("planned", plan.round, plan.route_m) for plan in plans]
@@ -75,7 +75,7 @@ def edges(
 
 
 class MapFrame:
-    """Axes in metres, alike in both directions, between two corners (2,)."""
+    """The axes of a map in metres, with one scale for both, between two corners (2,)."""
 
     def __init__(
         self, low: Floats, high: Floats, width: float, *, chosen: int | None = None
@@ -111,12 +111,12 @@ class MapFrame:
         )
 
     def pixels(self, points_m: Floats) -> Floats:
-        """(n, 2) from the upper left corner, of places (n, 2) on the map."""
+        """Convert places (n, 2) in metres to pixels (n, 2) from the upper left corner."""
         share = (points_m - self._low) / (self._high - self._low)
         return np.column_stack((share[:, 0] * self.width, (1.0 - share[:, 1]) * self.height))
 
     def chart(self, data: Rows) -> alt.Chart:
-        """A layer at `x` and `y`, of the chosen `round` where one is chosen (0 is of all)."""
+        """Make a layer of rows at `x` and `y`; if a round is chosen, of its `round` and of 0."""
         made = alt.Chart(data).encode(*self._axes())
         if self._chosen is None:
             return made
@@ -132,7 +132,7 @@ class MapFrame:
         return made
 
     def buildings(self, some: Sequence[Building]) -> list[alt.Chart]:
-        """What stands on the ground, the darker the higher; a courtyard is open ground."""
+        """Layers of building footprints, the darker the higher, with courtyards left open."""
         if not some:
             return []
         key = alt.Legend(
@@ -151,13 +151,13 @@ class MapFrame:
         ]
 
     def outlines(self, some: Sequence[Building]) -> list[alt.Chart]:
-        """The walls of buildings, over what lies beneath."""
+        """Layer of the outlines of buildings, over what lies beneath."""
         rings = [ring for one in some for ring in one.outlines_m]
         return [self._closed_lines(_closed(rings), stroke=PAPER, strokeWidth=0.8)] if rings else []
 
     def areas(self, rings: Sequence[Floats], zones: Sequence[NoFly]) -> list[alt.Chart]:
-        """What must not be flown, filled, and those of `zones` that are flown above or below,
-        dashed."""
+        """Layers of no-fly areas: `rings` filled, and dashed those of `zones` that the flight
+        passes above or below."""
         open_rings = [ring for ring, _, is_open in named_areas(rings, zones) if is_open]
         looks: tuple[tuple[Sequence[Floats], dict[str, Any]], ...] = (
             (rings, {"strokeWidth": 0, "fill": FENCE, "fillOpacity": 0.12}),
@@ -184,7 +184,7 @@ class MapFrame:
         return bool(((at_m >= self._low) & (at_m <= self._high)).all())
 
     def lines(self, lines: Lines) -> list[alt.Chart]:
-        """Paths by kind, in their own looks; of other rounds than the chosen one faintly."""
+        """Layer of paths, styled by kind; flown paths of rounds not chosen are faint."""
         kinds = [kind for kind in _LINES if any(kind == line[0] for line in lines)]
         if not kinds:
             return []
@@ -215,7 +215,7 @@ class MapFrame:
         ]
 
     def waypoints(self, paths: Sequence[tuple[int, Floats]]) -> list[alt.Chart]:
-        """Corners of paths (N, 2), each with its round, and where they start."""
+        """Layers of the waypoints (N, 2) of paths, each with its round, and of their starts."""
         x, y = np.concatenate([points for _, points in paths]).T
         data = table(
             round=[number for number, points in paths for _ in points],
@@ -253,13 +253,13 @@ def run_frame(run: FlightData, width: float, *, chosen: int | None = None) -> Ma
 
 
 def zones_of(run: FlightData) -> tuple[list[Floats], list[NoFly]]:
-    """The outlines that a run keeps out of, and all areas of its configuration."""
+    """Outlines (n, 2) that a run keeps out of, and all no-fly areas of its configuration."""
     rings = [zone.outline_m for zone in run.fence if not zone.keep_in]
     return rings, list(run.config.get("area", {}).get("no_fly", ()))
 
 
 def buildings_of(run: FlightData) -> tuple[Building, ...]:
-    """What stands in a run's area, by its configuration."""
+    """The buildings in a run's area, by its configuration."""
     return tuple(Building.of(**one) for one in run.config.get("area", {}).get("buildings", ()))
 
 
@@ -274,7 +274,7 @@ def named_areas(
 
 
 def _heights(zone: NoFly) -> str:
-    """Where an area counts that the flight is above or below."""
+    """Format the range of heights in which a no-fly area counts."""
     low, high = zone.get("from_m"), zone.get("to_m")
     if high is None:
         return f"from {low:g} m"

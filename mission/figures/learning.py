@@ -1,4 +1,4 @@
-"""What a run learnt, and what its radio let through."""
+"""Charts of learning and radio: accuracy, fairness, updates, packet error rates."""
 
 import math
 from functools import partial

@@ -118,7 +118,7 @@ def round_map(
 
 
 def record_of(run: FlightData, plan: PlanRecord) -> RoundRecord | None:
-    """What became of a plan; None where its round was not finished."""
+    """Return the record of a plan's round; None where the round was not finished."""
     return next((record for record in run.rounds if record.round == plan.round), None)
 
 
@@ -147,8 +147,8 @@ def _sent(run: FlightData, number: int) -> dict[int, Sent]:
 
 
 def _by_round(frame: MapFrame, lines: list[tuple[str, int, Floats]]) -> list[alt.Chart]:
-    """Where rounds are few, later ones are thinner and lie on earlier ones, and arrows tell the
-    direction."""
+    """Layers of flown paths, coloured by round; few rounds get widths, the later the thinner, and
+    arrows of direction."""
     numbers = sorted({number for _, number, _ in lines})
     few = len(numbers) <= _FEW
     # From light to dark, without the ends: plans are dark and lie above, the paper is white.
@@ -178,7 +178,7 @@ def _by_round(frame: MapFrame, lines: list[tuple[str, int, Floats]]) -> list[alt
 def _arrows(
     frame: MapFrame, lines: list[tuple[str, int, Floats]], colour: alt.Color
 ) -> list[alt.Chart]:
-    """One on each path that leads anywhere, not all at the same place of paths that are alike."""
+    """Layer of direction arrows: one on each path that moves, spread so that none coincide."""
     moved = [(number, points) for _, number, points in lines if polyline.length(points) > 0.0]
     rows = []
     for (number, points), share in zip(moved, np.linspace(0.25, 0.75, len(moved)), strict=True):

@@ -69,7 +69,7 @@ class RoundMarks:
 
 @dataclass(frozen=True)
 class Scene:
-    """What a map shows, whoever made it."""
+    """The content of a map, of a plan or of a run: devices, rounds, areas, lines, labels."""
 
     devices: Devices
     rounds: Sequence[RoundMarks]
@@ -106,7 +106,7 @@ def layers(frame: MapFrame, scene: Scene, between: Sequence[alt.Chart]) -> list[
 
 
 def _links(frame: MapFrame, scene: Scene) -> list[alt.Chart]:
-    """From where each transmission was met to its device, coloured by its packet error rate."""
+    """Layers of radio links, from aircraft to device, coloured by packet error rate."""
     if not scene.met:
         return []
     met, from_m = zip(*scene.met, strict=True)
@@ -129,7 +129,7 @@ def _links(frame: MapFrame, scene: Scene) -> list[alt.Chart]:
 
 
 def _device_marks(frame: MapFrame, scene: Scene) -> list[alt.Chart]:
-    """Colour: community. Area: importance. Shape: what became of the update."""
+    """Layer of devices: colour for community, area for importance, shape for outcome."""
     devices, rounds, outcomes = scene.devices, scene.rounds, scene.outcomes
     names, count = devices.communities, len(devices.community)
     if not count:
@@ -195,7 +195,7 @@ def _area_names(frame: MapFrame, scene: Scene) -> tuple[Look, list[Word]]:
 
 
 def _obstacles(scene: Scene) -> Drawn:
-    """What no word should cover: devices, home, lines, links."""
+    """Obstacles of label placement: devices, home, lines, links."""
     lines = [(number, points) for _, number, points in scene.lines]
     at_m = scene.devices.pos_m
     lines += [(s.round, np.stack((from_m, at_m[s.device]))) for s, from_m in scene.met]

@@ -17,7 +17,7 @@ _KINDS = {  # colour and shape of what is on the map
 
 
 def places(frame: MapFrame, plan: PlannedPlaces) -> list[alt.Chart]:
-    """Which were reached, which not, and where a return might have led."""
+    """Layer of a plan's places, reached or not, and of its rally points."""
     kinds = ["reached" if seq in plan.reached else "not reached" for seq in plan.places_m]
     at_m = np.array([*plan.places_m.values(), *plan.rally_m]).reshape(-1, 3)
     kinds += ["rally point"] * len(plan.rally_m)

@@ -39,7 +39,7 @@ _SHOWN = (1, 2, 4)  # rounds, beside the last
 def gain_picture(
     made: RadioMap, device: int, buildings: Sequence[Building] = (), *, about: str = ""
 ) -> Chart:
-    """The gains from a device to all places at the lowest height of a map, among `buildings`."""
+    """Heat map of path gain (dB) from a device, at the lowest height of a radio map."""
     (x, x2), (y, y2) = (_edges(line) for line in (made.x_m, made.y_m))
     across, up = (max(1, math.ceil(len(line) / _MOST_CELLS)) for line in (x, y))
     frame = MapFrame.around([np.array([[x[0], y[0]], [x2[-1], y2[-1]]])], [], _WIDTH)
@@ -70,7 +70,7 @@ def _cells(
     colour: alt.Color,
     **value: Floats,
 ) -> alt.Chart:
-    """Rectangles from and to places (n,), in the `colour` of their value."""
+    """Layer of cells between bounds (n,) in `x` and in `y`, coloured by their value."""
     seam_m = 0.5 * frame.pixel_m  # cells that only touch have paper between them
     cells = table(x=x[0], x2=x[1] + seam_m, y=y[0], y2=y[1] + seam_m, **value)
     corners = alt.X2(field="x2"), alt.Y2(field="y2")
@@ -79,7 +79,7 @@ def _cells(
 
 
 def _edges(middles: Floats) -> tuple[Floats, Floats]:
-    """Where cells begin and end; a map of one has no width, and is a metre wide."""
+    """Lower and upper bounds (n,) of cells with middles (n,); a single cell is 1 m wide."""
     between = (middles[1:] + middles[:-1]) / 2.0
     first, last = (
         (2.0 * middles[0] - between[0], 2.0 * middles[-1] - between[-1])
@@ -90,9 +90,9 @@ def _edges(middles: Floats) -> tuple[Floats, Floats]:
 
 
 def beliefs(run: FlightData) -> list[Chart]:
-    """Maps of what was believed of one device's packets as some rounds began, and of what was true.
+    """Maps of a device's PER as believed when some rounds began, and of the true one.
 
-    It is the device of which most was learnt; none where beliefs were true, or averages.
+    The device is the one whose belief changed most. Empty where the log has no such maps.
     """
     if run.radio_true is None or not run.radio_believed:
         return []
@@ -116,7 +116,7 @@ def beliefs(run: FlightData) -> list[Chart]:
 
 
 def belief_picture(panels: Sequence[Chart], about: str) -> Chart:
-    """What `beliefs` gives as one picture."""
+    """Arrange the maps of `beliefs` as one picture."""
     title = heading("What was believed of a device's radio, and what was true", about)
     return arranged(panels, how="concat", columns=3, spacing=24, title=title)
 
@@ -145,7 +145,7 @@ def _belief(
 
 
 def plan_errors(run: FlightData) -> list[Chart]:
-    """Planned and true PER of every update, where the truth is another than the channel."""
+    """Chart of true over planned PER of each update; none where the channel is the truth."""
     if run.config.get("radio", {}).get("truth", "channel") == "channel" or not run.uplinks:
         return []
     late = (LATE,) if any(uplink.outcome == LATE for uplink in run.uplinks) else ()

@@ -1,4 +1,4 @@
-"""Renders descriptions: as picture files, and as parts of a page that needs nothing else."""
+"""Rendering of Vega-Lite charts: to picture files, and to parts of a self-contained page."""
 
 import base64
 import json
@@ -30,9 +30,9 @@ _VERSION = ".".join(SCHEMA_VERSION.removeprefix("v").split(".")[:2])
 def stacked(
     charts: Sequence[Chart], *, title: str, about: str, one_key: bool = False, together: int = 1
 ) -> Chart:
-    """Charts under each other, as one picture; each with keys of its own, or all with one.
+    """Stack charts vertically as one picture, with a legend each or, `one_key`, one for all.
 
-    So many that belong `together` come into columns where the picture would be too tall otherwise.
+    Groups of `together` charts are laid out in columns if the picture were too tall otherwise.
     """
     own = () if one_key else ("color", "strokeDash", "stroke", "fillOpacity")
     columns = _columns(charts, together) if together > 1 else 1
@@ -57,7 +57,7 @@ def _columns(charts: Sequence[Chart], together: int) -> int:
 
 
 def save(picture: Chart, target: Path) -> None:
-    """Write a picture of the kind that the file's name says; the same one gives the same bytes.
+    """Write a picture as PNG, SVG or PDF, by the file's suffix; output is deterministic.
 
     Raises:
         InputError: it cannot be written, or it is no kind of picture.
@@ -92,11 +92,9 @@ def save_all(
 def card(chart: Chart, *, is_map: bool = False) -> dict[str, object]:
     """A chart for a page: `title` and `note` are the page's to write, `spec` is Vega-Lite.
 
-    Its data are columns, which is shorter; the page makes rows of them.
-
-    It is as wide as its place; a map keeps its shape (`aspect`, height by width).
-    The wheel zooms with the shift key, so that the page scrolls; a drag moves, a double click
-    resets.
+    Its data are columns, which is shorter; the page makes rows of them. It is as wide as its
+    place; a map keeps its shape (`aspect`, height by width). The wheel zooms with the shift key,
+    so that the page scrolls; a drag moves, a double click resets.
     """
     spec = {**chart, "layer": _zoomed(chart["layer"], ["x", "y"] if is_map else ["x"])}
     title = spec.pop("title")
@@ -114,7 +112,7 @@ def card(chart: Chart, *, is_map: bool = False) -> dict[str, object]:
 
 
 def _zoomed(layers: Sequence[Chart], channels: Sequence[str]) -> list[Chart]:
-    """The layers, the first of which with numbers on its horizontal axis zooms."""
+    """Return the layers, and have the first with a quantitative horizontal axis zoom."""
     select = {"type": "interval", "encodings": channels, "zoom": "wheel![event.shiftKey]"}
     zoom = {"params": [{"name": "zoom", "select": select, "bind": "scales"}]}
     kinds = [layer.get("encoding", {}).get("x", {}).get("type") for layer in layers]
@@ -138,14 +136,14 @@ _begun: list[Popen[str]] = []  # the engine that makes the libraries; none or on
 
 
 def begin_libraries() -> None:
-    """Let `libraries` be made while other things are done: it takes two seconds."""
+    """Start making `libraries` in the background, which takes two seconds."""
     ended = not _begun or _begun[0].poll() is not None  # by Ctrl-C, in a notebook that goes on
     if ended and not libraries.cache_info().currsize:
         _begun[:] = [engine(_LIBRARIES)]
 
 
 def engine(first: tuple[str, str] = _ANYTHING) -> Popen[str]:
-    """Start `engine.py`. It does a `first` job, slow whatever it is, before it is told others."""
+    """Start a process of `engine.py` on its `first` job (kind, text), always the slowest one."""
     command = [sys.executable, "-P", str(_ENGINE), _VERSION, *first]
     return Popen(command, stdin=PIPE, stdout=PIPE, stderr=PIPE, text=True)
 
@@ -156,7 +154,7 @@ def _drawn(jobs: Sequence[tuple[str, str]], started: Popen[str] | None = None) -
 
 
 def _results(started: Popen[str], jobs: Sequence[tuple[str, str]]) -> list[bytes]:
-    """What an engine made of its first job and of these, after which it has ended."""
+    """Return an engine's results of its first job and of these, after which it has ended."""
     with started:
         output, errors = started.communicate("".join(json.dumps(job) + "\n" for job in jobs))
     if started.returncode:

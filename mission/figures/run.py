@@ -27,7 +27,7 @@ _KINDS: tuple[tuple[str, str, Callable[[Comparison], float]], ...] = (
 
 def draw_run(folder: Path) -> tuple[Path, ...]:
     """Draw a run's pictures into `folder/figures`: `map.png`, `rounds.png`, `learning.png`, and
-    `belief.png` where plans believed what was not true by place.
+    `belief.png` where the log has maps of believed and of true PER.
 
     Of a plan file's flight they are `map.png` and `profile.png`. A picture for which there are no
     data (nothing flown, no round finished) is left out. Returns the files that were written.

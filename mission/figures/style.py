@@ -86,7 +86,7 @@ def arranged(
 
 
 def heading(title: str, about: str | Sequence[str] = "") -> Chart:
-    """A picture's title over what it shows: run, strategy, seed."""
+    """Title of a picture, with a subtitle `about` what it shows: run, strategy, seed."""
     return {"text": title, "subtitle": about or [], "fontSize": 15, "offset": 12}
 
 

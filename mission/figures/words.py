@@ -1,4 +1,4 @@
-"""Words beside marks of a map, placed so that they cover neither each other nor what is drawn."""
+"""Label placement on maps: words beside marks that cover neither each other nor what is drawn."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -22,7 +22,7 @@ _ORDER, _LINE, _DOT, _WORD, _OUTSIDE = 0.6, 2.0, 3.0, 0.5, 20.0  # what covering
 
 @dataclass(frozen=True)
 class Word:
-    """What is written beside a place of the map, in a round; 0: in all."""
+    """A label at a place of the map, shown in one round (0: in all)."""
 
     text: str
     at_m: tuple[float, ...]  # x and y
@@ -32,7 +32,7 @@ class Word:
 
 @dataclass(frozen=True)
 class Look:
-    """How far from the middle of their marks words stand, and how they look."""
+    """Style of labels: distance from the middle of their marks, font size, colour."""
 
     gap_px: float = 11.0
     font_px: float = 9.5
@@ -54,7 +54,7 @@ class Drawn:
 def gathered(
     places: Sequence[tuple[Floats, int]], within_m: float
 ) -> list[tuple[Floats, list[int]]]:
-    """Numbered places, those together that lie close to the first of them."""
+    """Cluster numbered places (2,): those nearer than `within_m` to the first of a cluster."""
     found: list[tuple[Floats, list[int]]] = []
     for at_m, number in places:
         near = (numbers for other, numbers in found if np.linalg.norm(other - at_m) < within_m)
@@ -68,7 +68,7 @@ def gathered(
 def words(
     frame: MapFrame, each: Sequence[tuple[Look, Sequence[Word]]], drawn: Drawn
 ) -> list[alt.Chart]:
-    """The words, of which the first choose their places first."""
+    """Place labels greedily, in the order given; return their layers, all halos below texts."""
     dots = np.column_stack((frame.pixels(drawn.dots[:, :2]), drawn.dots[:, 2]))
     lines: dict[int, list[Floats]] = {}
     for number, points in drawn.lines:

@@ -1,1 +1,1 @@
-"""Flights as a run orders them: what is flown, by whom, and what was recorded of it."""
+"""Flights: plans as missions, the vehicles that fly them, recorded tracks, other programs' logs."""

@@ -10,7 +10,7 @@ from sitl.errors import LinkError, SitlInputError
 
 @contextmanager
 def of_settings() -> Iterator[None]:
-    """While a vehicle is made: InputError where one of its settings is refused."""
+    """Context manager around the making of a vehicle: refused settings raise InputError."""
     try:
         yield
     except (SitlInputError, FlightInputError) as error:
@@ -19,7 +19,7 @@ def of_settings() -> Iterator[None]:
 
 @contextmanager
 def of_a_vehicle() -> Iterator[None]:
-    """While a vehicle flies.
+    """Context manager around a vehicle's flight: translates errors of its links and physics.
 
     Raises:
         LinkLostError: a link cannot be opened or used.

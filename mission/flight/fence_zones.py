@@ -1,4 +1,4 @@
-"""The autopilot's fence as it lies on the ground, for the log and the maps."""
+"""Geofences: from the airspace to MAVLink fence items, and from those to zones for log and maps."""
 
 import math
 from collections.abc import Iterable, Sequence
@@ -25,7 +25,8 @@ Place = tuple[float, float]  # latitude, longitude in degrees
 def fence_items(
     rings: Iterable[tuple[bool, Sequence[Place]]], circles: Iterable[tuple[bool, float, Place]] = ()
 ) -> tuple[MissionItem, ...]:
-    """A fence as it is uploaded: whether to stay inside, and corners, or radius and centre."""
+    """Return a fence's mission items: rings are (keep in, corners in degrees), circles (keep in,
+    radius in metres, centre)."""
     drawn = [(_RINGS[inside], float(len(ring)), place) for inside, ring in rings for place in ring]
     drawn += [(_CIRCLES[inside], radius_m, centre) for inside, radius_m, centre in circles]
     return tuple(
@@ -38,7 +39,7 @@ def fence_items(
 
 
 def airspace_rings(area: Area) -> list[tuple[bool, list[Place]]]:
-    """The fence of an area's airspace on the globe; nothing where it is open."""
+    """Return the airspace's zones as (keep in, corners in latitude and longitude); none if open."""
     return [
         (zone.keep_in, [(p.lat_deg, p.lon_deg) for p in on_globe(area, zone.outline_m, 0.0)])
         for zone in airspace_zones(area)
@@ -46,7 +47,7 @@ def airspace_rings(area: Area) -> list[tuple[bool, list[Place]]]:
 
 
 def airspace_zones(area: Area) -> tuple[Zone, ...]:
-    """The areas and the fence of an area's airspace, for the log and the maps."""
+    """Return the polygons of an area's airspace: no-fly areas, and the fence if it has one."""
     space = area.airspace
     zones = [Zone(ring, keep_in=False) for ring in space.keep_out]
     return (*zones, *(() if space.keep_in is None else (Zone(space.keep_in, keep_in=True),)))
@@ -72,7 +73,7 @@ def fence_of(items: Sequence[MissionItem], parameters: Parameters, area: Area) -
 
 
 def drawn(items: Sequence[MissionItem], area: Area) -> tuple[Zone, ...]:
-    """The areas of a fence's items, whoever keeps to it.
+    """Return the zones that fence items describe, with circles as polygons.
 
     Raises:
         SitlInputError: the items make no fence.

@@ -19,7 +19,7 @@ _CLIMB_RADIUS_M = 1.0  # of the altitude, where autopilots take the acceptance r
 
 @dataclass(frozen=True)
 class Demand:
-    """What a flight asks of the vehicle."""
+    """What flights ask of the vehicle: speed, height, distance from home, acceptance radius."""
 
     speed_mps: float
     altitude_m: float  # above home
@@ -55,7 +55,7 @@ class FlightPlan:
         return self.is_part and len(self.stops) == 1
 
     def foreseen(self, performance: Performance) -> Foreseen:
-        """How the flight goes in time, and the energy that it takes."""
+        """Predict arrival times (s), duration (s) and energy (J) of the flight."""
         holds_s = [stop.hold_s for stop in self.stops]
         return performance.foresee(self.points_m, holds_s, self.acceptance_m)
 
@@ -84,7 +84,7 @@ class FlightPlan:
 def flight_of_round(
     problem: RoundProblem, plan: RoundPlan, *, hold_s: float, mission: MissionConfig
 ) -> FlightPlan:
-    """The flight of a round's plan, with corners as wide as the plan bears.
+    """Return the flight of a round's plan, with the widest acceptance radius that the plan allows.
 
     `hold_s` as in `stops_of`; speed and the widest acceptance radius are the mission's.
     """
@@ -110,7 +110,7 @@ def direct_flight(
 
 
 def climb(at_m: Floats, altitude_m: float, *, mission: MissionConfig) -> FlightPlan:
-    """Straight up or down above a point (2,), serving nobody."""
+    """Return a vertical climb or descent to `altitude_m` above a point (2,), serving nobody."""
     return FlightPlan(
         (Stop(at_m, (), hold_s=_SETTLE_S),), altitude_m, mission.speed_mps, _CLIMB_RADIUS_M
     )

@@ -11,8 +11,8 @@ from sitl.links import Link, network_link
 def station_links(
     link: LinkConfig, urls: Mapping[str, int] | Sequence[str] | None = None
 ) -> list[Link]:
-    """A link for each of `urls` (default: those of `link.gcs`), signed where there is a key; from
-    a port of its own where that is given (not 0).
+    """Return a link for each of `urls` (default: those of `link.gcs`), signed if there is a key.
+    A mapping gives each URL its local port, 0 for any.
 
     Raises:
         InputError: the key cannot be read.

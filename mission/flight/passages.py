@@ -1,6 +1,6 @@
-"""When a vehicle passed its stops, by the track that it believes in.
+"""Times at which a vehicle passed its stops, from its estimated track.
 
-It aims at its stops by its own estimate; where that is the truth as well, so are the instants.
+It steers by its own estimate; where that is the truth as well, so are the instants.
 """
 
 from collections import Counter
@@ -22,7 +22,7 @@ def passages(
     reported_ns: Sequence[int | None],
     hovers: Sequence[bool],
 ) -> tuple[Passage, ...]:
-    """When each stop (S, 3) was passed: closest approach in the track.
+    """Return the passage of each stop (S, 3), NED in metres: closest approach in the track.
 
     A stop is looked for after the one before it and until the vehicle reported the next one, so
     that a track that crosses itself is not mistaken; a hover was reached when it began. Reports
@@ -42,14 +42,14 @@ def passages(
 def reported_in_turn(
     reported_ns: Mapping[int, Sequence[int]], items: Sequence[int]
 ) -> list[int | None]:
-    """The report of each visit to mission `items`; None where some of that item were lost."""
+    """Return the report (ns) of each visit in `items`; None for an item that has lost reports."""
     visits = Counter(items)
     each = {item: iter(told) for item, told in reported_ns.items() if len(told) == visits[item]}
     return [next(each.get(item, iter(())), None) for item in items]
 
 
 def _closest(flight: Flight, stop: Floats, after_ns: int, until_ns: int, *, hovers: bool) -> int:
-    """The instant in a window at which the track, straight between samples, is closest."""
+    """Return the time (ns) of closest approach to a stop in a window, or of reaching its hover."""
     inside = (flight.t_ns > after_ns) & (flight.t_ns < until_ns)
     instants = np.concatenate(([after_ns], flight.t_ns[inside], [until_ns]))
     points = np.array([flight.at(int(t_ns)).est_ned_m for t_ns in instants]) - stop

@@ -1,7 +1,7 @@
-"""QGroundControl's plan document, as far as it is flown.
+"""Schema of QGroundControl's plan document, as far as it is flown.
 
-Format: QGroundControl developer guide, "Plan File Format". What a structure scan comes to is not in
-the file; it is made here as QGroundControl makes it.
+Format: QGroundControl developer guide, "Plan File Format". The items of a structure scan are not in
+the file; they are made here as QGroundControl makes them.
 """
 
 # ruff: noqa: N815  the names are QGroundControl's
@@ -36,7 +36,7 @@ class SimpleItem(_Part):
     doJumpId: int | None = None
 
     def flown(self) -> Sequence["SimpleItem"]:
-        """The item itself."""
+        """Return the item itself, as the only one to fly."""
         return (self,)
 
 
@@ -52,7 +52,7 @@ class _Transect(_Part):
     TransectStyleComplexItem: _Transects
 
     def flown(self) -> Sequence[SimpleItem]:
-        """The items that fly it, which the file has."""
+        """Return the mission items of the scan, which the file contains."""
         return self.TransectStyleComplexItem.Items
 
 
@@ -63,7 +63,7 @@ class _Camera(_Part):
 
 
 class _StructureScan(_Part):
-    """Layers round a building."""
+    """A structure scan: layers of waypoints around a building."""
 
     type: Literal["ComplexItem"]
     complexItemType: Literal["StructureScan"]
@@ -78,9 +78,8 @@ class _StructureScan(_Part):
     polygon: Annotated[list[_Place], Field(min_length=3)]
 
     def flown(self) -> Sequence[SimpleItem]:
-        """The items that fly it, which the file does not have: QGroundControl makes them as it
-        uploads. Every layer begins and ends at the first corner, with the camera at work.
-        """
+        """Generate the scan's mission items, as QGroundControl does at upload: the file has none.
+        Every layer begins and ends at the first corner, with the camera at work."""
         camera, ring = self.CameraCalc, self._ring()
         first = _waypoint(ring[0], self.EntranceAltitude)
         offset = _command(mav.MAV_CMD_DO_SET_ROI_WPNEXT_OFFSET, 0, 0, 0, 0, self.GimbalPitch, 0, 90)
@@ -96,7 +95,7 @@ class _StructureScan(_Part):
         return [*items, _command(mav.MAV_CMD_DO_SET_ROI_NONE), first]
 
     def _ring(self) -> list[_Place]:
-        """The corners, each moved outwards by the distance to the surface."""
+        """Return the corners of the polygon, its edges moved out by the distance to the surface."""
         frame = LocalFrame(GeodeticPoint(*self.polygon[0], 0.0))
         corners = np.array([frame.to_ned(*place, 0.0)[:2] for place in self.polygon])
         edges = np.roll(corners, -1, axis=0) - corners
@@ -124,7 +123,7 @@ class _LandingPattern(_Part):
         )
 
     def flown(self) -> Sequence[SimpleItem]:
-        """Nothing."""
+        """Return no items: validation refuses landing patterns."""
         return ()
 
 
@@ -156,7 +155,7 @@ class _Circle(_Part):
 
 
 class Fence(_Part):
-    """What to stay inside or outside of."""
+    """A geofence: polygons and circles to stay inside or outside of."""
 
     polygons: list[_Polygon] = []
     circles: list[_Circle] = []
@@ -167,7 +166,7 @@ class _Rally(_Part):
 
 
 class Document(_Part):
-    """The whole file."""
+    """A whole plan file: mission, geofence and rally points."""
 
     fileType: Literal["Plan"]
     mission: _Mission

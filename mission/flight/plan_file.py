@@ -151,7 +151,7 @@ def _counted_without_home(row: Sequence[float]) -> Sequence[float]:
 
 
 def _row(path: Path, number: int, line: str) -> Sequence[float]:
-    """Twelve columns: index, current, frame, command, seven parameters, autocontinue."""
+    """Parse twelve columns: index, current, frame, command, seven parameters, autocontinue."""
     try:
         row = [float(cell) for cell in line.split()]
     except ValueError:
@@ -171,10 +171,10 @@ def checked_home(
     *,
     name: str = "planned home",
 ) -> GeodeticPoint:
-    """The home that a plan file gives, called `name` there; without an altitude it is NaN.
+    """Return the home of a plan file (called `name` in errors); its altitude is NaN if not given.
 
     Raises:
-        InputError: nobody flies there.
+        InputError: latitude, longitude or altitude is out of range.
     """
     no_height = math.isnan(alt_msl_m)
     if not (

@@ -1,7 +1,7 @@
-"""What the items of a plan file mean as a path, or why they may not be flown.
+"""The path that the items of a plan file describe, and checks whether it may be flown.
 
-What the autopilot would refuse is refused by the autopilot's own rules, and so is what it would
-take but what has no business in an unattended flight.
+Refused is what the autopilot would refuse, by its own rules, and what it would accept but is not
+fit for an unattended flight.
 """
 
 import itertools
@@ -57,7 +57,7 @@ _KINDS = {
 
 @dataclass(frozen=True)
 class PlannedPath:
-    """What the items mean: from the ground at home to the last place, and home or down."""
+    """Path of a plan file from the ground at home to the last place, with its return or landing."""
 
     points_ned_m: Floats  # (P, 3); the first is home
     places: tuple[tuple[int, Floats], ...]  # items in the order in which they are flown, (3,) each
@@ -72,7 +72,7 @@ def nowhere(item: MissionItem) -> bool:
 
 
 def placed(items: Sequence[MissionItem], home: GeodeticPoint) -> tuple[MissionItem, ...]:
-    """Mission items with places for take-offs and landings that have none: where they happen."""
+    """Return the items; take-offs and landings without a place get the one where they happen."""
     lat_deg, lon_deg = home.lat_deg, home.lon_deg
     found_items = []
     for item in items:
@@ -154,7 +154,7 @@ def planned_path(
 
 
 def _wrong(item: MissionItem, *, first: bool, last: bool) -> str:
-    """Why an item has no business in an unattended flight; empty if it has."""
+    """Return why an item is not fit for an unattended flight; empty if it is."""
     if item.command not in ALLOWED:
         moves = sorted(map(bare_name, ALLOWED - ABSENT.keys()))
         return f"not supported; allowed are {', '.join(moves)}, and items of camera and payload"

@@ -24,7 +24,7 @@ class Passage:
 
 @dataclass(frozen=True)
 class Flight:
-    """One stretch of flight, from order to end."""
+    """Record of one stretch of flight: true and believed track, passages of stops, battery."""
 
     t_ns: Ints  # (T,)
     true_ned_m: Floats  # (T, 3)
@@ -41,7 +41,7 @@ class Flight:
 
     @classmethod
     def joined(cls, flights: Sequence["Flight"]) -> "Flight":
-        """One flight of parts that follow each other, without the passages of their stops."""
+        """Join consecutive flights into one without passages; a single one is returned as it is."""
         first, *others = flights
         if not others:
             return first

@@ -1,4 +1,4 @@
-"""The flight log: an MCAP file that every reader of the format opens, and the way back from it.
+"""The flight log, an MCAP file: writing, reading, verification, recovery, export, live view.
 
 `writer` records a run, `reader` gives it back as values, `contents` saves what a
 killed run had flushed, `live` serves the same topics to Foxglove while the run goes on.
@@ -17,7 +17,7 @@ class LogError(InputError):
 
 
 class ForeignLogError(LogError):
-    """Not an MCAP file, or one that another program wrote."""
+    """The file is not an MCAP file, or not a flight log that this version can decode."""
 
 
 class DamagedLogError(LogError):

@@ -1,7 +1,7 @@
-"""A log file, verified, its messages not yet decoded; and what is sound in a damaged one.
+"""Reading and verifying MCAP files without decoding their messages, and recovery of damaged ones.
 
 A killed writer leaves whole chunks and no index: everything that was flushed is in whole chunks.
-What is read ends where a record is broken; only a chunk whose content was altered is left out.
+Reading ends at a broken record, but goes on after a chunk whose content was altered.
 """
 
 import io
@@ -59,7 +59,7 @@ class Loss:
 
 @dataclass
 class Contents:
-    """What is sound in a log, in the order of the file."""
+    """The sound records of an MCAP file, in file order, and its damaged stretches (`losses`)."""
 
     path: Path
     batches: list[Batch] = field(default_factory=list)  # the messages of each chunk, and the rest
@@ -69,7 +69,7 @@ class Contents:
 
     @cached_property
     def messages(self) -> dict[str, list[Message]]:
-        """The messages by topic."""
+        """The messages, not decoded, by topic name; in file order."""
         found: dict[str, list[Message]] = defaultdict(list)
         for batch in self.batches:
             for message in batch if isinstance(batch, list) else ():
@@ -78,20 +78,20 @@ class Contents:
 
     @cached_property
     def metadata(self) -> dict[str, dict[str, str]]:
-        """The sets of strings by name."""
+        """The MCAP Metadata records by name: each maps strings to strings."""
         return {item.name: item.metadata for item in self.batches if isinstance(item, Metadata)}
 
     @cached_property
     def attachments(self) -> dict[str, bytes]:
-        """The files in it by name."""
+        """The contents of the attached files by file name."""
         return {item.name: item.data for item in self.batches if isinstance(item, Attachment)}
 
     @property
     def area(self) -> Area:
-        """The area that the log is about.
+        """The flight area, from the `aerofed` metadata.
 
         Raises:
-            ForeignLogError: the metadata that our writer puts first is missing.
+            ForeignLogError: that metadata is missing, incomplete, or of another format version.
         """
         ours = self.metadata.get("aerofed")
         if ours is None:
@@ -109,12 +109,12 @@ class Contents:
             raise ForeignLogError(self.path, f"`aerofed` metadata without {error}") from None
 
     def schema(self, topic: str) -> Schema:
-        """The schema of a topic that has messages."""
+        """Return the MCAP schema of a topic; KeyError if the topic has no messages."""
         channel = self.channels[self.messages[topic][0].channel_id]
         return self.schemas[channel.schema_id]
 
     def decoded(self, topic: Topic) -> Iterator[tuple[int, Any]]:
-        """(t_ns, message) in order of time; JSON as dicts, protobuf as messages.
+        """Yield (t_ns, message) of a topic in time order: JSON as dicts, protobuf as messages.
 
         Raises:
             ForeignLogError: a message does not decode, or the topic has another schema.
@@ -207,7 +207,7 @@ def _read_chunk(chunk: Chunk, found: Contents, otherwise: Loss) -> None:
 
 
 def _take(record: McapRecord, found: Contents) -> None:
-    """Keep a record; declarations stand in a chunk, and again at the end of the file."""
+    """Store a record; schemas and channels, repeated at the end of the file, only once."""
     if isinstance(record, Channel):
         found.channels.setdefault(record.id, record)
     elif isinstance(record, Schema):
@@ -217,7 +217,7 @@ def _take(record: McapRecord, found: Contents) -> None:
 
 
 def _verify(stream: io.BytesIO, found: Contents, stored: int, otherwise: Loss) -> None:
-    """Compare a checksum with that of its bytes, where no broken chunk explains a difference."""
+    """Append the loss `otherwise` if its bytes fail their CRC and no earlier loss explains it."""
     here = stream.tell()
     stream.seek(otherwise.start)
     actual = zlib.crc32(stream.read(otherwise.end - otherwise.start))
@@ -227,7 +227,7 @@ def _verify(stream: io.BytesIO, found: Contents, stored: int, otherwise: Loss) -
 
 
 def _drop_undeclared(found: Contents) -> None:
-    """Without messages of channels that nothing describes: the chunk that did was lost."""
+    """Drop messages whose channel record was lost with its chunk, and append a loss for them."""
     dropped = 0
     for number, batch in enumerate(found.batches):
         if isinstance(batch, list):
@@ -240,7 +240,7 @@ def _drop_undeclared(found: Contents) -> None:
 
 @dataclass(frozen=True)
 class Recovery:
-    """What was saved into `target`, and what was not."""
+    """Result of `recover`: what was saved into `target`, and the stretches that were lost."""
 
     target: Path
     messages: int
@@ -283,7 +283,7 @@ def recover(source: Path, target: Path) -> Recovery:
 
 
 def _rewritten(saved: Contents) -> bytes:
-    """The contents as a file, a chunk for each that there was."""
+    """Return the contents as a new, indexed MCAP file, with one chunk for each of the source."""
     stream = io.BytesIO()
     writer = Writer(stream, chunk_size=_CHUNK_BYTES, enable_data_crcs=True)
     writer.start(library=f"aerofed {LIBRARY_IDENTIFIER}")

@@ -1,4 +1,4 @@
-"""What the control believed and ordered, as messages at its own rate and back: a fixed layout.
+"""Encoding and decoding of `/control`, the estimates and setpoints of the control: a fixed layout.
 
 A message is `ControlTrack`'s fields of one instant, each a packed list of single-precision numbers,
 so that all messages of a flight are rows of equal length, made and read many at once.
@@ -47,7 +47,7 @@ _GRID = 2.0**13  # far below what any sensor tells apart; the zeroed bits compre
 
 
 def schema() -> bytes:
-    """Of a message, as protobuf's FileDescriptorSet."""
+    """Return the schema of a `/control` message as a serialized protobuf FileDescriptorSet."""
     field = FieldDescriptorProto(label="LABEL_REPEATED", type="TYPE_FLOAT")
     message = DescriptorProto(name=NAME.split(".")[1])
     for number, name in enumerate(_AXES, 1):
@@ -76,7 +76,7 @@ def messages(area: Area, rows: Floats) -> Iterator[tuple[int, bytes]]:
 
 
 def track(t_ns: Ints, found: Sequence[bytes]) -> ControlTrack:
-    """The inverse.
+    """Decode `/control` messages, `found`, of the times `t_ns` (n,).
 
     Raises:
         ValueError: a message is of another layout.

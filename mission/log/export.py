@@ -1,4 +1,4 @@
-"""A log for other programs: as CSV or Parquet tables, as KML 2.2 (OGC 07-147r2), its files."""
+"""Export of a log: CSV or Parquet tables, KML 2.2 (OGC 07-147r2), GeoJSON, its attachments."""
 
 import itertools
 import math
@@ -95,8 +95,9 @@ def tables(data: FlightData) -> Tables:
 
 
 def export_tables(path: Path, folder: Path, form: Literal["csv", "parquet"]) -> tuple[Path, ...]:
-    """Write every table with a row to `folder`, as CSV or as Parquet (zstd); returns the files.
+    """Write the tables to `folder`, as CSV or as Parquet (zstd), and return the files.
 
+    `track`, `devices`, `battery` and `wind` are always written, other tables only with a row.
     In CSV a text that a spreadsheet would compute gets an apostrophe in front.
 
     Raises:
@@ -143,7 +144,7 @@ def _write_all(folder: Path, files: Mapping[str, bytes]) -> tuple[Path, ...]:
 
 
 def csv_table(table: Mapping[str, Column]) -> bytes:
-    """A table as CSV."""
+    """Return a table as CSV; text that a spreadsheet would compute gets an apostrophe in front."""
     rows = zip(*map(_harmless, table.values()), strict=True)
     return csv_lines([table, *rows]).encode()
 
@@ -217,7 +218,7 @@ def _harmless(column: Column) -> Iterable[object]:
 
 
 def export_kml(path: Path, target: Path) -> Path:
-    """Write devices, planned and flown paths as KML, heights above sea level.
+    """Write devices, fence, planned and flown paths as KML, with heights above sea level.
 
     Raises:
         LogError: the log cannot be read. InputError: the file exists or cannot be written.

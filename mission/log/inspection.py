@@ -15,7 +15,7 @@ _SHOWN = 5  # differences or findings of one kind that are spelled out
 
 @dataclass(frozen=True, slots=True)
 class TopicInfo:
-    """One topic of a log."""
+    """Name, schema, message count and time range (simulated seconds) of one topic."""
 
     name: str
     schema: str
@@ -32,7 +32,7 @@ class TopicInfo:
 
 @dataclass(frozen=True)
 class LogInfo:
-    """What is in a log."""
+    """Summary of a log: size, time range (simulated seconds), topics, metadata and attachments."""
 
     path: Path
     size_bytes: int
@@ -84,7 +84,7 @@ def info(path: Path) -> LogInfo:
 
 
 def check(path: Path) -> tuple[str, ...]:
-    """Verify a log beyond its checksums: its numbering. Returns what is wrong.
+    """Verify checksums and message numbering; return a line for each topic with gaps or disorder.
 
     Raises:
         LogError: it cannot be read, is no log of ours, or is damaged.

@@ -1,4 +1,4 @@
-"""The same topics as the file, over a Foxglove WebSocket while the run goes on.
+"""Live view: the log's topics over a Foxglove WebSocket while the run goes on.
 
 Any page in the user's browser may open a WebSocket to 127.0.0.1, and all that tells it from the
 viewer is the Origin that the browser sends. Foxglove's server does not look at it, so `OriginProxy`
@@ -90,7 +90,7 @@ class LiveView:
             channel.log(data, log_time=t_ns)
 
     def flush(self) -> None:
-        """Nothing: messages are sent as they are written."""
+        """Do nothing: messages are sent as they are written."""
 
     def close(self) -> None:
         """Stop serving. Closing twice is fine."""
@@ -99,15 +99,15 @@ class LiveView:
 
 
 def _hidden_address() -> str:
-    """One of this machine's own addresses; Linux has sixteen million, others one."""
+    """Return a loopback address: a random one of 127.0.0.0/8 on Linux, else 127.0.0.1."""
     parts = (secrets.randbelow(254) + 1 for _ in range(3))
     return "127.{}.{}.{}".format(*parts) if sys.platform == "linux" else "127.0.0.1"
 
 
 @contextmanager
 def live_views(console: RunConsole) -> Iterator[tuple[LiveView, ...]]:
-    """The view that the console asked for, told to it, while the block runs; none where it asked
-    for none.
+    """Serve the live view that the console asks for while the block runs, and announce its URL.
+    Yields () if the console asks for none.
 
     Raises:
         LinkLostError: see `LiveView`.
@@ -129,7 +129,7 @@ class _Latched(ServerListener):  # type: ignore[misc]  # foxglove is skipped by 
         self._lock = threading.Lock()  # callbacks come from the server's thread
 
     def keep(self, name: str, t_ns: int, data: bytes) -> None:
-        """Keep a message in place of those of an earlier instant; a round has some at one."""
+        """Store a latched topic's newest message; those of the same instant are kept together."""
         with self._lock:
             before = self._sent.get(name, [])
             self._sent[name] = [item for item in before if item[0] == t_ns] + [(t_ns, data)]
@@ -143,7 +143,7 @@ class _Latched(ServerListener):  # type: ignore[misc]  # foxglove is skipped by 
 
 
 def admitted(head: bytes) -> bool:
-    """Whether the head of an HTTP request comes from where a viewer may be."""
+    """Return whether the head of an HTTP request has an admitted Origin, or none (no browser)."""
     lines = head.decode("latin-1").split("\r\n")[1:]
     fields = [line.partition(":") for line in lines]
     named = [value.strip() for name, _, value in fields if name.strip().lower() == "origin"]
@@ -157,7 +157,7 @@ def admitted(head: bytes) -> bool:
 
 
 class OriginProxy:
-    """Listens at an address, and passes on to another whoever is admitted; in a thread."""
+    """TCP proxy, in a thread, that forwards clients with an admitted Origin to `upstream`."""
 
     def __init__(self, host: str, port: int, *, upstream: tuple[str, int]) -> None:
         """Start; port 0 takes a free one.
@@ -183,7 +183,7 @@ class OriginProxy:
         self._thread.start()
 
     def close(self) -> None:
-        """Stop; whoever is there is sent away. Closing twice is fine."""
+        """Stop, and disconnect all clients. Closing twice is fine."""
         if self._loop.is_closed():
             return
         asyncio.run_coroutine_threadsafe(self._stop(), self._loop).result()

@@ -1,4 +1,4 @@
-"""Our values as log messages: the one place where NED becomes the east-north-up of the viewers.
+"""Encoding of values as log messages. NED becomes the viewers' east-north-up here and in `control`.
 
 Numbers of high-rate topics are rounded to a binary grid far below any sensor's noise (positions
 1 mm, velocities 1 mm/s, quaternions 1.5e-5, degrees 7e-9, points of paths 8 mm), which halves
@@ -101,7 +101,7 @@ def pose(stamp: fox.Timestamp, where: Place) -> bytes:
 
 
 def success_grid(t_ns: int, grid: PerGrid) -> bytes:
-    """Grid of the success of each device's packets, a byte a place and device."""
+    """Foxglove Grid of each device's packet success probability, one byte each: 255 for 1."""
     every = math.ceil(max(grid.success.shape[1:]) / GRID_PLACES)
     shares = np.moveaxis(np.rint(255.0 * grid.success[:, ::every, ::every]), 0, -1)
     _, columns, devices = shares.shape
@@ -182,7 +182,7 @@ def geojson(features: Sequence[Mapping[str, object]]) -> str:
 
 
 def log_line(t_ns: int, text: str, *, severity: int, source: str) -> bytes:
-    """Log with the level of a MAV_SEVERITY."""
+    """Foxglove Log message of the level that matches a MAV_SEVERITY."""
     return encoded(
         fox.Log, timestamp=timestamp(t_ns), level=_LEVELS[severity], message=text, name=source
     )
@@ -225,7 +225,7 @@ def record(item: object) -> bytes:
 
 
 def to_bytes(values: Mapping[str, object]) -> bytes:
-    """JSON with numbers in their shortest exact form, and NaN as null."""
+    """Encode values as JSON: numbers in their shortest exact form, NaN and infinity as null."""
     try:
         text = _ENCODER.encode(values)
     except ValueError:  # a NaN or an infinity, which few records have

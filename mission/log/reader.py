@@ -42,7 +42,7 @@ from mission.log.values import (
 
 
 def read_log(path: Path) -> FlightData:
-    """Everything that a log of ours holds.
+    """Read and decode a whole flight log.
 
     Raises:
         LogError: it cannot be read, is not a log of ours, or is damaged.
@@ -51,7 +51,7 @@ def read_log(path: Path) -> FlightData:
 
 
 def decode(contents: Contents) -> FlightData:
-    """A log's contents as values.
+    """Decode the contents of a log into values.
 
     Raises:
         LogError: it is not a log of ours.
@@ -104,7 +104,7 @@ def _track(contents: Contents, topic: Topic) -> Track:
 
 
 def vectors(rows: Iterable[tuple[int, Any]]) -> tuple[Ints, Floats]:
-    """Times (n,), and what has an x, a y and a z, (n, 3)."""
+    """Return times (n,) and vectors (n, 3) of rows of t_ns and an item that has x, y and z."""
     found = [(t_ns, (item.x, item.y, item.z)) for t_ns, item in rows]
     xyz = np.array([xyz for _, xyz in found], dtype=np.float64).reshape(-1, 3)
     return np.array([t_ns for t_ns, _ in found], dtype=np.int64), xyz
@@ -136,7 +136,7 @@ def _fence(contents: Contents) -> tuple[Zone, ...]:
 
 
 def _plans(contents: Contents) -> tuple[PlanRecord, ...]:
-    """The plan of each round, as it became: the last one, where its rest was planned anew."""
+    """Return the last plan of each round: a round may be planned anew while it is flown."""
     plans = [_plan(t, row) for t, row in contents.decoded(topics.PLAN)]
     return tuple({plan.round: plan for plan in plans}.values())
 
@@ -150,8 +150,7 @@ def _plan(t_ns: int, row: dict[str, Any]) -> PlanRecord:
 
 
 def _uplinks(contents: Contents) -> tuple[UplinkRecord, ...]:
-    """By round and step, as they were written: slots that were never reached have no instant of
-    their own, so time does not order them."""
+    """Return uplinks sorted by round, step, device; slots that were never reached have no time."""
     rows = [row for _, row in contents.decoded(topics.UPLINKS)]
     rows.sort(key=lambda row: (row["round"], row["step"], row["device"]))
     return tuple(

@@ -27,8 +27,7 @@ def _nan_for_none(value: float | None) -> float:
 
 @dataclass(frozen=True)
 class Kind:
-    """How a value is written as JSON (NaN becomes null), and read back, where its type does not
-    tell."""
+    """JSON schema of a field, and how its value is converted to JSON and back."""
 
     schema: Mapping[str, object]  # JSON schema
     write: Callable[[Any], object] = _as_it_is
@@ -36,7 +35,7 @@ class Kind:
 
 
 def _array(schema: Mapping[str, object], *shape: int, dtype: type = np.float64) -> Kind:
-    """A numpy array as a list."""
+    """Return the Kind of a numpy array that JSON holds as a list, reshaped when it is read."""
     return Kind(
         schema, np.ndarray.tolist, lambda value: np.array(value, dtype=dtype).reshape(shape)
     )
@@ -77,7 +76,7 @@ ByCommunity: TypeAlias = Annotated[dict[str, float], BY_COMMUNITY]
 
 
 def described(record: type) -> Iterator[tuple[str, Kind, str]]:
-    """Name, kind and words of each field of a record that the log holds: those that have words."""
+    """Yield name, kind and description of each field that has a description: those in the log."""
     for column in columns(record):
         words = column.find(str)
         if words is not None:
@@ -85,12 +84,12 @@ def described(record: type) -> Iterator[tuple[str, Kind, str]]:
 
 
 def as_json(record: Any) -> dict[str, object]:
-    """A record as the log holds it."""
+    """Convert a record to the JSON object that the log holds, one key a described field."""
     return {name: kind.write(getattr(record, name)) for name, kind, _ in described(type(record))}
 
 
 def from_json(record: type[Record], row: Mapping[str, Any], **beside: object) -> Record:
-    """The inverse of `as_json`; `beside`: the fields that the row does not hold, or not whole.
+    """Build a record from its JSON object; `beside` gives fields that are not in it, or not whole.
 
     Raises:
         KeyError, TypeError, ValueError: the row is of another kind.
@@ -190,12 +189,12 @@ class DeviceRecord:
 
 
 def is_by_community(column: Column) -> bool:
-    """Whether a column of a record becomes one a community in a table."""
+    """Return whether a column of a record becomes one table column for each community."""
     return get_origin(column.holds) is dict
 
 
 def flat(record: object) -> dict[str, Any]:
-    """A record's values by column of its table."""
+    """Convert a record to a table row by column name; a field by community becomes more columns."""
     row: dict[str, Any] = {}
     for column in columns(type(record)):
         value = getattr(record, column.name)

@@ -44,7 +44,7 @@ def ground(t_ns: int, area: Area, fence: Sequence[Zone]) -> bytes:
 
 
 def _zone(t_ns: int, name: str, zone: Zone) -> object:
-    """A loop on the ground, and what it is at its first corner."""
+    """Scene entity of a fence zone: its outline on the ground, and a label at its first corner."""
     corners = zone.outline_m.tolist()
     x, y = corners[0]
     return _entity(
@@ -110,7 +110,7 @@ def devices(t_ns: int, world: Devices, importance: Floats) -> bytes:
 
 
 def _sizes_m(importance: Floats) -> list[float]:
-    """Diameters of the devices; the areas of their discs grow with importance."""
+    """Return the devices' diameters (m), which grow with the square root of importance."""
     largest = float(importance.max(initial=0.0))
     small, large = _DEVICE_SIZE_M
     shares = (float(item) / largest if largest > 0 else 0.0 for item in importance)
@@ -162,7 +162,7 @@ def plan_map(area: Area, world: Devices, fence: Sequence[Zone], plan: PlanRecord
 
 
 def _ring(area: Area, corners_m: Floats) -> list[tuple[float, float]]:
-    """Corners (n, 2) in degrees, the first again at the end."""
+    """Return the closed ring of corners (n, 2), in area metres, as longitude and latitude."""
     around = _lonlat(area, corners_m, 0.0)
     return [*around, around[0]]
 

@@ -12,7 +12,7 @@ from mission.log.topics import TOPICS, Topic
 
 
 class Sink(Protocol):
-    """Takes messages in the order in which they happen."""
+    """Receiver of encoded messages, such as a file or live viewers."""
 
     def write(self, topic: Topic, t_ns: int, data: bytes) -> None: ...
 
@@ -22,9 +22,9 @@ class Sink(Protocol):
 
 
 def channels(context: foxglove.Context) -> dict[str, Any]:
-    """A channel for each topic of a flight log, by its name.
+    """Create a Foxglove channel for each topic of a flight log; returns them by topic name.
 
-    Not by the library's constructor: it keeps every channel that was ever made, 55 KB for a log.
+    The library's constructor is not used: it keeps every channel ever made, 55 KB for a log.
     """
     return {
         topic.name: context._create_channel(
@@ -65,7 +65,7 @@ class McapSink:
         self._writer.write_metadata(name, dict(values))
 
     def attach(self, t_ns: int, name: str, media_type: str, data: bytes) -> None:
-        """Write a file into the file (an MCAP Attachment record)."""
+        """Add a file to the log (an MCAP Attachment record)."""
         self._writer.attach(
             log_time=t_ns, create_time=0, name=name, media_type=media_type, data=data
         )

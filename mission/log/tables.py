@@ -30,7 +30,7 @@ _WIDER: Mapping[type, type] = {UplinkRecord: TimedUplinkRecord}
 
 
 class TableError(InputError):
-    """What is in a file is not such a table."""
+    """The file is not a valid table of these records."""
 
 
 class Table(Generic[Record]):
@@ -45,7 +45,7 @@ class Table(Generic[Record]):
     ) -> None:
         """Start the table, replacing a file that is there.
 
-        `communities`: those that the records have numbers of.
+        `communities`: names, for the columns of fields by community.
 
         Raises:
             InputError: the file cannot be written.
@@ -81,10 +81,11 @@ class Table(Generic[Record]):
 
 
 def read_table(path: Path, record: type[Record]) -> tuple[Record, ...]:
-    """The records of a table, equal to those that were written; also of a kind of `record`.
+    """Read a table's records, equal to those written; of the wider record if the header is its.
 
     Raises:
-        TableError: no such file, other columns, or a value that is not what its column holds.
+        InputError: the file cannot be read.
+        TableError: other columns, or a value that is not what its column holds.
     """
     header, rows = _read(path)
     communities = [c.removeprefix("accuracy_") for c in header if c.startswith("accuracy_")]
@@ -119,7 +120,7 @@ def _cells(record: type, communities: Sequence[str]) -> list[_Cell]:
 def _values(
     path: Path, record: type, cells: Sequence[_Cell], line: int, row: Sequence[str]
 ) -> dict[str, Any]:
-    """The fields of a record, by the texts of its row."""
+    """Parse the cells of a row into the fields of a record."""
     values: dict[str, Any] = {c.name: {} for c in columns(record) if is_by_community(c)}
     for cell, text in zip(cells, row, strict=True):
         parse, allowed = _KINDS[cell.kind]

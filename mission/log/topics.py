@@ -34,7 +34,7 @@ BODY_FRAME = "base_link"  # x forward, y left, z up
 
 @dataclass(frozen=True, slots=True, eq=False)  # each is one of a kind
 class Topic:
-    """One channel of the log."""
+    """One topic of the log: its channel's name, schema, encoding and description."""
 
     name: str
     schema_name: str
@@ -52,9 +52,9 @@ def _foxglove(name: str, message: Any, description: str, *, latched: bool = Fals
 
 
 def _json(name: str, title: str, record: type, *, latched: bool = False) -> Topic:
-    """A topic of records. Lichtblick and Foxglove Studio refuse one whose `properties` are more
-    than plain values and lists of them; what patterns say they leave alone, and plot all the same.
-    """
+    """Return a topic of JSON records. Fields that are more than plain values or lists of them go to
+    `patternProperties`: Lichtblick and Foxglove Studio refuse them in `properties`, but plot them
+    all the same."""
     description = " ".join((record.__doc__ or "").split()).removesuffix(".")
     properties = {
         key: {**kind.schema, "description": text} for key, kind, text in described(record)
@@ -80,7 +80,7 @@ def _is_plain(field: Mapping[str, Any]) -> bool:
 
 
 def fields(schema: bytes) -> dict[str, dict[str, Any]]:
-    """What one of our JSON schemas says of each field, in the order in which they are written."""
+    """Return the property schema of each field of one of our JSON schemas, in writing order."""
     told = json.loads(schema)
     named = told["properties"] | {
         pattern.strip("^$"): value for pattern, value in told["patternProperties"].items()

@@ -1,6 +1,6 @@
 """What a flight log holds, as values: area coordinates (x east, y north, height above home).
 
-A field with words stands in the log's records, one without (its time) beside them.
+A field with a description is part of the log's record; one without (its time) is not.
 """
 
 import json
@@ -69,7 +69,7 @@ class Devices:
 
 @dataclass(frozen=True)
 class Zone:
-    """An area of the fence: to be kept to, or to be kept out of."""
+    """A polygon of the geofence, to stay inside of (`keep_in`) or outside of."""
 
     outline_m: Floats  # (n, 2) corners in area coordinates; the last joins the first
     keep_in: bool
@@ -88,7 +88,7 @@ class FenceRecord:
 
 @dataclass(frozen=True)
 class Track:
-    """Where the aircraft was, or believed to be."""
+    """Trajectory of the aircraft, true or believed: times and positions."""
 
     t_ns: Ints  # (n,)
     pos_m: Floats  # (n, 3) x east, y north, height above home
@@ -99,7 +99,7 @@ class Track:
         return Track(self.t_ns[first:last], self.pos_m[first:last])
 
     def at(self, t_ns: Ints) -> "Track":
-        """The positions at other instants, straight between samples."""
+        """Return the positions at the times `t_ns`, interpolated linearly between samples."""
         return Track(t_ns, polyline.at(t_ns, self.t_ns, self.pos_m))
 
 
@@ -167,7 +167,7 @@ class PlanRecord:
 
 @dataclass(frozen=True)
 class PlannedPlaces:
-    """Where the missions lead that a flight was matched with, and how far it came."""
+    """Places of the mission items that a flight was compared with, and the items reached."""
 
     source: str  # what the missions were read from
     places_m: Mapping[int, Floats]  # (3,) where an item leads, by its number
@@ -234,7 +234,7 @@ class BatteryTrack:
     remaining: Annotated[Floats, _A_ROW, "0..1 of the capacity"]
 
     def energy_j(self, start_ns: int, end_ns: int) -> float:
-        """What it gave between two instants; NaN where nobody knows."""
+        """Return the energy (J) drawn between two instants; NaN where it is not known."""
         during = (self.t_ns >= start_ns) & (self.t_ns <= end_ns)
         charge_as = np.diff(self.consumed_mah[during]) * 3.6
         current_as = np.diff(self.t_ns[during]) / NS_PER_S * self.current_a[during][1:]
@@ -300,7 +300,7 @@ SENSORS = {
 
 @dataclass(frozen=True)
 class InnovationTrack:
-    """One of the estimator's sensors over time, against what the estimator expected of it."""
+    """Innovations of one of the estimator's sensors over time, and whether they were accepted."""
 
     t_ns: Ints  # (n,) the instants that the filter was at
     values: Floats  # (n, axes) measured less predicted, in the sensor's unit
@@ -341,7 +341,7 @@ class SetpointRecord:
 
 @dataclass(frozen=True)
 class Modes:
-    """The flight modes, each from its instant on."""
+    """Flight modes over time: each is in force from its time to that of the next."""
 
     t_ns: Ints  # (n,)
     names: tuple[str, ...]
@@ -349,7 +349,7 @@ class Modes:
 
 @dataclass(frozen=True)
 class Source:
-    """What a log is, and what was left out of it."""
+    """Kind of a log, its clock, which positions it has if only one kind, and what was skipped."""
 
     kind: str  # of the file
     clock: str  # what its times count from

@@ -38,7 +38,7 @@ RATES_HZ = {
 
 
 class Every:
-    """True once a period of simulated time, on a fixed grid so that rates do not drift."""
+    """Rate limiter in simulated time, on a fixed grid so that rates do not drift."""
 
     __slots__ = ("_next_ns", "_period_ns")
 
@@ -84,7 +84,7 @@ class VehicleTopics:
         self._write(topics.EVENTS, event.t_ns, messages.record(record))
 
     def begin_path(self) -> None:
-        """A flown path begins: a round's, or the way home after it."""
+        """Start a new flown path: that of a round, or of the way home after it."""
         self._path_m: list[XYZ] = []
         self._path_due = 1  # points at which it is written next
 
@@ -95,11 +95,11 @@ class VehicleTopics:
             self._write(topics.FLOWN_PATH, t_ns, path)
 
     def sample(self, sample: VehicleSample) -> None:
-        """Take one sample; it is there after `write_samples`."""
+        """Queue one sample for `write_samples`."""
         self._samples.append(sample)
 
     def write_samples(self) -> None:
-        """Write those that were taken: many at once, as one by one costs twice as much."""
+        """Write the queued samples: many at once, as one by one costs twice as much."""
         samples, self._samples = self._samples, []
         for sample in samples:
             self._write_sample(sample)
@@ -107,14 +107,14 @@ class VehicleTopics:
                 self._control.append(sample.control)
 
     def write_all(self) -> None:
-        """Write the samples, then what the control has told, which goes by many rows at once."""
+        """Write the queued samples, then their control rows in one batch."""
         self.write_samples()
         rows, self._control = self._control, []
         for t_ns, data in control.messages(self._area, np.concatenate(rows)) if rows else ():
             self._write(topics.CONTROL, t_ns, data)
 
     def _write_sample(self, sample: VehicleSample) -> None:
-        """Those of its messages whose time has come by their rates."""
+        """Write those messages of a sample that are due by their rates."""
         write, t_ns, truth, belief = self._write, sample.t_ns, sample.truth, sample.belief
         stamp, where = messages.timestamp(t_ns), messages.place(self._area, truth)
         if self._due["tf"].now(t_ns):

@@ -136,11 +136,11 @@ class FlightLog:
         )
 
     def radio_true(self, grid: PerGrid) -> None:
-        """Write with what success packets come through, which the belief is to be held against."""
+        """Write the true packet success by place, with which the believed one is compared."""
         self._write(topics.RADIO_TRUE, self._now_ns, messages.success_grid(self._now_ns, grid))
 
     def plan_record(self, written: PlanRecord) -> None:
-        """Write a plan at the instant at which its flight starts, or goes on by it."""
+        """Write a plan at the instant at which its flight starts, or switches to it."""
         t_ns = self._now_ns = written.t_ns
         self._write(topics.PLAN, t_ns, messages.record(written))
         stamp = messages.timestamp(t_ns)
@@ -191,7 +191,7 @@ class FlightLog:
             self._write(topics.LEARNING, t_ns, messages.record(learnt))
 
     def mission(self, record: MissionRecord) -> None:
-        """Write a list that the vehicle took."""
+        """Write a mission, fence or rally list that the vehicle accepted."""
         self._write(topics.MISSION, record.t_ns, messages.record(record))
 
     def setpoint(self, record: SetpointRecord) -> None:
@@ -210,7 +210,7 @@ class FlightLog:
         self._mcap.flush()
 
     def metadata(self, name: str, values: Mapping[str, str]) -> None:
-        """Add a named set of strings to the log. Nothing of the wall clock, please."""
+        """Add a named set of strings to the log; none may depend on the wall clock."""
         self._flush()
         self._mcap.metadata(name, values)
         self._mcap.flush()
@@ -229,7 +229,7 @@ class FlightLog:
         self.close()
 
     def _write(self, topic: Topic, t_ns: int, data: bytes) -> None:
-        """After the samples that came before it."""
+        """Write a message after the queued samples, which come before it."""
         self._vehicle.write_samples()
         self._send(topic, t_ns, data)
 
@@ -244,9 +244,9 @@ class FlightLog:
             sink.flush()
 
     def _write_world(self, t_ns: int) -> None:
-        """Ground, devices and fence, at the start and with every plan.
+        """Write ground, devices and fence, at the start and again with every plan.
 
-        No damage takes them away, and viewers that drop what comes at the very start have them.
+        So no damage loses them, and viewers that drop the very first messages have them.
         """
         self._write(topics.SCENE_GROUND, t_ns, scene.ground(t_ns, self._area, self._fence))
         self._write(topics.DEVICES, t_ns, messages.record(self._devices))

@@ -43,7 +43,7 @@ SAMPLED = 9  # altitudes that a planner without a bound is asked at
 
 @dataclass(frozen=True)
 class CertifiedAltitudes:
-    """The planner with a certificate, for all altitudes within the limits at once."""
+    """Certified planner that also optimises the altitude, with a bound over all that are open."""
 
     inner: CertifiedPlanner
     searches: int = MOST_SEARCHES  # times as many nodes as `inner` are looked into in all
@@ -91,7 +91,7 @@ class SampledAltitudes:
 
 @dataclass
 class _Part:
-    """The altitudes from one to another, and what no path from any of them is worth more than."""
+    """An interval of altitudes with an upper bound on the value of its plans."""
 
     ends_m: tuple[float, float]
     bound: float
@@ -99,7 +99,7 @@ class _Part:
 
 @dataclass
 class _Proof:
-    """Bounds of all altitudes, lowered part by part, and the best plan met with on the way."""
+    """Branch and bound over intervals of altitude, with the best plan found so far (incumbent)."""
 
     problem: RoundProblem
     goal: Goal
@@ -128,7 +128,7 @@ class _Proof:
         return self.best.value / (1.0 - self.goal.gap)
 
     def lower(self) -> float:
-        """The bound of all altitudes, as low as goal and nodes allow."""
+        """Return the upper bound over all altitudes, lowered until goal or nodes are reached."""
         while True:
             worst = max(self._parts, key=lambda part: part.bound)
             if (
@@ -169,7 +169,7 @@ class _Proof:
         return lowered
 
     def _cases(self, ends_m: tuple[float, float]) -> list[Case]:
-        """The problem at either end of a part, with f raised on the way to the other."""
+        """Return search inputs at both ends of an interval, f raised towards the other end."""
         return [
             case_of(self.problem.at(altitude_m), towards_m=(other_m,))
             for altitude_m, other_m in (ends_m, ends_m[::-1])

@@ -53,8 +53,8 @@ UNSEARCHED = f"with over {MOST_DEVICES} devices and {SOME_STEPS} steps nothing i
 class CertifiedPlanner:
     """Greedy insertions and Newton ascent, then branch and bound to a relative gap.
 
-    The gap is honest at any size: where the nodes run out it is what has been proven until then,
-    and with many steps and more than 40 devices worth something it is what they promise one by one.
+    The bound is valid at any size: where the nodes run out it is what has been proven until then,
+    and with many steps and more than 40 devices of importance the sum of their own best rewards.
 
     Args:
         gap: (bound - value) / bound that is enough.
@@ -84,8 +84,8 @@ class CertifiedPlanner:
         return replace(bounded(problem, made, found.bound, found.nodes), ended=found.ended)
 
     def _on_grid(self, problem: RoundProblem, found: Found) -> RoundPlan:
-        """Where devices are is not where they are heard, and what they earn has many summits: no
-        order of visits is searched, and the bound is what each of them promises by itself."""
+        """Plan on a PER grid, whose reward has many local maxima: improve several paths by random
+        changes, without a search; the bound is the sum of the devices' own best rewards."""
         ways = [problem.start_m + share * found.way for share in _SHARES]
         assert problem.per_grid is not None
         ways += [
@@ -99,11 +99,11 @@ class CertifiedPlanner:
 
 
 class ExploringPlanner:
-    """The best of explored paths, for any number of devices; no bound is proven.
+    """Heuristic planner for any number of devices: insertion, then ruin and recreate; no bound.
 
     Args:
         starts: devices that first paths are built towards.
-        tries: how often the best of them are cut and mended; by default more for more devices.
+        tries: ruin-and-recreate steps on the best of them; by default more for more devices.
     """
 
     def __init__(self, *, starts: int = STARTS, tries: int | None = None) -> None:
@@ -126,8 +126,8 @@ class ExploringPlanner:
 
 
 def in_usual_size(planner: Planner, problem: RoundProblem) -> RoundPlan | None:
-    """The plan made in units of a power of 2, which rounds nothing; None where importance is of a
-    usual size."""
+    """Plan with importance scaled by a power of 2, which rounds nothing; None where its size is
+    usual, so that no scaling is needed."""
     exponent = int(np.frexp(problem.importance.max(initial=0.0))[1])
     if abs(exponent) <= USUAL_EXPONENT:
         return None
@@ -146,7 +146,7 @@ class Goal:
     max_nodes: int
 
     def effort(self, plan: Found, max_nodes: int) -> Effort | None:
-        """What a part of it may look into until that many nodes; None: it need not begin."""
+        """Return the effort left for a search up to `max_nodes` in all; None: it need not begin."""
         left = min(max_nodes, self.max_nodes) - plan.nodes
         if left <= 0 or not plan.value > 0.0 or plan.gap <= self.gap:
             return None
@@ -155,38 +155,38 @@ class Goal:
 
 @dataclass(frozen=True)
 class Case:
-    """A problem in which there is something to move for, as it is searched."""
+    """Input of a search: devices and limits of a problem, and the tables of its dual bound."""
 
     devices: Devices
     limits: PathLimits
     relaxation: Relaxation
 
     def explored(self, attempts: int | None = None) -> Found:
-        """A plan that no bound has helped to find, by so many changes."""
+        """Plan heuristically, with `attempts` ruin-and-recreate steps (None: by device count)."""
         attempts = attempts or tries(len(self.devices.delta))
         first = explore(self.devices, self.limits, starts=STARTS, tries=attempts)
         return Found(*first, self._promised)
 
     def along(self, way: Floats) -> Found:
-        """The plan along a path (N, 2)."""
+        """Return the plan along a path (N, 2) with its best assignment of devices to steps."""
         value, assigned = match(self.devices, self.limits, way)
         return Found(value, way, assigned, self._promised)
 
     @property
     def _promised(self) -> float:
-        """A first bound: what the best N K_bar devices promise, each by itself."""
+        """First upper bound: sum of the N K_bar largest rewards that devices reach on their own."""
         places = self.limits.steps * self.limits.per_step
         return float(np.sort(self.relaxation.promise[:, 0])[::-1][:places].sum())
 
 
 def case_of(problem: RoundProblem, *, towards_m: Altitudes = ()) -> Case:
-    """The problem, with what is earned raised on the way to other altitudes (`reward_table`)."""
+    """Return the search input of a problem, f raised towards other altitudes (`reward_table`)."""
     devices, limits = instance(problem, towards_m=towards_m)
     return Case(devices, limits, relax(problem, devices, towards_m=towards_m))
 
 
 def search(case: Case, found: Found, goal: Goal) -> Found:
-    """A plan that is improved, and its bound lowered, until the goal is reached."""
+    """Improve a plan and lower its bound by branch and bound, until goal or nodes end it."""
     devices, limits = case.devices, case.limits
     count = len(devices.delta)
     scarce = limits.steps * limits.per_step < count
@@ -208,12 +208,12 @@ def search(case: Case, found: Found, goal: Goal) -> Found:
 
 
 def tries(devices: int) -> int:
-    """How often the first plan is cut and mended: more for many devices, up to a limit."""
+    """Return how many ruin-and-recreate steps a first plan gets: more for more devices, capped."""
     return min(MIN_TRIES + devices, MAX_TRIES)
 
 
 def instance(problem: RoundProblem, *, towards_m: Altitudes = ()) -> tuple[Devices, PathLimits]:
-    """Devices relative to the start, without those worth nothing, and what a plan may use.
+    """Return the devices of importance, relative to the start, and the limits of a path.
 
     `towards_m` as in `reward_table`.
     """
@@ -242,8 +242,8 @@ def relax(problem: RoundProblem, devices: Devices, *, towards_m: Altitudes = ())
 
 
 def reach_of(problem: RoundProblem) -> int:
-    """Whole metres of distance that tables need: no device that is worth something is ever further
-    away than from the start, plus the budget."""
+    """Return the metres of distance that tables must cover: from the start to the farthest device
+    of importance, plus the budget, rounded up to a multiple of `REACH_STEP_M`."""
     worth = problem.importance > 0.0
     far = np.hypot(*(problem.devices_m[worth] - problem.start_m).T)
     return REACH_STEP_M * (int(far.max() + problem.path_budget_m) // REACH_STEP_M + 1)

@@ -53,7 +53,7 @@ def objective(problem: RoundProblem, waypoints_m: Floats, schedule: Bools) -> fl
 
 
 def in_time(problem: RoundProblem, plan: RoundPlan, *, hold_s: float = 0.0) -> Bools:
-    """(N, K) which devices have an update to send as each step begins."""
+    """(N, K) whether each device has an update to send at each step's earliest begin."""
     if problem.ready_in_s is None:
         return np.ones(plan.schedule.shape, dtype=np.bool_)
     begin_s = problem.judged_with(hold_s=hold_s).judged(plan.as_flown).begins_s
@@ -95,12 +95,12 @@ def finish(
     nodes: int = 0,
     hold_s: float = 0.0,
 ) -> RoundPlan:
-    """The plan along the given waypoints with its optimal schedule and true objective, and from
-    the best altitude, where it has a choice (`best_altitude`).
+    """Return the plan along given waypoints, with its optimal schedule and true objective, at the
+    best altitude it finds where `problem.altitudes_m` leaves a choice.
 
-    Where not everywhere may be flown, waypoints are moved out of where they may not be, and the
-    path leads around; what the budget does not pay for of that is left out. `hold_s` is the hover
-    at every stop (`stops_of`), in which devices get ready.
+    Among areas, waypoints are moved to where may be flown and the path leads around; what exceeds
+    the budget is cut off. `hold_s` is the hover in seconds at every stop (`stops_of`), in which
+    devices get ready.
 
     Raises:
         PlanInputError: the waypoints are no array (steps, 2) of finite numbers, begin elsewhere
@@ -114,7 +114,7 @@ def finish(
 
 
 def plan_along(problem: RoundProblem, waypoints_m: Floats, *, hold_s: float = 0.0) -> RoundPlan:
-    """What `finish` gives for finite waypoints, also where it refuses them."""
+    """Return the plan of `finish` along waypoints (N, 2), without its checks of the path."""
     if problem.altitudes_m is None:
         return scheduled(problem, waypoints_m, hold_s=hold_s)
     # As many altitudes over all of them, then about the best one, ever nearer to it.
@@ -141,7 +141,7 @@ def _check_finite(name: str, values: Floats) -> None:
 
 
 def _check_path(problem: RoundProblem, waypoints_m: Floats) -> None:
-    """Refuse waypoints of which `finish` makes no feasible plan."""
+    """Refuse waypoints away from the start or, in open airspace, a path beyond its budget."""
     away_m = float(np.hypot(*(waypoints_m[0] - problem.start_m)))
     if away_m > LENGTH_TOLERANCE_M:
         raise PlanInputError(
@@ -158,7 +158,7 @@ def _check_path(problem: RoundProblem, waypoints_m: Floats) -> None:
 
 
 def bounded(problem: RoundProblem, plan: RoundPlan, bound: float, nodes: int) -> RoundPlan:
-    """The plan with a bound, which it may exceed by as much as the tables are inexact.
+    """Return the plan with `bound` as upper bound, raised to its value within the tables' error.
 
     Raises:
         BoundError: it exceeds the bound by more.
@@ -169,9 +169,9 @@ def bounded(problem: RoundProblem, plan: RoundPlan, bound: float, nodes: int) ->
 
 
 def scheduled(problem: RoundProblem, waypoints_m: Floats, *, hold_s: float = 0.0) -> RoundPlan:
-    """The plan along waypoints, at one altitude, with the best schedule; where devices have to get
-    ready, with one that waits for nobody but by hovers. Among areas it ends where the budget
-    does."""
+    """Return the plan along waypoints (N, 2) at the channel's altitude, with the best schedule.
+
+    No device is waited for except by hovers. Among areas the path is cut where the budget ends."""
     round_ = problem.judged_with(hold_s=hold_s) if hold_s else problem.as_judged
     metres = math.inf if problem.airspace.is_open else problem.path_budget_m
     found = round_.fitted(waypoints_m, metres, above=-math.inf, limited=False)
@@ -180,7 +180,7 @@ def scheduled(problem: RoundProblem, waypoints_m: Floats, *, hold_s: float = 0.0
 
 
 def planned(problem: RoundProblem, flown: Flown) -> RoundPlan:
-    """The plan that C has made."""
+    """Convert a plan of the C library to a `RoundPlan`; makes its arrays read-only."""
     route, at, schedule, value = flown
     for array in (route, schedule):
         array.flags.writeable = False
@@ -191,10 +191,10 @@ def planned(problem: RoundProblem, flown: Flown) -> RoundPlan:
 
 
 def plan_without_moving(problem: RoundProblem) -> RoundPlan | None:
-    """The optimal plan where there is nothing to move for, else None; see `check_problem`.
+    """Return the optimal plan of a problem in which moving gains nothing, else None.
 
-    One step, no path budget, no device, or no importance: all steps are served from the start,
-    and the plan is its own bound.
+    That is one step, no path budget, no device, or no importance: all steps are served from the
+    start. The plan is its own bound, unless the altitude is open. Raises as `check_problem`.
     """
     check_problem(problem)
     if (
@@ -211,9 +211,10 @@ def plan_without_moving(problem: RoundProblem) -> RoundPlan | None:
 
 
 def success_bounds(problem: RoundProblem, far_m: Floats) -> Floats:
-    """(H, K) for parts of the altitudes that are open: what 1 - q_bar at `far_m` (K,) is at most.
+    """(H, K) upper bounds on success 1 - q_bar at distances `far_m` (K,) in metres.
 
-    Between samples it lies above their chord by |f''| h^2 / 8 at most; twice that for safety.
+    Each row is for a part of the open altitudes: between samples f lies above their chord by
+    |f''| h^2 / 8 at most, twice that for safety. With a PER grid it is the best in reach.
     """
     if problem.per_grid is not None:  # from wherever a path leads
         return problem.per_grid.best_within(problem.start_m, problem.path_budget_m)[None]
@@ -226,7 +227,7 @@ def success_bounds(problem: RoundProblem, far_m: Floats) -> Floats:
 
 
 def _bound_at_rest(problem: RoundProblem) -> float:
-    """What serving from the start is worth at most, whatever the altitude."""
+    """Return an upper bound on the value of serving from the start, at any open altitude."""
     far_m = np.hypot(*(problem.devices_m - problem.start_m).T)
     most = success_bounds(problem, far_m) * problem.importance
     places = problem.steps * problem.per_step
@@ -290,7 +291,7 @@ def check_problem(problem: RoundProblem) -> None:
 
 
 def _check_types(problem: RoundProblem) -> None:
-    """Of what is no array; a notebook checks no types."""
+    """Refuse a problem whose fields other than arrays have wrong types."""
     if not isinstance(problem, RoundProblem):
         raise PlanInputError(
             f"problem = {shown(problem)}: must be a RoundProblem, such as first_problem() gives"

@@ -1,4 +1,4 @@
-"""From the configuration's `kind` to a planner."""
+"""Factory of planners: the one that the configuration's `kind` names."""
 
 from mission.base.errors import PlanError
 from mission.base.user_code import OwnCode
@@ -15,12 +15,12 @@ _FEW_NODES, _SEARCHES = 500, 10  # where a proof of many altitudes would take lo
 
 
 def make_planner(config: PlannerConfig) -> Planner:
-    """The planner of that kind, which keeps to where may be flown and to a round's limits.
+    """Return the planner of `config.kind`, wrapped to keep to airspace and a round's limits.
 
     CVXPY and OSQP are imported here, by the planners that use them.
 
     Raises:
-        UsersCodeError: one's own that cannot be imported or is no planner.
+        UsersCodeError: a planner of the user's own cannot be imported or is none.
     """
     if config.kind != "certified":
         planner = SampledAltitudes(_of_kind(config))
@@ -52,7 +52,7 @@ class CustomPlanner(OwnCode):
     members = ("plan",)
 
     def plan(self, problem: RoundProblem) -> RoundPlan:
-        """The plan that the researcher's planner makes.
+        """Plan one round with the researcher's planner, and check the plan.
 
         Raises:
             PlanError: the plan breaks a constraint, or claims a value that it has not.

@@ -53,7 +53,7 @@ else:
 
 
 class FlightEntry(Table):
-    """How fast is flown, which decides what a path takes of seconds and joules."""
+    """Flight performance for predictions of time and energy: speed, corners, wind, air density."""
 
     speed_mps: float = Field(20.0, strict=True, ge=1, le=30)
     acceptance_radius_m: float = Field(5.0, strict=True, ge=0.5, le=50)
@@ -63,7 +63,7 @@ class FlightEntry(Table):
 
 
 class ProblemEntry(Table):
-    """One problem of the file. Metres, seconds, joules."""
+    """One planning problem of a problem file, in metres, seconds and joules."""
 
     id: Annotated[str, Field(min_length=1, max_length=200)] | Annotated[int, Field(strict=True)]
     devices: tuple[Point, ...]
@@ -136,7 +136,7 @@ def read_problems(path: Path) -> tuple[NamedProblem, ...]:
 
 
 def problems_of(data: Sequence[object], source: str) -> tuple[NamedProblem, ...]:
-    """The problems of entries as a problem file has them; messages say where they come from.
+    """Parse problem entries, objects as in a problem file; `source` names them in messages.
 
     Raises:
         PlanInputError: as in `read_problems`.
@@ -177,7 +177,7 @@ def plans_as_json(plans: Sequence[NamedPlan]) -> dict[str, object]:
 
 
 def _entries(source: str, data: Sequence[object]) -> list[ProblemEntry]:
-    """The file's entries, each of them right; a line for every wrong key of every entry."""
+    """Validate entries; PlanInputError has a line for each wrong key, `MOST_SHOWN` at most."""
     entries: list[ProblemEntry] = []
     wrong: list[str] = []
     for index, values in enumerate(data):

@@ -13,10 +13,10 @@ from mission.planner.problem import RoundPlan, RoundProblem
 
 
 def serving_fewer(problem: RoundProblem, plan: RoundPlan, *, hold_s: float = 0.0) -> RoundPlan:
-    """The plan without the devices whose sending takes it beyond the limits, least worth a second
-    first; it may still not fit, if the path alone does not.
+    """Drop scheduled devices, least reward per second of upload first, until the plan keeps to its
+    limits; it may still not fit, if the path alone does not.
 
-    `hold_s` is the hover at every stop (`stops_of`).
+    `hold_s` is the hover in seconds at every stop (`stops_of`).
     """
     if problem.limits is None or problem.upload_s is None:
         return plan
@@ -27,11 +27,11 @@ def serving_fewer(problem: RoundProblem, plan: RoundPlan, *, hold_s: float = 0.0
 def fitted(
     problem: RoundProblem, waypoints_m: Floats, *, above: float = -np.inf
 ) -> RoundPlan | None:
-    """The plan along waypoints as far as its limits allow; None where it is worth no more than
-    `above`, or where a few cuts do not find how far it may go.
+    """Return the plan along waypoints (N, 2), shortened to keep to the limits; None where it is
+    worth no more than `above`, or where a few cuts find no length that fits.
 
-    Where everywhere may be flown, a path that is too long is shrunk about its start. Among areas
-    its end is cut off. It is flown at the best altitude of the path without limits.
+    In open airspace a path that is too long is shrunk about its start. Among areas its end is cut
+    off. An open altitude is the best one of the path without limits.
     """
     if problem.altitudes_m is not None:
         within = (
@@ -49,9 +49,9 @@ def fitted(
 def varied(
     problem: RoundProblem, plan: RoundPlan, changes: int, *, tolerance: float = 0.0, seed: int = 0
 ) -> RoundPlan:
-    """The best plan that so many changes at random lead to: a waypoint moved, put near a device, or
-    elsewhere in the order; a stretch reversed. Those are kept that make the present plan worth
-    more, or less by a share of `tolerance`, which falls to nothing."""
+    """Improve a plan by local search (threshold accepting) with `changes` random moves: shift a
+    waypoint, put it near a device or elsewhere in the order, reverse a stretch. A move may lose up
+    to a share `tolerance` of the value, which falls to 0 in the end."""
     problem, limited = problem.at(plan.altitude_m), problem.limits is not None
     found = problem.as_judged.varied(
         plan.as_flown, problem.most_m, changes, tolerance=tolerance, seed=seed, limited=limited
@@ -60,7 +60,7 @@ def varied(
 
 
 def standing(problem: RoundProblem) -> RoundPlan:
-    """The plan that stays where it starts: it fits whatever may be taken."""
+    """Return the plan that stays at the start, which any limits allow."""
     plan = fitted(problem, np.tile(problem.start_m, (problem.steps, 1)))
     assert plan is not None
     return plan

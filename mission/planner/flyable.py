@@ -1,4 +1,4 @@
-"""How sharply corners must be flown, so that what the plan promises is what the flight brings.
+"""Flights of plans: acceptance radius of the corners, and predicted time and energy.
 
 An aircraft that does not stop rounds its corners, and passes the device below one at a distance.
 Where the packet error rate rises from the first metre on, that costs more than the time it saves.
@@ -20,7 +20,7 @@ def acceptance_radius(problem: RoundProblem, plan: RoundPlan, widest_m: float) -
 
 
 def foresee_round(problem: RoundProblem, plan: RoundPlan, *, hold_s: float = 0.0) -> Foreseen:
-    """What the flight of a plan takes, in a problem with limits; `hold_s` as in `stops_of`."""
+    """Predict arrival times, duration and energy of a plan's flight; the problem needs limits."""
     assert problem.limits is not None
     performance = problem.limits.performance
     stops = stops_of(plan, hold_s=hold_s, upload_s=problem.upload_s)

@@ -1,4 +1,4 @@
-"""Plans improved by changes at random, of which many are tried (`native/variation.h`)."""
+"""Local search on plans by random changes: threshold accepting (`native/variation.h`)."""
 
 import math
 
@@ -15,8 +15,8 @@ _ALIKE = 0.003  # of the value: plans that differ by less are taken for one
 
 
 def improved(problem: RoundProblem, plans: list[RoundPlan], enough: float) -> RoundPlan:
-    """The best that can be made of plans: all improved a little, the best of those further, until
-    one is worth `enough`."""
+    """Return the best plan of a staged local search: all `plans` briefly, the best of those longer,
+    until one is worth `enough`."""
     changes, some = _changes(problem), plans
     for most, share, tolerance in _STAGES:
         if max(map(_value, some)) >= enough:
@@ -29,7 +29,7 @@ def improved(problem: RoundProblem, plans: list[RoundPlan], enough: float) -> Ro
 
 
 def _changes(problem: RoundProblem) -> int:
-    """How many are tried: less where a look at one takes longer."""
+    """Return how many random changes to try: fewer where evaluating one takes longer."""
     work, devices = 1.0, len(problem.devices_m)
     energy = problem.limits is not None and math.isfinite(problem.limits.energy_j)
     if problem.ready_in_s is not None:

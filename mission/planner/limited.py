@@ -1,9 +1,8 @@
 """Plans within limits of time and energy and around areas, by a planner that knows metres only.
 
-What is best with as many metres as the limits allow without any corner, and with nothing in the
-way, is a bound for what can be had: every flight that keeps to them is no longer. The plan is the
-best of several paths, each cut to what its own flight may take and improved by changes at random
-(`native/variation.h`).
+The bound is that of a relaxed problem: no areas, and as many metres as the limits allow without any
+corner, since no flight within them is longer. The plan is the best of several paths, each shortened
+until its own flight fits and improved by random changes (`native/variation.h`).
 """
 
 import math
@@ -32,10 +31,10 @@ _GAIN = 1e-6  # of the value: less is no improvement
 
 @dataclass(frozen=True)
 class LimitedPlanner:
-    """A planner, and what makes its plans keep to areas, time and energy.
+    """Planner that makes the plans of `inner`, which knows metres only, keep to areas and limits.
 
-    `drawing` makes the paths that are begun with: the planner itself, or one that proves nothing.
-    `brief`, which looks into few nodes, takes its place where the altitude of many devices is open.
+    `drawing` makes the initial paths: the planner itself, or one that proves nothing. `brief`,
+    which searches few nodes, replaces `inner` where the altitude is open for many devices.
     """
 
     inner: Planner
@@ -70,7 +69,7 @@ class LimitedPlanner:
         return replace(best, ended=ideal.ended or _LOOSE)
 
     def _within(self, problem: RoundProblem, ideal: RoundPlan) -> tuple[RoundPlan, float]:
-        """The best plan within limits that one without them leads to, and the bound."""
+        """Return the best plan within limits, begun from `ideal`, and its bound (NaN: none)."""
         bound = ideal.upper_bound  # NaN stays, where none is proven
         # A way out of an area leads nearer to devices than anybody is allowed to be.
         if not np.isnan(bound) and problem.airspace.allows(problem.start_m[None])[0]:
@@ -87,7 +86,7 @@ class LimitedPlanner:
         return best, bound
 
     def _paths(self, problem: RoundProblem) -> list[Floats]:
-        """Paths (N, 2) to begin with: of a planner that is given fewer metres, and grown ones."""
+        """Return initial paths (N, 2) of `drawing`, for shares of the metres and other weights."""
         free = problem.unlimited
         paths: list[Floats] = []
         for importance, shares in _weighed(problem):
@@ -101,8 +100,8 @@ class LimitedPlanner:
 
 
 def _weighed(problem: RoundProblem) -> list[tuple[Floats, Sequence[float]]]:
-    """The importance that paths are drawn by, and for which shares of the metres: less a price of
-    the seconds that each device sends for, where these are limited."""
+    """Return pairs of importance (K,) and shares of the metres to draw paths with; where time or
+    energy is limited, also importance less a price on each device's upload time."""
     if problem.limits is None or problem.upload_s is None:
         return [(problem.importance, _SHARES)]
     rates = problem.importance / np.maximum(problem.upload_s, 1e-9)
@@ -111,8 +110,8 @@ def _weighed(problem: RoundProblem) -> list[tuple[Floats, Sequence[float]]]:
 
 
 def servable(problem: RoundProblem) -> Floats:
-    """(K,) the importance, without devices that are not ready before the longest round ends, and
-    those that send for longer than a round may take."""
+    """(K,) importance, with 0 for devices that are not ready before the longest round ends or whose
+    upload alone breaks a limit of time or energy."""
     limits, served = problem.limits, np.ones(len(problem.devices_m), dtype=bool)
     if limits is not None and problem.ready_in_s is not None:
         served &= problem.ready_in_s <= problem.longest_s
@@ -123,7 +122,7 @@ def servable(problem: RoundProblem) -> Floats:
 
 
 def reach_bound(problem: RoundProblem) -> float:
-    """What the devices are worth from as near as may be flown: no plan is worth more."""
+    """Return an upper bound on plans: each device served from the nearest place that is allowed."""
     devices = problem.devices_m
     from_start = np.hypot(*(devices - problem.start_m).T)
     near_m = np.maximum(problem.airspace.away(devices), from_start - problem.path_budget_m)

@@ -1,4 +1,4 @@
-"""How the aircraft flies, as far as plans depend on it, and what a round may take at most."""
+"""Flight performance as plans depend on it, and a round's limits of time and energy."""
 
 import math
 from collections.abc import Sequence
@@ -24,7 +24,7 @@ _LONGEST_M, _ENERGY_STEP_M = 20_000.0, 0.5  # of a round's path; how finely its 
 
 @dataclass(frozen=True)
 class Foreseen:
-    """What a flight will take, before it is flown: from rest to rest, in the steady wind."""
+    """Predicted times and energy of a flight from rest to rest, in the steady wind."""
 
     arrived_s: Floats  # (S,) at each of its stops
     duration_s: float
@@ -33,7 +33,7 @@ class Foreseen:
 
 @dataclass(frozen=True)
 class Performance:
-    """How fast, how sharply and at what power is flown."""
+    """Flight performance: speed, corners, guidance limits, air density and wind."""
 
     speed_mps: float
     widest_m: float  # acceptance radius at most: less where a plan bears less
@@ -46,7 +46,7 @@ class Performance:
     __getstate__ = given_alone
 
     def foresee(self, points_m: Floats, hold_s: Sequence[float], radius_m: float) -> Foreseen:
-        """The flight through stops (S, 2) that hovers for (S,) seconds at each."""
+        """Predict a flight through stops (S, 2), hovers `hold_s` (S,), acceptance `radius_m`."""
         return Foreseen(*rounds.foresee(self._flying, points_m, hold_s, radius_m))
 
     @cached_property
@@ -54,7 +54,7 @@ class Performance:
         return self.flying()
 
     def flying(self, duration_s: float = math.inf, energy_j: float = math.inf) -> rounds.Flying:
-        """As C takes it, with what a round may take at most."""
+        """Return the C structure of performance and a round's limits of time and energy."""
         ahead = (0.0, 0.0) if self.guidance is None else (AHEAD_S, AHEAD_SHARE)
         return rounds.Flying(
             self.guidance is not None, steering_of(self.guidance or LimitsConfig()),
@@ -63,11 +63,11 @@ class Performance:
         )  # fmt: skip
 
     def foresee_hover(self, hover_s: float) -> Foreseen:
-        """A hover on the spot."""
+        """Predict a hover on the spot of `hover_s` seconds."""
         return self.foresee(np.zeros((1, 2)), [hover_s], self.widest_m)
 
     def longest_m(self, duration_s: float) -> float:
-        """Metres that no path of a duration exceeds, whatever its corners."""
+        """Return an upper bound in metres on a path flown in `duration_s`, whatever its corners."""
         if self.guidance is None:
             return duration_s * self.speed_mps
         if math.isinf(duration_s):
@@ -77,15 +77,15 @@ class Performance:
         )
 
     def least_s(self, length_m: float) -> float:
-        """Seconds that no path of a length is flown in less."""
+        """Return a lower bound in seconds on flying a path of `length_m`."""
         if self.guidance is None:
             return length_m / self.speed_mps
         least_s = least_duration(length_m, speed_mps=self.speed_mps, limits=self.guidance)
         return least_s * self.pace
 
     def farthest_m(self, energy_j: float, legs: float = math.inf) -> float:
-        """Metres that no path of an energy exceeds, of so many straights at most, whatever its
-        corners; infinity if very many."""
+        """Return an upper bound in metres on a path flown with `energy_j`, of up to `legs` straight
+        legs, whatever its corners; infinity beyond 20 km, unless there is no guidance."""
         if math.isinf(energy_j):
             return math.inf
         if self.guidance is None:
@@ -95,7 +95,7 @@ class Performance:
         return float(lengths[beyond]) if beyond < len(lengths) else math.inf
 
     def least_j(self, length_m: float, legs: float = math.inf) -> float:
-        """Joules that no path of a length takes less, of so many straights at most."""
+        """Return a lower bound in joules on a path of `length_m`, of up to `legs` straight legs."""
         if self.guidance is None:
             return self._cruise_w * length_m / self.speed_mps
         lengths, joules = self._energy_table(legs)
@@ -106,15 +106,15 @@ class Performance:
 
     @property
     def fastest_mps(self) -> float:
-        """Metres a second that no path makes more of, once under way."""
+        """Upper bound on progress along a path, in metres a second."""
         if self.guidance is None:
             return self.speed_mps
         return min(self.speed_mps, self.guidance.speed_mps) / self.pace
 
     @property
     def stop_m(self) -> tuple[float, float]:
-        """Metres that could be flown while stopping and starting anew: at least, and as many more
-        from a leg of that length on, on which the full speed is reached."""
+        """Cost of a stop, in metres at full speed: a fixed part, and one for braking and starting,
+        which is also the length of leg from which on it counts in full."""
         if self.guidance is None:
             return 0.0, 0.0
         speed_mps = self.fastest_mps * self.pace
@@ -122,7 +122,7 @@ class Performance:
         return fixed_m, speed_mps**2 / self.guidance.acceleration_mps2
 
     def cheapest_j(self, legs: float = math.inf) -> float:
-        """Joules that no metre takes less, of a path of so many straights at most."""
+        """Return a lower bound in joules on a metre of a path of up to `legs` straight legs."""
         if self.guidance is None:
             return self._cruise_w / self.speed_mps
         lengths, joules = self._energy_table(legs)
@@ -130,11 +130,11 @@ class Performance:
 
     @property
     def least_w(self) -> float:
-        """Watts that nothing flown takes less."""
+        """Lower bound on electrical power in flight, in watts."""
         return float(power_w(np.linspace(0.0, 40.0, 401), density=self.density).min()) / _ROUNDED
 
     def hover_j(self, duration_s: float) -> float:
-        """Joules of a hover."""
+        """Return the energy in joules of a hover of `duration_s` in the steady wind."""
         return self._hover_w * duration_s
 
     @cached_property
@@ -178,7 +178,7 @@ def acceptance_radii(widest_m: float) -> Floats:
 
 @dataclass(frozen=True)
 class RoundLimits:
-    """What a round may take at most, beside metres."""
+    """A round's limits of time and energy, with the performance that predicts what it takes."""
 
     performance: Performance
     duration_s: float = math.inf
@@ -188,11 +188,11 @@ class RoundLimits:
 
     @cached_property
     def flying(self) -> rounds.Flying:
-        """As C takes it."""
+        """C structure of performance and limits."""
         return self.performance.flying(self.duration_s, self.energy_j)
 
     def longest_m(self, legs: float = math.inf) -> float:
-        """Metres that no path within the limits exceeds, of so many straights at most."""
+        """Return an upper bound (m) on a path within limits, of up to `legs` straight legs."""
         farthest_m = self.performance.farthest_m(self.energy_j, legs)
         return min(self.performance.longest_m(self.duration_s), farthest_m)
 

@@ -66,24 +66,24 @@ class RoundProblem:
 
     @cached_property
     def radio(self) -> Radio:
-        """The packet error rates that plans count with."""
+        """Radio model that plans are valued with: the PER grid, else the channel's average."""
         return self.per_grid or AverageRadio(self.channel, self.devices_m)
 
     @cached_property
     def most_m(self) -> float:
-        """Metres that no path within budget and limits exceeds."""
+        """Upper bound in metres on the length of a path within budget and limits."""
         if self.limits is None:
             return self.path_budget_m
         return min(self.path_budget_m, self.limits.longest_m(self.legs))
 
     @property
     def legs(self) -> float:
-        """Straights of a path at most; infinity where ways may lead around areas."""
+        """Upper bound on a path's straight legs; infinity where it may lead around areas."""
         return self.steps - 1 if self.airspace.is_open else math.inf
 
     @property
     def longest_s(self) -> float:
-        """Seconds that no round within limits lasts longer."""
+        """Upper bound in seconds on a round's duration; needs `limits`."""
         limits, legs = self.limits, self.steps - 1
         assert limits is not None
         most_s = min(limits.duration_s, limits.energy_j / limits.performance.least_w)
@@ -100,12 +100,12 @@ class RoundProblem:
 
     @cached_property
     def as_judged(self) -> Round:
-        """The round as its plans are judged, without hovers beyond those of `upload_s`."""
+        """C view of the round that evaluates its plans, with the hovers of `upload_s` alone."""
         return self.judged_with()
 
     def judged_with(self, *, hold_s: float = 0.0, widest_m: float | None = None) -> Round:
-        """The round with a hover at every stop, and acceptance radii up to another than the
-        widest."""
+        """Return the C view of the round with a hover of `hold_s` at every stop, and acceptance
+        radii up to `widest_m` (None: that of the limits), or half of the airspace's margin."""
         limits = self.limits
         if widest_m is None:
             widest_m = 1.0 if limits is None else limits.performance.widest_m
@@ -133,8 +133,7 @@ def relative_gap(value: float, upper_bound: float) -> float:
 
 
 def as_waypoints(value: ArrayLike, steps: int | None = None) -> Floats:
-    """The array (N, 2) of waypoints that are given as one, or as lists or tuples; N is `steps`,
-    where that is said.
+    """Return waypoints as an array (N, 2), where N must be `steps` if that is given.
 
     Raises:
         PlanInputError: they are no such array.
@@ -228,13 +227,13 @@ class RoundPlan:
 
     @cached_property
     def stops_at(self) -> Ints:
-        """(N,) which points of the route are the waypoints."""
+        """(N,) indices of the waypoints in `route_m`."""
         corners = [len(leg) for leg in self.via_m] or [0] * (len(self.waypoints_m) - 1)
         return np.concatenate(([0], np.cumsum(np.array(corners, dtype=np.int64) + 1)))
 
     @property
     def as_flown(self) -> Flown:
-        """The plan as C takes it."""
+        """Plan as the `Flown` tuple that the C library takes."""
         return Flown(self.route_m, self.stops_at, self.schedule, self.value)
 
     @cached_property
@@ -244,12 +243,12 @@ class RoundPlan:
 
 
 class BoundError(PlanError):
-    """A plan that is worth more than what was proven of all plans: a defect of the planner.
+    """A plan is worth more than the proven upper bound: a defect of the planner.
 
     Attributes:
         problem: the problem that was planned for.
         plan: the plan that was made.
-        bound: that no plan was to exceed.
+        bound: the upper bound that the plan exceeds.
     """
 
     def __init__(self, problem: RoundProblem, plan: RoundPlan, bound: float) -> None:

@@ -38,7 +38,7 @@ RUNGS = (0.15, 0.06, 0.01, NEGLIGIBLE)
 
 @dataclass(frozen=True)
 class RewardTable:
-    """f, f', f'' in the columns of (R, 3), one row a metre; 0 beyond the last row."""
+    """Reward f and its derivatives by distance: `rows` (R, 3) of f, f', f'', one row a metre."""
 
     rows: Floats
     fine: Floats  # f every FINE_M metres, over the same span
@@ -51,7 +51,7 @@ class RewardTable:
         return f + (f1 + 0.5 * f2 * d) * d, f1 + f2 * d, f2
 
     def upper(self, from_m: Floats) -> Floats:
-        """Bound of f over all r >= from_m, for each entry."""
+        """Return upper bounds of f over all distances r >= `from_m` (metres), entry by entry."""
         best = np.maximum.accumulate((self.fine + _between(self.fine))[::-1])[::-1]
         index = np.minimum((from_m / FINE_M).astype(np.int64), len(best) - 1)
         return np.asarray(best[index])
@@ -59,7 +59,7 @@ class RewardTable:
 
 @dataclass(frozen=True)
 class Conjugates:
-    """B-splines of H for all intervals between `radii_m`; interval (i, j) is row `row[i, j]`."""
+    """Conjugates H of f as B-splines, one an interval of `radii_m`: (i, j) is row `row[i, j]`."""
 
     radii_m: Floats  # (B,) increasing, from 0 to the reach
     coefficients: Floats  # (rows, SLOPES + 3)
@@ -95,8 +95,8 @@ def reward_table(channel: Channel, reach_m: int, towards_m: Altitudes = ()) -> R
 
 
 def excess(channel: Channel, reach_m: int, other_m: float) -> Floats:
-    """e(r) every `FINE_M` metres: what f at an altitude between the channel's and another exceeds
-    the chord between the two by, at most.
+    """Return e(r) every `FINE_M` metres: an upper bound on how far f at an altitude between the
+    channel's and `other_m` lies above the chord between the two.
 
     f_h <= l f_a + (1 - l) f_b + e for every altitude h = l a + (1 - l) b. So a path is worth at
     most what it earns with f_a + e, or with f_b + e. Sampled as densely as f bends; what it may
@@ -185,7 +185,7 @@ def conjugates(channel: Channel, reach_m: int, towards_m: Altitudes = ()) -> Con
 
 
 def _between(fine: Floats) -> Floats:
-    """What f may exceed its samples by next to each of them: |f''| h^2 / 8, twice for safety."""
+    """Return bounds on f above its samples next to each: |f''| h^2 / 8, twice for safety."""
     bend = np.abs(np.diff(fine, 2))
     return np.asarray(np.maximum(np.r_[bend[:1], bend, 0.0], np.r_[0.0, bend, bend[-1:]]) / 4.0)
 

@@ -42,7 +42,7 @@ _USABLE = (
 
 
 class SqpPlanner:
-    """Explored paths, the best of them improved by quadratic programs: for hundreds of devices.
+    """Planner for hundreds of devices: a heuristic path, improved by quadratic programs (SQP).
 
     No bound is proven: `upper_bound` is NaN where anything had to be decided.
     """
@@ -60,8 +60,8 @@ class SqpPlanner:
 
 
 def ascended(problem: RoundProblem, plan: RoundPlan) -> RoundPlan:
-    """The plan after steps of quadratic programs, each of which is worth more; where everywhere may
-    be flown, and metres alone count.
+    """Improve a plan by SQP steps, each of which must raise its value. Only for open airspace and
+    without limits of time and energy.
 
     Raises:
         SolverError: OSQP gave no solution.
@@ -89,7 +89,7 @@ def ascended(problem: RoundProblem, plan: RoundPlan) -> RoundPlan:
 
 @dataclass(frozen=True)
 class Surroundings:
-    """What a quadratic program knows of a plan: N waypoints, N - 1 legs."""
+    """Local quadratic model of the reward about a plan of N waypoints, N - 1 legs."""
 
     gradient: Floats  # (N - 1, 2) of the reward, by free waypoint
     hessian: Floats  # (N - 1, 3) xx, xy, yy of minus the reward, positive semidefinite
@@ -98,7 +98,7 @@ class Surroundings:
 
 
 def surroundings(problem: RoundProblem, plan: RoundPlan) -> Surroundings:
-    """The model of a plan that a step is made by."""
+    """Return the local quadratic model of the reward about a plan."""
     gradient, hessian = reward_model(problem, plan)
     legs = np.diff(plan.waypoints_m, axis=0)
     return Surroundings(gradient[1:], hessian[1:], legs, problem.path_budget_m - plan.path_m)
@@ -162,7 +162,7 @@ class StepProgram:
         )  # fmt: skip
 
     def solve(self, model: Surroundings, trust_m: float) -> Floats:
-        """(N - 1, 2) the best step of the free waypoints.
+        """Return the step (N - 1, 2) of the free waypoints in metres, each axis within `trust_m`.
 
         Raises:
             SolverError: OSQP gave no solution.

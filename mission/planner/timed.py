@@ -29,7 +29,7 @@ _BRAKES_M = np.linspace(0.0, 100.0, 101)
 
 @dataclass(frozen=True)
 class Metres:
-    """What a round has of them, and what takes some besides its legs."""
+    """A limit of time or energy in metres of path: all, and what hovers, stops, turns take."""
 
     whole: float
     hover: Floats  # (K,) while each device sends
@@ -41,7 +41,7 @@ class Metres:
     after: Floats
 
     def search(self, case: Case, worth: Floats, value: float, goal: Goal) -> float:
-        """A bound of what plans earn with devices that are `worth` something (K,)."""
+        """Return an upper bound on plans for importance `worth` (K,), given a known `value`."""
         each = (self.hover, self.sends, self.after)
         hover, sends, after = (np.ascontiguousarray(metres[worth > 0.0]) for metres in each)
         devices = replace(case.devices, hover=hover, sends=sends, after=after)
@@ -55,7 +55,7 @@ class Metres:
 
 
 def timed_bound(problem: RoundProblem, value: float, goal: Goal) -> float:
-    """What no plan is worth more than, hovers and turns included; infinity where none is proven.
+    """Return an upper bound on plans with hovers and turns; infinity where none is proven.
 
     `value` is that of the best plan so far.
     """
@@ -78,7 +78,7 @@ def timed_bound(problem: RoundProblem, value: float, goal: Goal) -> float:
 
 
 def _cases(problem: RoundProblem) -> Iterator[Case]:
-    """The problem at its altitude; or at both ends of each part of those that are open."""
+    """Yield search inputs: at the fixed altitude, or at both ends of each part of open ones."""
     if problem.altitudes_m is None:
         yield case_of(problem)
         return
@@ -99,7 +99,7 @@ def _late(problem: RoundProblem) -> Floats:
 
 
 def _limits(problem: RoundProblem) -> Iterator[Metres]:
-    """The round's seconds and joules, as metres."""
+    """Yield the round's limits of time and of energy, converted to metres."""
     assert problem.limits is not None
     limits, performance = problem.limits, problem.limits.performance
     upload_s = np.zeros(len(problem.importance)) if problem.upload_s is None else problem.upload_s

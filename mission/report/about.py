@@ -14,7 +14,7 @@ _NAMED = (
 
 
 def about(run: LoadedRun) -> dict[str, object]:
-    """Wall time, conditions, versions, configuration: what is known of them."""
+    """Collect wall times, conditions, versions and configuration for the end of the page."""
     summary: Mapping[str, object] = run.summary
     config = run.data.attachments.get("config.toml", b"").decode("utf-8", errors="replace")
     wind = _wind(run.data.config)

@@ -11,7 +11,7 @@ from mission.figures.style import CONFIG
 
 
 def page(template: str, **content: object) -> str:
-    """A whole page that needs nothing else. Everything in `content` is text, escaped."""
+    """Render a self-contained HTML page from a template; all of `content` is text, escaped."""
     return (
         _templates()
         .get_template(template)

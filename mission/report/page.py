@@ -1,4 +1,4 @@
-"""Puts a run's report together."""
+"""The report page of a run or a flight."""
 
 import math
 from pathlib import Path
@@ -28,7 +28,8 @@ def write_report(path: Path, target: Path | None = None, plan: Path | None = Non
     or killed, what is there is reported.
 
     Raises:
-        InputError: neither, damaged, without a finished round, or `target` cannot be written.
+        InputError: `path` is neither, damaged, or has no finished round; or `target` cannot be
+            written.
     """
     run = load_run(path, plan)
     if run.unjudged and not run.data.rounds:

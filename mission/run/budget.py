@@ -1,4 +1,4 @@
-"""What a run has added up to, round by round, and what its budgets still pay for."""
+"""Running totals of a run, and what is left of its budgets: metres, seconds, joules."""
 
 import math
 from dataclasses import dataclass, field
@@ -73,13 +73,13 @@ class RunTotals:
         return Amount(*(total - used for total, used in zip(budget.total, self.used, strict=True)))
 
     def used_with(self, cost: Amount, budget: Budget) -> Amount:
-        """What is used once one more round has cost so much; never more metres than there are."""
+        """Return what is used of the budgets after a round of this cost; metres stop at theirs."""
         metres = min(cost.metres, self.left(budget).metres)
         costs = (metres, cost.seconds, cost.joules)
         return Amount(*(used + more for used, more in zip(self.used, costs, strict=True)))
 
     def _spent(self, budget: Budget) -> int | None:
-        """Which of the budgets pays for no whole round; None where all do."""
+        """Return the index of the first budget that pays for no whole round; None where all do."""
         for index, (left, share) in enumerate(zip(self.left(budget), ENOUGH, strict=True)):
             cost = min(budget.whole_round[index], budget.total[index])
             if math.isfinite(left) and (left < cost * share or left <= 0.0):

@@ -31,13 +31,13 @@ class RoundReport:
 
 
 class Callback(Protocol):
-    """Told of every finished round, in order. Nothing that it does alters the run."""
+    """An observer that receives every finished round, in order; it alters no result."""
 
     def round_finished(self, report: RoundReport) -> None:
-        """A round is over, and in the tables and the checkpoint."""
+        """Receive a finished round, once it is in the tables and the checkpoint."""
 
     def close(self) -> None:
-        """No round follows: the run has ended, however it did."""
+        """Clean up at the end of the run, however it ended; no round follows."""
 
 
 class CustomCallback(OwnCode):
@@ -62,7 +62,7 @@ class Callbacks:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
-        """Close all, also where one fails at it: what went wrong before counts for more."""
+        """Close all callbacks; an error of closing is dropped if the block failed before."""
         try:
             self._closing.close()
         except UsersCodeError:
@@ -80,10 +80,10 @@ class Callbacks:
 
 
 def make_callbacks(context: CallbackContext) -> Callbacks:
-    """What the factories that the configuration names make.
+    """Make the callbacks whose factories the configuration names.
 
     Raises:
-        UsersCodeError: one cannot be imported or called, or makes something else; those before it
+        UsersCodeError: one cannot be imported or called, or makes no callback; those before it
             are closed.
     """
     made: list[CustomCallback] = []

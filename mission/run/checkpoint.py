@@ -1,9 +1,9 @@
-"""What a run must remember to go on after it was killed, always whole on the disk.
+"""The checkpoint from which a killed run is resumed, written atomically.
 
-A flight is a function of plan, configuration and seed, so it need not be remembered: a resumed
-run flies the finished rounds again, by the remembered plans, in a fraction of the time, and the
-log, the tables and the aircraft are the same to the last bit. Remembered are the plans and what
-was learnt, which would take long to compute again.
+A flight is a function of plan, configuration and seed, so it need not be stored: a resumed run
+flies the finished rounds again, by the stored plans, in a fraction of the time, and the log, the
+tables and the aircraft are the same to the last bit. The checkpoint holds the plans and what was
+learnt, which would take long to compute again.
 """
 
 import hashlib
@@ -53,7 +53,7 @@ class CheckpointFolder:
     def save(
         self, federation: Federation, state: FederationState, memory: RoundMemory | None
     ) -> None:
-        """Remember one more round (None: nothing was flown yet) and the learning after it.
+        """Write the checkpoint with one more round (None: none yet) and the learning after it.
 
         A reader finds the old checkpoint or the new one, whatever happens meanwhile.
         """

@@ -1,4 +1,4 @@
-"""A round's plan as it becomes: with a rest that is planned anew where devices were lost."""
+"""A round's plan while it is flown: its remaining steps are replanned where updates were lost."""
 
 from dataclasses import dataclass, replace
 
@@ -17,7 +17,7 @@ _GAIN = 0.01  # of what the round is worth: for less no mission is replaced
 
 @dataclass(frozen=True)
 class Course:
-    """What of a round was flown, and what is to be flown now."""
+    """A round in flight: its whole plan as of now, and the plan of the steps still to be flown."""
 
     problem: RoundProblem  # of the whole round, at its altitude, as believed at its last plan
     plan: RoundPlan  # of the whole round, whose bound holds for rounds that are not planned anew
@@ -37,10 +37,10 @@ class Course:
     def ahead(
         self, step: int, start_m: Floats, *, heard: Bools, elapsed_s: float, used_j: float
     ) -> RoundProblem | None:
-        """The planning problem from `step` of the round on, at a place (2,); None where no step,
-        time or energy is left.
+        """Return the planning problem of the rest of the round, from `step` and `start_m` (2,) on;
+        None where no step, time or energy is left.
 
-        Nobody who was `heard` (K,) is served again. Metres are those of the plan, so that the
+        Devices `heard` (K,) are not served again. Metres are those of the plan, so that the
         whole path keeps to its budget; seconds and joules are those that the flight took so far.
         """
         whole, route_m = self.problem, self.plan.route_m[: self.plan.stops_at[step - 1] + 1]
@@ -65,11 +65,11 @@ class Course:
         )
 
     def onwards(self, problem: RoundProblem, rest: RoundPlan) -> "Course | None":
-        """The course with another rest, a plan of `problem`; None where going on is worth as much,
-        or hardly less.
+        """Return the course with `rest`, a plan of `problem`, as its remaining plan; None where
+        that gains no more than 1 % of the value of the round's plan.
 
-        Whoever is lost and served again is in the plan of the round twice, and counts in its value
-        for each time.
+        A device that is lost and served again is in the plan of the round twice, and counts in its
+        value for each time.
         """
         step = self.problem.steps - problem.steps
         as_planned = objective(problem, self.plan.waypoints_m[step:], self.plan.schedule[step:])

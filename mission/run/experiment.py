@@ -1,4 +1,4 @@
-"""What every experiment does round by round: recall or learn, record, count."""
+"""The round loop that all experiments share, and the experiment `ideal`, which flies nothing."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
@@ -27,7 +27,7 @@ from mission.scenario.scenario import Scenario
 
 @dataclass(kw_only=True)
 class Experiment(ABC):
-    """One run's state between rounds."""
+    """A run as a loop over rounds, with its state between them; base class of all kinds."""
 
     recorder: FolderRecorder
     stopwatch: Stopwatch
@@ -71,7 +71,7 @@ class Experiment(ABC):
         await self._run()
 
     def conclude(self, summary: Summary) -> None:
-        """Say which budget ended the run before its last round, where one did."""
+        """Add to the summary which budget ended the run before its last round, if one did."""
         if why := self.totals.why_over(self.budget):
             summary.add(ended_by=why)
 
@@ -138,7 +138,7 @@ class Experiment(ABC):
 class IdealExperiment(Experiment):
     """The upper bound `ideal`: nothing is flown, and every update of every round arrives.
 
-    It has as many rounds as the path budget would have paid for.
+    It has as many rounds as its budgets would have paid for.
     """
 
     async def _run(self) -> None:

@@ -36,7 +36,7 @@ PILOTS_NS = 1_000_000_000  # between two pilot tones
 
 @dataclass
 class _Flown:
-    """A round as it is flown, part by part."""
+    """State of a round in flight: course, flights and uplinks so far, replanned rests."""
 
     course: Course  # as it has become
     foreseen: Foreseen = field(init=False)  # of the whole of it
@@ -48,7 +48,7 @@ class _Flown:
 
 @dataclass(kw_only=True)
 class FlownExperiment(Experiment):
-    """Flies every round, and learns from those whom the radio let through."""
+    """The experiment in flight: learns from the devices whose update the radio lets through."""
 
     strategy: Strategy
     work: DeviceWork = field(init=False)  # of the devices, as the last round left it
@@ -165,15 +165,15 @@ class FlownExperiment(Experiment):
     def _needed_charge(self) -> float:
         """Charge (0..1) below which no round begins: the most that one took, and the reserve.
 
-        A vehicle of others tells its charge, and not its power: what rounds took is known of all.
+        External vehicles report charge but not power, so past rounds are the estimate for all.
         """
         reserve = self.scenario.config.mission.battery_reserve
         return min(reserve + self._most_drawn, CHARGED) if reserve > 0.0 else 0.0
 
     def _served(self, flown: _Flown, part: FlightPlan) -> list[UplinkRecord]:
-        """What became of those whom the part of a round serves that was flown last.
+        """Return the uplinks of the devices that the last flown part of a round serves.
 
-        Whoever was served in the round before has draws of its own for each time.
+        A device that is served again in a round gets a random stream of its own each time.
         """
         number, scenario, course = self.totals.next_round, self.scenario, flown.course
         here = np.zeros((course.problem.steps, 1), dtype=bool)
@@ -201,7 +201,7 @@ class FlownExperiment(Experiment):
         return sorted(records, key=lambda record: (record.step, record.device))
 
     def _listen(self, flight: Flight, part: int, plan: RoundPlan) -> None:
-        """Hear the pilots of a part of a round, once a second, where somebody learns of them."""
+        """Hear pilot tones of a part of a round, once a second, where a radio belief is learned."""
         listener = self.scenario.listener
         if listener is None:
             return
@@ -227,7 +227,7 @@ class FlownExperiment(Experiment):
         return self._as_heard(problem)
 
     def _as_heard(self, problem: RoundProblem) -> RoundProblem:
-        """The problem, with what is believed of the radio now."""
+        """Return the problem with the radio belief as learned so far, where one is learned."""
         listener = self.scenario.listener
         if listener is None:
             return problem
@@ -257,8 +257,8 @@ class FlownExperiment(Experiment):
     async def _fly(
         self, flyer: Flyer, problem: RoundProblem, sortie: Sortie, recalled: RoundMemory | None
     ) -> _Flown:
-        """Fly a plan; where rounds are decided at their stops, part by part, with another rest
-        from each on at which that is better."""
+        """Fly a round's plan, and decide its uplinks; with `replan = "stop"` part by part, with the
+        rest replanned at stops where an update was lost and that is better."""
         by_stop = self.scenario.config.mission.replan == "stop"
         if sortie.plan.altitude_m is not None:
             with self.stopwatch("fly"):
@@ -303,7 +303,7 @@ class FlownExperiment(Experiment):
     async def _planned_anew(
         self, flyer: Flyer, flown: _Flown, recalled: RoundMemory | None
     ) -> bool:
-        """Plan the rest of a round, or recall it; whether that is better than to go on."""
+        """Replan the rest of a round, or recall it; return whether the course changed to it."""
         problem = flown.course.ahead(
             1 + flown.served[-1].step,
             self.scenario.area.from_ned(flyer.here().est_ned_m),
@@ -352,9 +352,9 @@ class FlownExperiment(Experiment):
 
 
 def _waiting(problem: RoundProblem, sortie: Sortie) -> Sortie:
-    """A round that serves nobody, hovering until the first device is ready, if limits allow that.
+    """Have a sortie that serves nobody hover until a first device is ready, if limits allow that.
 
-    Where time stood still, nobody would ever be ready.
+    Without it time would stand still, and no device would ever be ready.
     """
     counting = problem.importance > 0.0
     if problem.ready_in_s is None or not counting.any():

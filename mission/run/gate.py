@@ -40,7 +40,7 @@ def turns(
     """Where the aircraft is as each scheduled device begins to send, by device.
 
     The devices of a step, whose `passages` are given, send one after another, in their order.
-    Those are left out whose turn never came.
+    Devices whose turn never came are left out.
     """
     found: dict[int, Passage] = {}
     for step, arrival in passages.items():
@@ -81,8 +81,8 @@ def uplinks(
     """One record per scheduled device, in order of step and device; `passages` by device.
 
     Updates are drawn at the true positions, where `radio` gives the rates; planned and believed
-    rates are those of the problem's radio. `rng` is this round's own stream. `work` is what the
-    devices are at, where they take time: some are late then, and send nothing.
+    rates are those of the problem's radio. `rng` is this round's own stream. `work` says when
+    devices are ready, where training takes time: late ones send nothing.
     """
     count = len(problem.devices_m)
     true_m = np.full((count, 3), math.nan)

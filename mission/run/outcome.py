@@ -35,7 +35,7 @@ class Outcome:
 
     @contextmanager
     def flight(self) -> Iterator[None]:
-        """Fly in the block. What may go wrong, and Ctrl-C, end it and are kept here."""
+        """Context manager for the flight: keeps its end, that is success, error or Ctrl-C."""
         try:
             yield
             self.status = "finished"
@@ -48,7 +48,7 @@ class Outcome:
 
     @contextmanager
     def aside(self, what: str) -> Iterator[None]:
-        """Do in the block what a flight needs beside itself, such as its log."""
+        """Context manager for what surrounds a flight (`what`): keeps a first error or Ctrl-C."""
         try:
             yield
         except KeyboardInterrupt:
@@ -64,7 +64,7 @@ class Outcome:
 
     @contextmanager
     def post_processing(self) -> Iterator[None]:
-        """Draw and tabulate in the block what was flown."""
+        """Context manager for figures and tables: `aside`, also for errors of libraries."""
         with self.aside("figures"):
             try:
                 yield
@@ -83,10 +83,10 @@ class Outcome:
         return {"status": self.status, **why}
 
     def raise_error(self, folder: Path, *, flown: bool = True, goes_on: str = "") -> None:
-        """Raise what went wrong, if anything did, and say what is left of the flight.
+        """Raise the kept error, if any, with words on what is left in `folder` and how to go on.
 
-        `flown` says whether there was any; `goes_on` how it can go on once people have mended what
-        went wrong.
+        `flown`: whether anything was flown. `goes_on`: how the run can be resumed, told where
+        that can help once the cause is fixed.
         """
         if self.error is None:
             return

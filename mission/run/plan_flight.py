@@ -52,7 +52,7 @@ _SPEEDS_MPS = (1.0, 30.0)  # that a plan's path may have
 
 @dataclass(frozen=True)
 class _Order:
-    """A plan that may be flown, and where."""
+    """A plan file that has been checked, with its path, area and vehicle parameters."""
 
     plan: PlanFile
     path: PlannedPath
@@ -62,7 +62,7 @@ class _Order:
 
     @property
     def task(self) -> Task:
-        """What the vehicle is asked for."""
+        """The flight as a task of a vehicle, with the speed, height and reach that it demands."""
         items, points = self.plan.items, self.path.points_ned_m
         ordered = [item.params[1] for item in items if item.command == mav.MAV_CMD_DO_CHANGE_SPEED]
         radii = [item.params[1] for item in items if item.command == mav.MAV_CMD_NAV_WAYPOINT]
@@ -113,7 +113,7 @@ def fly_plan(config: RunConfig, source: Path, path: Path, around: Around) -> int
 
 @dataclass
 class _PlanFlight:
-    """The plan while it is flown, and what became of it."""
+    """The flight of a plan file: its log, totals, and comparison with the plan."""
 
     order: _Order
     flyers: Flyers
@@ -159,7 +159,7 @@ class _PlanFlight:
                 self.log.mission(record_of(t_ns, items[0].mission_type, items))
 
     def conclude(self, summary: Summary) -> None:
-        """Compare what was flown with its plan; nothing where nothing was.
+        """Compare the flight with its plan, if anything was flown, and write `track.csv`.
 
         Raises:
             FlightError: the plan was flown to its end, and the last place never reached.
@@ -193,7 +193,7 @@ def _recording(
     around: Around,
     live: tuple[LiveView, ...],
 ) -> Iterator[_PlanFlight]:
-    """The flight with its log, and what is needed to understand that."""
+    """Open the log, attach configuration and plan, and yield the flight that writes it."""
     plan, area = order.plan, order.area
     fence = fence_of(plan.fence, order.parameters, area)
     with ExitStack() as stack:
@@ -219,8 +219,8 @@ def _recording(
 
 
 def _order(config: RunConfig, plan: PlanFile, speeds: Mapping[str, float] | None = None) -> _Order:
-    """A plan from its planned home, else from its first place, timed by the configured vehicle's
-    parameters and `speeds`.
+    """Place a plan at its planned home, else at its first place; time it by the parameters of the
+    configured vehicle and `speeds`.
     """
     home = plan.home
     if home is None:

@@ -1,4 +1,4 @@
-"""What a person sees of a plan file while it is flown: item, height, battery, what is said."""
+"""Progress of a plan file's flight, shown to people: item, height, battery, messages."""
 
 import math
 from collections.abc import Sequence
@@ -11,7 +11,7 @@ _EACH_NS = 1_000_000_000
 
 
 class PlanProgress:
-    """A vehicle observer that tells how far a plan has come whose items lead in this `order`."""
+    """A vehicle observer that shows how far a plan is; `order`: its items in order of flight."""
 
     def __init__(self, progress: Progress, name: str, order: Sequence[int]) -> None:
         self._progress = progress

@@ -14,7 +14,7 @@ from mission.log.records import RoundRecord
 
 
 class Progress:
-    """Shows a run as it goes; this one shows nothing."""
+    """Progress display of a run; this base class shows nothing."""
 
     def phase(self, name: str) -> None:
         """Show the phase under way."""
@@ -26,11 +26,11 @@ class Progress:
         """Show a message in a line of its own."""
 
     def close(self) -> None:
-        """Leave the terminal as it should stay."""
+        """End the display; what it shows last stays on the terminal."""
 
 
 class PlainLines(Progress):
-    """A line a round, for pipes and logs, where phases would only be noise."""
+    """Progress display for pipes and logs: a line for each round, and none for phases."""
 
     def __init__(self, console: Console, *, rounds: int, flown: bool) -> None:
         self._console, self._rounds, self._flown = console, rounds, flown
@@ -56,7 +56,7 @@ class PlainLines(Progress):
 
 
 class LiveTable(Progress):
-    """A table that grows by a row a round; under it what is going on, and for how long."""
+    """Progress display on a terminal: a row for each recent round; below, the present phase."""
 
     ROWS = 12  # of the newest rounds; a terminal has no room for hundreds
 
@@ -129,7 +129,7 @@ class LiveTable(Progress):
 
 
 def _chosen_height_m(record: RoundRecord) -> float | None:
-    """Where rounds choose their height above home: the one that was chosen."""
+    """Return the height above home that the round chose; None where it is configured."""
     return record.plan_altitude_m if math.isfinite(record.plan_altitude_m) else None
 
 
@@ -139,12 +139,12 @@ def _takes_time(record: RoundRecord) -> bool:
 
 
 def _objective(value: float) -> str:
-    """Where a channel reaches hardly anybody, three decimals would be zeros."""
+    """Format an objective with three decimals; a small one with three significant digits."""
     return f"{value:.3f}" if value == 0.0 or abs(value) >= 0.1 else f"{value:.3g}"
 
 
 def _change(record: RoundRecord) -> str:
-    """The flown objective less the planned one, in percent of that."""
+    """Format the change from planned to true objective, in percent of the planned one."""
     if record.plan_objective == 0.0:
         return "0.0 %"
     share = 100 * (record.true_objective / record.plan_objective - 1)
@@ -152,7 +152,7 @@ def _change(record: RoundRecord) -> str:
 
 
 def make_progress(console: Console, *, rounds: int, flown: bool) -> Progress:
-    """The progress that fits where it goes; at most `rounds` are to come, `flown` or not."""
+    """Make the display that fits the console: none if quiet, a live table, or plain lines."""
     if console.quiet:
         return Progress()
     kind = LiveTable if console.is_terminal else PlainLines

@@ -1,4 +1,4 @@
-"""What every flight into a folder has around it: how it ended, its summary, its pictures."""
+"""The frame of every flight into a folder: outcome, summary, figures, report page."""
 
 import os
 from collections.abc import Callable, Sequence
@@ -36,7 +36,7 @@ class Recorded(Protocol):
         """
 
     def conclude(self, summary: Summary) -> None:
-        """Tabulate what was flown, from the finished log."""
+        """Add results to the folder and the summary, once the log is finished."""
 
     def show(self, console: RunConsole) -> None:
         """Print what was flown."""
@@ -44,7 +44,7 @@ class Recorded(Protocol):
 
 @dataclass(frozen=True)
 class Around:
-    """What a flight into a folder has around it; nothing of it alters what comes out."""
+    """Settings around a flight that alter none of its results: console, workers, figures, page."""
 
     console: RunConsole
     stopwatch: Stopwatch = field(default_factory=Stopwatch)  # may have counted the set-up already

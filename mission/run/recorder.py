@@ -1,4 +1,4 @@
-"""What a run leaves while it goes on: log, tables, plans, checkpoint; and what it shows."""
+"""Recording of a run as it goes on: log, tables, plans, checkpoint, progress, callbacks."""
 
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
@@ -48,7 +48,7 @@ class Ready:
 
 @dataclass
 class FolderRecorder:
-    """Hands what happens to all who keep or show it. Nothing that it does alters the run."""
+    """Passes a run's events to log, tables, checkpoint, progress, callbacks; alters no result."""
 
     run: Ready
     log: FlightLog
@@ -70,7 +70,7 @@ class FolderRecorder:
         flight_plan: FlightPlan,
         foreseen: Foreseen,
     ) -> None:
-        """Log a plan before it is flown."""
+        """Log a plan before it is flown, and write it as a plan file."""
         self.log.plan(
             t_ns,
             round_number,
@@ -84,7 +84,7 @@ class FolderRecorder:
         write_round_plan(path, flight_plan, self.run.scenario.area)
 
     def finished(self, report: RoundReport, memory: RoundMemory, state: FederationState) -> None:
-        """Log and tabulate a finished round; from here on it is kept whatever happens.
+        """Log, tabulate, checkpoint and report a finished round; it survives a kill from then on.
 
         `state` is that of learning after the round.
         """
@@ -118,7 +118,7 @@ class FolderRecorder:
         self.progress.notice(text)
 
     def _speed(self, record: RoundRecord) -> float:
-        """Simulated seconds a second, from the end of the round before to that of this one."""
+        """Real-time factor of the flight between the ends of the previous round and this one."""
         flown_s = record.start_t_s + record.duration_s
         wall_s = self.stopwatch.wall_s.get("fly", 0.0)
         sim, wall = flown_s - self._flown_s, wall_s - self._wall_s

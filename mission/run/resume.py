@@ -1,6 +1,6 @@
-"""Whether a folder holds a run that can go on here: the head of its checkpoint, read and judged.
+"""Check of whether the run in a folder can be resumed here, by the header of its checkpoint.
 
-It needs nothing heavy, so that a wrong folder is refused at once.
+It imports nothing heavy, so that a wrong folder is refused at once.
 """
 
 import hashlib
@@ -22,7 +22,7 @@ _HEAD = {"format", "config_sha256", "data_dir", "libraries"}
 
 
 def sealed(values: dict[str, object]) -> bytes:
-    """A checkpoint as it is written, closed by the digest of all of it."""
+    """Serialise a checkpoint as JSON, with the SHA-256 of its values under `SEAL`."""
     return json.dumps({**values, SEAL: _digest(values)}).encode()
 
 
@@ -42,8 +42,8 @@ def damaged(file: Path, reason: str) -> InputError:
 def header(
     config_toml: str, data_dir: Path | None, plugins: Mapping[str, str | None], **options: bool
 ) -> dict[str, object]:
-    """What a checkpoint says about the run that it belongs to: `plugins` are the digests of those
-    that alter it, `options` those of its start that no configuration has."""
+    """Return the header by which a checkpoint is matched to its run. `plugins`: digests of those
+    that alter results; `options`: start options that are not in the configuration."""
     return {
         **options,
         "format": FORMAT,
@@ -55,7 +55,7 @@ def header(
 
 
 def begun_with_page(folder: RunFolder) -> bool:
-    """Whether the run of a folder was started with a page; not where no checkpoint tells."""
+    """Whether a folder's run was started with a report page; False without a checkpoint."""
     file = folder.checkpoint / ROUNDS
     if not file.exists():
         return False
@@ -120,7 +120,7 @@ def refuse_others(folder: RunFolder) -> None:
 
 
 def other_code(name: str, then: str | None, now: str | None) -> str:
-    """Why a plug-in of these digests is not known to be the same, in words; empty where it is."""
+    """Say why a plug-in may have changed, by its digests (None: unknown); empty if it did not."""
     if then is None or now is None:
         return (
             f"nothing tells whether plug-in {name!r} is the same code as then: it was passed from "
@@ -135,7 +135,7 @@ def other_code(name: str, then: str | None, now: str | None) -> str:
 
 
 def _change(then: dict[str, Any], now: dict[str, Any]) -> str | None:
-    """What is different now, in words."""
+    """Say what differs between two headers; None where nothing does."""
     if not isinstance(then["libraries"], dict):
         return "its checkpoint does not say what wrote it"
     if then["format"] != now["format"]:

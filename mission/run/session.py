@@ -1,4 +1,4 @@
-"""One `aerofed run`, from nothing or from its checkpoint, to a folder that is whole."""
+"""One `aerofed run`, started or resumed, from set-up to a complete folder."""
 
 from collections.abc import Iterable, Iterator
 from contextlib import ExitStack, contextmanager
@@ -78,8 +78,8 @@ def resume_session(path: Path, around: Around) -> int:
     missing. Returns the exit code.
 
     Raises:
-        InputError: not a run, finished long ago and damaged, or started with another
-            configuration, version or data.
+        InputError: not a run, damaged, of a vehicle that cannot fly its rounds again, or
+            started with another configuration, version or data.
         AerofedError: as `fly_session`.
     """
     console, page, folder = around.console, around.page, RunFolder(path)

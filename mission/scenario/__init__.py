@@ -1,1 +1,1 @@
-"""Who stands where, what they own, how the radio reaches them, and whom a strategy serves."""
+"""Scenario of a run: positions and data of devices, the radio, budgets, and strategies."""

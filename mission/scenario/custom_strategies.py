@@ -55,7 +55,7 @@ class ImportanceStrategy(Protocol):
     """A strategy with an importance of its own, which the planner then maximises."""
 
     def importance(self, info: RoundInfo) -> Floats:
-        """(K,) finite, not negative; a function of `info` alone, so that runs can be resumed."""
+        """Return (K,), finite, 0 or more; depend on `info` alone, so that runs can be resumed."""
 
 
 class CustomStrategy(OwnCode):
@@ -66,7 +66,7 @@ class CustomStrategy(OwnCode):
 
     @property
     def fairness(self) -> bool:
-        """As `Strategy.fairness`."""
+        """Whether importance carries the coefficient of variation; see `Strategy.fairness`."""
         found = self.value("fairness")
         if not isinstance(found, bool | np.bool_):
             self.refuse(f"fairness is {shown(found)}: must be True or False")
@@ -74,7 +74,7 @@ class CustomStrategy(OwnCode):
 
     @property
     def approach_m(self) -> Floats | None:
-        """As `Strategy.approach_m`."""
+        """(2,) position before the first round, area coordinates in m; None: above home."""
         found = self.value("approach_m")
         return None if found is None else self.array(found, "approach_m", shape=(2,))
 

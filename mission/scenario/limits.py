@@ -44,7 +44,7 @@ ENOUGH = Amount(_WITHIN_ROUNDING, 0.95, 0.95)
 
 @dataclass(frozen=True)
 class Budget:
-    """What a run may take altogether, and of that a whole round at most."""
+    """A run's rounds and total budget, and what a whole round takes of it."""
 
     rounds: int
     total: Amount
@@ -64,8 +64,8 @@ def performance_of(
     wind: WindConfig | None = None,
     pace: float = 1.0,
 ) -> Performance:
-    """How rounds are flown at the mission's (lowest) altitude and speed; the rest as in
-    `Performance`. Within altitude limits the air differs by 1 % in 90 m."""
+    """Return the flight performance at the mission's speed and (lowest) altitude; the rest as in
+    `Performance`. Air density is that of the lowest altitude; it falls by 1 % in 90 m."""
     north, east, _ = (0.0, 0.0, 0.0) if wind is None else steady_wind_ned(wind)
     density = density_ratio(home_alt_msl_m + mission.heights_m[0])
     return Performance(
@@ -81,7 +81,7 @@ def guidance_of(vehicle: VehicleConfig) -> LimitsConfig:
 
 
 def foreseen_performance(config: RunConfig) -> Performance:
-    """How rounds will be flown, by the configuration alone: before a vehicle is asked."""
+    """Return the performance that the configuration predicts, before a vehicle is asked."""
     mission, home_alt_msl_m = config.mission, config.area.home_alt_msl_m
     if mission.flight == "none":
         return performance_of(mission, home_alt_msl_m, None)
@@ -91,7 +91,7 @@ def foreseen_performance(config: RunConfig) -> Performance:
 
 
 def budget_of(config: RunConfig, performance: Performance) -> Budget:
-    """What the configuration allows the run, and what a whole round costs where it is flown so.
+    """Return the run's budget by the configuration, and the cost of a whole round.
 
     A round costs its own limits; where it has none, what its metres take at least.
     """
@@ -125,9 +125,9 @@ def budget_of(config: RunConfig, performance: Performance) -> Budget:
 def round_limits(
     mission: MissionConfig, performance: Performance, *, left: Amount, timed: bool = False
 ) -> RoundLimits | None:
-    """What a round may take where the run has that much left; None: metres alone count.
+    """Return a round's limits, with `left` of the run's budgets; None: metres alone count.
 
-    `timed`: devices take time, so that it matters how fast is flown.
+    `timed`: devices take time, so that flight times matter.
     """
     if not (timed or is_limited(mission)):
         return None
@@ -139,7 +139,7 @@ def round_limits(
 
 
 def unflyable(config: RunConfig, performance: Performance) -> Iterator[WrongKey]:
-    """Limits within which no round can be flown, and what would be enough."""
+    """Yield the keys of limits that allow no round or cannot apply, with what to give instead."""
     mission = config.mission
     if not is_limited(mission):
         return

@@ -26,7 +26,7 @@ _WRONG = (
 
 
 def origin_of(config: RunConfig, area: Area, source: str) -> dict[str, str | float]:
-    """What a map of a run says of itself: by whom it was made, of what, and where it lies."""
+    """Return the attributes of a run's map file: title, source, carrier, position of home."""
     return {
         "title": f"path gain over {config.name}",
         "source": f"{source}; aerofed {version('aerofed')}",
@@ -40,7 +40,7 @@ def origin_of(config: RunConfig, area: Area, source: str) -> dict[str, str | flo
 
 
 def write_map(path: Path, made: RadioMap, origin: Mapping[str, str | float]) -> None:
-    """Write a map; the same map gives the same bytes. `origin` as `origin_of` has it.
+    """Write a map as NetCDF, the same bytes for the same map; `origin` as of `origin_of`.
 
     Raises:
         InputError: the file cannot be written.
@@ -74,7 +74,7 @@ def write_map(path: Path, made: RadioMap, origin: Mapping[str, str | float]) -> 
 
 
 def read_map(path: Path) -> RadioMap:
-    """The map of a file.
+    """Read a radio map from a NetCDF file.
 
     Raises:
         InputError: it cannot be read, or holds no map.

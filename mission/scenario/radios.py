@@ -1,4 +1,4 @@
-"""The radio of a run: what decides whose update arrives."""
+"""The radio of a run: the true one, which decides whose update arrives, and the believed one."""
 
 from dataclasses import dataclass, fields, replace
 
@@ -32,7 +32,7 @@ class CustomBelief(OwnCode):
     devices: int = 0  # K
 
     def success(self, heard: Heard, place_m: Floats) -> Floats:
-        """As `Belief.success`."""
+        """(K, n) probabilities 1 - PER at places (n, 3), given pilot tones: `Belief.success`."""
         of, shape = f" after {len(heard.device)} tones", (self.devices, len(place_m))
         found = self.ask("success", heard, place_m, of=of)
         return self.array(found, f"what success(){of} gives", shape=shape, low=0, high=1)
@@ -41,11 +41,11 @@ class CustomBelief(OwnCode):
 def radio_of(
     config: RunConfig, channel: Channel, area: Area, devices_m: Floats, streams: RandomStreams
 ) -> Radio:
-    """What decides whose update arrives, of devices at places (K, 2).
+    """Return the true radio of devices at places (K, 2), which decides whose update arrives.
 
     Raises:
         InputError: a device stands where it must not, or the map is not of this run.
-        PluginError: a radio of one's own cannot be made.
+        PluginError: a radio of the user's own cannot be made.
     """
     truth = config.radio.truth
     if truth == "channel":
@@ -63,13 +63,13 @@ def radio_of(
 def believed(
     config: RunConfig, channel: Channel, truth: Radio, area: Area, devices_m: Floats
 ) -> tuple[PerGrid | None, Listener | None]:
-    """What plans believe of the radio at each place at first, and what learns from there on.
+    """Return the grid of packet error rates that plans believe at first, and what updates it.
 
     No grid: the channel's average. No listener: nothing is learned.
 
     Raises:
         InputError: as `radio_of`.
-        UsersCodeError: a belief of one's own raised something, or gave what cannot be used.
+        UsersCodeError: a belief of the user's own raised something, or gave what cannot be used.
     """
     radio, belief, count = truth, config.radio.belief, len(devices_m)
     if belief == "channel":
@@ -97,7 +97,7 @@ def believed(
 
 
 def radio_grid(radio: Radio, channel: Channel, area: Area, devices: int) -> PerGrid:
-    """What a radio gives all over an area, at the channel's altitude."""
+    """Sample a radio's packet error rates on a grid over an area, at the channel's altitude."""
     cell_m, height_m = max(_LEAST_CELL_M, max(area.size_m) / _MOST_CELLS), channel.altitude_m
     return PerGrid.of(radio, devices, size_m=area.size_m, height_m=height_m, cell_m=cell_m)
 
@@ -109,11 +109,11 @@ def _terms(config: RunConfig) -> LinkTerms:
 def city_of(
     config: RunConfig, area: Area, devices_m: Floats, streams: RandomStreams | None
 ) -> City:
-    """The gains from devices (K, 2) among the buildings of the area; without `streams` those of no
-    shadowing.
+    """Return the path gains from devices (K, 2) among the area's buildings, without shadowing
+    where `streams` is None.
 
     Raises:
-        InputError: a device stands within one, and must not.
+        InputError: a device stands within a building, and must not.
     """
     radio = config.radio
     city = City(
@@ -136,7 +136,7 @@ def city_of(
 
 
 def _map_of(config: RunConfig, devices_m: Floats) -> RadioMap:
-    """The map that the configuration names, once it is sure to be one of this run."""
+    """Read the map that the configuration names, and refuse one that does not fit the run."""
     name = config.radio.map_file
     assert name is not None
     made = read_map(name)

@@ -1,4 +1,4 @@
-"""What planning needs of a run: who stands where, what they own and how the radio reaches them.
+"""What planning needs of a run: devices, their data, the radio, budgets and the strategy.
 
 Nothing of the vehicle is imported: with its filter it takes longer than planning does.
 """
@@ -90,14 +90,14 @@ class Scenario:
 
     @property
     def upload_s(self) -> Floats | None:
-        """(K,) how long each device sends; None: no time at all."""
+        """(K,) upload time of each device in seconds; None: uploads take no time."""
         rate_bps = self.config.channel.upload_rate_bps
         return None if rate_bps is None else self.federation.upload_bits / rate_bps
 
     @property
     def _turn_s(self) -> Floats | None:
-        """(K,) how long the aircraft hovers for each device: where a round is decided at its stops,
-        until it has been heard; None: not at all."""
+        """(K,) seconds that the aircraft hovers for each device: its upload, and where rounds are
+        replanned at stops at least until it has been heard; None: no hover."""
         if self.config.mission.replan == "round":
             return self.upload_s
         none = np.zeros(len(self.devices_m))
@@ -126,7 +126,7 @@ class Scenario:
     ) -> RoundProblem:
         """The planning problem of a round that begins at `t_ns` at a place (2,).
 
-        `left` of the run's budgets, `work` of the devices as the round begins.
+        `left` is what remains of the run's budgets, `work` that of the devices as the round begins.
         """
         mission = self.config.mission
         ready_in_s = np.maximum(work.ready_ns - t_ns, 0) / 1e9
@@ -256,7 +256,7 @@ class Scenario:
 
     @property
     def _overhead(self) -> list[LinkBudget]:
-        """The channel straight overhead, at the lowest and the highest altitude."""
+        """Link budgets straight overhead, at the lowest and the highest altitude."""
         heights = self.config.mission.heights_m
         return [link_budget(replace(self.channel, altitude_m=height)) for height in heights]
 
@@ -266,7 +266,7 @@ class Scenario:
 
 
 def _owners_for_all(index: int, community: Community) -> str:
-    """What gives every class an owner, where settings can."""
+    """Name the settings that give every class an owner; empty where none can."""
     config, classes = community.config, community.dataset.classes
     if config.partition != "labels" or config.coverage:  # nobody has a sample of it
         return ""
@@ -280,7 +280,7 @@ def _owners_for_all(index: int, community: Community) -> str:
 
 
 def device_places(config: RunConfig, area: Area, streams: RandomStreams) -> Floats:
-    """(K, 2) where the devices stand: as configured, else where they are drawn."""
+    """(K, 2) device positions, area coordinates in metres: as configured, else drawn at random."""
     total, first = sum(community.devices for community in config.communities), 0
     devices_m = streams.generator("devices").uniform((0.0, 0.0), area.size_m, (total, 2))
     for index, community in enumerate(config.communities):
@@ -297,7 +297,7 @@ def device_places(config: RunConfig, area: Area, streams: RandomStreams) -> Floa
 
 
 def _unsent(config: RunConfig) -> Iterator[WrongKey]:
-    """Sizes of updates where nothing says how fast they are sent."""
+    """Yield the keys of update sizes that are given without an upload rate."""
     for index, community in enumerate(config.communities):
         if community.upload_bits is not None and config.channel.upload_rate_bps is None:
             yield (
@@ -308,7 +308,7 @@ def _unsent(config: RunConfig) -> Iterator[WrongKey]:
 
 
 def _too_slow(config: RunConfig, bits: Floats) -> Iterator[WrongKey]:
-    """A rate at which one update takes longer than any aircraft hovers."""
+    """Yield the key of an upload rate at which an update takes longer than an hour."""
     rate_bps = config.channel.upload_rate_bps
     if rate_bps is not None and bits.max() / rate_bps > _LONGEST_UPLOAD_S:
         yield (
@@ -321,7 +321,7 @@ def _too_slow(config: RunConfig, bits: Floats) -> Iterator[WrongKey]:
 
 
 def build_scenario(config: RunConfig, *, data_dir: Path | None) -> Scenario:
-    """Place the devices, read the data and deal it out, and set up the strategy.
+    """Place the devices, read and partition the data, set up radio, budget and strategy.
 
     Raises:
         InputError: data is missing or damaged, or a setting contradicts another.

@@ -63,7 +63,7 @@ class Optimised:
     approach_m: Floats | None = None
 
     def sortie(self, round_index: int, problem: RoundProblem) -> Sortie:  # noqa: ARG002
-        """The planner's best path for this round's importance."""
+        """Plan the round with the planner."""
         return Sortie(self.planner.plan(problem))
 
 
@@ -77,7 +77,7 @@ class Barycenter:
     fairness: bool = True
 
     def sortie(self, round_index: int, problem: RoundProblem) -> Sortie:  # noqa: ARG002
-        """All N steps at the hovering point, with the best schedule there."""
+        """Hover at the round's start for all N steps, with the best schedule there."""
         path = np.tile(problem.start_m, (problem.steps, 1))
         plan = serving_fewer(
             problem, finish(problem, path, hold_s=self.hover_s), hold_s=self.hover_s
@@ -87,10 +87,10 @@ class Barycenter:
 
 @dataclass(frozen=True)
 class Rectangular:
-    """Baseline 2: a fixed rectangular tour; each round covers its next L_max metres.
+    """Baseline 2: a fixed rectangular tour; each round covers its next `length_m` metres.
 
-    The N steps of a round are points spread evenly over that stretch, the tour's corners among
-    them, so that no step cuts across.
+    The N steps of a round are points spread over that stretch. The tour's corners are among them
+    where N allows it; else steps are spaced evenly, and may cut corners.
     """
 
     corners_m: Floats  # (4, 2) in order of flight
@@ -114,7 +114,7 @@ class Rectangular:
         return Sortie(serving_fewer(problem, plan))
 
     def _tour(self, round_index: int, length_m: float, problem: RoundProblem) -> Floats:
-        """(N, 2) so many metres of the tour, from where this round begins."""
+        """(N, 2) waypoints over `length_m` metres of the tour, from the round's start."""
         tour = stretch(self.corners_m, round_index * self.length_m, length_m, problem.steps)
         # Where the last round ended, which is on the tour but for the error of flight.
         tour[0] = problem.start_m
@@ -123,10 +123,10 @@ class Rectangular:
 
 @dataclass(frozen=True)
 class HoveringTour:
-    """Baseline 2 as its words may also be read: rounds over hovering points of the tour.
+    """Baseline 2 in another reading: each round flies to the tour's next hovering point.
 
-    The points are spread evenly over it. A round flies along the tour to the next one and serves
-    there, hovering; what is left of its N steps all stand there.
+    The points are spread evenly over the tour. Devices are served on the way and in the hover,
+    where all steps are that are left of the N.
     """
 
     corners_m: Floats  # (4, 2) in order of flight
@@ -145,14 +145,14 @@ class HoveringTour:
         return polyline.length(_closed(self.corners_m)) / self.points
 
     def path(self, round_index: int, steps: int) -> Floats:
-        """(2 or more, 2) from one hovering point along the tour to the next."""
+        """(n, 2) waypoints along the tour to the next hovering point, at most `steps` of them."""
         arc = _ends(self.corners_m, round_index * self.spacing_m, self.spacing_m)
         if steps < len(arc):
             arc = arc[[0, *range(len(arc) - steps + 1, len(arc))]]
         return _along(self.corners_m, arc)
 
     def sortie(self, round_index: int, problem: RoundProblem) -> Sortie:
-        """To the next hovering point, with the best schedule on the way and there."""
+        """Fly to the next hovering point, with the best schedule on the way and there."""
         path = self.path(round_index, problem.steps)
         tour = np.pad(path, ((0, problem.steps - len(path)), (0, 0)), mode="edge")
         tour[0] = problem.start_m
@@ -218,7 +218,7 @@ def _stretch_m(corners_m: Floats, config: MissionConfig, limits: RoundLimits | N
 
 
 def longest(most_m: float, fits: Callable[[float], bool], *, halvings: int = _HALVINGS) -> float:
-    """The longest path up to `most_m` that fits, by bisection."""
+    """Return the greatest length in metres up to `most_m` that `fits`, by bisection; else 0."""
     if fits(most_m):
         return most_m
     fitting_m = 0.0
@@ -232,12 +232,12 @@ def longest(most_m: float, fits: Callable[[float], bool], *, halvings: int = _HA
 
 
 def _fits(limits: RoundLimits | None, path: Floats) -> bool:
-    """Whether a path is flown within a round's limits, whomever it serves."""
+    """Whether the flight of a path (N, 2) without hovers keeps to a round's limits."""
     return limits is None or limits.fits(_foreseen(limits, path, [0.0] * len(path)))
 
 
 def _foreseen(limits: RoundLimits, path: Floats, holds_s: Sequence[float]) -> Foreseen:
-    """What flying a path takes, hovering so long at each point, with the sharpest corners."""
+    """Predict the flight of a path with hovers `holds_s` at its points and sharpest corners."""
     performance = limits.performance
     return performance.foresee(path, holds_s, float(acceptance_radii(performance.widest_m)[-1]))
 

@@ -1,4 +1,4 @@
-"""Gains by ray tracing: Sionna RT over one of its cities, or a scene file of one's own."""
+"""Radio maps by ray tracing: Sionna RT over one of its scenes, or a scene file of the user's."""
 
 import fcntl
 import hashlib
@@ -24,8 +24,8 @@ _MOST_BYTES = 1 << 28  # of a scene file
 
 
 def with_traced_map(config: RunConfig, area: Area, devices_m: Floats) -> RunConfig:
-    """The configuration with the map of its scene, where it names one and no map; made on first
-    use, for devices at places (K, 2).
+    """Return the configuration with the radio map of its scene, where it names a scene and no map;
+    traced on first use, then cached, for devices at places (K, 2).
 
     Raises:
         InputError: as `traced_map`, or the map cannot be kept.
@@ -66,7 +66,7 @@ def traced_map(
     height_m: Floats,
     cell_m: float,
 ) -> RadioMap:
-    """The map of the area of a run whose middle lies at a place (east, north) of a scene.
+    """Trace the radio map of a run's area, whose middle is at `middle_m` (east, north) of a scene.
 
     A device sends, the aircraft hears; both have antennas that are alike in all directions. Rays
     are reflected three times at most, or diffracted. The last digits of two calls differ.
@@ -119,7 +119,7 @@ def traced_map(
 
 
 def _scene(name: str, known: object) -> str:
-    """The file of a scene that comes with Sionna, or a file of one's own."""
+    """Return the file of a scene by its name in Sionna; a path of an .xml file as it is."""
     if name.endswith(".xml"):
         check_regular(Path(name), most=_MOST_BYTES)
         return name

@@ -32,7 +32,7 @@ class Manifest(TypedDict):
 
 @dataclass(frozen=True)
 class SweepFolder:
-    """Where a sweep leaves its runs and results."""
+    """The folder of a sweep: its runs, its manifest, its lock."""
 
     path: Path
 
@@ -42,7 +42,7 @@ class SweepFolder:
 
     @property
     def runs(self) -> Path:
-        """Holds the folders of all runs."""
+        """The folder that holds those of all runs."""
         return self.path / "runs"
 
     def done(self, run: Point) -> bool:

@@ -29,7 +29,7 @@ class Axis:
 
 
 def file_name(text: str) -> str:
-    """The same without characters that some file system refuses."""
+    """Replace characters that some file systems refuse in names by a dash."""
     return re.sub(r"[^A-Za-z0-9._=+-]+", "-", text)
 
 
@@ -43,7 +43,7 @@ class Point:
 
     @property
     def name(self) -> str:
-        """Name of the run's folder: readable, unique where the file system had it changed."""
+        """Name of the run's folder: readable; with a hash where it had to be changed or cut."""
         parts = [self.strategy, *(f"{k.rpartition('.')[2]}={v}" for k, v in self.settings)]
         plain = "-".join([*parts, f"seed{self.seed}"])
         name = file_name(plain)[:_NAME_LENGTH]
@@ -58,7 +58,7 @@ class Point:
 
     @property
     def label(self) -> str:
-        """Names the group of runs that differ by their seeds only: strategy and settings."""
+        """Name of the group of runs that differ by their seeds only: strategy and settings."""
         return f"{self.strategy}, {self.where}" if self.where else self.strategy
 
     @property
@@ -98,11 +98,11 @@ def make_grid(
     common: Mapping[str, object] | None = None,
     giver: str = "command line",
 ) -> Grid:
-    """Every run of a sweep over a configuration, or that in a file, each validated.
+    """Make the grid of a sweep over a configuration, or that in a file; validate every run.
 
-    Seeds count up from the configuration's. All runs have the `common` values by dotted key. They
-    are set together with those of a run: of a file that both name, the run's is read. `giver` is
-    what an error calls where the values come from.
+    Seeds count up from the configuration's. All runs have the `common` values by dotted key. A
+    run's own value replaces one of these before files are read. `giver` is what an error calls
+    the place that the values come from.
 
     Raises:
         InputError: a value is refused, named twice, or belongs to an option of its own.
@@ -155,7 +155,7 @@ def points(
 
 
 def parse_axis(text: str) -> Axis:
-    """`key=v1,v2` into an axis; commas inside brackets, braces and quotes do not separate.
+    """Parse `key=v1,v2` into an axis; commas inside brackets, braces and quotes do not separate.
 
     Raises:
         InputError: there is no `=`, no key or an empty value.

@@ -16,7 +16,7 @@ _SHOWN = 4  # runs at work, beside the bar
 
 
 class Lines:
-    """Plain lines, for pipes and logs, where only what ends is worth one."""
+    """Progress display of a sweep for pipes and logs: plain lines, one for each run that ends."""
 
     def __init__(self, console: Console) -> None:
         self._console = console
@@ -29,11 +29,11 @@ class Lines:
         """Update the counts of rounds and runs."""
 
     def close(self) -> None:
-        """Leave the terminal as it should stay."""
+        """End the display."""
 
 
 class Bar(Lines):
-    """A bar over all rounds, with the runs at work, under the lines of those that ended."""
+    """Progress display on a terminal: lines of ended runs; a bar over all rounds below them."""
 
     def __init__(self, console: Console, folder: SweepFolder, runs: Sequence[SweepRun]) -> None:
         super().__init__(console)
@@ -74,7 +74,7 @@ class Bar(Lines):
 
 
 def duration(seconds: float) -> str:
-    """`45 s`, `12 min`, `3 h 20 min`."""
+    """Format a duration: `45 s`, `12 min`, `3 h 20 min`."""
     if seconds < 90.0:
         return f"{seconds:.0f} s"
     minutes = round(seconds / 60.0)

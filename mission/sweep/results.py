@@ -42,7 +42,7 @@ class RunResult:
     equal: Row = field(default_factory=dict)
 
     def curve(self, column: str) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
-        """(rounds,) one column of its rounds."""
+        """Return one column of its rows in `rounds.csv`: (rounds,)."""
         return np.array([row[column] for row in self.rounds], dtype=np.float64)
 
 
@@ -96,10 +96,10 @@ def communities_of(results: Sequence[RunResult]) -> list[str]:
 
 
 def at_equal(runs: Sequence[RunResult], what: str, column: str) -> list[float]:
-    """A column of `rounds.csv` where the run that spent least of `what` ends, one of `EQUAL`.
+    """Values of a `rounds.csv` column, one a run, where the run that spent least of `what` ends.
 
-    On a straight line between two rounds, from the untrained model on. NaN of a run that spends
-    none of it, as `ideal` no energy, or that has no such column.
+    `what` is a key of `EQUAL`. Values are interpolated linearly, from the untrained model on. NaN
+    for a run that spends none of it, as `ideal` no energy, or that has no such column.
     """
     clocks = [
         run.curve(EQUAL[what])
@@ -117,7 +117,7 @@ def at_equal(runs: Sequence[RunResult], what: str, column: str) -> list[float]:
 
 
 def _with_start(run: RunResult, clock: Floats, column: str) -> tuple[Floats, Floats]:
-    """What was spent and a column of the rounds, and before them the untrained model's if known."""
+    """Return `clock` and a column of the rounds, both begun with the untrained model if known."""
     values, start = run.curve(column), run.summary.get(f"untrained_{column}")
     if start is None:
         return clock, values
@@ -202,7 +202,7 @@ def _results(folder: Path, by_name: Mapping[str, Point]) -> tuple[RunResult, ...
 
 
 def table_of(folder: Path, name: str) -> Path:
-    """A table of a sweep; packed, where it is there in that form alone."""
+    """Path of a sweep's table: the CSV file, or the gzip file where only that exists."""
     plain = folder / f"{name}.csv"
     packed = plain.with_name(f"{plain.name}.gz")
     return packed if packed.is_file() and not plain.is_file() else plain

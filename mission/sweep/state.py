@@ -42,7 +42,7 @@ class SweepState:
 
     @property
     def progress(self) -> str:
-        """`All 4 runs are done.`, or how many are and which are not."""
+        """Progress as a sentence: `All 4 runs are done.`, or how many are and which are not."""
         if not self.missing:
             return f"All {self.planned} runs are done."
         names = [item.run for item in self.missing]
@@ -54,7 +54,7 @@ class SweepState:
 
 
 def read_sweep(path: Path) -> SweepState:
-    """What the sweep in `path` has found so far; its tables are enough where its runs are gone.
+    """Read the state of the sweep in `path`, from its tables where the folders of runs are gone.
 
     Raises:
         InputError: not a sweep's folder, or none of its runs is done, or one is damaged.

@@ -46,8 +46,8 @@ def sweep(
     """Execute a sweep, or go on with it; returns the exit code. `page` makes a page of its folder.
 
     Raises:
-        InputError: before anything is flown, where it can be found then.
-        RunsFailedError: after everything is flown, naming every run that failed and why.
+        InputError: wrong input; raised before anything is flown, if it can be found then.
+        RunsFailedError: runs failed; raised after all are flown, naming each and why.
     """
     work = _Sweep(grid, SweepFolder(path), data_dir, run_figures, console)
     work.folder.check(grid, data_dir=data_dir)
@@ -78,7 +78,7 @@ class _Sweep:
     console: Console
 
     def fly(self, engine: EngineChoice, page: Page | None) -> dict[str, RunEnd]:
-        """Everything that is not done yet, then the results; how the runs ended, by name."""
+        """Fly all runs not done yet, then write results; return how they ended, by name."""
         grid, folder = self.grid, self.folder
         todo = [run for run in grid.runs if not folder.done(run)]
         if why := same_by_design([run.config for run in todo]):

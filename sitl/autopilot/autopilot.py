@@ -57,11 +57,11 @@ _LISTS = {
 
 
 class Autopilot:
-    """Serves MAVLink and flies the aircraft.
+    """The whole autopilot: serves MAVLink and flies the aircraft.
 
-    `tick` belongs to simulated time, once a physics tick; `watch` a few times a simulated second.
-    `receive`, `poll` and `due` belong to wall time, whose `now` the caller brings. Silence of those
-    who steer it or watch it is measured in wall time, too, but `in_step` in simulated time.
+    Call `tick` after every step of the aircraft, and `watch` a few times a simulated second.
+    `receive`, `poll` and `due` run in wall time, which the caller passes as `now` (s). Silence of
+    pilots and ground stations is measured in wall time or, if `in_step`, in simulated time.
     """
 
     def __init__(
@@ -151,7 +151,7 @@ class Autopilot:
         self._polled = [(server, report.contain(type(server).__name__)) for server in servers]
 
     def tick(self) -> bool:
-        """Advance the manoeuvre, after every physics tick; whether there still is one."""
+        """Advance the manoeuvre after a step of the aircraft; return whether one is under way."""
         return self.flight.tick()
 
     def watch(self) -> None:
@@ -164,7 +164,7 @@ class Autopilot:
             self._listen(self._aircraft.t_ns * 1e-9)
 
     def _listen(self, now: float) -> None:
-        """Look for who has fallen silent, on the clock by which silence is measured (s)."""
+        """Check pilots and ground station for silence at `now` (s), simulated if `in_step`."""
         self._cockpit.now = now
         with self._silence_contained:
             self._offboard.watch(self.failsafes)
@@ -205,7 +205,7 @@ class Autopilot:
         self._report.nudge(mav.MAVLINK_MSG_ID_HEARTBEAT)
 
     def poll(self, now: float) -> list[bytes]:
-        """Frames to send now: answers, news, and telemetry that is due."""
+        """Return the frames to send at `now` (s): due telemetry, answers and status texts."""
         report = self._report
         for server, contained in self._polled:
             with contained:
@@ -287,7 +287,7 @@ class Autopilot:
         return verdict
 
     def _store(self, kind: int, items: tuple[MissionItem, ...]) -> int:
-        """Take a list that was uploaded whole, or say what is wrong with it."""
+        """Take a complete list, or report what is wrong; return its MAV_MISSION_RESULT."""
         if kind == mav.MAV_MISSION_TYPE_FENCE:
             try:
                 self._guard.draw_fence(items)

@@ -16,7 +16,7 @@ from sitl.autopilot.reporter import Reporter
 
 
 class Action(IntEnum):
-    """What is done; a greater one overrides a smaller one."""
+    """A failsafe action; a greater one overrides a smaller one."""
 
     NOTHING = 0
     WARN = 1
@@ -52,7 +52,7 @@ class Cause(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Rule:
-    """The parameter that chooses the action, and the actions for its values, from 0."""
+    """A failsafe rule: the parameter that selects the action, and the action for each value."""
 
     parameter: str
     actions: tuple[Action, ...]
@@ -89,10 +89,10 @@ _CHARGE = {
 
 @dataclass
 class Failsafes:
-    """Looks for causes in simulated time (`watch`) and in wall time (`poll`), and acts on them.
+    """Looks for causes on board (`watch`) and for a silent ground station (`poll`), and acts.
 
-    That is done when a cause appears; whoever flies may override it afterwards. One that appears
-    on the ground is told there, and acted on as soon as the aircraft flies.
+    It acts once, when a cause appears; a pilot may override that afterwards. A cause that appears
+    on the ground is reported there, and acted on as soon as the aircraft flies.
     """
 
     aircraft: Aircraft
@@ -141,7 +141,7 @@ class Failsafes:
         return any(self._action(cause) > Action.WARN for cause in self._present)
 
     def update(self, cause: Cause, present: bool, detail: Callable[[], str] = str) -> None:
-        """Tell whether a cause is there now; what is done is said along with `detail`."""
+        """Set whether a cause is present, act on a new one, and report that with `detail`."""
         was = cause in self._present
         if not present:
             if was:

@@ -36,7 +36,7 @@ Shape: TypeAlias = Circle | Vector  # of a polygon the corners (M, 2), either wa
 
 
 class _Areas:
-    """Polygons and circles, prepared to be asked about many points."""
+    """Polygons and circles, prepared for point-in-area tests."""
 
     def __init__(self, shapes: Sequence[Shape]) -> None:
         circles = [(s.north_m, s.east_m, s.radius_m) for s in shapes if isinstance(s, Circle)]
@@ -53,7 +53,7 @@ class _Areas:
 
 @dataclass(frozen=True)
 class Fence:
-    """Be inside one of `inclusions`, if there are any, and outside all `exclusions`."""
+    """A geofence: be inside one of `inclusions`, if there are any, and outside all `exclusions`."""
 
     inclusions: tuple[Shape, ...] = ()
     exclusions: tuple[Shape, ...] = ()
@@ -63,7 +63,7 @@ class Fence:
         return _Areas(self.inclusions), _Areas(self.exclusions)
 
     def breach(self, pos_ned_m: Vector) -> str:
-        """What is wrong with being there, (3,), or in any of (P, 3) places; empty if nothing."""
+        """Describe the breach at one (3,) or any of (P, 3) points; empty if there is none."""
         points = np.atleast_2d(pos_ned_m)[:, :2]
         keep_in, keep_out = self._prepared
         if self.inclusions and not all(keep_in.contain(*point) for point in points):
@@ -76,15 +76,15 @@ class Fence:
 def breach_of(
     fence: Fence, pos_ned_m: Vector, *, home_ned_m: Vector, parameters: Parameters
 ) -> str:
-    """What fence and cylinder have against being there, (3,), or in any of (P, 3) places; empty if
-    nothing, or if switched off."""
+    """Describe the breach of the fence or the cylinder about home at one (3,) or any of (P, 3)
+    points; empty if there is none, or if GF_ACTION switches both off."""
     if parameters["GF_ACTION"] == 0:
         return ""
     return fence.breach(pos_ned_m) or _cylinder_breach(pos_ned_m, home_ned_m, parameters)
 
 
 def _cylinder_breach(pos_ned_m: Vector, home_ned_m: Vector, parameters: Parameters) -> str:
-    """Whether a position is too far from home or too high; empty if not."""
+    """Describe how (3,) or any of (P, 3) points is too far from home or too high; empty if not."""
     far, high = parameters["GF_MAX_HOR_DIST"], parameters["GF_MAX_VER_DIST"]
     offset = np.atleast_2d(pos_ned_m) - np.asarray(home_ned_m)
     if far > 0 and np.hypot(offset[:, 0], offset[:, 1]).max() > far:
@@ -95,10 +95,10 @@ def _cylinder_breach(pos_ned_m: Vector, home_ned_m: Vector, parameters: Paramete
 
 
 def compile_fence(items: Sequence[MissionItem], frame: LocalFrame) -> Fence:
-    """The fence that uploaded items describe.
+    """Build the fence that uploaded items describe.
 
     Raises:
-        SitlInputError: the vertices of a polygon are not as many as each of them says.
+        SitlInputError: a polygon has fewer vertices than its items say, or they disagree.
     """
     areas: dict[bool, list[Shape]] = {True: [], False: []}
     index = 0

@@ -47,15 +47,15 @@ class Guard:
         return (self._aircraft.t_ns - self._arrived_ns) * 1e-9
 
     def gnss(self) -> GnssFix | None:
-        """The last solution, if it is a recent one."""
+        """Return the last solution; None if it arrived more than 1.5 s ago, or never."""
         return self._fix if self.gnss_age_s() < _CURRENT_S else None
 
     def position_ok(self) -> bool:
-        """Whether the estimate of the position may still be navigated by."""
+        """Whether the position estimate may be used: GNSS age below COM_POS_FS_DELAY."""
         return self.gnss_age_s() < self._parameters["COM_POS_FS_DELAY"]
 
     def look_at_charge(self) -> dict[str, bool]:
-        """Each threshold by its parameter, and whether the charge is below it now."""
+        """Return for each threshold parameter whether the charge is below it, with hysteresis."""
         charge = self._aircraft.battery.remaining
         for name, below in self._below.items():
             self._below[name] = charge < self._parameters[name] + (_HYSTERESIS if below else 0.0)
@@ -68,10 +68,10 @@ class Guard:
         return self._aircraft.frame.to_ned(home.lat_deg, home.lon_deg, home.alt_msl_m)
 
     def draw_fence(self, items: Sequence[MissionItem]) -> None:
-        """Take the fence that these items draw; none where there are none.
+        """Replace the fence by the one that these items describe; no items remove it.
 
         Raises:
-            SitlInputError: the items make no fence.
+            SitlInputError: the items do not make a fence.
         """
         self._fence = compile_fence(items, self._aircraft.frame)
 
@@ -84,7 +84,7 @@ class Guard:
         return self.fence_enabled and p["GF_ACTION"] != 0 and (cylinder or drawn)
 
     def forbidden(self, places_ned_m: Vector) -> str:
-        """How places, (3,) or (n, 3), may not be, by the fence; empty if they may."""
+        """Describe how places, (3,) or (n, 3), breach the fence; empty if they do not."""
         if not self.fenced:
             return ""
         home = self.home_ned_m

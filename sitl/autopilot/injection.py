@@ -46,7 +46,7 @@ _UNITS = {
 
 
 def unit_of(fault: Fault) -> int | None:
-    """The unit that a fault is one of; None for the weather."""
+    """Return the FAILURE_UNIT that a fault belongs to; None for wind."""
     match fault:
         case GnssOff() | GnssJump():
             return _GNSS

@@ -38,7 +38,7 @@ def mode_of_custom(custom_mode: int) -> Mode | None:
 
 
 class Trigger(Enum):
-    """The orders that lead to a mode; the value is said of the change."""
+    """An order that leads to a mode; the value is the reason reported with the change."""
 
     ORDER_TAKEOFF = "take-off ordered"
     ORDER_MISSION = "mission ordered"
@@ -56,7 +56,7 @@ class Trigger(Enum):
 
 
 class Need(Enum):
-    """What must be true for an order; the value is said when it is not."""
+    """A precondition of an order; the value is the reason given if it is not met."""
 
     ARMED = "not armed"
     ON_GROUND = "already in the air"

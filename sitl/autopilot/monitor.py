@@ -1,4 +1,4 @@
-"""The state of health: what telemetry reports of it, and what is said when it changes."""
+"""Health monitoring: snapshots for telemetry, and reports of changes."""
 
 import math
 
@@ -53,7 +53,7 @@ class Monitor:
         self._faults: tuple[Fault, ...] = ()
 
     def watch(self) -> None:
-        """Look at what may have changed; a few times a simulated second."""
+        """Report changes of GNSS, faults and landed state; call a few times a simulated second."""
         self._guard.look_for_gnss()
         self.watch_faults()
         self._flight.notice_crash()

@@ -30,7 +30,7 @@ class Spec:
         return math.isfinite(value) and self.low <= self.stored(value) <= self.high
 
     def stored(self, value: float) -> float:
-        """What the wire can carry of a finite value, without the noise of single precision.
+        """Return a finite value as it is stored: a whole number, or six significant digits.
 
         MAVLink carries 32-bit floats: 0.7 arrives as 0.699999988. Rounded to six significant
         digits it is 0.7 again, and stays the same however often it is read and written.
@@ -143,14 +143,14 @@ class Parameters:
         self._values.update({name: SPECS[name].stored(value) for name, value in values.items()})
 
     def set(self, name: str, value: float) -> bool:
-        """Set one parameter that there is; False where it does not allow the value."""
+        """Set an existing parameter; return False if the value is outside of its limits."""
         spec = SPECS[name]
         if allowed := spec.allows(value):
             self._values[name] = spec.stored(value)
         return allowed
 
     def reset(self) -> None:
-        """Back to the defaults."""
+        """Reset all values to the defaults."""
         self._values = {spec.name: spec.default for spec in TABLE}
 
     def as_dict(self) -> dict[str, float]:
@@ -171,7 +171,7 @@ def refusal(name: str, value: float) -> str:
 
 
 def parameters_of(config: VehicleConfig) -> Parameters:
-    """Defaults, then the parameter file, then what the configuration itself says."""
+    """Return the configured parameters: defaults, then the file, then the configuration itself."""
     parameters = Parameters()
     path = config.parameter_file
     if path is not None and path.exists():
@@ -199,10 +199,10 @@ def problems_of(vehicle: VehicleConfig) -> Iterator[tuple[str, object, str]]:
 
 
 def load_parameters(path: Path) -> dict[str, float]:
-    """Values by name from a parameter file; names and limits are not checked here.
+    """Read values by name from a parameter file; names and limits are not checked here.
 
     Reads "NAME VALUE" (MAVProxy, Mission Planner; comma or white space) and QGroundControl's
-    "system component NAME VALUE type". Lines starting with # are comments.
+    "system component NAME VALUE type". Text after # is a comment.
 
     Raises:
         SitlInputError: the file cannot be read, or a line is neither.

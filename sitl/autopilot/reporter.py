@@ -19,7 +19,7 @@ EventSink = Callable[[EventKind, str, int | None, int], None]
 
 
 class Reporter:
-    """Sends news out at once; `nudged` are the telemetry messages that have changed."""
+    """Sends reports at once; `nudged` holds the telemetry messages to send out of turn."""
 
     def __init__(self, outbox: Outbox, sink: EventSink) -> None:
         self._outbox = outbox
@@ -30,15 +30,15 @@ class Reporter:
         self.nudged: set[int] = set()
 
     def contain(self, what: str, otherwise: Callable[[], object] | None = None) -> "_Contained":
-        """A context manager round the handling of a message, an order or a periodic check.
+        """Return a context manager for the handling of a message, an order or a periodic check.
 
-        An error of ours ends what the block was about, is told, and `otherwise` is done; the
-        vehicle goes on. Errors of observers (a full disk) are not ours and pass through.
+        An internal error ends the block, is reported, and `otherwise` is called; the vehicle
+        goes on. Errors of observers (a full disk) pass through.
         """
         return _Contained(self, what, otherwise)
 
     def internal_error(self, what: str, error: Exception) -> None:
-        """Tell of an error that nothing should have led to, once; an observer's is raised again."""
+        """Report an unexpected error, once for each kind and place; raise an observer's again."""
         if error is self._outside:
             raise error
         kind = type(error).__name__
@@ -95,7 +95,7 @@ class Reporter:
             self._sink("reached", f"item {seq}", seq, mav.MAV_SEVERITY_INFO)
 
     def failsafe(self, text: str) -> None:
-        """Tell that a failsafe has acted, or has ended."""
+        """Report a failsafe that was triggered, as critical."""
         self.say(text, mav.MAV_SEVERITY_CRITICAL, kind="failsafe")
 
 

@@ -1,5 +1,5 @@
-"""Other people's autopilots as the brain of our aircraft: real PX4 and ArduPilot firmware.
+"""Real PX4 and ArduPilot firmware as the autopilot of our simulated aircraft.
 
-A bridge hands a firmware the sensors of the plant and drives the plant's motors as it says, tick
-by tick, in the firmware's own simulator protocol; the firmware's clock is ours.
+A bridge sends the plant's sensor readings to a firmware and drives the plant's motors as it orders,
+tick by tick, in the firmware's own simulator protocol; the firmware runs on our clock.
 """

@@ -24,7 +24,7 @@ _RATES_HZ = (250, 400, 500, 800, 1000)  # whole ticks of everything that the pla
 
 
 def slowest_rate_hz(loops_hz: float) -> int:
-    """Ticks a second with which it arms: its inertial sensors want 1.8 for each of its loops."""
+    """Return the tick rate (Hz) that ArduPilot needs to arm: 1.8 ticks a loop, 1000 Hz at most."""
     return next((rate for rate in _RATES_HZ if rate >= 1.8 * loops_hz), _RATES_HZ[-1])
 
 
@@ -34,8 +34,8 @@ RATE_HZ = slowest_rate_hz(LOOPS_HZ)
 class ArduPilotBridge(Bridge):
     """Steps a plant for the ArduPilot that sends to `port`.
 
-    The first to ask is answered, until a process asks that is new and counts from 0, as ArduPilot
-    does after a reboot, from another port.
+    It answers the first process that asks. One that asks from another port and counts from 0, as
+    ArduPilot does after a reboot, raises FirmwareRestartedError.
     """
 
     def __init__(self, plant: Plant, *, port: int = DEFAULT_PORT) -> None:

@@ -1,4 +1,4 @@
-"""ArduCopter as it is started for our aircraft."""
+"""Launch of ArduCopter for our aircraft: its command line and parameters."""
 
 import math
 from pathlib import Path
@@ -14,7 +14,7 @@ _SCRIPT = b"#!"
 
 
 def ardupilot_launch(order: Order, plant: Plant) -> Launch:
-    """Open a bridge on a free port.
+    """Open a bridge on a free port and prepare ArduCopter for it.
 
     Raises:
         LinkError: no port can be had.
@@ -46,7 +46,7 @@ def ardupilot_launch(order: Order, plant: Plant) -> Launch:
 
 
 def check_arducopter(binary: Path) -> None:
-    """Refuse another program. A script may start whatever it likes.
+    """Check that a binary is ArduCopter's; a script is accepted whatever it starts.
 
     Raises:
         FirmwareSilentError: there is no binary, or it is not ArduCopter's.
@@ -66,9 +66,9 @@ def check_arducopter(binary: Path) -> None:
 
 
 def fitting(order: Order, plant: Plant) -> dict[str, float]:
-    """ArduCopter's parameters that say what it flies: the airframe, its sensors and the limits.
+    """Return ArduCopter's parameters for our aircraft: airframe, sensors and limits.
 
-    Versions differ in names and units; what a version does not know it leaves out.
+    Versions differ in names and units; a version ignores what it does not know.
     """
     aircraft = order.vehicle.aircraft
     limits, sensors = aircraft.limits, aircraft.sensors

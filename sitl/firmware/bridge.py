@@ -1,4 +1,4 @@
-"""What both bridges are to those who step them, and the sockets that both use."""
+"""The interface of the firmware bridges, and the sockets that they use."""
 
 import socket
 import struct
@@ -16,10 +16,10 @@ LOOPBACK = "127.0.0.1"
 
 
 class Bridge(ABC):
-    """One firmware's way to be given sensors and to drive motors."""
+    """A simulator link to one firmware: sends sensor readings, steps the plant by its orders."""
 
     def __init__(self, plant: Plant, link: Hil | Json, port: int) -> None:
-        """`link` is what goes between the firmware and here.
+        """`link` is the C structure of what is exchanged with the firmware.
 
         Raises:
             SitlInputError: the plant has no sensors.
@@ -36,7 +36,7 @@ class Bridge(ABC):
 
     @property
     def port(self) -> int:
-        """The port on which it listens."""
+        """The port on which the bridge listens."""
         assert self._socket is not None
         return int(self._socket.getsockname()[1])
 
@@ -55,19 +55,19 @@ class Bridge(ABC):
 
     @abstractmethod
     def run(self, ticks: int) -> int:
-        """Step the plant so often at most, each time when the firmware asks for it.
+        """Step the plant at most `ticks` times, each time when the firmware asks for it.
 
         Returns:
-            How often; 0 where the firmware asked for nothing for a moment.
+            The number of ticks; 0 if the firmware asked for none for a moment.
 
         Raises:
             FirmwareError: the firmware runs on a clock of its own.
-            FirmwareRestartedError: it has ended, or begun anew.
+            FirmwareRestartedError: it has ended or restarted.
         """
 
     @abstractmethod
     def rest(self) -> None:
-        """Time stands still: take what arrives meanwhile; nothing is answered."""
+        """Wait a moment while time stands still; take what arrives, answer nothing."""
 
     @abstractmethod
     def close(self) -> None:
@@ -96,7 +96,7 @@ def bound(kind: socket.SocketKind, port: int) -> socket.socket:
 def give_up_soon(sock: socket.socket) -> None:
     """Let `recv` and `send` raise BlockingIOError after `LOOK_S` without data or room.
 
-    By the kernel: `socket.settimeout` would ask it twice for every datagram.
+    The kernel ends the wait: `socket.settimeout` would take two system calls a datagram.
     """
     timeval = struct.pack("ll", 0, int(LOOK_S * 1e6))
     for wait in (socket.SO_RCVTIMEO, socket.SO_SNDTIMEO):

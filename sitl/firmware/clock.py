@@ -1,6 +1,6 @@
 """Simulated time under a firmware: a thread that steps the plant whenever it may and is asked.
 
-The truth of the last while is kept for those who learn of an instant after it is over.
+Recent true states are kept for readers that learn of an instant only after it has passed.
 """
 
 import math
@@ -26,9 +26,9 @@ _LISTEN_S = 0.001  # wall time between looks whether it was
 
 
 class TruthHistory:
-    """The truth at each guidance interval of the plant, the newest 80 s of it.
+    """Ring buffer of true states: the newest 4096 guidance intervals of a plant (82 s at 50 Hz).
 
-    One thread keeps, by `keep` in `bridge.c`; others may ask at any time.
+    One thread writes, by `keep` in `bridge.c`; others may read at any time.
     """
 
     def __init__(self, plant: Plant, ring: TruthRing) -> None:
@@ -42,7 +42,7 @@ class TruthHistory:
         self.keep_battery(exchanged=True)
 
     def keep_battery(self, *, exchanged: bool = False) -> None:
-        """Keep the battery's state where it is time to, or if it was exchanged."""
+        """Store the battery's state in every fifth interval, or if it was exchanged."""
         number, rest = divmod(self._plant.t_ns, _BATTERY_EVERY * self._interval_ns)
         if rest == 0 or exchanged:
             self._batteries[number % len(self._batteries)] = self._plant.battery
@@ -55,13 +55,13 @@ class TruthHistory:
         return self._between(last, last, self._ring.of(last)[0])
 
     def motors(self, t_ns: int) -> list[float]:
-        """The duty cycles that were ordered at an instant of the last while."""
+        """Return the four duty cycles (0..1) in force at an instant within the history."""
         interval = min(t_ns // self._interval_ns, self._ring.newest)
         duties: list[float] = self._ring.of(interval)[1][native.TRUTHS :].tolist()
         return duties
 
     def at(self, t_ns: int) -> Moment:
-        """The truth at an instant: between two kept by both, else by the nearest one's velocity."""
+        """Return the true state at an instant, interpolated; extrapolated outside the history."""
         last = self._ring.newest
         # The oldest may be overwritten at any time.
         first = max(self._first, last - native.KEPT + 8)
@@ -88,10 +88,10 @@ class TruthHistory:
 
 
 class FirmwareClock:
-    """Runs an open bridge in a thread of its own, at a pace, with truth kept for a while.
+    """Runs an open bridge in a thread of its own, at a given pace, and keeps recent true states.
 
-    Time stands still unless `run` was called last. All but `run`, `rest` and `stop` may be called
-    at any time from any thread.
+    Time stands still unless `run` was called last, or `answers` is set and a station is answered.
+    `at_wall_pace`, `heard` and `truth` may be used at any time from any thread.
     """
 
     def __init__(
@@ -156,8 +156,8 @@ class FirmwareClock:
         self._slow_until = time.monotonic() + seconds
 
     def heard(self, t_ns: int) -> None:
-        """Telemetry of this instant was read. Time goes on up to half a second beyond the newest,
-        so that whoever is slow to read, or the firmware to send, misses nothing.
+        """Note that telemetry of an instant was read. Time runs at most half a second ahead of it,
+        so that nothing is missed if reading, or the firmware's sending, is slow.
         """
         self._heard_ns = max(t_ns, self._heard_ns or 0)
 

@@ -21,7 +21,7 @@ HOVER_THRUST = 0.17
 
 
 def check_binary(path: Path) -> None:
-    """Refuse what cannot be started.
+    """Check that a binary can be started.
 
     Raises:
         FirmwareSilentError: there is no such file, or it may not be executed.
@@ -75,12 +75,12 @@ class FirmwareProcess:
 
     @property
     def died(self) -> str:
-        """How it ended by itself; empty while it runs."""
+        """How the firmware ended, in words; empty while it runs."""
         code = self._supervisor.poll()
         return "" if code is None else f"{self._name} has ended with exit code {code}"
 
     def last_words(self, lines: int = 5) -> str:
-        """The last lines of its console, joined; empty where it said nothing."""
+        """Return the last lines of the firmware's console, joined; empty if there are none."""
         try:
             with self.console.open("rb") as console:
                 console.seek(0, os.SEEK_END)
@@ -92,7 +92,7 @@ class FirmwareProcess:
         return " | ".join("".join(c for c in line if c.isprintable()) for line in said[-lines:])
 
     def stop(self) -> None:
-        """End it, by force where it does not end by itself; may be called twice."""
+        """End the firmware, by force if it does not end by itself; may be called twice."""
         if self._supervisor.stdin is not None and not self._supervisor.stdin.closed:
             self._supervisor.stdin.close()
         try:

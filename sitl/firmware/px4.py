@@ -106,7 +106,7 @@ class Px4Bridge(Bridge):
         self._check(hil_send(self._stepped.at, gps))
 
     def _read_slow(self) -> None:
-        """Barometer and magnetometer, where they are due."""
+        """Read barometer and magnetometer, if they are due, into the next HIL_SENSOR."""
         says = self._hil.sensor
         baro, mag = self._sensors.slow()
         if mag is not None:
@@ -154,7 +154,7 @@ class Px4Bridge(Bridge):
         return True
 
     def _keep_pace(self) -> None:
-        """Not faster than wall time: PX4 starts its modules in wall time."""
+        """Sleep to keep wall-time pace, because PX4 starts its modules in wall time."""
         due_s = self._paced_s + self.plant.dt_ns * 1e-9
         now_s = time.monotonic()
         if due_s > now_s:
@@ -163,7 +163,7 @@ class Px4Bridge(Bridge):
 
 
 def gps_payload(t_us: int, fix: GnssFix, place: GeodeticPoint) -> bytes:
-    """HIL_GPS at a time of PX4's clock, `place` being the solution's on the globe."""
+    """Pack HIL_GPS at a time (us) of PX4's clock; `place` is the geodetic position of `fix`."""
     n, e, d = fix.vel_ned_mps.tolist()
     return _GPS.pack(
         t_us,

@@ -43,7 +43,7 @@ _STREAMS_HZ = {
 
 
 def px4_launch(order: Order, plant: Plant) -> Launch:
-    """Open a bridge under a free instance.
+    """Open a bridge for a free PX4 instance and prepare PX4 for it.
 
     Raises:
         LinkError: no instance is free.
@@ -70,7 +70,7 @@ def px4_launch(order: Order, plant: Plant) -> Launch:
 
 
 def etc_of(binary: Path) -> Path:
-    """The folder of its scripts, beside that of the binary.
+    """Return the folder of PX4's scripts, beside the binary's own folder.
 
     Raises:
         FirmwareSilentError: there is no binary, or no such folder.
@@ -86,7 +86,7 @@ def etc_of(binary: Path) -> Path:
 
 
 def _free_instance(plant: Plant) -> tuple[int, Px4Bridge]:
-    """An instance nobody uses: on its port nobody listens, and its lock is nobody's.
+    """Find a PX4 instance whose port and lock are free, and open its bridge.
 
     A PX4 takes its lock after it has been started, and ports are one network namespace's; a lock
     of our own, which the bridge holds, keeps two runs apart until then.
@@ -109,7 +109,7 @@ def _free_instance(plant: Plant) -> tuple[int, Px4Bridge]:
 
 
 def _hold(path: str) -> int | None:
-    """The descriptor of a file that is now locked; None where somebody else has locked it."""
+    """Lock a file and return its descriptor; None if somebody else has locked it."""
     try:
         lock = os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, 0o666)
     except OSError:
@@ -139,12 +139,12 @@ def _parameters(order: Order, plant: Plant) -> str:
 
 
 def _number(value: float) -> str:
-    """As `param set` reads it, which takes no decimal point for an integer's parameter."""
+    """Format a value for `param set`, which takes no decimal point for an integer parameter."""
     return str(int(value)) if float(value).is_integer() else repr(float(value))
 
 
 def fitting(order: Order, plant: Plant) -> dict[str, float]:
-    """PX4's parameters that say what it flies: the airframe, its sensors and the limits."""
+    """Return PX4's parameters for our aircraft: airframe, sensors and limits."""
     aircraft = order.vehicle.aircraft
     limits, gnss = aircraft.limits, aircraft.sensors.gnss
     fast = min(20.0, max(limits.speed_mps, order.speed_mps))  # PX4 takes 20 m/s at most
@@ -177,12 +177,12 @@ def fitting(order: Order, plant: Plant) -> dict[str, float]:
 
 
 def _jerk(limits: LimitsConfig) -> float:
-    """By what acceleration may change along a mission, in the range that PX4 takes."""
+    """Return the jerk limit (m/s3) for missions, in the range that PX4 takes."""
     return min(max(limits.acceleration_mps2 / max(limits.smoothing_s, 0.1), 1.0), 80.0)
 
 
 def _geometry(airframe: Airframe) -> dict[str, float]:
-    """Rotors in PX4's order, which is the airframe's: arms at 45 degrees."""
+    """Return PX4's rotor geometry parameters: arms at 45 degrees, in the airframe's order."""
     arm = airframe.arm_m / math.sqrt(2)
     places = ((arm, arm, 1), (-arm, -arm, 1), (arm, -arm, -1), (-arm, arm, -1))
     values: dict[str, float] = {}

@@ -81,7 +81,7 @@ class Packet:
 
 
 def packets(datagram: bytes) -> Iterator[Packet]:
-    """The messages in a datagram; what is none ends it."""
+    """Yield the frames in a datagram, up to the first bytes that are no frame."""
     at = 0
     while at + 8 <= len(datagram):
         if datagram[at] == 0xFD and at + 12 <= len(datagram):
@@ -100,7 +100,7 @@ def packets(datagram: bytes) -> Iterator[Packet]:
 
 
 class Writer:
-    """What the relay itself says to the firmware, as a part of its vehicle."""
+    """Packs the relay's own messages to the firmware, as the battery component of its vehicle."""
 
     def __init__(self, system: int) -> None:
         self._mav = mav.MAVLink(None, srcSystem=system, srcComponent=mav.MAV_COMP_ID_BATTERY)
@@ -137,9 +137,9 @@ class Writer:
 
 
 class Relay:
-    """Between one firmware behind a UDP socket and the links of ground stations.
+    """MAVLink relay between a firmware behind a UDP socket and the links of ground stations.
 
-    An asynchronous context manager, in whose loop `hear` gets each message of `heard`.
+    An asynchronous context manager; its event loop calls `hear` for each message of `heard`.
     """
 
     def __init__(
@@ -152,8 +152,8 @@ class Relay:
         hear: Hear,
         heard: frozenset[int],
     ) -> None:
-        """`asked` is told for how long (wall s) a ground station waits for answers; what
-        `each_second` returns goes to the firmware once a second of its time.
+        """`asked(seconds)` is called when a ground station waits that long (wall time) for answers;
+        what `each_second` returns is sent to the firmware once a second of its time.
         """
         sock.setblocking(False)
         self._socket = sock

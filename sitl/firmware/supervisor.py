@@ -15,7 +15,7 @@ GRACE_S = 3.0
 
 
 def main(processor: str, argv: list[str]) -> int:
-    """Run `argv` on one processor, if it names one; its exit code, or 128 + signal."""
+    """Run `argv`, on `processor` if one is named; return its exit code, or 128 + signal."""
     if processor:
         os.sched_setaffinity(0, {int(processor)})
     for number in (signal.SIGINT, signal.SIGHUP, signal.SIGTERM):

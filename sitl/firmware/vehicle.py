@@ -35,7 +35,7 @@ _GNSS_SWITCH = "SIM_GPS1_ENABLE"  # ArduPilot's; its JSON interface cannot leave
 
 
 def plant_rate_hz(vehicle: VehicleConfig) -> int:
-    """Ticks a second in which the firmware has the plant stepped."""
+    """Return the physics rate (Hz) of the plant under the configured firmware."""
     if vehicle.autopilot == "ardupilot":
         loops_hz = vehicle.firmware.parameters.get("SCHED_LOOP_RATE", LOOPS_HZ)
         return max(vehicle.aircraft.physics_hz, slowest_rate_hz(loops_hz))
@@ -43,10 +43,10 @@ def plant_rate_hz(vehicle: VehicleConfig) -> int:
 
 
 def check_firmware(vehicle: VehicleConfig) -> None:
-    """Refuse a binary that is not the firmware asked for, as far as it shows before it runs.
+    """Check that the binary is the configured firmware, as far as that shows before it runs.
 
     Raises:
-        FirmwareSilentError: says what it is.
+        FirmwareSilentError: it is not; says what is wrong.
     """
     path = vehicle.firmware.path
     assert path is not None  # so says the configuration
@@ -63,9 +63,9 @@ def plant_for(
     streams: RandomStreams,
     obstacles: Obstacles | None = None,
 ) -> Plant:
-    """The configured aircraft on the ground at `home`, at the rate that its firmware asks for.
+    """Build the configured aircraft on the ground at `home`, at the rate that its firmware needs.
 
-    Under PX4 its accelerometer is a better one, where the configuration leaves it as it is.
+    Under PX4 it has a better accelerometer, unless the configuration changes its IMU.
 
     Raises:
         FlightInputError: an interval of the configuration is no whole number of ticks.
@@ -104,9 +104,9 @@ class FirmwareVehicle:
     ) -> None:
         """Nothing is opened yet.
 
-        `folder` is made for the firmware to live in. Ground stations are behind `links`;
+        `folder` is created as the firmware's working folder. `links` lead to ground stations;
         `hear` gets the vehicle's messages whose numbers are in `heard`; time waits for those with
-        a stamp. `speed` is in simulated seconds per second at most; infinite: as fast as it goes.
+        a time stamp. `speed`: simulated seconds per second at most; infinite: no limit.
         """
         self.plant = plant
         self._vehicle = vehicle
@@ -173,7 +173,7 @@ class FirmwareVehicle:
                 self._switch_gnss()
 
     def _battery(self) -> bytes:
-        """PX4 takes the battery of another component for its own; ArduPilot takes none."""
+        """Return the BATTERY_STATUS that PX4 takes for its own; empty for ArduPilot."""
         if self._vehicle.autopilot == "ardupilot":
             return b""
         capacity_mah = self._vehicle.aircraft.battery.capacity_mah
@@ -186,7 +186,7 @@ class FirmwareVehicle:
             self.relay.to_firmware(self._writer.parameter(_GNSS_SWITCH, float(self._gnss_on)))
 
     def _failure(self) -> BaseException | None:
-        """What has gone wrong; the console's last lines go with it."""
+        """Return what has gone wrong with firmware or aircraft; None if nothing."""
         error, died = self.clock.error, self.process.died
         if error is not None and not isinstance(error, FirmwareError):
             return error
@@ -201,15 +201,15 @@ class FirmwareVehicle:
         return None
 
     def with_last_words(self, text: str) -> str:
-        """What went wrong, with the last lines of the firmware's console, and where all are."""
+        """Return `text` with the path and the last lines of the firmware's console added."""
         said = self.process.last_words()
         ended = f"ended with: {said}" if said else "is empty"
         return f"{text}; its console ({self.process.console}) {ended}"
 
 
 def _shared_processor() -> int | None:
-    """One for firmware and bridge, which take turns: to wake a sleeping processor for each turn
-    takes longer than the turn. None where the system does not let us choose.
+    """Choose one processor for firmware and bridge, which take turns: waking a sleeping one would
+    take longer than a turn. Return None where the system does not let us choose.
     """
     if not hasattr(os, "sched_getaffinity"):
         return None

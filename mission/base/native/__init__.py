@@ -1,1 +1,1 @@
-"""Where may be flown, in C: legs, places and ways."""
+"""Geometry of an airspace in C: checks of points and legs, free places, shortest paths."""

@@ -16,7 +16,7 @@ _POINTER, _INT, _DOUBLE = ctypes.c_void_p, ctypes.c_int64, ctypes.c_double
 
 
 class Structure(ctypes.Structure):
-    """Outlines and what is known of them; see `airspace.h`."""
+    """The C struct `Airspace` of `airspace.h`: outlines, vertices, shortest paths between them."""
 
     _fields_ = (
         ("outlines", _INT), ("fenced", _INT), ("first", _POINTER), ("corner", _POINTER),
@@ -38,8 +38,7 @@ _find_route = ctypes.CFUNCTYPE(_INT, _POINTER, _INT, *[_POINTER] * 4)(("find_rou
 
 
 class Outlines:
-    """Outlines (n, 2) in metres, the free side on the left of their edges, and the places and ways
-    beside them."""
+    """Outlines of an airspace as C uses them: checks of points and legs, free places, routes."""
 
     def __init__(
         self,
@@ -51,10 +50,11 @@ class Outlines:
         places_m: Floats,
         shifts: Floats,
     ) -> None:
-        """`fenced`: the last one is a fence. `margins_m`: what is free from an outline, what is on
-        it, and where a place is that is moved to its side; `shifts` (S, 2), by the last of these,
-        are tried about a place that is not free. Ways lead over those of the vertices (V, 2) that
-        are free."""
+        """Take outlines `rings` (n, 2), free side on the left; `fenced`: the last is a fence.
+
+        `margins_m`: distances from an outline that count as free, as on it, and that a point is
+        moved to. Around a point that is not free, `places_m` and `shifts` (S, 2; times the last
+        margin) are tried, too. Paths lead over those of `vertices_m` (V, 2) that are free."""
         first = np.cumsum([0, *map(len, rings)])
         self._kept = [first, np.vstack(rings), *(
             np.array([end(ring, axis=0) for ring in rings]) for end in (np.min, np.max)
@@ -71,7 +71,7 @@ class Outlines:
 
     @cached_property
     def at(self) -> int:
-        """Where C has it, with the shortest ways between its vertices."""
+        """Address of the C struct, with the shortest paths between its vertices filled in."""
         count = self._space.vertices
         self._kept += [np.empty((count, count)), np.empty((count, count), np.int32)]
         self._space.length, self._space.before = (m.ctypes.data for m in self._kept[-2:])
@@ -79,7 +79,7 @@ class Outlines:
         return self._at
 
     def keep(self, from_m: Floats, to_m: Floats, away_m: float) -> Bools:
-        """(S,) which legs (S, 2) -> (S, 2) are further away from every outline."""
+        """(S,) whether legs (S, 2) -> (S, 2) are farther than `away_m` from every outline."""
         count, kept = len(to_m), np.empty(len(to_m), np.bool_)
         ends = [np.ascontiguousarray(points_m, dtype=np.float64) for points_m in (from_m, to_m)]
         at = [address(points_m, np.float64, (count, 2)) for points_m in ends]
@@ -87,26 +87,26 @@ class Outlines:
         return kept
 
     def allow(self, points_m: Floats) -> Bools:
-        """(P,) which points (P, 2) lie where may be flown, on no outline."""
+        """(P,) whether points (P, 2) may be flown, margin aside; not those on an outline."""
         allowed = np.empty(len(points_m), np.bool_)
         _call(_allow, self._at, points_m, allowed)
         return allowed
 
     def free(self, points_m: Floats) -> Bools:
-        """(P,) which points (P, 2) lie there, and at the margin from every outline."""
+        """(P,) whether points (P, 2) may be flown and are the margin from every outline."""
         return self.keep(points_m, points_m, self._space.clear) & self.allow(points_m)
 
     def away(self, points_m: Floats) -> Floats:
-        """(P,) metres from points (P, 2) to where may be flown, margin or not."""
+        """(P,) metres from points (P, 2) to the nearest outline, margin aside; 0 where allowed."""
         metres = np.empty(len(points_m))
         _call(_measure_away, self._at, points_m, metres)
         return metres
 
     def moved(self, points_m: Floats) -> Floats:
-        """(P, 2) the nearest free places.
+        """Return points (P, 2), each that is not free moved to the nearest free place found.
 
         Raises:
-            ValueError: nowhere is free.
+            ValueError: no free place was found for a point.
         """
         moved = np.array(points_m, dtype=np.float64)
         if _call(_move_all, self._at, moved) < len(moved):
@@ -114,7 +114,7 @@ class Outlines:
         return moved
 
     def route(self, waypoints_m: Floats) -> tuple[Floats, Ints]:
-        """(P, 2) the route through waypoints (N, 2), and (N,) which of its points they are."""
+        """Return the route (P, 2) through waypoints (N, 2), and their indices (N,) in it."""
         steps, spare = len(waypoints_m), np.empty(2 * self.corners)
         route, at = np.empty((steps * (self.corners + 1), 2)), np.empty(steps, np.int64)
         points = _call(_find_route, self.at, waypoints_m, route, at, spare)
@@ -122,12 +122,12 @@ class Outlines:
 
     @property
     def pairs(self) -> int:
-        """Of outlines and vertices: what has to be looked at for a way."""
+        """Number of pairs of outline and vertex: a measure of what finding a path costs."""
         return int(self._space.outlines * self._space.vertices)
 
     @property
     def corners(self) -> int:
-        """That a way has at most, one beside a start that is not free included."""
+        """Most corners that a path can have, with one beside a start that is not free."""
         return int(self._space.vertices) + 1
 
 

@@ -1,6 +1,4 @@
-"""Finding an external autopilot that can be flown: it answers, it knows where it is, and that is
-where the devices are.
-"""
+"""Connection to an autopilot that can be flown: it answers, and knows that it is near the area."""
 
 import asyncio
 from collections.abc import AsyncIterator, Callable, Sequence
@@ -29,7 +27,7 @@ POLL_S = 0.05  # wall time between looks at what telemetry has said
 
 @dataclass(frozen=True)
 class Milestones:
-    """Tells the plant what faults may come after, as telemetry has it; a `VehicleObserver`."""
+    """`VehicleObserver` that tells the plant of the events after which its faults may begin."""
 
     plant: Plant
 
@@ -54,14 +52,14 @@ async def located(
     raw_link: RawLink | None = None,
     known: Known | None = None,
 ) -> AsyncIterator[tuple[Pilot, TelemetryFeed]]:
-    """A vehicle that knows where it is, and is where the devices are.
+    """Connect to a vehicle and wait for its position; yields its pilot and telemetry feed.
 
     It is at the other end of `raw_link` where one is given, else at `link.url`.
 
     Raises:
         LinkLostError: no autopilot there in time.
         FlightError: it does not come to know where it is.
-        InputError: it is somewhere else than the area.
+        InputError: it is farther than `FARTHEST_M` from the area's home.
     """
     async with connect(
         raw_link or link.url,
@@ -76,7 +74,7 @@ async def located(
 
 
 async def _locate(feed: TelemetryFeed, area: Area, *, timeout_s: float, say: Say) -> None:
-    """Wait for the first position that can be believed, and see that it lies in the area."""
+    """Wait for the first valid position; refuse one beyond `FARTHEST_M` from the area's home."""
     said = asyncio.get_running_loop().call_later(
         PATIENT_S, lambda: say(f"waiting for the vehicle's position ({feed.readiness.missing})")
     )

@@ -49,7 +49,7 @@ _LEAST_MPS = 0.1  # that plans are timed by
 
 @dataclass
 class ExternalFlyer(Flyer):
-    """Flies stretches one after another; what was flown comes from telemetry."""
+    """Flyer of an external autopilot; what was flown is known from telemetry only."""
 
     pilot: Pilot
     feed: TelemetryFeed
@@ -91,7 +91,7 @@ class ExternalFlyer(Flyer):
             raise FlightError("the vehicle is armed already: land and disarm it first")
 
     async def set_fence(self, items: Sequence[MissionItem]) -> None:
-        """Give the vehicle a fence; it stays there."""
+        """Upload a geofence to the vehicle, which keeps it after the flight."""
         await self.ready()
         await self.pilot.upload_fence(items)
 
@@ -167,7 +167,7 @@ class ExternalFlyer(Flyer):
             await self.land()
 
     async def record(self, fly: Callable[[], Awaitable[None]], *, goes_on: bool = False) -> Flight:
-        """What is flown while `fly` carries out a mission that was uploaded."""
+        """Run `fly`, which carries out an uploaded mission, and return what was flown meanwhile."""
         self.feed.reached_ns.clear()
         self.recorder.start(self.here(), goes_on=goes_on)
         await fly()
@@ -200,21 +200,21 @@ class ExternalFlyer(Flyer):
                 await until(lambda: self.t_ns > landed_ns)
 
     async def refresh(self, needed: float) -> bool:
-        """See `Flyer`; a charged battery has to be waited for, so people are told."""
+        """See `Flyer`; people are told, because somebody has to charge or change the battery."""
         self._doubt_battery()
         if self.battery_remaining < needed:
             self.say(f"{self._low(needed)}: the vehicle returns, lands and waits for a charged one")
         return await super().refresh(needed)
 
     async def _battery_told(self) -> None:
-        """Wait for the first reading; who never tells one may fly all the same."""
+        """Wait a few seconds for the first battery reading; a vehicle may fly without one."""
         with suppress(TimeoutError):
             async with asyncio.timeout(_FIRST_READING_S):
                 await until(lambda: not math.isnan(self.battery_remaining))
 
     async def _change_battery(self, needed: float) -> None:
-        """Wait for more than what a battery recovers by resting: half of all above the need, but no
-        more than a charged one is sure to read."""
+        """Wait for a charge halfway from `needed` to full, at most `CHARGED`: more than a battery
+        recovers by resting."""
         enough = min((1.0 + needed) / 2.0, CHARGED)
         timeout_s = self.link.battery_timeout_s
         try:
@@ -247,7 +247,7 @@ class ExternalFlyer(Flyer):
             )
 
     def _believe_speed(self, plan: FlightPlan, flight: Flight) -> None:
-        """Plan with what the vehicle reaches where that is less than was ordered."""
+        """Time the next plans by the speed that the vehicle reached, if below the ordered one."""
         ordered_mps = self._ordered_mps
         enough_m = ordered_mps**2 / _RUN_UP_MPS2 + _AT_SPEED_S * ordered_mps
         reached_mps = _fastest(flight)
@@ -287,7 +287,7 @@ def check_end(short_m: float, *, acceptance_m: float = 0.0) -> None:
 
 
 def _fastest(flight: Flight) -> float:
-    """The speed over ground that was kept for a second; 0 of a flight that was over sooner."""
+    """Return the greatest mean ground speed (m/s) over a second; 0 for a shorter flight."""
     t_ns = flight.t_ns
     begin_ns = t_ns[t_ns <= t_ns[-1] - _SECOND_NS]
     moved_m = [
@@ -299,7 +299,7 @@ def _fastest(flight: Flight) -> float:
 
 @dataclass(frozen=True)
 class ExternalFlyers(Flyers):
-    """An autopilot somewhere else, to which nobody but MAVSDK is linked."""
+    """Flyers of an autopilot elsewhere, with a MAVSDK connection as the only link to it."""
 
     no_resume = "flights of an external autopilot do not repeat"
 
@@ -309,7 +309,7 @@ class ExternalFlyers(Flyers):
         return f"telemetry of {url}: truth and belief are what the autopilot says"
 
     def await_vehicle(self, *, say: Say) -> VehicleLimits:
-        """Connect as for a flight, see that the vehicle stands in the area, and part."""
+        """Connect as for a flight, check that the vehicle is near the area, and read its limits."""
         link = self.task.config.link
 
         async def look() -> VehicleLimits:
@@ -329,7 +329,7 @@ class ExternalFlyers(Flyers):
         Raises:
             LinkLostError: no autopilot there in time, or one that does not say where it is.
             FlightError: it does not come to know where it is.
-            InputError: it is somewhere else than the area.
+            InputError: it is too far from the area.
         """
         task, say, recorder = self.task, attached.say, FlightRecorder()
         link, mission, demand = task.config.link, task.config.mission, task.demand
@@ -365,7 +365,7 @@ async def limits_of(
 
 @asynccontextmanager
 async def left_holding(pilot: Pilot) -> AsyncIterator[None]:
-    """A flight that ends otherwise than by landing is left holding its position."""
+    """Context manager: order a hold if the block raises while the vehicle is armed and linked."""
     try:
         yield
     except BaseException as error:  # a bug, too, leaves it in the air

@@ -41,7 +41,7 @@ _SAME_PARAMETER = 1e-4  # relative: parameters travel as 32-bit floats
 
 @dataclass(kw_only=True)
 class FirmwareFlyer(ExternalFlyer):
-    """Flies stretches one after another; truth from the physics, belief from telemetry."""
+    """Flyer of a firmware on the simulated aircraft: truth from physics, belief from telemetry."""
 
     vehicle: FirmwareVehicle
 
@@ -81,7 +81,7 @@ class FirmwareFlyer(ExternalFlyer):
         return self.vehicle.clock.truth.newest.battery.remaining
 
     async def refresh(self, needed: float) -> bool:
-        """As the simulated vehicle does: its charge is known, and nobody has to be waited for."""
+        """Change the battery at once, as the simulated vehicle does; nobody is waited for."""
         return await Flyer.refresh(self, needed)
 
     async def _change_battery(self, needed: float) -> None:  # noqa: ARG002
@@ -90,13 +90,13 @@ class FirmwareFlyer(ExternalFlyer):
 
 @dataclass(frozen=True)
 class FirmwareFlyers(Flyers):
-    """A real firmware on the simulated aircraft. A run flies it once."""
+    """Flyers of a real firmware on the simulated aircraft; opened once in a run."""
 
     plant: Plant  # on the ground at home
 
     @classmethod
     def of(cls, task: Task) -> Self:
-        """With the configured aircraft.
+        """Create the flyers with the configured aircraft.
 
         Raises:
             InputError: one of its settings is refused.
@@ -198,7 +198,7 @@ class FirmwareFlyers(Flyers):
 
 
 async def _check_program(pilot: Pilot, config: RunConfig) -> None:
-    """Whether it is the firmware that the configuration asks for, and has taken its parameters."""
+    """Raise FlightError unless this is the configured firmware and it took its parameters."""
     name = NAMES[config.vehicle.autopilot]
     if pilot.dialect.name != name:
         raise FlightError(

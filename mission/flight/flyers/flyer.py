@@ -25,7 +25,7 @@ CHARGED = 0.9
 
 
 class Flyer(ABC):
-    """Flies stretches one after another and hands out what was recorded of each."""
+    """Base class of a vehicle with its pilot: flies plans and returns the recorded flights."""
 
     area: Area
     mission: MissionConfig  # with the speed that the vehicle keeps
@@ -37,7 +37,7 @@ class Flyer(ABC):
 
     @property
     def performance(self) -> Performance:
-        """How it flies rounds, as far as plans depend on it."""
+        """Flight performance that plans assume: speed, guidance limits, wind and pace."""
         return performance_of(
             self.mission, self.area.home.alt_msl_m, self.guidance, wind=self.wind, pace=self.pace
         )
@@ -61,7 +61,7 @@ class Flyer(ABC):
 
     @abstractmethod
     async def upload(self, plan: FlightPlan) -> None:
-        """Give the vehicle the stops; a plan that neither moves nor hovers is none of its business.
+        """Upload a plan's stops; do nothing if the plan neither moves nor hovers.
 
         Where time cannot stand still the vehicle hovers meanwhile.
         """
@@ -81,7 +81,7 @@ class Flyer(ABC):
         *,
         begins: Callable[[], None],  # noqa: ARG002
     ) -> None:
-        """Fly a plan file from the ground to the ground; `begins` is called as its path does.
+        """Fly a plan file from the ground to the ground; call `begins` when its path begins.
 
         Raises:
             FlightError, LinkLostError: see `Pilot`.
@@ -152,6 +152,6 @@ class Flyer(ABC):
         await self.fly(plan)
 
     async def go_home(self) -> None:
-        """Be above home where a return, which leads straight there, might cross an area."""
+        """Fly above home if there are no-fly areas or a fence, which a return might cross."""
         if not self.area.airspace.is_open:
             await self.go_to(np.array(self.area.home_m))

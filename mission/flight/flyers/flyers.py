@@ -1,4 +1,4 @@
-"""Who flies a run, as a run sees it: what it asks before anything flies, and the flyer it opens.
+"""Base class of the ways to fly a run: checks before anything flies, and opening the flyer.
 
 Each kind stands beside its flyer: `simulated`, `firmware`, `external`, `unflown`.
 """
@@ -30,7 +30,7 @@ Say: TypeAlias = Callable[[str], None]
 
 @dataclass(frozen=True)
 class Task:
-    """Where a vehicle is to fly, and what is asked of it."""
+    """Configuration, area, random streams and demand of the flights of a run."""
 
     config: RunConfig
     area: Area
@@ -91,7 +91,7 @@ class Flyers(ABC):
         return None
 
     def fence(self) -> tuple[Zone, ...]:
-        """What the vehicle keeps to, as far as it is known here: what the configuration draws."""
+        """Return the fence zones that are known before the flight: the configured ones."""
         return airspace_zones(self.task.area)
 
     @abstractmethod

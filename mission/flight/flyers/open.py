@@ -15,7 +15,7 @@ from mission.scenario.scenario import Scenario, build_scenario
 
 
 def flyers_for(task: Task) -> Flyers:
-    """Who flies, as the configuration says.
+    """Return the flyers that the configuration asks for: external, built-in or firmware.
 
     Raises:
         InputError: a setting of the vehicle is refused.

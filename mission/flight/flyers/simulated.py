@@ -34,7 +34,7 @@ from sitl.vehicle import Vehicle
 
 
 def simulated_vehicle(config: VehicleConfig, *, area: Area, streams: RandomStreams) -> Vehicle:
-    """A vehicle on the ground at home, with nothing that goes by wall time.
+    """Create a vehicle on the ground at home; a failsafe that goes by wall time is refused.
 
     Raises:
         InputError: the vehicle's settings are refused.
@@ -50,7 +50,7 @@ def simulated_vehicle(config: VehicleConfig, *, area: Area, streams: RandomStrea
 
 
 def _arrival(flight: Flight, reported: Passage | None, hold_s: float) -> Passage | None:
-    """When a stop was arrived at: where the aircraft hovers, it reports the end of the hover."""
+    """Return the arrival at a stop: its report less the hover before that; None: not reported."""
     if reported is None or hold_s == 0.0:
         return reported
     return flight.at(reported.t_ns - round(1e9 * hold_s))
@@ -120,14 +120,14 @@ class SimulatedFlyer(Flyer):
 
 @dataclass(frozen=True)
 class BuiltInFlyers(Flyers):
-    """Our own autopilot on the simulated aircraft. A run flies it once."""
+    """Flyers of our own autopilot on the simulated aircraft; opened once in a run."""
 
     vehicle: Vehicle  # on the ground at home
     position_source = "simulated vehicle: truth from its physics, belief from its estimator"
 
     @classmethod
     def of(cls, task: Task) -> Self:
-        """With the configured vehicle.
+        """Create the flyers with the configured vehicle.
 
         Raises:
             InputError: one of its settings is refused.
@@ -136,7 +136,7 @@ class BuiltInFlyers(Flyers):
         return cls(task, vehicle)
 
     def fence(self) -> tuple[Zone, ...]:
-        """With what the vehicle's parameters make: a circle about home."""
+        """Return the configured zones, and the circle about home that parameters set, if any."""
         parameters = self.vehicle.autopilot.parameters
         return (*super().fence(), *fence_of((), parameters, self.task.area))
 

@@ -23,7 +23,7 @@ FULL = BatteryState(voltage_v=0.0, current_a=0.0, consumed_mah=0.0, remaining=1.
 
 @dataclass
 class UnflownFlyer(Flyer):
-    """A vehicle exactly on its plan in rounds, and between them at once where it is sent."""
+    """Flyer without an aircraft: it is exactly on its plan in rounds, and jumps between them."""
 
     area: Area
     mission: MissionConfig
@@ -51,7 +51,7 @@ class UnflownFlyer(Flyer):
         self._ned_m = self.area.to_ned(np.array(self.area.home_m), self.altitude_m)
 
     async def go_to(self, xy_m: Floats) -> None:
-        """Be above a place at once."""
+        """Move at once to a point (2,) in area coordinates, or the nearest that is allowed."""
         allowed_m = self.area.airspace.moved(xy_m[None])[0]
         self._ned_m = self.area.to_ned(allowed_m, self.altitude_m)
 
@@ -112,7 +112,7 @@ class UnflownFlyer(Flyer):
 
 @dataclass(frozen=True)
 class NoFlyers(Flyers):
-    """Nobody flies: a plan, if there is one, is met exactly."""
+    """Flyers for a run in which nothing is flown: a plan, if there is one, is met exactly."""
 
     position_source = "nothing is flown: what is planned is met exactly, at the planned speed"
 

@@ -127,8 +127,8 @@ class _Reader:
         self.found.event(t_ns, "status", text)
 
     def _listed(self, t_ns: int, kind: int, total: int, item: MissionItem) -> None:
-        """A row of a list of a MAV_MISSION_TYPE as it was uploaded; versions before MISE write what
-        is carried out as such rows, too."""
+        """Add an item to its uploaded list (of a MAV_MISSION_TYPE); versions before MISE log items
+        that are carried out in the same way."""
         items = self._lists.setdefault(kind, {})
         if item.seq and len(items) == total:
             self.found.heads_for(t_ns, item.seq)

@@ -37,7 +37,7 @@ _MARGIN_M = 50.0  # around the flight, for the map
 
 @dataclass
 class Found:
-    """What is found in a log, in order of time (ns of its clock), which comes first in a row."""
+    """Rows found in a log, in time order; each row begins with its time (ns of the log's clock)."""
 
     path: Path
     kind: str
@@ -72,18 +72,17 @@ class Found:
             self.current.append((t_ns, seq))
 
     def took(self, t_ns: int, items: Mapping[int, MissionItem], kind: int = _MISSION) -> None:
-        """Note a list of a MAV_MISSION_TYPE that was uploaded, by number; one that says the same
-        again is none."""
+        """Note an uploaded list of a MAV_MISSION_TYPE, by number, unless it equals the last one."""
         record = record_of(t_ns, kind, [items[seq] for seq in sorted(items)])
         before = [mission.items for mission in self.missions if mission.kind == record.kind]
         if before[-1:] != [record.items]:
             self.missions.append(record)
 
     def flight(self) -> FlightData:
-        """All of it as a flight.
+        """Convert all of it to a flight.
 
         Raises:
-            InputError: there are no positions, or its clock started anew and no part is longest.
+            InputError: there are fewer than two positions, or the clock of the log goes back.
         """
         places = self._of_one_clock(self.places)
         if len(places) < 2:
@@ -137,7 +136,7 @@ class Found:
         )
 
     def _of_one_clock(self, rows: Sequence[tuple[float, ...]]) -> Floats:
-        """The rows in order of time, thinned; those of a clock that started anew are refused."""
+        """Return valid rows in time order, thinned to 20 ms; InputError: the clock goes back."""
         table = _places(rows)
         self.skipped["position without a value"] += len(rows) - len(table)
         back = np.flatnonzero(np.diff(table[:, 0]) < -_BACK_NS)

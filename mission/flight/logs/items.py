@@ -42,7 +42,7 @@ _LOW_M = 1.0  # below this a flight begins on the ground
 
 
 def record_of(t_ns: int, kind: int, items: Sequence[MissionItem]) -> MissionRecord:
-    """A list of a MAV_MISSION_TYPE as logs hold it."""
+    """Return the log record of a mission, fence or rally list (`kind`: MAV_MISSION_TYPE)."""
     rows = [
         (i.seq, i.command, i.frame, *i.params, i.x, i.y, i.z, int(i.autocontinue)) for i in items
     ]
@@ -50,7 +50,7 @@ def record_of(t_ns: int, kind: int, items: Sequence[MissionItem]) -> MissionReco
 
 
 def items_of(record: MissionRecord) -> tuple[MissionItem, ...]:
-    """The inverse of `record_of`, without the kind."""
+    """Return the items of a log record: the inverse of `record_of`, but for their mission type."""
     return tuple(
         MissionItem(int(seq), int(command), int(frame), (p1, p2, p3, p4), x, y, z, 0, bool(auto))
         for seq, command, frame, p1, p2, p3, p4, x, y, z, auto in record.items
@@ -74,7 +74,7 @@ class MissionPath:
 
 
 def place_m(item: MissionItem, area: Area, here_m: Floats = _NOWHERE) -> Floats:
-    """(3,) where an item leads, in area coordinates; from `here_m` for what it leaves open."""
+    """Return an item's place (3,) in area coordinates; `here_m` replaces what it leaves open."""
     x, y = here_m[:2]
     if not (math.isnan(item.x) or math.isnan(item.y) or item.x == item.y == 0.0):
         x, y = area.from_ned(area.frame.to_ned(item.x, item.y, area.home.alt_msl_m)).tolist()
@@ -92,7 +92,7 @@ def mission_path(
 ) -> MissionPath:
     """The path of a mission that begins at `start_m`, (3,) area coordinates, with item `first`.
 
-    A return leads home, or to what of `rally_m`, (3,) each, is closer.
+    A return leads to the nearest of home and the rally points `rally_m`, (3,) each.
     """
     points, seqs, known = [np.array(start_m, dtype=np.float64)], [-1], [True]
     given, left_out = None, Counter[str]()
@@ -145,8 +145,8 @@ def mission_path(
 
 
 def _circle(centre_m: Floats, radius_m: float, here_m: Floats, *, laps: float) -> Floats:
-    """(n, 3) points of circles from the nearest one on, clockwise or with a negative radius the
-    other way."""
+    """Return (n, 3) points of circles from the one nearest `here_m` on, clockwise, or anticlockwise
+    with a negative radius."""
     # Left open, it is the same for our vehicle and, unless it is set otherwise, for ArduCopter.
     radius_m = radius_m if abs(radius_m) > 0.0 else DEFAULT_RADIUS_M
     east, north = (here_m - centre_m)[:2].tolist()

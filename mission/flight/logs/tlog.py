@@ -53,7 +53,7 @@ def read_tlog(path: Path) -> FlightData:
 
 
 def _messages(content: bytes, found: Found) -> Iterator[tuple[int, Any]]:
-    """Time and message of all that can be read; the rest is counted."""
+    """Yield time (us since 1970) and message of each readable packet; count the rest as skipped."""
     parser = mav.MAVLink(None)
     parser.robust_parsing = True
     at = 0
@@ -154,7 +154,7 @@ class _Reader:
                     self._transferred(t_ns, message)
 
     def _transferred(self, t_ns: int, message: Any) -> None:
-        """A part of a transfer from or to the vehicle. What it sends itself, it has."""
+        """Take part of a mission transfer; a list sent by the vehicle itself is one it holds."""
         kind, sender = message.mission_type, message.get_srcSystem()
         if message.get_type() == "MISSION_COUNT":
             self._lists[kind, sender] = message.count, {}
@@ -169,7 +169,7 @@ class _Reader:
                 del self._lists[kind, sender]
 
     def _answered(self, t_ns: int, ack: Any) -> None:
-        """The vehicle's word on an upload: only one that it accepts is its mission."""
+        """Take the vehicle's MISSION_ACK: a complete upload that it accepts becomes its list."""
         count, items = self._lists.pop((ack.mission_type, ack.target_system), (0, {}))
         if ack.type == mav.MAV_MISSION_ACCEPTED and items and len(items) == count:
             self._found.took(t_ns, items, ack.mission_type)

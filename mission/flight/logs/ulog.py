@@ -118,7 +118,7 @@ def _rows(data: Columns | None, *names: str) -> Iterator[tuple[float, ...]]:
 
 
 def _places(topics: dict[str, Columns], names: tuple[str, ...]) -> Iterator[tuple[float, ...]]:
-    """Latitude, longitude, altitude of the first of some topics that is there."""
+    """Yield (t_ns, latitude, longitude, altitude) of the first of the topics that is present."""
     data = next((topics[name] for name in names if name in topics), None)
     if data is None:
         return
@@ -133,7 +133,7 @@ def _places(topics: dict[str, Columns], names: tuple[str, ...]) -> Iterator[tupl
 
 
 def _homes(data: Columns | None) -> Iterator[tuple[float, ...]]:
-    """Homes that PX4 says are some: before, they are zeros."""
+    """Yield the home positions that PX4 marks as valid, where it does; the others are zeros."""
     says = [name for name in ("valid_hpos", "valid_alt") if data and name in data]
     for t_ns, lat, lon, alt, *valid in _rows(data, "lat", "lon", "alt", *says):
         if all(valid):
@@ -148,7 +148,7 @@ def _battery(data: Columns | None) -> Iterator[tuple[float, ...]]:
 
 
 def _local(data: Columns | None) -> Iterator[tuple[float, ...]]:
-    """Local positions that have a place on the globe."""
+    """Yield (t_ns, latitude, longitude, altitude) of local positions with a known reference."""
     from flightdyn.frames import LocalFrame
 
     for t_ns, x, y, z, lat, lon, alt, valid in _rows(
@@ -182,8 +182,8 @@ def _status(found: Found, data: Columns | None) -> None:
 
 
 def _heading_for(found: Found, topics: dict[str, Columns]) -> None:
-    """The missions, as far as they were flown: what was headed for in the mission mode, while which
-    item was current. What has no place of its own, as a change of speed, is an item left open."""
+    """Collect the missions as far as they were flown: position setpoints in mission mode, by item.
+    An item without a place of its own, such as a change of speed, is left open."""
     result = topics.get("mission_result", {})
     identity = next((name for name in _IDENTITIES if name in result), _IDENTITIES[-1])
     told = list(_rows(result, "seq_current", "finished", identity))

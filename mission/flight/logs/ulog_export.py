@@ -139,7 +139,7 @@ def _poses(
 
 
 def _attitude(turns: Floats) -> Floats:
-    """(n, 4) FRD -> NED as (w, x, y, z), of what our log has as FLU -> ENU: (x, y, z, w)."""
+    """Convert attitudes (n, 4), FLU -> ENU as (x, y, z, w), to FRD -> NED as (w, x, y, z)."""
     x, y, z, w = turns.reshape(-1, 4).T
     turned = np.column_stack((w + z, x + y, x - y, w - z))
     return np.asarray(turned / np.linalg.norm(turned, axis=1, keepdims=True))
@@ -189,7 +189,8 @@ def _fixes(contents: Contents) -> Rows:
 
 
 def _status(contents: Contents, data: FlightData) -> Rows:
-    """Once a second and at each change; a failsafe is a pulse, for nothing says when it is over."""
+    """Return rows of `vehicle_status`, each second and at changes; a failsafe is a pulse, for
+    nothing says when it is over."""
     modes = list(contents.decoded(topics.MODE))
     if not modes:
         return rows(np.zeros(0, dtype=np.int64))
@@ -236,7 +237,7 @@ def _mission(data: FlightData) -> dict[str, Rows]:
 
 
 def _items(data: FlightData, t_ns: int) -> tuple[int, Places]:
-    """How many items were in force at an instant, and where they lead."""
+    """Return how many items the mission in force at `t_ns` has, and the places of its items."""
     home = data.area.home
     for record in reversed(data.missions):
         if record.kind == "mission" and record.t_ns <= t_ns:

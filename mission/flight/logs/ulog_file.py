@@ -1,4 +1,4 @@
-"""Bytes of a ULog: rows of numbers by topic, and lines of text, in order of time.
+"""Encoding of ULog files: rows of numbers by topic, and lines of text, in order of time.
 
 Format: https://docs.px4.io/main/en/dev_log/ulog_file_format.html
 """
@@ -40,8 +40,7 @@ _MOST_TEXT = 60_000  # that fits a message
 
 
 def rows(t_ns: Ints, **columns: Any) -> Rows:
-    """A topic's rows: each column has a value a row, (n,) or (n, k), or one value for all; or it
-    is rows itself."""
+    """Build a topic's rows from columns: (n,) or (n, k) values, a value for all, or nested rows."""
     arrays = {name: np.asarray(values) for name, values in columns.items()}
     kinds = [
         (name, _KINDS.get(name) or _BY_KIND.get(values.dtype.kind, values.dtype), values.shape[1:])
@@ -57,8 +56,7 @@ def rows(t_ns: Ints, **columns: Any) -> Rows:
 def ulog(
     topics: Mapping[str, Rows], lines: Sequence[Line], told: Sequence[tuple[str, str]] = ()
 ) -> bytes:
-    """A whole file, without the topics that have no rows; `told` are names and texts of what no
-    topic is for."""
+    """Encode a ULog file, without empty topics; `told`: names and texts of information messages."""
     topics = {name: table for name, table in topics.items() if len(table)}
     formats: dict[str, str] = {}
     for name, table in topics.items():

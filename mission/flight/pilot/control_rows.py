@@ -16,8 +16,8 @@ _HELD_NS = 100_000_000  # no setpoint is in force longer unless it is told again
 
 
 class ControlRows:
-    """Rows as `flightdyn.native.library.Trace` has them, one for each attitude that is told; what
-    is not told is NaN."""
+    """Queue of rows as `flightdyn.native.library.Trace` has them, one for each attitude message;
+    unknown values are NaN."""
 
     def __init__(self) -> None:
         self._rows: deque[Floats] = deque()
@@ -28,17 +28,17 @@ class ControlRows:
     def attitude(
         self, t_ns: int, q_frd_to_ned: Floats, rates_frd_radps: Floats, motors: Sequence[float]
     ) -> None:
-        """Begin a row with what was believed then, and with the motors' duty cycles."""
+        """Append a row with the believed attitude and body rates, and the motors' duty cycles."""
         row = np.full(TRACE, math.nan)
         row[0], row[1:5], row[5:8], row[16:20] = t_ns, q_frd_to_ned, rates_frd_radps, motors
         self._rows.append(row)
 
     def setpoint(self, column: int, t_ns: int, numbers: Sequence[float]) -> None:
-        """Take what was ordered: SI units, FRD -> NED, NED."""
+        """Queue a setpoint for `ATTITUDE` or `MOTION` columns: SI units, FRD -> NED, NED."""
         self._setpoints[column].append((t_ns, numbers))
 
     def take(self, until_ns: int) -> Floats | None:
-        """The rows (n, 31) up to an instant, with the setpoints in force then; None: no rows."""
+        """Remove and return rows (n, 31) up to a time, with setpoints in force; None: no rows."""
         taken = []
         while self._rows and self._rows[0][0] <= until_ns:
             taken.append(row := self._rows.popleft())

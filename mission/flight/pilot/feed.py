@@ -147,7 +147,7 @@ class TelemetryFeed:
                 group.create_task(follow(*streams))
 
     def note(self, text: str) -> None:
-        """Put a line about the vehicle into the log, where it is and flies now."""
+        """Report a line of text to the observers as a status event at the present position."""
         self._happened("status", text, _INFO)
 
     def passed(self, seq: int, passage: Passage) -> None:
@@ -286,9 +286,8 @@ class TelemetryFeed:
 
 
 class VehicleClock:
-    """A vehicle's clock by the stamps of its messages: nanoseconds since one, the first if no
-    other. A vehicle that starts anew goes on where it was.
-    """
+    """Vehicle time by the stamps of its messages: nanoseconds since `zero_ms`, or the first stamp.
+    It continues where the vehicle restarts."""
 
     def __init__(self, zero_ms: int | None = None) -> None:
         self._zero_ms = zero_ms

@@ -72,7 +72,7 @@ class VehicleLimits:
 
     @property
     def guidance(self) -> LimitsConfig:
-        """How it is taken to fly: as our own guidance would with its acceleration."""
+        """Guidance limits for planning: our own, with the vehicle's acceleration and top speed."""
         ours = LimitsConfig()
         accel = self.value("acceleration_mps2", otherwise=ours.acceleration_mps2)
         return ours.model_copy(
@@ -83,7 +83,7 @@ class VehicleLimits:
         )
 
     def lines(self) -> list[str]:
-        """The parameters behind them, one a line, as the vehicle counts."""
+        """Return the parameters behind the limits, one a line, in the vehicle's own units."""
         return [f"{limit.name} = {limit.raw:g}" for limit in self.told.values()]
 
     def adjustments(self, demand: Demand) -> dict[str, tuple[float, float]]:

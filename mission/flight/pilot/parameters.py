@@ -77,7 +77,7 @@ async def adjusted(
 
 
 async def _restored(parameters: Parameters, changed: Mapping[str, tuple[float, float]]) -> str:
-    """Set back what was changed; what stays as it was set for the flight, for people."""
+    """Restore changed parameters; return a line for people on those that failed, empty if none."""
     left = dict(changed)
     try:
         async with asyncio.timeout(RESTORE_TIMEOUT_S):

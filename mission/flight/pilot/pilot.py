@@ -84,9 +84,8 @@ class Pilot:
             await self.watch.ask_armable()
 
     async def lists(self) -> list[tuple[MissionItem, ...]] | None:
-        """Mission, fence and rally points that the vehicle holds; None where they come not whole,
-        as while it answers another ground station of MAVSDK's, too.
-        """
+        """Download mission, fence and rally points from the vehicle; None where one is incomplete,
+        as while it answers another ground station of MAVSDK's, too."""
         raw = self._mission
         try:
             lists = [
@@ -101,7 +100,7 @@ class Pilot:
         return [tuple(from_raw(item, self.dialect) for item in items) for items in lists]
 
     async def arm(self) -> None:
-        """Release the motors, in a mode that takes no vehicle without a position."""
+        """Arm the vehicle; where its dialect names one, in a mode that requires a position."""
         if self.dialect.arming_mode is not None:
             number, shown = self.dialect.arming_mode
             self.watch.order_given()
@@ -247,7 +246,7 @@ class Pilot:
         await self._order("hold", self._action.hold())
 
     async def until(self, met: Callable[[], bool], what: str) -> None:
-        """Wait until telemetry says so, while the vehicle should do `what`.
+        """Wait until `met()`; `what` the vehicle should do meanwhile goes into the error.
 
         Raises:
             LinkLostError, FlightError: it falls silent, or is lost.
@@ -292,7 +291,7 @@ class Pilot:
             raise await self._refused(what, error) from None
 
     async def _refused(self, what: str, error: MavsdkError | None = None) -> FlightError:
-        """The vehicle's own words may come a little after its refusal."""
+        """Return the error of a refusal, with the vehicle's own warning, awaited for a second."""
         for _ in range(REASON_POLLS):
             if self.watch.first_warning:
                 break

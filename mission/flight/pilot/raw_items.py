@@ -45,7 +45,7 @@ def _to_raw(item: MissionItem) -> RawItem:
 
 
 def from_raw(item: RawItem, dialect: Dialect) -> MissionItem:
-    """An item as it comes back; where item 0 is the home position, that is no command."""
+    """Convert a downloaded item; item 0, where it is the home position, gets command 0."""
     scale = DEG_E7 if item.frame in GLOBAL_FRAMES else 1.0
     home = item.seq < dialect.first_item and item.mission_type == 0
     return MissionItem(
@@ -109,5 +109,5 @@ def _essence(items: list[RawItem], dialect: Dialect) -> list[tuple[int, ...]]:
 
 
 def _thousandths(param: float) -> int:
-    """Of a parameter as it travels: a 32-bit float; one that is left open may come back as 0."""
+    """Return a 32-bit float parameter in thousandths; NaN as 0, for it may come back as 0."""
     return 0 if math.isnan(param) else round(float(np.float32(param)) * 1000)

@@ -39,7 +39,7 @@ _ARDUPILOT = """<?xml version="1.0"?>
 
 
 async def settled(call: Awaitable[Answer]) -> Answer:
-    """The result of a MAVSDK call. An interruption is raised when the call has ended.
+    """Await a MAVSDK call; a cancellation is raised only when the call has ended.
 
     The call runs in a thread, and MAVSDK must not be taken down under it: both would wait for
     ever.
@@ -88,7 +88,7 @@ class Messages:
             yield json.loads(message.fields_json)
 
     async def command(self, number: int, *params: float) -> int | None:
-        """Give a MAV_CMD; the MAV_RESULT of its acknowledgement, None where none came."""
+        """Send a MAV_CMD; return the MAV_RESULT of its acknowledgement, None if none came."""
         target = await self._system.get_system_id()
         values = (*params, *(0.0,) * 7)[:7]
         fields = {
@@ -107,7 +107,7 @@ class Messages:
         return int(json.loads(answer.fields_json)["result"])
 
     async def stream(self, number: int, rate_hz: float) -> bool:
-        """Ask for a message again and again; whether the vehicle agreed."""
+        """Request a message at a rate; return whether the vehicle agreed."""
         result = await self.command(SET_MESSAGE_INTERVAL, number, 1e6 / rate_hz)
         if result != ACCEPTED:
             logger.info("the vehicle refuses to stream message %d: %s", number, result)

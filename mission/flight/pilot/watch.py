@@ -65,7 +65,7 @@ class Watch:
         return "" if late or of_takeoff else self.last_warning
 
     def order_given(self) -> None:
-        """Warnings from now on may be about the order that is being given; older ones are not."""
+        """Forget earlier warnings: only those from now on may be about the order being given."""
         self.first_warning = self.last_warning = ""
         self.left_mission = None
 

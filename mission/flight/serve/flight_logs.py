@@ -79,7 +79,7 @@ class FlightLogs:
 
     @contextmanager
     def _kept(self) -> Iterator[None]:
-        """A full disk, or a file that somebody deletes, ends the log and not the flight."""
+        """Context manager: a full disk or a deleted file ends the log and not the flight."""
         try:
             yield
         except InputError as error:

@@ -1,4 +1,4 @@
-"""A real firmware on the simulated aircraft, for whoever runs a vehicle."""
+"""Host of a real firmware on the simulated aircraft."""
 
 import asyncio
 import math
@@ -29,11 +29,11 @@ _ANYTHING = Demand(speed_mps=0.0, altitude_m=0.0, distance_m=0.0, acceptance_m=m
 
 
 class FirmwareHost(Host):
-    """PX4 or ArduCopter. Where time is ordered it also goes on, no faster than wall time, while a
-    client is being answered: a firmware answers in its own time."""
+    """Host of PX4 or ArduCopter. Ordered time also runs, no faster than wall time, while a client
+    is being answered: a firmware answers in its own time."""
 
     def __init__(self, config: RunConfig, *, logs: Path | None, speed: float, runs: Runs) -> None:
-        """`speed` times real time; as `aerofed.vehicle` has the rest.
+        """Prepare the firmware, at `speed` times real time; the rest is as for `aerofed.vehicle`.
 
         Raises:
             InputError: there is no such firmware, or a setting is refused.
@@ -56,7 +56,7 @@ class FirmwareHost(Host):
 
     @asynccontextmanager
     async def alive(self) -> AsyncIterator[None]:
-        """As `BuiltIn.alive`; the rest, too, is as there."""
+        """Run the firmware while the block runs, ready to be armed."""
         observers = (self.track, *(() if self.logs is None else (self.logs,)))
         said: list[str] = []  # what people are told of it is in its log, too
         with (

@@ -1,4 +1,4 @@
-"""Vehicles in an event loop, for whoever runs one: who flies, and how simulated time passes."""
+"""Hosts: vehicles that run in an event loop, each with its way to let simulated time pass."""
 
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
@@ -28,7 +28,7 @@ _GREETING_S = 10.0  # wall time in which a vehicle must have answered a new clie
 
 
 class State(NamedTuple):
-    """What there is to see of a vehicle; truth and charge are those of the simulated world."""
+    """Observable state of a vehicle; kinematics and charge are those of the simulated world."""
 
     truth: Kinematics
     mode: str
@@ -50,7 +50,7 @@ class Host:
 
 
 class BuiltIn(Host):
-    """The built-in autopilot."""
+    """Host of the built-in autopilot."""
 
     def __init__(self, served: Served, *, speed: float, runs: Runs) -> None:
         super().__init__(served.area, served.guidance, served.logs, runs)
@@ -61,7 +61,7 @@ class BuiltIn(Host):
 
     @asynccontextmanager
     async def alive(self) -> AsyncIterator[None]:
-        """It lives inside, ready to be armed."""
+        """Run the vehicle while the block runs; ordered time first runs until it has started up."""
         async with self._simulation:
             while self.runs == "ordered" and self._vehicle.moving:
                 await self.run_for(LOOK_S)  # it starts up
@@ -69,17 +69,17 @@ class BuiltIn(Host):
 
     @property
     def state(self) -> State:
-        """How it is now."""
+        """The vehicle's present state."""
         aircraft, mode = self._vehicle.aircraft, self._vehicle.autopilot.mode.name
         return State(aircraft.truth, mode, aircraft.armed, aircraft.battery.remaining)
 
     @property
     def parameters(self) -> Parameters:
-        """Of the autopilot."""
+        """The autopilot's parameters."""
         return self._vehicle.autopilot.parameters
 
     async def run_for(self, seconds: float) -> None:
-        """Let simulated time pass; what was sent before is taken before."""
+        """Let simulated time pass; messages sent before are processed first."""
         await self._simulation.run_to(self._vehicle.t_ns + round(seconds * 1e9))
 
     async def fly(self, plan: PlanFile, path: PlannedPath) -> None:
@@ -93,8 +93,7 @@ class BuiltIn(Host):
 
 
 class Track:
-    """Keeps where a vehicle was, and the last mode that it told: each sample, ten a second of the
-    built-in autopilot."""
+    """Observer that keeps each sample's time (s) and true east, north, up (m), and the mode."""
 
     def __init__(self) -> None:
         self.rows: list[tuple[float, float, float, float]] = []
@@ -116,10 +115,10 @@ def enu(ned: Floats) -> Floats:
 
 
 def pymavlink_client(url: str) -> Any:
-    """A pymavlink connection to a vehicle that has answered.
+    """Open a pymavlink connection, and wait for the vehicle's heartbeat.
 
     Raises:
-        LinkLostError: it does not.
+        LinkLostError: none came in time.
     """
     from pymavlink import mavutil
 

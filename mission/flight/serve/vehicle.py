@@ -35,10 +35,10 @@ _LAST_ID = 250
 
 
 def link_url(text: str) -> str:
-    """A bare port is a ground station on this machine, as PX4's simulator has it; or a URL.
+    """Return the URL of a link; a bare port is a ground station on this machine, as with PX4.
 
     Raises:
-        InputError: neither.
+        InputError: it is neither a URL nor a port.
     """
     url = f"udpout://127.0.0.1:{text}" if text.isdecimal() else text
     try:
@@ -52,7 +52,7 @@ def link_url(text: str) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Served:
-    """One vehicle, where it speaks, and what writes its flights."""
+    """One vehicle to serve, with the URLs that it sends to and the writer of its flight logs."""
 
     name: str  # by its number from 1; of its folder of logs, too
     vehicle: Vehicle
@@ -72,16 +72,16 @@ def make_vehicles(
     instance: int = 0,
     in_step: bool = False,
 ) -> list[Served]:
-    """`count` vehicles side by side, number 0 at the configured home, each farther to the east;
-    the first has the number `instance`.
+    """Create `count` vehicles, numbered from `instance`: number 0 at the configured home, each next
+    one 5 m farther to the east.
 
-    System ids count up from the configured one, and ports from the first of `udp`, as those of
-    PX4's simulators do, and from those that listen; the others of `udp` are spoken to by all. Each
-    vehicle has random numbers of its own, those of the first are a single one's. `logs`: where
-    flights are written to, of several vehicles a folder for each. `in_step`: as of `Vehicle`.
+    System ids count up from the configured one; so do the port of the first of `udp`, as those of
+    PX4's simulators do, and ports that listen, while all vehicles send to the others of `udp`.
+    Each vehicle has random numbers of its own; number 0 has those of a single one. `logs`: folder
+    for flight logs, with a subfolder for each of several vehicles. `in_step`: as of `Vehicle`.
 
     Raises:
-        InputError: a setting of the vehicle is refused, or they are more than there are numbers.
+        InputError: a setting of the vehicle is refused, or `count` or `udp` does not allow so many.
     """
     last_id = config.vehicle.system_id + instance + count - 1
     if instance < 0 or not 1 <= count <= _MOST or last_id > _LAST_ID:
@@ -119,7 +119,7 @@ def _urls(udp: Sequence[str], number: int) -> dict[str, int]:
 
 
 def _check_free(port: int) -> None:
-    """Refuse a port that a vehicle of PX4's or ours sends from, before a second is taken for it."""
+    """Raise LinkLostError if a UDP port is taken, as by another vehicle of PX4's or ours."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         try:
             probe.bind(("", port))

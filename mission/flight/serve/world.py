@@ -40,11 +40,11 @@ class Recorder:
     logs: FlightLogs
 
     async def follow(self, clock: FirmwareClock, say: Say) -> None:
-        """Record until cancelled; lists are downloaded whenever the firmware tells of others.
+        """Record until cancelled; download the lists whenever the firmware reports a change.
 
         Raises:
-            LinkLostError: the link cannot be opened. InputError: the vehicle is somewhere else than
-                the area.
+            LinkLostError: the link cannot be opened.
+            InputError: the vehicle is too far from the area.
         """
         patient = dict.fromkeys(("connect_timeout_s", "ready_timeout_s"), _FOR_EVER_S)
         link = self.link.model_copy(update={**patient, "url": self.url})

@@ -1,1 +1,1 @@
-"""Native loops of the planner: first plans, and branch and bound."""
+"""Native loops of the planner: first plans, branch and bound, local search, evaluation."""

@@ -20,7 +20,7 @@ _POINTER, _INT, _DOUBLE = ctypes.c_void_p, ctypes.c_int64, ctypes.c_double
 
 
 class Grid(ctypes.Structure):
-    """Success on a grid of places; see `planner.h`."""
+    """C structure of success probabilities on a grid of places; see `planner.h`."""
 
     _fields_ = (
         ("success", _POINTER), ("rows", _INT), ("columns", _INT), ("x", _DOUBLE), ("y", _DOUBLE),
@@ -29,10 +29,10 @@ class Grid(ctypes.Structure):
 
 
 def grid_as_c(grid: PerGrid | None, devices: int) -> Grid | None:
-    """The structure as C takes it; the grid has to outlive it.
+    """Return the C structure of a PER grid, which must outlive it; None without a grid.
 
     Raises:
-        ValueError: it is of other devices, or of too few places.
+        ValueError: it is of another number of devices, or of too few places.
     """
     if grid is None:
         return None
@@ -199,7 +199,7 @@ FUNCTIONS = functions(LIBRARY, _Functions)
 def explore(
     devices: Devices, limits: PathLimits, *, starts: int, tries: int
 ) -> tuple[float, Floats, Ints]:
-    """The best of paths towards devices all over the area, after `tries` changes.
+    """Plan heuristically: insert towards `starts` devices, then `tries` ruin-and-recreate steps.
 
     Returns:
         What the plan earns, its path (N, 2), and who is served at which step (K,), -1: nobody.
@@ -235,7 +235,7 @@ class Effort:
 
 @dataclass(frozen=True)
 class Found:
-    """A plan as the C code has it, and what is known of the best one."""
+    """A plan in the C library's form, with the upper bound on all plans and search statistics."""
 
     value: float  # what it earns
     way: Floats  # (N, 2) its path
@@ -389,7 +389,7 @@ def square_bound(devices: Devices, limits: PathLimits, x: float, y: float, half:
 
 
 def conjugate(relaxation: Relaxation, row: int, s: float) -> float:
-    """H of a distance interval at s >= 0."""
+    """Evaluate the conjugate H of a distance interval (see `Conjugates`) at s >= 0."""
     _check_range("row", np.array([row]), len(relaxation.spacing))
     shared = relaxation.as_c(len(relaxation.promise))
     value: float = FUNCTIONS.conjugate(ctypes.addressof(shared), row, s)
@@ -397,7 +397,7 @@ def conjugate(relaxation: Relaxation, row: int, s: float) -> float:
 
 
 def enough_memory(found: float) -> float:
-    """What was found; C gives NaN or -1 where memory is short."""
+    """Return a result of the C library; raise MemoryError where it is NaN or -1."""
     if found != found or found == -1:
         raise MemoryError("too little memory to plan")
     return found

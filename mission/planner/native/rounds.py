@@ -1,4 +1,4 @@
-"""Rounds and their plans as the C library judges them (`flown.h`)."""
+"""Interface to the C library that fits, varies and evaluates a round's plans (`flown.h`)."""
 
 import ctypes
 from collections.abc import Sequence
@@ -19,7 +19,7 @@ _NO_RADII = np.zeros(0)
 
 
 class Flying(ctypes.Structure):
-    """How is flown, and what a round may take; see `planner.h`."""
+    """C structure of flight performance and a round's limits; see `planner.h`."""
 
     _fields_ = (
         ("guided", _INT), ("steering", Steering), ("air", Air), ("speed", _DOUBLE),
@@ -66,7 +66,7 @@ class Flown(NamedTuple):
 
 
 class Verdict(NamedTuple):
-    """What a plan's flight takes; of a round without limits, radius and stops alone."""
+    """Evaluation of a plan's flight; `share` and `begins_s` are 0 for a round without limits."""
 
     radius_m: float  # acceptance radius
     share: float  # of the tighter limit
@@ -77,7 +77,7 @@ class Verdict(NamedTuple):
 
 
 class Round:
-    """A round as its plans are judged, with a hover of `hold_s` at every stop."""
+    """A round in the C library's form, with a hover of `hold_s` seconds at every stop."""
 
     def __init__(
         self,
@@ -96,8 +96,8 @@ class Round:
         ready_in_s: Floats | None = None,
         hold_s: float = 0.0,
     ) -> None:
-        """`channel` (9,): that of `Channel.constants`, in whose place `grid` is of success;
-        `radii_m`: the widest first. Stops need neither.
+        """Keep the arrays and build the C structure. `channel` (9,) is `Channel.constants`, which
+        `grid` replaces; `radii_m` has the widest first. Stops need none of these.
 
         Raises:
             ValueError: arrays that do not fit together.
@@ -130,9 +130,9 @@ class Round:
     def fitted(
         self, waypoints_m: Floats, metres: float, *, above: float, limited: bool
     ) -> Flown | None:
-        """The plan along the way through waypoints (N, 2), as far as `metres` and, if `limited`,
-        the limits allow; None where it is worth no more than `above`, or where a few cuts do not
-        find how far.
+        """Return the plan along waypoints (N, 2), shortened to `metres` and, if `limited`, to the
+        limits; None where it is worth no more than `above`, or where a few cuts find no length
+        that fits.
 
         Raises:
             MemoryError: there is too little memory.
@@ -159,9 +159,9 @@ class Round:
         seed: int,
         limited: bool,
     ) -> Flown:
-        """The best plan that so many changes at random lead to, of which those are kept that make
-        the present one worth more, or less by a share of `tolerance`, which falls to nothing;
-        `metres` and `limited` as before.
+        """Return the best plan of a local search (threshold accepting) with `changes` random moves,
+        each of which may lose up to a share `tolerance` of the value, falling to 0 in the end;
+        `metres` and `limited` as in `fitted`.
 
         Raises:
             MemoryError: there is too little memory.
@@ -178,7 +178,7 @@ class Round:
         return Flown(longest, at.copy(), schedule.copy(), value)
 
     def serving_fewer(self, plan: Flown) -> Flown:
-        """The plan without devices for whose sending there is no time.
+        """Drop devices whose upload the limits of time and energy leave no room for.
 
         Raises:
             MemoryError: there is too little memory.
@@ -189,7 +189,7 @@ class Round:
         return plan._replace(value=given.value)
 
     def judged(self, plan: Flown) -> Verdict:
-        """What the plan's flight takes.
+        """Evaluate a plan: acceptance radius, stops, hovers and share of the limits.
 
         Raises:
             MemoryError: there is too little memory.
@@ -218,7 +218,7 @@ class Round:
 def foresee(
     flying: Flying, stops_m: Floats, hold_s: Sequence[float], radius_m: float
 ) -> tuple[Floats, float, float]:
-    """When each of the stops (S, 2) is reached (S,), and the seconds and joules of the flight.
+    """Predict a flight through stops (S, 2): arrival times (S,) in s, duration in s, energy in J.
 
     Raises:
         ValueError: there is no stop, or not a hover for each.

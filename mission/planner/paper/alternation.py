@@ -1,4 +1,4 @@
-"""The paper's planner: schedule and path in alternation, on the logistic stand-in q_tilde."""
+"""The paper's planner: schedule and path in alternation, on the logistic surrogate q_tilde."""
 
 import logging
 from collections.abc import Callable, Iterator

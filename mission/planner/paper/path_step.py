@@ -28,7 +28,7 @@ EXPONENT_LIMIT = 8.0
 
 
 class PathProgram:
-    """The path step for one size (N, K), with everything else as parameters.
+    """Convex program (CVXPY) of a path step for one size (N, K); the rest are its parameters.
 
     Raises:
         cvxpy.error.DPPError: the program is not disciplined in its parameters, so that every

@@ -112,7 +112,7 @@ class RayEngine:
         self._flying[self._fly.remote(self._versions, packed, data)] = order
 
     def wait(self, timeout_s: float) -> dict[str, RunEnd | None]:
-        """Runs that ended; one whose process or machine died has no end.
+        """Return how runs ended, by name, within `timeout_s`; None: process or machine died.
 
         Raises:
             InputError: a machine has other versions.
@@ -162,7 +162,7 @@ class RayEngine:
 
 
 def _task() -> Callable[..., tuple[object, object]]:
-    """What a machine does. It is sent as code, and so says itself if Aerofed is missing there."""
+    """Make the remote function. It is sent as code, so it can report a missing Aerofed itself."""
 
     def fly(wanted: dict[str, str], packed: bytes, data: Sequence[tuple[Source, Any]]) -> Any:
         import importlib.metadata
@@ -185,7 +185,7 @@ def _task() -> Callable[..., tuple[object, object]]:
 
 
 def fly_there(order: RunOrder, data: Sequence[tuple[Source, Any]]) -> tuple[RunEnd, bytes]:
-    """Fly a run in a temporary folder of a machine of the cluster: how it ended, and its folder.
+    """Fly a run in a temporary folder on a cluster machine; return its end and its zipped folder.
 
     `data` are references to data sets in Ray's object store.
 
@@ -213,7 +213,7 @@ def _packed(folder: Path) -> bytes:
 
 
 def _unpack(content: bytes, folder: Path) -> None:
-    """Make the folder of what came back, whole or not at all."""
+    """Unpack a zipped run's folder atomically, in place of one of an earlier attempt."""
     arriving = folder.with_name(f".{folder.name}.arriving")
     shutil.rmtree(arriving, ignore_errors=True)
     arriving.mkdir(parents=True)
@@ -228,7 +228,7 @@ def _unpack(content: bytes, folder: Path) -> None:
 
 
 def _data_sets(configs: Sequence[RunConfig], data_dir: Path | None) -> dict[Source, Dataset]:
-    """The data sets of these runs that are read from files, or made by code of the user's."""
+    """Load the data sets of these runs that come from files or from the user's code."""
     wanted = {
         (community.task, data_dir, community.data_file)
         for config in configs

@@ -38,7 +38,7 @@ class Engine(Protocol):
 
 @dataclass(frozen=True)
 class EngineChoice:
-    """Which engine flies the runs of a sweep."""
+    """The choice of engine for a sweep: its name, runs at a time, address of a cluster."""
 
     name: EngineName = "joblib"
     jobs: int | None = None  # runs at a time; None: one a core
@@ -86,8 +86,8 @@ def execute_all(
 ) -> Iterator[tuple[SweepRun | None, RunEnd | None, Sequence[SweepRun]]]:
     """Execute every run. A run whose worker dies is handed to another.
 
-    Yields each run that ended, how (None: another worker goes on with it) and who is still at
-    work, and between them no run. The engine stays open.
+    Yields each run that ended, its end (None: its worker died, another takes it) and the runs at
+    work; at every poll also None, None and the runs at work. The engine stays open.
     """
     waiting, attempts = deque(runs), Counter[str]()
     running: dict[str, SweepRun] = {}

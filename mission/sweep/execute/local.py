@@ -50,7 +50,7 @@ class LocalEngine:
         return pool.submit(execute, order), pool
 
     def wait(self, timeout_s: float) -> dict[str, RunEnd | None]:
-        """Runs that ended; one whose process was killed has no end.
+        """Return how runs ended, by name, within `timeout_s`; None: its process was killed.
 
         Raises:
             Exception: whatever a run raised that is no error of the application, once every
@@ -88,7 +88,7 @@ class LocalEngine:
 
 
 def _prepare(parent: int) -> None:
-    """In the worker: leave Ctrl-C and standard output to the sweep, and do not outlive it."""
+    """Set up a worker process: ignore Ctrl-C, print to standard error, end with the parent."""
     sys.stdout = sys.stderr
     signal.signal(signal.SIGINT, signal.SIG_IGN)
 

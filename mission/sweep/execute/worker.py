@@ -70,7 +70,7 @@ def execute(order: RunOrder) -> RunEnd:
 
 
 def begun(path: Path) -> bool:
-    """Whether a run that was cut off can go on in this folder; what else is in it is removed.
+    """Whether a run that was cut off can go on in this folder; if not, the folder is removed.
 
     A run that failed, that other versions of the libraries began, or whose vehicle cannot fly its
     rounds again, starts anew.

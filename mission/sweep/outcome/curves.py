@@ -36,7 +36,7 @@ def interval(values: Sequence[float] | Floats) -> Interval:
 
 
 def band(curves: Floats) -> tuple[Floats, Floats]:
-    """Mean and half-width at every point of (runs, points) curves.
+    """Mean and half-width of its 95 % interval at every point of (runs, points) curves: (points,).
 
     Of fewer than three runs the half-width is NaN: nothing can be said.
     """
@@ -53,7 +53,7 @@ def band(curves: Floats) -> tuple[Floats, Floats]:
 
 
 def groups_of(results: Sequence[RunResult]) -> dict[str, list[RunResult]]:
-    """Results by what they have in common beside the seed, in order of appearance."""
+    """Group results by strategy and settings (`Point.label`), in order of appearance."""
     groups: dict[str, list[RunResult]] = {}
     for result in results:
         groups.setdefault(result.point.label, []).append(result)
@@ -61,13 +61,13 @@ def groups_of(results: Sequence[RunResult]) -> dict[str, list[RunResult]]:
 
 
 def flies(runs: Sequence[RunResult]) -> bool:
-    """Whether the group leaves the ground; `ideal` does not."""
+    """Whether the group's runs take simulated flight time; those of `ideal` do not."""
     return float(runs[0].summary["simulated_s"]) > 0.0
 
 
 @dataclass(frozen=True)
 class Curve:
-    """A group's mean along an axis, and the interval as far as the quantity can be; (points,)."""
+    """A group's mean along an axis, with its interval clipped to possible values; (points,)."""
 
     x: Floats
     mean: Floats
@@ -85,7 +85,7 @@ class Along:
     unit: float = 1.0
 
     def sampled(self, runs: Sequence[RunResult], column: str) -> tuple[Floats, Floats]:
-        """Of the rounds that all runs have: places on the axis (rounds,), values (runs, rounds).
+        """Return the axis (rounds,) and a column (runs, rounds) over the rounds that all runs have.
 
         A round stands at the mean of its ends: a grid of its own would show rounds where it
         happens to meet them, and the last one not at all. Accuracy begins at zero, with the
@@ -124,7 +124,7 @@ class Panel:
 
 @dataclass(frozen=True)
 class Picture:
-    """Columns of `rounds.csv` against one axis."""
+    """A figure of a sweep: panels of columns of `rounds.csv` against one axis, a curve a group."""
 
     name: str
     title: str
@@ -147,7 +147,7 @@ class Picture:
 
     @property
     def end(self) -> float | None:
-        """Where an axis of rounds ends so that the shorter runs can be seen; None: at its end."""
+        """Last round shown, so that shorter runs can be seen; None: the axis is not cut."""
         if self.along is not ROUNDS:
             return None
         ends = sorted(max(len(run.rounds) for run in runs) for runs in self.groups.values())
@@ -156,7 +156,7 @@ class Picture:
 
     @property
     def x_label(self) -> str:
-        """What is along the axis, and who goes on beyond its end."""
+        """Label of the horizontal axis, with the groups that go on beyond its end."""
         label, end = self.along.label, self.end
         if end is None:
             return label
@@ -168,7 +168,7 @@ class Picture:
         return f"{label} ({', '.join(beyond)})"
 
     def curves(self, panel: Panel, where: str = "") -> dict[str, Curve]:
-        """Every group that has the panel's column, as shown; of settings apart, by strategy."""
+        """Return curves of a panel by group; with `where`, of that setting only, by strategy."""
         found = {}
         for label, runs in self.groups.items():
             if where:

@@ -45,7 +45,7 @@ class Gain:
         return tuple(mine - other for mine, other in self.finals)
 
     def at_equal(self, what: str) -> tuple[float, ...]:
-        """The differences where the run of the two that spent less of it ends: see `EQUAL`."""
+        """Accuracy differences at equal `what` (see `EQUAL`): where the cheaper run ends."""
         column = f"accuracy_{self.community}"
         ends = (at_equal(pair, what, column) for pair in self.pairs)
         return tuple(mine - other for mine, other in ends)
@@ -89,7 +89,7 @@ def gain_table(gains: Sequence[Gain]) -> tuple[list[str], list[list[str]]]:
 
 
 def paired_gains(results: Sequence[RunResult]) -> tuple[Gain, ...]:
-    """Every other strategy and setting of which the method has flown a seed too."""
+    """Pair the method with each other strategy of the same settings, by seeds both have flown."""
     by_key = {(r.point.strategy, r.point.where, r.point.seed): r for r in results}
     gains = []
     for other, where in dict.fromkeys((r.point.strategy, r.point.where) for r in results):

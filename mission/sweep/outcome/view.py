@@ -62,9 +62,9 @@ _TERMINAL = (
 def outcome(
     results: Sequence[RunResult], columns: Sequence[Column], *, seeds: Callable[[str], str]
 ) -> Cells:
-    """A row for each strategy and setting; `seeds` says how many of a group there are.
+    """Table with a row for each strategy and setting; `seeds` counts the seeds of a group.
 
-    Without the columns that no run has a number for, as energy where nothing was flown.
+    Columns for which no run has a number are left out, such as energy where nothing was flown.
     """
     each = [
         (column, name)
@@ -81,7 +81,7 @@ def outcome(
 
 
 def final_table(results: Sequence[RunResult]) -> Table:
-    """For the terminal: means over the seeds, with 95 % intervals."""
+    """Table for the terminal: means over the seeds, with 95 % intervals."""
     groups = groups_of(results)
     (first, *heads), rows = outcome(results, _TERMINAL, seeds=lambda name: str(len(groups[name])))
     table = Table(
@@ -100,8 +100,8 @@ def final_table(results: Sequence[RunResult]) -> Table:
 
 
 def over_seeds(runs: Sequence[RunResult], column: str) -> Interval:
-    """Mean and interval of a column of `runs.csv`, or of those at equal rounds, metres, energy, of
-    the runs that have a number there."""
+    """Mean and interval, over the runs that have a number there, of a column of `runs.csv` or of
+    accuracy at equal rounds, metres or energy."""
     return interval(_values(runs, column))
 
 
@@ -112,7 +112,7 @@ def _values(runs: Sequence[RunResult], column: str) -> list[float]:
 
 
 def percent(value: Interval, *, signed: bool = False) -> str:
-    """`41.2 ± 1.3`; without an interval for a single seed, `-` without a value."""
+    """Format in percent: `41.2 ± 1.3`; no interval below three values, `-` without a value."""
     if math.isnan(value.mean):
         return "-"
     half = "" if math.isnan(value.half) else f" ± {100 * value.half:.1f}"

@@ -1,1 +1,1 @@
-"""MAVLink bytes and units: framing, telemetry, and what comes in as values in SI units."""
+"""MAVLink encoding and decoding: framing, units, telemetry, and orders in SI units."""

@@ -1,4 +1,4 @@
-"""What telemetry is made from, and messages of the parts: sensors, setpoints, motors, filter."""
+"""The snapshot behind all telemetry; messages about sensors, setpoints, motors and the filter."""
 
 import math
 from collections.abc import Callable, Mapping
@@ -25,7 +25,7 @@ _IGNORE_ALL = 0b110111111111
 
 @dataclass(frozen=True, slots=True)
 class Dials:
-    """What only some telemetry messages are made from, and costs more to put together."""
+    """Values that only some telemetry messages need and that cost more to collect."""
 
     instruments: Instruments
     target: GeodeticPoint | None  # where the guidance wants to be

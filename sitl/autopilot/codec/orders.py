@@ -43,7 +43,7 @@ Handlers: TypeAlias = dict[type[mav.MAVLink_message], Callable[[Peer, Any, float
 
 @dataclass(frozen=True, slots=True)
 class CommandOrder:
-    """COMMAND_LONG or COMMAND_INT.
+    """A command that arrived as COMMAND_LONG or COMMAND_INT.
 
     `params` are the seven parameters; where the command carries a global position, the fifth
     and sixth are degrees whatever the message. `frame` is None for COMMAND_LONG.
@@ -84,13 +84,13 @@ class MissionItem:
 
 
 class OrderObserver(Protocol):
-    """Receives what is given to the vehicle from outside, with its time."""
+    """Observer of uploaded lists and of setpoints, with the simulated time (ns) of each."""
 
     def took(self, t_ns: int, kind: int, items: tuple[MissionItem, ...]) -> None:
-        """The vehicle took a list of a MAV_MISSION_TYPE."""
+        """Receive a list that the vehicle has accepted; `kind` is its MAV_MISSION_TYPE."""
 
     def heard(self, t_ns: int, setpoint: Any) -> None:
-        """A setpoint came, for a position or an attitude."""
+        """Receive a setpoint message (position or attitude), whether valid or not."""
 
 
 def read_order(

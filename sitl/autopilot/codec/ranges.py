@@ -1,4 +1,4 @@
-"""What a number that comes in over MAVLink may be: one table, asked at the border.
+"""Allowed ranges of the numbers that come in over MAVLink: one table, checked on arrival.
 
 A 32-bit float holds 3.4e38 m and NaN; what is accepted here can be computed with, flown and sent
 back. NaN lies in no range: a field that may be left open says so where it is read.

@@ -1,4 +1,4 @@
-"""From SI units and degrees to the integers of MAVLink's fields, clamped to what they hold."""
+"""Conversion of SI units and degrees to MAVLink's integer fields, clamped to their ranges."""
 
 import math
 from collections.abc import Callable
@@ -19,7 +19,7 @@ def clamped(value: float, low: int, high: int) -> int:
 
 
 def _scaled(scale: float, low: int, high: int) -> Callable[[float], int]:
-    """The conversion of a value to so many parts of its unit, clamped."""
+    """Return a function that multiplies by `scale`, rounds, and clamps to [low, high]."""
     return lambda value: clamped(value * scale, low, high)
 
 
@@ -35,27 +35,27 @@ percent = _scaled(1e2, 0, 100)  # of a fraction
 
 
 def deg_e7(angle_deg: float) -> int:
-    """Degrees to 1e-7 degrees; NaN to the "unknown" of MAVLink (INT32_MAX)."""
+    """Convert degrees to 1e-7 degrees; NaN to the "unknown" of MAVLink (INT32_MAX)."""
     return _INT32 if math.isnan(angle_deg) else int32(angle_deg * 1e7)
 
 
 def from_deg_e7(value: int) -> float:
-    """1e-7 degrees to degrees; the "unknown" of MAVLink (INT32_MAX) to NaN."""
+    """Convert 1e-7 degrees to degrees; the "unknown" of MAVLink (INT32_MAX) to NaN."""
     return math.nan if value == _INT32 else value * 1e-7
 
 
 def cdeg(angle_rad: float) -> int:
-    """Radians to a course of 0..35999 hundredths of a degree."""
+    """Convert radians to a course of 0..35999 hundredths of a degree."""
     return round(math.degrees(angle_rad) * 100) % 36000
 
 
 def us(t_ns: int) -> int:
-    """Nanoseconds to microseconds, unsigned; what lies before time zero becomes zero."""
+    """Convert nanoseconds to microseconds; a time before zero becomes zero."""
     return max(t_ns, 0) // 1_000
 
 
 def ms(t_ns: int) -> int:
-    """Nanoseconds to milliseconds, unsigned 32 bit."""
+    """Convert nanoseconds to milliseconds, modulo 2**32; a time before zero becomes zero."""
     return max(t_ns, 0) // 1_000_000 % 2**32
 
 

@@ -1,8 +1,8 @@
-"""Bytes in, messages out, and back: framing, addressing, sequence numbers and signatures.
+"""The MAVLink wire format: framing, addressing, sequence numbers and signatures.
 
-Signing: https://mavlink.io/en/guide/message_signing.html. Not pymavlink's: it notes a frame's time
-before it has looked at the signature, so that one forged frame of the far future shuts out the
-station that it pretends to be, and it takes frames of kinds it does not know without any.
+Signing: https://mavlink.io/en/guide/message_signing.html. Not by pymavlink: it records a frame's
+time stamp before it checks the signature, so that one forged frame from the far future locks out
+the station that it imitates; and it accepts unsigned frames of message types it does not know.
 """
 
 import hashlib
@@ -58,7 +58,7 @@ class Wire:
 
 
 def whole_frames(data: bytes) -> tuple[bytes, bytes]:
-    """The frames of a piece of a stream, without damaged ones, and the beginning of another."""
+    """Split bytes of a stream into its whole, undamaged frames and the start of the next one."""
     parser = _parser()
     messages = parser.parse_buffer(data) or ()
     frames = [bytes(m.get_msgbuf()) for m in messages if m.get_type() != "BAD_DATA"]
@@ -75,7 +75,7 @@ class Seal:
     """Signs the frames sent over one link, and lets in frames signed with the same key."""
 
     def __init__(self, key: bytes, *, link_id: int, clock: Callable[[], float] = time.time) -> None:
-        """`key`: 32 bytes; `clock`: seconds since 1970, by which nobody can play frames back."""
+        """`key`: 32 bytes; `clock`: seconds since 1970, for the time stamps that prevent replay."""
         self._key = key
         self._link_id = link_id
         self._clock = clock
@@ -93,7 +93,7 @@ class Seal:
         return bytes(body) + self._digest(body)
 
     def opened(self, data: bytes) -> bytes:
-        """The frames of a datagram that carry a signature by the key, and are none of the past."""
+        """Return the frames with a valid signature and a newer time stamp; drop all other bytes."""
         believed: list[bytes] = []
         at = data.find(_MARK)
         while 0 <= at <= len(data) - _HEADER:
@@ -125,10 +125,10 @@ class Seal:
 
 
 def key_of(phrase: str) -> bytes:
-    """The key made of a pass phrase, as ground stations make it: its SHA-256.
+    """Derive the signing key from a pass phrase, as ground stations do: its SHA-256.
 
     Raises:
-        SitlInputError: it is too short.
+        SitlInputError: the phrase has fewer than 8 characters.
     """
     if len(phrase) < _LEAST_CHARACTERS:
         raise SitlInputError(

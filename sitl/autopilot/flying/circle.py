@@ -13,7 +13,7 @@ _LOOKS = 72  # points of a turn that the fence is asked about
 
 
 def fastest(radius_m: float) -> float:
-    """The speed (m/s) on a circle from which on it would press too hard inwards."""
+    """Return the greatest speed (m/s) on a circle, limited by centripetal acceleration."""
     return math.sqrt(_INWARDS_MPS2 * radius_m)
 
 
@@ -27,17 +27,17 @@ class Orbit:
     yaw: int  # ORBIT_YAW_BEHAVIOUR
 
     def point(self, phase_rad: float) -> Vector:
-        """On the circle, in the direction `phase_rad` from its middle."""
+        """Return the point (3,), NED, of the circle at `phase_rad`, clockwise from north."""
         north, east, down = self.center_ned_m
         r = self.radius_m
         return np.array([north + r * math.cos(phase_rad), east + r * math.sin(phase_rad), down])
 
     def after(self, phase_rad: float, turns: float) -> Vector:
-        """Where so many turns from `phase_rad` on lead."""
+        """Return the point (3,), NED, that is reached from `phase_rad` after `turns` turns."""
         return self.point(phase_rad + math.copysign(turns * math.tau, self.speed_mps))
 
     def points(self, phase_rad: float = 0.0, turns: float = 1.0) -> Vector:
-        """(P, 3) that the fence is asked about: once round at most, however many turns it is."""
+        """Return (P, 3) points, NED, for a fence check: those of the turns, of one at most."""
         turns = min(turns, 1.0)
         parts = np.linspace(0.0, turns, 1 + math.ceil(turns * _LOOKS))
         return np.array([self.after(phase_rad, part) for part in parts])

@@ -1,4 +1,4 @@
-"""What the aircraft is doing: mode, manoeuvre and mission, and what follows what."""
+"""The state machine of a flight: mode, manoeuvre and mission, and the transitions between them."""
 
 from collections.abc import Callable, Sequence
 from copy import copy
@@ -77,17 +77,17 @@ class Flight:
 
     @property
     def patient(self) -> bool:
-        """Whether there is nothing to see to until the progress of a path changes."""
+        """Whether `tick` may be skipped until the progress along a path changes."""
         return self._manoeuvre is None or self._manoeuvre.patient
 
     @property
     def airborne(self) -> bool:
-        """Flying, under its own power."""
+        """Whether the aircraft is in the air with its motors armed."""
         return self._aircraft.armed and not self._aircraft.on_ground
 
     @property
     def landed_state(self) -> int:
-        """MAV_LANDED_STATE: on the ground, climbing from it, sinking to it, or in the air."""
+        """MAV_LANDED_STATE: on ground, taking off, landing or in air; undefined for a wreck."""
         if self._aircraft.crashed:
             # A wreck is down, but it has not landed.
             return mav.MAV_LANDED_STATE_UNDEFINED
@@ -106,7 +106,7 @@ class Flight:
         return self.guard.arming_denied()
 
     def here(self) -> Vector:
-        """Where paths begin: the point being held, or where the aircraft believes it is."""
+        """Return where new paths begin, (3,) NED: the point held, or the estimated position."""
         return self.navigator.here(resting=not self.moving)
 
     def not_at_rest(self) -> str:
@@ -116,7 +116,7 @@ class Flight:
         return "" if self._aircraft.on_ground else "in the air"
 
     def tick(self) -> bool:
-        """Advance the manoeuvre, after every physics tick; whether there still is one."""
+        """Advance the manoeuvre after a step of the aircraft; return whether one is under way."""
         manoeuvre = self._manoeuvre
         if manoeuvre is None:
             return False
@@ -132,7 +132,7 @@ class Flight:
         return self._manoeuvre is not None
 
     def _stuck(self, why: str) -> None:
-        """The manoeuvre makes no progress: land; if that is the manoeuvre, terminate."""
+        """Handle a manoeuvre that is stuck: land, or terminate if the landing itself is stuck."""
         if self.notice_crash():
             return
         self._manoeuvre = None
@@ -144,7 +144,7 @@ class Flight:
             self.terminate(why)
 
     def _give_up(self) -> None:
-        """The manoeuvre has failed with an error of ours: hold, or stay on the ground."""
+        """Handle an internal error of the manoeuvre: hold, or stay on the ground."""
         self._manoeuvre = None
         self._settling = False
         if self.airborne and self.mode is not Mode.TERMINATED:
@@ -185,7 +185,7 @@ class Flight:
         return None
 
     def notice_crash(self) -> bool:
-        """Whether the aircraft is a wreck; then nothing is under way, nor ever will be."""
+        """Return whether the aircraft has crashed; the first time, report it and terminate."""
         impact_mps = self._aircraft.impact_mps
         if impact_mps is not None and not self._wrecked:
             self._wrecked = True
@@ -197,7 +197,7 @@ class Flight:
         return self._wrecked
 
     def take_off(self, altitude_msl_m: float | None) -> str | None:
-        """Climb straight up to an altitude, or to the parameter's height above home."""
+        """Climb straight up to an altitude; None for MIS_TAKEOFF_ALT above home."""
         if self.mode is Mode.TAKEOFF and self.moving:
             return None
         altitude = altitude_msl_m
@@ -226,7 +226,7 @@ class Flight:
         return self.order(Trigger.ORDER_MISSION, lambda: self._fly_on(stages))
 
     def replace_mission(self, items: tuple[MissionItem, ...]) -> str | None:
-        """Have another mission on board, to be started; not while one is being flown."""
+        """Replace the mission by one to be started later; refuse that while it is being flown."""
         if self.mode is Mode.MISSION:
             if self.moving:
                 return "Mission is being flown: hold before a new one"
@@ -285,7 +285,7 @@ class Flight:
         return self.order(Trigger.ORDER_LAND, self._land_here, why)
 
     def change_speed(self, speed_mps: float | None) -> None:
-        """Speed for what is being flown and what will be, until disarmed; None for the default."""
+        """Set the speed of this and later manoeuvres until disarmed; None for the default."""
         self._ordered_speed_mps = speed_mps
         self.mission.item_speed_mps = None
         if self.mode is Mode.MISSION and self.moving:

@@ -37,7 +37,7 @@ class FlightCommands:
         *,
         pilots: Mapping[Mode, Callable[[], str | None]],
     ) -> None:
-        """`pilots`: what enters the modes that somebody outside flies."""
+        """`pilots`: functions that enter the modes flown from outside, and return why if not."""
         self._aircraft = aircraft
         self._flight = flight
         self._pilots = pilots
@@ -67,7 +67,7 @@ class FlightCommands:
         }
 
     def set_mode(self, custom_mode: int) -> None:
-        """Change to a PX4 mode."""
+        """Change to the mode with this PX4 number; raise RefusedError if that is not possible."""
         flight = self._flight
         orders: dict[Mode, Callable[[], str | None]] = {
             Mode.HOLD: flight.hold,

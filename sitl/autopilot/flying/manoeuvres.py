@@ -1,8 +1,8 @@
-"""Manoeuvres: what the aircraft does until it is done. Each starts when it is made.
+"""Manoeuvres: actions of the aircraft that come to an end. Each starts when it is created.
 
 `tick` runs after every guidance step, and after every physics tick where corners are passed; it is
-all that flying costs the autopilot, so it is short. A patient manoeuvre's may be left out while the
-progress of its path does not change.
+all that flying costs the autopilot, so it is short. For a patient manoeuvre it may be skipped while
+the progress of its path does not change.
 """
 
 import math
@@ -35,15 +35,15 @@ class StuckError(Exception):
 
 
 class Manoeuvre(Protocol):
-    """Something that the aircraft does until it is done."""
+    """An action of the aircraft that comes to an end; its owner calls `tick` until then."""
 
     @property
     def patient(self) -> bool:
-        """Whether it has nothing to see to until the progress of its path changes."""
+        """Whether `tick` may be skipped until the progress of its path changes."""
         return False
 
     def tick(self) -> bool:
-        """Go on with it; True once it is done. Raises StuckError once it will never be."""
+        """Advance it; return True once it is done. Raise StuckError if it never will be."""
 
 
 class Timer:
@@ -65,7 +65,7 @@ class Timer:
 
 
 class Until(Manoeuvre):
-    """Let simulated time pass until something has happened, or for as long as that may take."""
+    """Let simulated time pass until `happened()`, or for `most_s` at most."""
 
     def __init__(self, aircraft: Aircraft, happened: Callable[[], bool], most_s: float) -> None:
         self._happened = happened
@@ -76,22 +76,22 @@ class Until(Manoeuvre):
 
 
 def settle(aircraft: Aircraft) -> Manoeuvre:
-    """Stay on the ground until the estimator has settled."""
+    """Wait on the ground until the estimator is ready, for 120 s at most."""
     return Until(aircraft, lambda: aircraft.ready, _READY_TIMEOUT_S)
 
 
 def pause(aircraft: Aircraft, duration_s: float) -> Manoeuvre:
-    """Hold for some simulated time."""
+    """Wait for some simulated time, with the present setpoint kept."""
     return Until(aircraft, lambda: False, duration_s)
 
 
 def fall(aircraft: Aircraft) -> Manoeuvre:
-    """Nobody flies the aircraft any more; done when it lies still."""
+    """Wait until the aircraft, motors off, lies on the ground, for 120 s at most."""
     return Until(aircraft, lambda: aircraft.on_ground, _FALL_TIMEOUT_S)
 
 
 def turn(aircraft: Aircraft, *, pos_ned_m: Vector, yaw_rad: float) -> Manoeuvre:
-    """Turn on the spot to a heading."""
+    """Turn on the spot to a heading, to within 2 degrees or for 30 s at most."""
 
     def turned() -> bool:
         error = wrap_pi(yaw_of(aircraft.belief.q_frd_to_ned) - yaw_rad)
@@ -102,7 +102,7 @@ def turn(aircraft: Aircraft, *, pos_ned_m: Vector, yaw_rad: float) -> Manoeuvre:
 
 
 class Follow(Manoeuvre):
-    """Fly a path to its end; `passed(i)` is called on the tick point i is passed."""
+    """Fly a path to its end; `passed(i)` is called in the tick in which point i is passed."""
 
     patient = True
 
@@ -130,7 +130,7 @@ class Follow(Manoeuvre):
 
 
 class Climb(Follow):
-    """Straight up from the ground; it says so where the height is not reached."""
+    """Fly the path of a take-off; raise StuckError if it ends away from its height."""
 
     def tick(self) -> bool:
         done = super().tick()
@@ -196,7 +196,7 @@ class _Landing(Manoeuvre):
 
 
 class Descend(_Landing):
-    """Sink until on the ground, slowly at the end; done when it has stood there for a while."""
+    """Land straight below `start_ned_m`, slowly at the end; done `settle_s` after touchdown."""
 
     def __init__(self, aircraft: Aircraft, terms: LandingTerms, *, start_ned_m: Vector) -> None:
         super().__init__(aircraft, terms)
@@ -221,9 +221,9 @@ class Descend(_Landing):
 
 
 class DescendUnsure(_Landing):
-    """Sink without a position: no place to keep, just no speed over ground as far as that is known.
+    """Land without a position estimate: keep no place, only a ground speed of zero.
 
-    Landing speed rules from higher up, for the barometer's height drifts too.
+    The landing speed applies from higher up, because the barometer's height drifts, too.
     """
 
     def __init__(self, aircraft: Aircraft, terms: LandingTerms) -> None:
@@ -240,9 +240,9 @@ class DescendUnsure(_Landing):
 
 
 class Piloted(Manoeuvre):
-    """Somebody else flies: `fly` is called now and then; done when it has landed and stood a while.
+    """Fly by an external pilot: call `fly` every `every_s`; done `settle_s` after landing.
 
-    Without `fly` the orders come by themselves.
+    Without `fly` the pilot gives its orders by itself.
     """
 
     def __init__(
@@ -273,7 +273,7 @@ class Piloted(Manoeuvre):
 
 
 class Circle(Manoeuvre):
-    """Round and round, from the point at `phase_rad` on; done after so many turns."""
+    """Fly an orbit from its point at `phase_rad` on; done after `turns` turns."""
 
     def __init__(
         self, aircraft: Aircraft, orbit: Orbit, *, phase_rad: float, turns: float = math.inf

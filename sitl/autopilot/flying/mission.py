@@ -39,7 +39,7 @@ class Mission:
 
     @property
     def next_start(self) -> tuple[int, Mapping[int, int], float | None]:
-        """Where a start would begin, the jumps left there, and the speed ordered by items."""
+        """The first item of a start, the jumps left there by item, and the speed (m/s) ordered."""
         if self.complete:
             return 0, repeats(self.items), None
         return self._next, self._jumps_left, self.item_speed_mps

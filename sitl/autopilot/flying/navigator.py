@@ -1,4 +1,4 @@
-"""How the aircraft gets where it is wanted: manoeuvres made from parameters and positions."""
+"""Navigation: manoeuvres such as go-to, return and landing, from parameters and positions."""
 
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
@@ -24,7 +24,7 @@ _UNSURE = 3.0  # times the height from which the landing speed rules, without GN
 
 
 class SpeedLimits(NamedTuple):
-    """What whoever flies the vehicle may ask for at most."""
+    """The greatest horizontal, climb and descent speed that a pilot may order."""
 
     speed_mps: float
     climb_mps: float
@@ -46,7 +46,7 @@ class Navigator:
         return SpeedLimits(p["MPC_XY_VEL_MAX"], p["MPC_Z_VEL_MAX_UP"], p["MPC_Z_VEL_MAX_DN"])
 
     def here(self, *, resting: bool) -> Vector:
-        """Where paths begin: the point being held, or where the aircraft believes it is."""
+        """Return where new paths begin, (3,) NED: the point held, or the estimated position."""
         belief = np.asarray(self._aircraft.belief.pos_ned_m)
         held = self._aircraft.cmd_pos_ned_m
         if held is None or not resting or self._aircraft.on_ground:
@@ -74,7 +74,7 @@ class Navigator:
     def go_to(
         self, start: Vector, goal: Vector, *, speed_mps: float | None, yaw_rad: float | None
     ) -> do.Manoeuvre:
-        """Straight to a position; then to a heading, if one is given."""
+        """Fly straight to a position (NED, m), then turn to a heading, if one is given."""
 
         def parts() -> Iterator[do.Manoeuvre]:
             yield self._follow([start, goal], self._speed(speed_mps))
@@ -84,9 +84,9 @@ class Navigator:
         return do.Sequence(parts())
 
     def return_to(self, start: Vector, goal: Vector, *, speed_mps: float | None) -> do.Manoeuvre:
-        """Climb to the return height, or the goal's own if that is higher, and over the goal.
+        """Climb to the return height, or the goal's own if that is higher, and fly above the goal.
 
-        Nobody climbs where the goal is near.
+        It does not climb if the goal is nearer than RTL_MIN_DIST.
         """
         p = self._parameters
         far = float(np.hypot(*(start - goal)[:2])) > p["RTL_MIN_DIST"]
@@ -97,9 +97,9 @@ class Navigator:
         return self._follow([start, above_start, above_goal], self._speed(speed_mps))
 
     def refuge(self, here: Vector, rally: Sequence[MissionItem]) -> tuple[str, Vector]:
-        """Where a return leads, by name and in NED: home, or a rally point that is closer.
+        """Choose where a return leads (name, NED in m): home, or a rally point that is closer.
 
-        Rally points that are forbidden are none. Home is always one.
+        Rally points that the fence forbids do not count; home always does.
         """
         name, found = "home", self._guard.home_ned_m
         for item in rally:
@@ -110,7 +110,7 @@ class Navigator:
         return name, found
 
     def land(self, start: Vector, *, sure: bool = True) -> do.Manoeuvre:
-        """Straight down until on the ground; keeping the position where that is `sure`."""
+        """Land straight below; if the position is not `sure`, slower and without keeping it."""
         p = self._parameters
         terms = do.LandingTerms(
             ground_down_m=self._home_down_m(),
@@ -126,7 +126,7 @@ class Navigator:
     def stages(
         self, mission: Mission, start: Vector, speed_mps: float | None
     ) -> tuple[route.Stage, ...]:
-        """What the mission comes to from where it would start."""
+        """Compile the stages of the mission from the item at which it would start."""
         first, jumps_left, item_speed = mission.next_start
         return route.compile_route(
             mission.items,
@@ -147,7 +147,7 @@ class Navigator:
         reached: Callable[[int], None],
         ended: Callable[[int], None],
     ) -> do.Manoeuvre:
-        """Stage after stage; `ended` hears of the command that ends the mission."""
+        """Fly the stages; call `reached(seq)` at each item, `ended(command)` at the end item."""
 
         def tell(items: Sequence[Sequence[int]], point: int) -> None:
             for seq in items[point]:

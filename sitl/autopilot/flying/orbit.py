@@ -34,7 +34,7 @@ class Orbits:
 
     @property
     def current(self) -> Orbit | None:
-        """The circle being flown."""
+        """The circle being flown, or None."""
         return self._orbit if self._flight.mode is Mode.ORBIT else None
 
     def commands(self) -> Commands:

@@ -1,4 +1,4 @@
-"""From mission items to what the navigator does one after another: the mission's meaning.
+"""The mission compiler: turns mission items into the stages that the navigator flies.
 
 Waypoints without hold time are flown through without stopping, so everything between two stops
 becomes one path. DO_CHANGE_SPEED rules the legs after it. A pure function of items and start.
@@ -48,7 +48,7 @@ class Wait:
 
 @dataclass(frozen=True, slots=True)
 class Circle:
-    """Fly round a place: from the point at `phase_rad` of the circle on, so many turns."""
+    """Fly `turns` turns of an orbit, from its point at `phase_rad` (clockwise from north) on."""
 
     orbit: Orbit
     phase_rad: float
@@ -67,7 +67,7 @@ class Turn:
 
 @dataclass(frozen=True, slots=True)
 class End:
-    """The mission goes no further: by its command it lands here, returns or loiters for good."""
+    """The end of a mission: by its command it lands here, returns or loiters without limit."""
 
     command: int
     seq: int
@@ -98,7 +98,7 @@ def leg_speed(start: Vector, end: Vector, speed_mps: float, parameters: Paramete
 
 
 def points_of(stages: Sequence[Stage]) -> list[Vector]:
-    """(P, 3) each: where the stages lead, one after another."""
+    """Return the points (P, 3), NED, of each stage that moves, for fence checks."""
     return [
         stage.path.points_ned_m[1:]
         if isinstance(stage, Fly)
@@ -109,7 +109,7 @@ def points_of(stages: Sequence[Stage]) -> list[Vector]:
 
 
 def turn_of(params: Sequence[float]) -> tuple[float, bool]:
-    """The heading, or the signed angle and True, that the parameters of a CONDITION_YAW mean."""
+    """Return the heading (rad) and False, or the signed angle and True, of a CONDITION_YAW."""
     angle_deg, _, direction, relative = params[:4]
     if relative != 1.0:
         return math.radians(angle_deg), False
@@ -117,7 +117,7 @@ def turn_of(params: Sequence[float]) -> tuple[float, bool]:
 
 
 def _positive(value: float) -> float:
-    """A number that may be left open (NaN): 0 then."""
+    """Return a positive number as it is; 0 for any other and for NaN (left open)."""
     return value if value > 0.0 else 0.0
 
 
@@ -135,12 +135,12 @@ def item_altitude(item: MissionItem, home: GeodeticPoint) -> float:
 
 
 def place_of(item: MissionItem, frame: LocalFrame, home: GeodeticPoint) -> Vector:
-    """Where an item with a global frame lies, (3,) NED."""
+    """Return the position of an item with a global frame, (3,) NED."""
     return frame.to_ned(item.x, item.y, item_altitude(item, home))
 
 
 def looked_at(item: MissionItem, frame: LocalFrame, home: GeodeticPoint) -> Vector | None:
-    """What an item turns the nose to, (3,) NED; None where it leaves it free."""
+    """Return the region of interest of an item, (3,) NED; None if it ends one."""
     free = item.command == mav.MAV_CMD_DO_SET_ROI and item.params[0] == 0.0
     if free or item.command == mav.MAV_CMD_DO_SET_ROI_NONE:
         return None
@@ -248,7 +248,7 @@ class _Compiler:
         self.close()
 
     def _circle(self, item: MissionItem) -> None:
-        """From the nearest point of the circle on, clockwise where the radius is not negative."""
+        """Add a circle from its nearest point on, clockwise unless the radius is negative."""
         centre = self._place(item)
         radius_m = abs(item.params[2]) if abs(item.params[2]) > 0.0 else DEFAULT_RADIUS_M
         phase_rad = math.atan2(self.here[1] - centre[1], self.here[0] - centre[0])
@@ -294,11 +294,11 @@ def compile_route(
     first: int = 0,
     jumps_left: Mapping[int, int] | None = None,
 ) -> tuple[Stage, ...]:
-    """The stages from item `first` on of a mission that `check_mission` has nothing against.
+    """Compile the stages from item `first` on of a mission that `check_mission` accepts.
 
-    It is flown from `start`, (3,) NED, at `speed_mps` until an item says otherwise; without it at
-    the cruise speed. `jumps_left`: how often each jump is still taken; without it as often as the
-    items say.
+    It is flown from `start`, (3,) NED, at `speed_mps` until an item orders another speed; without
+    it at the cruise speed. `jumps_left`: how often each jump is still taken; without it as often
+    as the items say.
     """
     here = np.array(start, dtype=float)
     compiler = _Compiler(parameters, frame, home, here, on_ground, speed_mps)
@@ -312,14 +312,14 @@ def compile_route(
 
 
 def repeats(items: Sequence[MissionItem]) -> dict[int, int]:
-    """How often each jump of a mission is taken, by its number."""
+    """Return how often each DO_JUMP of a mission is taken, by its sequence number."""
     return {item.seq: int(item.params[1]) for item in items if item.command in _JUMPS}
 
 
 def flown_order(
     items: Sequence[MissionItem], first: int, jumps_left: dict[int, int]
 ) -> Iterator[MissionItem]:
-    """The items from `first` on as they are carried out; the jumps taken go off `jumps_left`."""
+    """Yield items from `first` on in flown order; deduct jumps taken from `jumps_left`."""
     index = first
     while index < len(items):
         item = items[index]
@@ -332,7 +332,7 @@ def flown_order(
 
 
 def _jump_trouble(items: Sequence[MissionItem]) -> str:
-    """Why the jumps lead nowhere or almost without end, from whichever item the mission starts."""
+    """Return why jumps lead to no item, or from some start to too many items; else empty."""
     jumps = {item.seq: item for item in items if item.command in _JUMPS}
     if len(jumps) > MAX_JUMPS:
         return f"{len(jumps)} items jump; at most {MAX_JUMPS} may"
@@ -350,7 +350,7 @@ def _jump_trouble(items: Sequence[MissionItem]) -> str:
 
 
 def _steps(first: int, jumps: Mapping[int, MissionItem], stops: Sequence[int]) -> int:
-    """Items carried out from `first` on, jumps included; counted no farther than the limit."""
+    """Count the items carried out from `first` on, with jumps, to just beyond MAX_STEPS."""
     left = repeats(tuple(jumps.values()))
     index, steps = first, 0
     while steps <= MAX_STEPS:
@@ -368,7 +368,7 @@ def _steps(first: int, jumps: Mapping[int, MissionItem], stops: Sequence[int]) -
 def check_mission(
     items: Sequence[MissionItem], *, frame: LocalFrame, home: GeodeticPoint, farthest_m: float
 ) -> str:
-    """What keeps a whole mission from being flown; empty if nothing."""
+    """Return why a mission cannot be flown (an item too far away, bad jumps); empty if it can."""
     for item in items:
         if item.command in PLACES and not math.isnan(item.x):
             place = place_of(item, frame, home)
@@ -378,7 +378,7 @@ def check_mission(
 
 
 def too_far(place_ned_m: Vector, *, farthest_m: float) -> str:
-    """How a place is too far away, in words; empty if it is not."""
+    """Describe how a place is too far from the frame's origin; empty if it is not."""
     distance_m = float(np.hypot(place_ned_m[0], place_ned_m[1]))
     if distance_m <= farthest_m:
         return ""

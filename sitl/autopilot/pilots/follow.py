@@ -1,4 +1,4 @@
-"""Follow me: FOLLOW_TARGET says where somebody is, and the vehicle keeps its place beside him."""
+"""Follow-me mode: the vehicle keeps its place relative to the positions of FOLLOW_TARGET."""
 
 import math
 
@@ -56,7 +56,7 @@ class Follower:
             self._course_rad += (1 - self._parameters["FLW_TGT_RS"]) * turn
 
     def enter(self) -> str | None:
-        """Follow from now on; until there is a target the vehicle stays where it is."""
+        """Follow from now on, or stay without a target; return the reason if that cannot be."""
         return self._flight.order(Trigger.ORDER_FOLLOW, self._piloted)
 
     def _piloted(self) -> do.Manoeuvre:

@@ -1,7 +1,7 @@
 """Offboard control: a program outside streams setpoints, and the vehicle goes after them.
 
 The rules are PX4's: the mode is granted while setpoints stream in, and their loss is a failsafe
-(COM_OF_LOSS_T, COM_OBL_RC_ACT). What is left open by a mask or by NaN is open.
+(COM_OF_LOSS_T, COM_OBL_RC_ACT). What a type mask or NaN leaves out is not controlled.
 """
 
 import math
@@ -71,7 +71,7 @@ class Offboard(StreamPilot):
             self._fly()
 
     def enter(self) -> str | None:
-        """Fly by setpoints from now on; the reason if that cannot be."""
+        """Fly by setpoints from now on; return the reason if that cannot be."""
         return self._flight.order(Trigger.ORDER_OFFBOARD, self._piloted)
 
     def _flyable(self) -> bool:
@@ -138,7 +138,7 @@ def _place_of(msg: _LocalTarget | _GlobalTarget) -> tuple[float, float, float]:
 
 
 def setpoint_of(msg: Setpoint) -> tuple[str, int | None, int, tuple[float, ...]]:
-    """Name, frame, type mask and numbers of a setpoint, in MAVLink's order; degrees."""
+    """Return name, frame (None: attitude), type mask and numbers; lat. and lon. in degrees."""
     name, mask = msg.get_type(), msg.type_mask
     if isinstance(msg, _AttitudeTarget):
         rates = (msg.body_roll_rate, msg.body_pitch_rate, msg.body_yaw_rate)
@@ -149,7 +149,7 @@ def setpoint_of(msg: Setpoint) -> tuple[str, int | None, int, tuple[float, ...]]
 
 
 def _number(what: str, value: float, ignored: int, allowed: ranges.Range) -> float:
-    """A number of a setpoint: open (NaN), or in range."""
+    """Return a number of a setpoint, NaN if left open; raise _InvalidError if out of range."""
     if ignored or math.isnan(value):
         return math.nan
     if value not in allowed:
@@ -158,7 +158,7 @@ def _number(what: str, value: float, ignored: int, allowed: ranges.Range) -> flo
 
 
 def _three(what: str, values: Triple, mask: int, *allowed: ranges.Range) -> Triple:
-    """Three numbers, each ignored where its bit of the mask, from the first on, is set."""
+    """Return three numbers by `_number`; each is ignored where its low bit of `mask` is set."""
     numbers = zip(values, allowed * (3 // len(allowed)), strict=True)
     x, y, z = (_number(what, value, mask >> i & 1, r) for i, (value, r) in enumerate(numbers))
     return x, y, z
@@ -188,9 +188,9 @@ def _attitude_order(msg: _AttitudeTarget) -> AttitudeOrder:
 
 
 def _turned(vector: Triple, yaw: float) -> Triple:
-    """A vector (forward, right, down) in NED, by the heading; what is open (NaN) stays so.
+    """Rotate a vector (forward, right, down) by the heading into NED; open parts (NaN) stay open.
 
-    But of forward and right, which share north and east, one that is open alone counts as 0.
+    If only one of forward and right is open, it counts as 0: north and east depend on both.
     """
     x, y, z = vector
     if math.isnan(x) and math.isnan(y):

@@ -31,7 +31,7 @@ _ORDERS: Mapping[Mode, Trigger] = {
 
 
 class Position(NamedTuple):
-    """Where the sticks are, from -1 to 1 each; a throttle of 0 is in the middle."""
+    """Stick deflections from -1 to 1; a throttle of 0 is in the middle."""
 
     pitch: float = 0.0
     roll: float = 0.0
@@ -67,11 +67,11 @@ class Sticks(StreamPilot):
         self._heard()
 
     def modes(self) -> Mapping[Mode, Callable[[], str | None]]:
-        """What enters each mode; the reason if that cannot be."""
+        """Return the function that enters each stick mode, and returns the reason if it cannot."""
         return {mode: lambda mode=mode: self.enter(mode) for mode in _ORDERS}  # type: ignore[misc]
 
     def enter(self, mode: Mode, why: str | None = None) -> str | None:
-        """Fly by the sticks from now on; the reason if that cannot be."""
+        """Fly by the sticks from now on; return the reason if that cannot be."""
         return self._flight.order(_ORDERS[mode], lambda: self._piloted(mode), why)
 
     def _override(
@@ -118,7 +118,7 @@ class Sticks(StreamPilot):
         self._aircraft.keep_attitude(AttitudeOrder(q, rates, climb_mps=self._climb_mps()))
 
     def _fly_attitude(self) -> None:
-        """Manual mode: sticks order tilt, and the throttle the rotors' speed."""
+        """Manual and stabilized mode: sticks order tilt, the throttle orders the rotors' speed."""
         q, rates = self._lean()
         throttle = (self._at.throttle + 1) / 2
         self._aircraft.keep_attitude(AttitudeOrder(q, rates, throttle**2))
@@ -142,7 +142,7 @@ class Sticks(StreamPilot):
 
 
 def _stick(value: int) -> float:
-    """Thousandths; what is out of range (32767: no such axis) is a stick in the middle."""
+    """Convert thousandths to -1..1; out of range (32767: no such axis) counts as centred."""
     return value / 1000 if abs(value) <= 1000 else 0.0
 
 

@@ -25,7 +25,7 @@ class Cockpit:
 
 
 class StreamPilot:
-    """Flies in its modes by what it streams. Long silence then is a failsafe."""
+    """Base of pilots that stream orders in their modes; silence then triggers a failsafe."""
 
     _MODES: ClassVar[Collection[Mode]]
     _CAUSE: ClassVar[Cause]
@@ -51,13 +51,13 @@ class StreamPilot:
         self._heard_at = self._cockpit.now
 
     def watch(self, failsafes: Failsafes) -> None:
-        """Look for a loss; one that was acted on stays until the stream is back or nobody flies."""
+        """Tell `failsafes` whether the stream is lost, until it is back or the motors are off."""
         missed = self._flies or failsafes.acted(self._CAUSE)
         lost = self._aircraft.armed and missed and not self._alive
         silence_s = self._cockpit.now - self._heard_at
         failsafes.update(self._CAUSE, lost, lambda: f"{silence_s:.1f} s")
 
     def due(self) -> float:
-        """When a loss will show; infinite where there is nothing to lose."""
+        """Return the time (s) at which a loss will show; infinite if there is nothing to lose."""
         lose = self._flies and self._alive
         return self._heard_at + self._parameters[self._PATIENCE] if lose else math.inf

@@ -1,4 +1,4 @@
-"""Long answers, a few messages at a time."""
+"""Rate-limited sending of long answers, a few messages at a time."""
 
 import math
 from collections.abc import Iterator
@@ -10,9 +10,9 @@ from sitl.autopilot.codec.orders import Outbox
 
 
 class Burst:
-    """Sends messages as they are made, so many every so often: no receiver's buffer overflows.
+    """Sends `at_once` messages of an iterator every `every_s` (s), to spare receive buffers.
 
-    None stands for as much work as a message is, with nothing to be sent.
+    None in place of a message counts as one, and sends nothing: it stands for work done.
     """
 
     def __init__(self, outbox: Outbox, *, at_once: int, every_s: float) -> None:
@@ -22,7 +22,7 @@ class Burst:
         self._next = math.inf
 
     def start(self, messages: Iterator[mav.MAVLink_message | None], now: float) -> None:
-        """Send these from now on, and no others."""
+        """Send these messages from `now` (s) on, in place of those left."""
         self._messages, self._next = messages, now
 
     def stop(self) -> None:
@@ -30,12 +30,12 @@ class Burst:
         self._messages, self._next = iter(()), math.inf
 
     def poll(self, now: float) -> None:
-        """Send what is due."""
+        """Send the messages that are due at `now` (s)."""
         if now >= self._next:
             made = list(islice(self._messages, self._at_once))
             self._outbox += [message for message in made if message is not None]
             self._next = now + self._every_s if len(made) == self._at_once else math.inf
 
     def due(self) -> float:
-        """When `poll` has something to do; infinite for never."""
+        """Return the time (s) at which `poll` has something to do; infinite for never."""
         return self._next

@@ -25,7 +25,7 @@ _PEERS = 16  # whose last commands are remembered
 
 
 class RefusedError(Exception):
-    """A command that is not carried out; what it says is told, if anything."""
+    """A command is refused; the message, if any, is sent as a status text."""
 
     def __init__(self, reason: str = "", result: int = mav.MAV_RESULT_DENIED) -> None:
         """`result`: the MAV_RESULT that the command is answered with."""
@@ -45,7 +45,7 @@ Commands: TypeAlias = Mapping[int, Callable[[CommandOrder], None]]
 
 
 def demand(reason: str | None) -> None:
-    """Raise the reason why something cannot be now, if there is one."""
+    """Raise RefusedError (temporarily rejected) if there is a reason."""
     if reason:
         raise RefusedError(reason, mav.MAV_RESULT_TEMPORARILY_REJECTED)
 
@@ -58,7 +58,7 @@ def demand_within(what: str, value: float, allowed: ranges.Range) -> None:
 
 
 def demand_global(order: CommandOrder) -> None:
-    """Refuse an order whose coordinates are in a local frame."""
+    """Raise RefusedError if the coordinates of an order are not in a global frame."""
     if order.frame is not None and order.frame not in GLOBAL_FRAMES:
         raise RefusedError(f"frame {order.frame} is not a global one")
 

@@ -1,4 +1,4 @@
-"""MAVLink FTP from the vehicle's side: its flight logs and its parameters, to be read.
+"""MAVLink FTP from the vehicle's side: read-only access to flight logs and parameters.
 
 https://mavlink.io/en/services/ftp.html. Nothing can be written; what is not there, or not
 allowed, is answered by FTP's own errors.
@@ -64,7 +64,7 @@ class _File:
 
 
 class FtpServer:
-    """A few sessions; at most one of them in a burst."""
+    """Server of MAVLink FTP: up to eight open files (sessions), and one burst at a time."""
 
     def __init__(self, outbox: Outbox, folder: LogFolder, parameters: Parameters) -> None:
         self._outbox = outbox
@@ -189,7 +189,7 @@ class FtpServer:
         return request.session, data
 
     def _entries(self, path: str) -> Sequence[str]:
-        """Of a folder: D and a name for a folder, F, name, tab and size for a file."""
+        """List a folder as FTP does: D and name for a folder; F, name, tab and size for a file."""
         plain = path.rstrip("/") or "/"
         if plain in _LOGS:
             return [f"F{log.name}\t{log.size}" for log in self._folder.logs()]
@@ -231,7 +231,7 @@ class FtpServer:
     def _checksum(
         self, peer: Peer, payload: bytes, request: _Request, file: _File
     ) -> Iterator[mav.MAVLink_message | None]:
-        """The checksum of a file, which may be long: nothing, piece by piece, and the answer."""
+        """Compute the CRC-32 of a file: yield None after each piece, then the answer."""
         checksum, at = 0xFFFFFFFF, 0
         while data := file.read(at, _PIECE):
             checksum, at = zlib.crc32(data, checksum), at + len(data)

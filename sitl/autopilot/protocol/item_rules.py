@@ -1,4 +1,4 @@
-"""What each mission item may be, judged as it is uploaded: one table."""
+"""Validation rules for items of missions, fences and rally points: one table."""
 
 import math
 from collections import Counter

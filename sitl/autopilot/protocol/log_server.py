@@ -14,7 +14,7 @@ _AT_ONCE = 60  # messages
 
 
 class LogServer:
-    """Serves one download at a time, as PX4 does; a new one ends it."""
+    """Server of flight logs: one download at a time, as in PX4; a new one ends the one before."""
 
     def __init__(
         self, outbox: Outbox, folder: LogFolder, *, reporter: Reporter, armed: Callable[[], bool]
@@ -83,5 +83,5 @@ class LogServer:
 
 
 def _data(log: int, offset: int, part: bytes) -> mav.MAVLink_message:
-    """LOG_DATA; fewer bytes than one message holds are the end of the log."""
+    """Build a LOG_DATA message; fewer bytes than it holds mark the end of the log."""
     return mav.MAVLink_log_data_message(log, offset, len(part), list(part.ljust(_PART, b"\0")))

@@ -29,7 +29,7 @@ class ParameterServer:
     """Reads, writes and lists parameters over MAVLink."""
 
     def __init__(self, outbox: Outbox, parameters: Parameters, file: Path | None) -> None:
-        """`file`: where they are saved when a ground station asks for that."""
+        """`file`: where a ground station may save and load them; None refuses both."""
         self._outbox = outbox
         self._parameters = parameters
         self._file = file

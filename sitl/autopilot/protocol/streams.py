@@ -1,4 +1,4 @@
-"""Which telemetry message is sent when, in wall time: by its rate, or because it was asked for."""
+"""Telemetry scheduling in wall time: messages at their rates, and those requested once."""
 
 import math
 from collections.abc import Iterable, Mapping
@@ -48,10 +48,10 @@ MIN_INTERVAL_S = 0.002
 
 
 class Streams:
-    """Intervals of the messages, by number, and when each is due next."""
+    """Telemetry scheduler: the interval of each message, and when it is due next."""
 
     def __init__(self, outbox: Outbox, rates_hz: Mapping[int, float] = DEFAULT_RATES_HZ) -> None:
-        """`rates_hz`: what is streamed until somebody asks for something else."""
+        """`rates_hz`: the default rates, by message number, until a station sets others."""
         self._outbox = outbox
         self._usual_hz = rates_hz
         self._interval_s = {kind: 1.0 / rate for kind, rate in rates_hz.items()}
@@ -70,7 +70,7 @@ class Streams:
         }
 
     def take_due(self, now: float, extra: Iterable[int] = ()) -> list[int]:
-        """Messages to send now, in order of their numbers; `extra` are due in any case."""
+        """Return the sorted numbers of the messages due at `now` (s); `extra` are due anyway."""
         due = self._asked.union(extra)
         self._asked.clear()
         due.update(kind for kind, when in self._next.items() if now >= when)
@@ -83,14 +83,14 @@ class Streams:
         return sorted(due)
 
     def due(self) -> float:
-        """When the next message is due; never later than the next heartbeat."""
+        """Return the time (s) of the next due message; never later than the next heartbeat."""
         return min(self._next.values())
 
     def _request_message(self, order: CommandOrder) -> None:
         self._asked.add(_telemetry(order))
 
     def _set_interval(self, order: CommandOrder) -> None:
-        """Stream a message so often: 0 for the default rate, negative for not at all.
+        """Set the interval (us) of a message: 0 for the default rate, negative stops it.
 
         The heartbeat keeps its rate: it is how others know that the vehicle lives.
         """
@@ -116,7 +116,7 @@ class Streams:
 
 
 def _telemetry(order: CommandOrder) -> int:
-    """The message that a command names; UnsupportedError where the vehicle does not send it."""
+    """Return the number of the message a command names; UnsupportedError if it is not sent."""
     number = order.params[0]
     if not math.isfinite(number) or int(number) not in TELEMETRY:
         raise UnsupportedError

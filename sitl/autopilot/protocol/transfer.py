@@ -2,9 +2,9 @@
 
 The MAVLink mission protocol from the vehicle's side. It asks for every item itself and asks
 again when none comes, so it survives loss, duplication and reordering; a list is replaced only
-once the new one is complete. Where messages are seen to get lost, answers are repeated: whoever
-waits for one asks again after a while and gives up after a few times, so that repeating it
-meanwhile leaves only the loss of the questions to their count.
+once the new one is complete. On a lossy link, answers are repeated unasked: a ground station
+retries a few times before it gives up, and repeated answers leave its retries for the case that
+the request was lost.
 """
 
 import math
@@ -68,8 +68,8 @@ class _Repeated:
 class MissionTransfer:
     """Serves the mission protocol; holds the lists that were accepted.
 
-    `check` judges each item as it comes, `store` the complete list, which it takes: both answer
-    with a MAV_MISSION_RESULT.
+    `check` validates each item on arrival, `store` checks and takes the complete list; both return
+    a MAV_MISSION_RESULT.
     """
 
     def __init__(self, outbox: Outbox, reporter: Reporter, *, check: Check, store: Store) -> None:
@@ -113,14 +113,14 @@ class MissionTransfer:
         return dict.fromkeys(handlers, handle)
 
     def give_up(self, peer: Peer, msg: Any) -> None:
-        """Handling `msg` has failed: its transfer is over, and whoever sent it is told so."""
+        """End the upload of a peer whose `msg` could not be handled, and answer with an error."""
         if self._upload is not None and self._upload.peer == peer:
             self._upload = None
         if not isinstance(msg, mav.MAVLink_mission_ack_message):
             self._ack(peer, msg.mission_type, mav.MAV_MISSION_ERROR)
 
     def poll(self, now: float) -> None:
-        """Ask again for an item that has not come; give up in the end."""
+        """Request a missing item again, or give up; repeat answers; forget old downloads."""
         upload = self._upload
         if upload is not None and now >= upload.asked_at + REQUEST_AGAIN_S:
             if upload.asked >= REQUESTS_PER_ITEM:
@@ -140,7 +140,7 @@ class MissionTransfer:
                 del self._downloads[key]
 
     def due(self) -> float:
-        """When `poll` has something to do; infinite for never."""
+        """Return the time (s) at which `poll` has something to send; infinite for never."""
         upload = math.inf if self._upload is None else self._upload.asked_at + REQUEST_AGAIN_S
         return min([upload, *(repeated.due for repeated in self._repeated.values())])
 

@@ -1,7 +1,7 @@
-"""The C interface of the bridges (`bridge.h`): what is sent and read lies in structures here.
+"""The C interface of the bridges (`bridge.h`), and the structures that both languages share.
 
-Ticks are taken in C. There waiting for the firmware releases Python's lock, and stepping the
-aircraft takes it.
+The loop over ticks is in C. It releases Python's lock while it waits for the firmware, and takes it
+to step the aircraft.
 """
 
 import ctypes
@@ -80,7 +80,7 @@ class _HilSensor(ctypes.Structure):
 
 
 class Hil(ctypes.Structure):
-    """PX4 behind a TCP connection; `sensor` is what the next frame says."""
+    """C structure of a TCP connection to PX4; `sensor` holds the next HIL_SENSOR."""
 
     _fields_ = (
         *(("world", _World), ("sensor", _HilSensor), ("motors", _FOUR)),
@@ -91,7 +91,7 @@ class Hil(ctypes.Structure):
 
 
 class Json(ctypes.Structure):
-    """ArduPilot behind a UDP socket; `errors` are those of position and velocity."""
+    """C structure of a UDP socket to ArduPilot; `errors` are those of position and velocity."""
 
     _fields_ = (
         *(("world", _World), ("sample", _SIX), ("state", _DOUBLE * 9), ("errors", _SIX)),
@@ -116,10 +116,10 @@ _json_run = ctypes.PYFUNCTYPE(_INT, _POINTER, _LONG)(("json_run", _LIBRARY))
 
 
 class Stepped:
-    """A plant that is stepped from C, for a structure of a firmware's; its truth is kept."""
+    """Steps a plant from C, by the orders in a firmware's structure, and keeps true states."""
 
     def __init__(self, plant: Plant, imu: Imu, link: Hil | Json) -> None:
-        """The motors stand still until there is an order."""
+        """Fill in `link` for C; the motors stand still until there is an order."""
         self._plant, self._link = plant, link
         vehicle, self.truths = plant.vehicle, TruthRing(plant)
         vehicle.drive((0.0,) * 4)
@@ -130,15 +130,15 @@ class Stepped:
         self.at = ctypes.addressof(link)
 
     def hil_run(self, ticks: int) -> int:
-        """Ticks as PX4 asks for them, all but the last answered; how many it asked for."""
+        """Take ticks as PX4 asks for them, and answer all but the last; return how many."""
         return self._count(_hil_run(self._ready(ticks), ticks))
 
     def hil_tick(self) -> int:
-        """A tick of a PX4 that boots and asks for none yet; whether it was taken."""
+        """Take a tick for a PX4 that boots and does not ask yet; return 1 if taken, else 0."""
         return self._count(_hil_tick(self._ready(1)))
 
     def json_run(self, ticks: int) -> int:
-        """Ticks as ArduPilot asks for them, all but the last answered; how many it asked for."""
+        """Take ticks as ArduPilot asks for them, and answer all but the last; return how many."""
         return self._count(_json_run(self._ready(ticks), ticks))
 
     def _ready(self, ticks: int) -> int:
