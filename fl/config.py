@@ -83,7 +83,7 @@ else:
 
 
 class ChannelConfig(_Constants):
-    """A named channel and the constants of it that are changed."""
+    """A channel preset, and changes to its constants."""
 
     def channel(self, *, altitude_m: float | None = None) -> Channel:
         """The channel these settings describe, at `altitude_m` (the preset's 60 m by default)."""
@@ -96,7 +96,7 @@ class ChannelConfig(_Constants):
 
 
 class RadioConfig(_Frozen):
-    """What decides whether a packet arrives, and what plans believe about that."""
+    """The radio that decides whether a packet arrives, and what plans believe about it."""
 
     truth: Annotated[str, one_of(RADIOS)] = Field(
         "channel",
@@ -168,7 +168,7 @@ class RadioConfig(_Frozen):
 
     @property
     def listens(self) -> bool:
-        """Whether what is believed follows from what is heard on the way."""
+        """Whether the radio belief is learned from pilot tones heard on the way."""
         return self.belief == "learned" or self.belief not in BELIEFS
 
 

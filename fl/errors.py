@@ -1,4 +1,4 @@
-"""What can go wrong in learning. Every exception carries the values that explain it."""
+"""Exceptions of learning, each with the values that explain it, and helpers for their messages."""
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, fields
@@ -8,9 +8,9 @@ from typing import Any
 
 
 def told(value: object, how: Callable[[Any], str] = str, *, most: int = 500) -> str:
-    """What `how` (`str`, `repr`) says of a value, whatever it raises; at most so many characters.
+    """Return `how(value)` (`str`, `repr`) in at most `most` characters, or why that raises.
 
-    It can be printed and written: lone surrogates become escapes.
+    Lone surrogates become escapes, so that the text can be printed and written.
     """
     try:
         text = how(value)
@@ -28,7 +28,7 @@ def first_line(error: BaseException) -> str:
 
 
 def did_you_mean(name: str, known: Iterable[str]) -> str:
-    """The end of a message about a name that is not known: the closest one, if any is close."""
+    """Return '; did you mean NAME?' with the closest known name, or '' where none is close."""
     whole = {one: one for one in known}
     stems = {one.rpartition("_")[0]: one for one in whole}  # without the unit
     close = [names[one] for names in (whole, stems) for one in get_close_matches(name, names, n=1)]
@@ -43,7 +43,7 @@ def kind_of(value: object) -> str:
 
 @dataclass(eq=False)
 class LearningError(Exception):
-    """Root of the exceptions of this package."""
+    """Base class of the exceptions of `fl`."""
 
     def __post_init__(self) -> None:
         # Exceptions are pickled by their args: without them none would cross a process border.

@@ -1,9 +1,9 @@
-"""The code of plug-ins: found by name, known by its digest, imported anew where it was edited.
+"""Code of plug-ins: found by name, identified by a digest, reloaded where a file was edited.
 
 A name is an import path, `package.module:callable`, found in the working directory too; that of an
 entry point which an installed package declares in the group `aerofed.plugins`; or that of an
-object which was passed from Python, `python:callable_DIGEST`. `LABEL=` before it is what tables and
-pictures call it.
+object which was passed from Python, `python:callable_DIGEST`. `LABEL=` before it is its label in
+tables and pictures.
 """
 
 import ast
@@ -37,7 +37,7 @@ _passed: dict[str, "PassedObject"] = {}
 
 @dataclass(frozen=True)
 class PassedObject:
-    """A plug-in that was passed from Python: no file has it."""
+    """A plug-in that was passed as a Python object, not named by where its code lies."""
 
     value: object
     digest: str | None  # SHA-256 of its pickle and of the modules that it uses; None: it has none
@@ -49,13 +49,13 @@ def is_import_path(text: str) -> bool:
 
 
 def is_plugin(name: str) -> bool:
-    """Whether it is an import path, or an entry point that is installed."""
+    """Whether the name is an import path or that of an installed entry point."""
     bare = _bare(name)
     return is_import_path(bare) or bare in _entry_points()
 
 
 def label_of(name: str) -> str:
-    """What tables and pictures call a plug-in, or what is built in."""
+    """Return what tables and pictures call a plug-in or a built-in: its LABEL, or else its name."""
     return name.partition("=")[0]
 
 
@@ -64,10 +64,10 @@ def _bare(name: str) -> str:
 
 
 def checked_name(name: str, built_in: tuple[str, ...]) -> str:
-    """The name, where it is built in or a plug-in's.
+    """Return the name if it is built in or a plug-in's.
 
     Raises:
-        ValueError: it is neither; says what there is.
+        ValueError: it is neither; the message lists the names.
     """
     if name in built_in or is_plugin(name):
         return name
@@ -94,7 +94,7 @@ def check_found(name: str) -> None:
 
 
 def module_of(name: str) -> str:
-    """The module that a plug-in is looked for in, which may be in the working directory."""
+    """Return the name of a plug-in's module; puts the working directory last in `sys.path`."""
     here = str(Path.cwd())
     for there in _searched - {here}:  # a session has moved on: the same name is another's there
         with suppress(ValueError):
@@ -107,10 +107,10 @@ def module_of(name: str) -> str:
 
 
 def load(name: str) -> object:
-    """The object of that name, as its code is now.
+    """Import and return the plug-in of that name, reloaded where its code has changed.
 
-    A module is imported anew where it, or one that it imports from beside it, has changed since,
-    or where it was not imported here: nobody knows then what it was at that time.
+    A module is reloaded where it, or one that it imports from its folder, has changed, or where it
+    was not imported here: what its file held at that time is unknown.
 
     Raises:
         BaseException: whatever importing it raises.
@@ -131,10 +131,10 @@ def load(name: str) -> object:
 
 
 def digest_of(name: str) -> str | None:
-    """SHA-256 of a plug-in's module and of all that it imports from beside it, from the folder in
-    which its outermost package lies; of the version where that package is installed.
+    """Return the SHA-256 of a plug-in's module and of all that it imports from the folder of its
+    outermost package; of name and version of an installed package.
 
-    None where it was passed from Python and has none, or to another process.
+    None for an object passed from Python that cannot be pickled, or is not known to this process.
     """
     module = module_of(name)
     if module == PASSED:
@@ -147,9 +147,10 @@ def digest_of(name: str) -> str | None:
 
 
 def named(value: object) -> object:
-    """The name by which a plug-in that is passed as an object is found; other values as they are.
+    """Return the name under which a plug-in that is passed as an object can be found, and keep it.
 
-    A function or class of a module has its import path, and so is loaded as it is in the file.
+    A function or class of a module is named by its import path, so that it is loaded from its file.
+    Values that are not callable are returned as they are.
     """
     if not callable(value):
         return value
@@ -170,7 +171,7 @@ def named(value: object) -> object:
 
 
 def _wrappings(value: object) -> int:
-    """How many decorators a function has, of those that say so."""
+    """Number of wrappers around a function, counted by `__wrapped__`."""
     count = 0
     while (value := getattr(value, "__wrapped__", None)) is not None:
         count += 1
@@ -178,12 +179,12 @@ def _wrappings(value: object) -> int:
 
 
 def passed(names: Iterable[str]) -> dict[str, PassedObject]:
-    """Those of the plug-ins that were passed from Python, for other processes to `bring`."""
+    """Return the objects among plug-ins that were passed from Python, for other processes."""
     return {name: _passed[name] for name in map(_bare, names) if name in _passed}
 
 
 def bring(objects: Mapping[str, PassedObject]) -> None:
-    """Have plug-ins that were passed in another process found in this one."""
+    """Register plug-ins that were passed to another process, so that `load` finds them here."""
     _passed.update(objects)
 
 
@@ -194,7 +195,7 @@ def _passed_as(name: str) -> PassedObject:
 
 
 def _digest_of_object(value: object) -> str | None:
-    """None where it cannot be pickled: it holds an open file, say."""
+    """SHA-256 of an object's pickle and of the modules that it uses; None: it has no pickle."""
     # Imported here: few runs need them.
     import pickletools
 
@@ -212,9 +213,9 @@ def _digest_of_object(value: object) -> str | None:
 
 
 def _sources(module: str) -> dict[str, tuple[Path, bytes]]:
-    """Files and their text of a module and all that it imports from beside it, by their names.
+    """Return file and text, by name, of a module and of all that it imports from its folder.
 
-    Empty without a file, and of an installed package: nobody edits that, and it may be vast.
+    Empty for a module without a file, and for an installed package, which nobody edits.
     """
     root, todo = _root(module), [module]
     found: dict[str, tuple[Path, bytes]] = {}
@@ -233,7 +234,7 @@ def _sources(module: str) -> dict[str, tuple[Path, bytes]]:
 
 @lru_cache(maxsize=1024)
 def _imports(name: str, file: Path, text: bytes) -> list[str]:
-    """What a module imports, with the packages around it; of `from a import b` also `a.b`."""
+    """Names that a module may import: its package, and of `from a import b` both `a` and `a.b`."""
     outer = name.rpartition(".")[0]
     found = [outer] if outer else []
     package = name if file.name == "__init__.py" else outer
@@ -269,7 +270,7 @@ def _root(module: str) -> Path | None:
 
 @cache
 def _versions_of(package: str) -> str:
-    """The distributions that a package came with, and their versions; else Python's."""
+    """Names and versions of the distributions that provide a package; else Python's version."""
     import importlib.metadata  # with email in it, for which no `--help` waits
 
     names = importlib.metadata.packages_distributions().get(package, ())

@@ -1,4 +1,4 @@
-"""A researcher's own code: called under guard, its answers checked.
+"""Plug-ins, code of a researcher's own: called under guard, its answers checked.
 
 Each place for such code is a subclass of `PlugIn`, which says by which setting it is named and what
 it must have. `fl.plugin_code` finds it.
@@ -36,7 +36,7 @@ class PluginError(LearningInputError):
 
 
 def problem_of(name: str) -> str | None:
-    """Why a plug-in is not found; its module is not imported, only the packages around it are."""
+    """Return why a plug-in is not found, or None; imports the packages around its module only."""
     try:
         with failures_as(lambda error: PluginError(_not_imported(error))):
             check_found(name)
@@ -49,8 +49,8 @@ def problem_of(name: str) -> str | None:
 def failures_as(
     make: Callable[[BaseException], Exception], *, but: tuple[type[BaseException], ...] = ()
 ) -> Iterator[None]:
-    """Run code of others in the block: whatever it raises, sys.exit() too, becomes what `make`
-    makes of it, `but` those kinds, and Ctrl-C, which is not of its doing."""
+    """Raise `make(error)` for any exception in the block, SystemExit too; KeyboardInterrupt and the
+    kinds in `but` pass unchanged."""
     try:
         yield
     except BaseException as error:
@@ -60,7 +60,7 @@ def failures_as(
 
 
 def needs_torch() -> str | None:
-    """How to have torch, an extra that only code of users' own needs; None where it is there."""
+    """Return how to install torch, an extra; None where it is installed."""
     if importlib.util.find_spec("torch"):
         return None
     return "needs torch, which is an extra and not installed: pip install 'aerofed[torch]'"
@@ -68,10 +68,10 @@ def needs_torch() -> str | None:
 
 @dataclass(frozen=True)
 class PlugIn:
-    """A researcher's own code at one place; the places are subclasses.
+    """A researcher's own function or object at one extension point; each point has a subclass.
 
-    Whatever it is given is read-only to it. What it raises, and answers that break a rule, become
-    one line with the setting and the name: an `error`, whose `__cause__` is what it raised.
+    Its arguments are read-only. What it raises, and answers that break a rule, become one line with
+    the setting and the name: an `error`, whose `__cause__` is what it raised.
     """
 
     setting: ClassVar[str]  # that names it
@@ -85,14 +85,14 @@ class PlugIn:
 
     @property
     def key(self) -> str:
-        """The setting as it stands in the configuration."""
+        """Full key of the setting in the configuration, such as `communities.0.network`."""
         if self.community is None:
             return self.setting
         return self.setting.replace("communities.", f"communities.{self.community}.")
 
     @classmethod
     def found(cls, name: str, community: int | None = None) -> Self:
-        """The function of that name.
+        """Load the function of that name.
 
         Raises:
             error: it cannot be imported, or cannot be called.
@@ -106,7 +106,7 @@ class PlugIn:
 
     @classmethod
     def made(cls, name: str, *arguments: object) -> Self:
-        """What the factory of that name makes of the arguments.
+        """Load the factory of that name, and call it with read-only `arguments`.
 
         Raises:
             error: it cannot be imported or called, or makes something without the `members`.
@@ -123,12 +123,12 @@ class PlugIn:
         return cls(name, inner)
 
     def ask(self, member: str, *arguments: object, of: str = "") -> Any:
-        """What a method gives for the arguments; `of` says which call it is in errors."""
+        """Call a method with read-only arguments; `of` says in errors which call it is."""
         with self.guarded(f"{member}(){of}"):
             return getattr(self.inner, member)(*map(read_only, arguments))
 
     def value(self, member: str) -> Any:
-        """The value of an attribute."""
+        """Return the value of an attribute of the plug-in's object."""
         with self.guarded(member):
             return getattr(self.inner, member)
 
@@ -142,7 +142,7 @@ class PlugIn:
         high: float = np.inf,
         dtype: DTypeLike = np.float64,
     ) -> NDArray[Any]:
-        """Numbers that it gave, as a read-only array of its own; `what` they are, in errors.
+        """Return numbers that the plug-in gave as a checked, read-only copy; `what` names them.
 
         Raises:
             error: another shape, or a number that is not finite, or not from `low` to `high`.
@@ -164,10 +164,10 @@ class PlugIn:
         return frozen(made)
 
     def of_kind(self, found: object, kind: type[Kind], what: str) -> Kind:
-        """What it gave, where it is of that kind.
+        """Return what the plug-in gave, checked to be of type `kind`.
 
         Raises:
-            error: it is of another.
+            error: it is of another type.
         """
         if not isinstance(found, kind):
             self.refuse(f"{what} gives {kind_of(found)}, not a {kind.__name__}")
@@ -175,16 +175,16 @@ class PlugIn:
 
     @contextmanager
     def guarded(self, doing: str) -> Iterator[None]:
-        """Run its code in the block: what it raises is its own, and is said to be.
+        """Run the plug-in's code in the block.
 
         Raises:
-            error: one line with the place in its file.
+            error: the code raised; one line with the place in its file.
         """
         with failures_as(lambda error: self._told(doing, error), but=self.passed):
             yield
 
     def refuse(self, reason: str) -> NoReturn:
-        """Say that it breaks a rule. Raises `error`."""
+        """Raise `error`: the plug-in breaks a rule, as `reason` says."""
         raise self._error(reason)
 
     def _told(self, doing: str, error: BaseException) -> Exception:
@@ -208,8 +208,8 @@ class PlugIn:
 
 
 def read_only(value: Any) -> Any:
-    """The same value, in which no array can be written to; also within lists, tuples, tables and
-    frozen dataclasses, of which it makes copies where it must."""
+    """Return the value with read-only arrays, also within lists, tuples, mappings and frozen
+    dataclasses, which are copied where necessary."""
     if isinstance(value, np.ndarray):
         # torch, say, writes to an array whatever its flags: to a copy, where that costs little.
         return frozen(value.copy("K") if value.nbytes <= _COPIED_BYTES else value.view())

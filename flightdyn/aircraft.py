@@ -31,7 +31,7 @@ def _triple(vector: Vector) -> Triple:
 
 
 class Aircraft(Plant):
-    """A multirotor on its own belief of where it is. Time zero: aligned, at rest, disarmed."""
+    """A multirotor flown on its own state estimate. At time zero: aligned, at rest, disarmed."""
 
     def __init__(
         self,
@@ -62,12 +62,13 @@ class Aircraft(Plant):
         self.trace: Trace | None = None  # what is recorded of the control
 
     def step(self) -> None:
-        """One tick: physics and sensors; every few of them filter, guidance and battery."""
+        """Run one tick: physics and sensors; every few of them filter, guidance and battery."""
         self.advance(1)
 
     def advance(self, most: int) -> int:
-        """Ticks up to where there is more to do than to fly on, `most` at most: something is
-        measured or corrected, the ground or a corner is near, or the path's progress has changed.
+        """Run up to `most` ticks, fewer where there is something to do: a sensor or a correction is
+        due, the ground or a corner is near, or the path's progress has changed.
+
         Returns how many.
         """
         navigation, guidance = self.navigation, self._guidance
@@ -108,17 +109,17 @@ class Aircraft(Plant):
 
     @property
     def gnss(self) -> GnssFix | None:
-        """The latest solution of the GNSS receiver."""
+        """The latest solution of the GNSS receiver; None before the first."""
         return self.navigation.gnss
 
     def record(self, *, every: int, room: int) -> None:
-        """Trace the control: each `every`th guidance step, `room` of them until they are taken."""
+        """Trace the control: a row each `every` guidance steps, `room` at most until taken."""
         step_ns = self.interval * self.dt_ns
         self.trace = Trace(self.vehicle.actuators, every=every, room=room, step_ns=step_ns)
         self._guide.leave(self.trace)
 
     def innovations_after(self, t_ns: int) -> tuple[Innovation, ...]:
-        """What the estimator was given after an instant, against what it expected; oldest first.
+        """Return the estimator's innovations after an instant, the oldest first.
 
         Instants are the estimator's, which lies behind the clock by the receiver's delay. Only
         the newest few seconds are kept.
@@ -137,7 +138,7 @@ class Aircraft(Plant):
 
     @property
     def cmd_pos_ned_m(self) -> Vector | None:
-        """Where the guidance wants to be; None while it holds nothing."""
+        """Position setpoint of the guidance; None while it has none."""
         to = self._guidance.setpoint
         return None if to is None else frozen(to.p)
 
@@ -152,20 +153,20 @@ class Aircraft(Plant):
         return "crashed" if self.crashed else self.navigation.why_not_ready()
 
     def arm(self) -> None:
-        """Motors on, idling until an order lifts the aircraft. A wreck stays what it is."""
+        """Turn the motors on, idling until an order lifts the aircraft. A wreck stays disarmed."""
         if self.crashed:
             return
         self.armed = self._guide.memory.armed = True
         self.vehicle.arm(True)
 
     def disarm(self) -> None:
-        """Motors off, wherever the aircraft is."""
+        """Turn the motors off, wherever the aircraft is."""
         self.armed = self._guide.memory.armed = False
         self.vehicle.arm(False)
         self._guidance.idle()
 
     def exchange_battery(self) -> None:
-        """Put in a fresh battery.
+        """Put in a battery as charged as the first one was.
 
         Raises:
             FlightInputError: the motors are on.
@@ -187,7 +188,7 @@ class Aircraft(Plant):
         self._guidance.follow(self.navigation.state(), path)
 
     def pursue(self, target: Target) -> None:
-        """Go after a target until the next order; it may be another one at any time."""
+        """Follow a target's setpoints until the next order; a new target may come at any time."""
         self._guidance.pursue(self.navigation.state(), target)
 
     def keep_attitude(self, order: AttitudeOrder) -> None:

@@ -27,7 +27,7 @@ class SimClock:
         return self.dt_ns / NS_PER_S
 
     def ticks(self, duration_s: float, *, what: str) -> int:
-        """The ticks in `duration_s`; refused where that is not a whole number of at least one."""
+        """Return the ticks in `duration_s`; FlightInputError unless a whole number of 1 or more."""
         exact = duration_s * NS_PER_S / self.dt_ns
         count = round(exact)
         if count < 1 or abs(exact - count) > 1e-6:

@@ -1,4 +1,4 @@
-"""What can be chosen about the aircraft, its sensors and its weather."""
+"""Configuration of the aircraft, its sensors and its weather."""
 
 from typing import Literal, Self
 
@@ -43,8 +43,8 @@ class WindConfig(Table):
 class ImuConfig(Table):
     """Gyroscope and accelerometer; the defaults are Gazebo-classic's iris (ADIS16448 class).
 
-    More noise than allowed does not land: the attitude is lost at 1000 samples a second, or the
-    ground is felt too late.
+    With more noise than the limits allow, landing fails: the attitude is lost at 1000 samples a
+    second, or ground contact is detected too late.
     """
 
     gyro_noise_density: float = Field(
@@ -171,7 +171,7 @@ class BatteryConfig(Table):
 
 
 class AircraftConfig(Table):
-    """The aircraft as a whole."""
+    """The simulated aircraft: rates, weather, sensors, limits, battery and faults."""
 
     # The dampers of the legs take 136/s off the turning of an aircraft that touches the ground: in
     # longer steps they would kick it instead.

@@ -2,7 +2,7 @@
 
 
 class FlightDynamicsError(Exception):
-    """Root of the package's errors."""
+    """Base class of the errors of `flightdyn`."""
 
 
 class FlightInputError(FlightDynamicsError):

@@ -63,7 +63,7 @@ class ImuBias(_Fault):
 
 
 class WindBurst(_Fault):
-    """Wind that comes and goes at once, added to the rest."""
+    """Wind that begins and ends abruptly, added to the rest."""
 
     kind: Literal["wind_burst"] = "wind_burst"
     north_mps: float = Field(default=0.0, ge=-30, le=30, description="towards north")

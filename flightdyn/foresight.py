@@ -1,4 +1,4 @@
-"""The least that flights of a length take: time and energy, whatever their corners."""
+"""Lower bounds on time and energy of flights by their length, whatever their corners."""
 
 import math
 
@@ -14,7 +14,7 @@ _SPEEDS = 2000
 
 
 def least_duration(length_m: float, *, speed_mps: float, limits: LimitsConfig) -> float:
-    """Seconds that no path of a length is flown in less, whatever its corners.
+    """Return a lower bound in seconds on the flight time of a path, whatever its corners.
 
     A corner is cut at the speed with which it is reached, so that along the path nobody is faster
     than on a straight one.
@@ -30,7 +30,7 @@ def least_duration(length_m: float, *, speed_mps: float, limits: LimitsConfig) -
 
 
 def longest_within(duration_s: float, *, speed_mps: float, limits: LimitsConfig) -> float:
-    """Metres of the longest path that is flown in a time: the inverse of `least_duration`."""
+    """Return the metres of the longest path flown in a time: the inverse of `least_duration`."""
     speed, accel = min(speed_mps, limits.speed_mps), limits.acceleration_mps2
     moving_s = max(0.0, duration_s - limits.smoothing_s - SETTLING_S)
     if moving_s >= 2.0 * speed / accel:
@@ -48,8 +48,8 @@ def least_energy(
     density: float = 1.0,
     wind_mps: float = 0.0,
 ) -> Vector:
-    """Joules (n,) that no level path of these lengths, rising ones from 0, takes less, finely
-    spaced; of at most `legs` straights, and with hovers between them or not.
+    """Return lower bounds (n,) in joules on the energy of level paths of these lengths, which rise
+    finely spaced from 0; of at most `legs` straight legs, with or without hovers between them.
 
     Every metre takes at least what it takes at the cheapest speed that can be had there: from
     rest, and to rest, u^2 <= 2 a s. The wind blows from behind. Below the ordered speed a path
@@ -80,7 +80,7 @@ def least_energy(
     settling_j = float(power_w(np.zeros(1), density=density)[0]) * SETTLING_S
 
     def with_more(added: float) -> tuple[Vector, float]:
-        """Joules, where accelerating adds that share to power; those of the cheapest metre."""
+        """Return joules if accelerating adds the share `added` to power, and the least a metre."""
         per_m = watts * (1.0 + added) / counted
         per_m[-1] = min(per_m[-1], cruise_w[0] / speed)
         per_m = np.minimum.accumulate(per_m)

@@ -1,6 +1,6 @@
-"""Inertial navigation without a filter: what the C code of `flightdyn.native` works on.
+"""State and Earth model of inertial navigation, which the C code of `flightdyn.native` integrates.
 
-There IMU ticks are summed and states carried forward by these sums.
+That code sums the IMU's samples and carries states forward by the sums.
 """
 
 import math

@@ -1,4 +1,4 @@
-"""What the parts of the aircraft read and order at one instant, for whoever looks on.
+"""Sensor readings and actuator orders of the aircraft at one instant, for logs and telemetry.
 
 Nothing of it is needed to fly; it is put together when it is asked for.
 """
@@ -12,7 +12,7 @@ from flightdyn.state import Vector
 
 
 class Readings(NamedTuple):
-    """Of the sensors, as read last (FRD, SI units), biases that are known taken off."""
+    """Latest sensor readings (FRD, SI units), the estimated biases taken off the IMU's."""
 
     rates_radps: Triple
     specific_force_mps2: Triple

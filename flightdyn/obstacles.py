@@ -1,4 +1,4 @@
-"""What stands on the ground and wrecks whoever flies into it."""
+"""Obstacles on the ground, which wreck an aircraft that flies into them."""
 
 from collections.abc import Sequence
 
@@ -23,7 +23,7 @@ class Obstacles:
         self._highest = float(self._roofs.max(initial=-np.inf))
 
     def hold(self, north: float, east: float, up: float) -> bool:
-        """Whether a place is within one: of the walls to its north an odd number is its."""
+        """Whether a place (m north, east and above home) is inside one, by ray casting."""
         if up >= self._highest:
             return False
         n1, e1, n2, e2 = self._walls.T

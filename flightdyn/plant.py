@@ -1,4 +1,4 @@
-"""The aircraft without a brain: physics, sensors, battery, ground, wind and what may fail.
+"""The aircraft without an autopilot: physics, sensors, battery, ground, wind and faults.
 
 Whoever flies it steps it tick by tick, reads its sensors and drives its motors: our own
 autopilot (`flightdyn.aircraft`), or a firmware through one of the bridges of `sitl.firmware`.
@@ -24,7 +24,7 @@ _SLOW = 5  # guidance intervals between looks at battery, ground and faults
 
 
 class Plant:
-    """A multirotor at rest on the ground at home, motors off, at time zero."""
+    """A simulated multirotor; at time zero on the ground at home, at rest, motors off."""
 
     def __init__(
         self,
@@ -71,7 +71,7 @@ class Plant:
         return (tick // every + 1) * every
 
     def step(self) -> None:
-        """One tick of physics; every few of them gusts, battery, ground and faults.
+        """Run one tick of physics; every few of them update gusts, battery, ground and faults.
 
         Raises:
             ModelDivergedError: the physics has left the numbers.
@@ -80,22 +80,19 @@ class Plant:
         self.passed(1)
 
     def passed(self, ticks: int) -> None:
-        """Count ticks that were run, up to `due` at most, and look after gusts, battery, ground and
-        faults when it is time. Raises ModelDivergedError where the physics has left the numbers.
-        """
+        """Count ticks that were run, up to `due` at most; then update gusts, battery, ground and
+        faults, if due. Raises ModelDivergedError where the physics has left the numbers."""
         self.clock.tick += ticks
         if self.clock.tick >= self.due:
             self._update_surroundings()
 
     def _watch_ground(self, *, near: bool) -> None:
-        """Feel for the ground at every tick or not at all."""
+        """Check for ground contact at every tick, or not at all."""
         self.low = near  # it may be touched before the next look
         self.run: Callable[[], bool] = self._feel_ground if near else self.vehicle.run
 
     def _feel_ground(self) -> bool:
-        """A tick near the ground: a wreck from the one on at which it is met faster than the legs
-        can take.
-        """
+        """Run a tick near the ground; wreck the aircraft at an impact beyond what its legs take."""
         self.vehicle.run()
         speed = self.vehicle.impact_mps()
         if speed > self.vehicle.airframe.impact_limit_mps:
@@ -109,7 +106,7 @@ class Plant:
         self._watch_ground(near=False)
 
     def _feel(self, obstacles: Obstacles) -> None:
-        """A wreck from the look on at which it is within one: two metres at most at 20 m/s."""
+        """Wreck the aircraft if it is inside an obstacle (up to two metres deep at 20 m/s)."""
         here = self.truth
         north, east, down = here.pos_ned_m.tolist()
         if obstacles.hold(north, east, -down):
@@ -156,7 +153,7 @@ class Plant:
 
     @property
     def crashed(self) -> bool:
-        """Whether the ground was hit faster than the legs can take: a wreck, at rest for good."""
+        """Whether it has struck an obstacle, or the ground too fast: a wreck, at rest for good."""
         return self.impact_mps is not None
 
     @property
@@ -165,15 +162,16 @@ class Plant:
         return self._faults.active
 
     def inject(self, fault: Fault) -> None:
-        """Put a fault in force now, for its duration. Raises FaultError where there is no such
-        part to fail.
+        """Put a fault in force now, for its duration.
+
+        Raises FaultError where there is no such part to fail.
         """
         self._faults.begin(fault, self.clock.t_ns)
         self._gusty = True
         self.due = self._after(self.clock.tick)
 
     def happened(self, what: str | int) -> None:
-        """Arming, take-off or a mission item's number: configured faults may come after it."""
+        """Schedule the faults that come after "arming", "take-off" or a mission item's number."""
         self._faults.happened(what, self.clock.t_ns)
 
     def end(self, fault: Fault) -> None:

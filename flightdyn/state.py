@@ -20,7 +20,7 @@ class GeodeticPoint:
 
 
 class Kinematics(NamedTuple):
-    """Where a body is and how it moves: the truth, or what the estimator believes."""
+    """Position, velocity, attitude and body rates of the aircraft: the truth, or an estimate."""
 
     t_ns: int
     pos_ned_m: Vector  # (3,)
@@ -30,7 +30,7 @@ class Kinematics(NamedTuple):
 
     @classmethod
     def of(cls, t_ns: int, *numbers: float) -> "Kinematics":
-        """From position, velocity, attitude and rates: thirteen numbers, in that order."""
+        """Make it of thirteen numbers: position, velocity, attitude (w, x, y, z), body rates."""
         all_of_them = np.array(numbers)
         all_of_them.setflags(write=False)
         return cls(t_ns, all_of_them[:3], all_of_them[3:6], all_of_them[6:10], all_of_them[10:])

@@ -1,10 +1,10 @@
-"""What every table of a configuration is."""
+"""Base class of the tables of a configuration."""
 
 from pydantic import BaseModel, ConfigDict
 
 
 class Table(BaseModel):
-    """A table of the configuration: no key beside those that it has, and no change later."""
+    """Base class of configuration tables, which are frozen and refuse unknown keys."""
 
     # Deferred: a model within another is built with that one, once.
     model_config = ConfigDict(frozen=True, extra="forbid", defer_build=True)

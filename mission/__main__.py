@@ -6,7 +6,7 @@ import sys
 
 
 def main() -> None:
-    """Entry point; an interruption while the program is still loading is no traceback either."""
+    """Run the `aerofed` command; an interruption while it still loads gives no traceback either."""
     # Some 300,000 objects live as long as the program. Looking through them again and again for
     # garbage, as Python's defaults have it, took a twentieth of a short run.
     gc.set_threshold(20_000, 20, 50)

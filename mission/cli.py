@@ -27,14 +27,14 @@ def _version() -> str:
 
 
 def _read(kind: Any, tokens: Sequence[Token]) -> Any:
-    """The value of an option; cyclopts would round a fraction where a whole number is wanted."""
+    """Convert an option's value; refuse a fraction as a whole number, which cyclopts rounds."""
     if kind is int and "." in tokens[0].value:
         raise ValueError
     return convert(kind, tokens)
 
 
 def _default(value: object) -> str | None:
-    """A default as the help says it; not that of a flag, or of what may be given several times."""
+    """Return a default as the help shows it; None where it is empty, False or 0."""
     if isinstance(value, tuple):
         value = ", ".join(map(str, value))
     return str(value) if value else None
@@ -112,7 +112,7 @@ def completion(shell: Literal["bash", "zsh", "fish"]) -> int:
 
 
 def main(tokens: Sequence[str] | None = None) -> None:
-    """Entry point: runs the command and exits with its code."""
+    """Run the command, and exit with its code."""
     hear_interruptions()
     if isinstance(sys.stdout, TextIOWrapper) and sys.stdout.errors == "strict":
         sys.stdout.reconfigure(errors="backslashreplace")  # as in containers that know ASCII only
@@ -122,7 +122,7 @@ def main(tokens: Sequence[str] | None = None) -> None:
 
 
 def call(tokens: Sequence[str] | None = None) -> int:
-    """Run the command that `tokens` (default: the process's arguments) name; its exit code."""
+    """Run the command that `tokens` (default: `sys.argv`) name; return its exit code."""
     # Without emoji, whose table would be loaded for the first line: there may be no memory for it.
     errors = Console(stderr=True, emoji=False, **PLAIN)
     Terminal.failure, Terminal.stream = None, sys.stdout

@@ -1,4 +1,4 @@
-"""From C to a shared library: which compiler, which flags. Standard library only.
+"""Compilation of C into shared libraries: compilers and flags. Standard library only.
 
 The build of a wheel or an editable installation calls this (`hatch_build.py`), and
 `native.loading` where a working tree's sources have changed since. The C interface needs no header
@@ -44,7 +44,7 @@ _X86_LEVELS = {"baseline": (), "avx2": _AVX2, "avx512": (*_AVX2, *_AVX512)}
 
 @dataclass(frozen=True)
 class Library:
-    """One shared library, and what it is made of."""
+    """A shared library and its C sources."""
 
     name: str
     folder: Path
@@ -53,8 +53,7 @@ class Library:
 
     @property
     def path(self) -> Path:
-        """Where the library of the sources as they are lies, or will. Named after them, so that
-        one that is out of date is not found."""
+        """Path of the library, with the digest of the present sources; it may not be built yet."""
         return self.folder / f"lib{self.name}-{self._digest}.so"
 
     @property
@@ -64,7 +63,7 @@ class Library:
 
     @property
     def has_sources(self) -> bool:
-        """False in an installed wheel."""
+        """Whether the C sources are there; False in an installed wheel."""
         return (self.folder / self.border).exists()
 
     @cached_property
@@ -94,7 +93,7 @@ def _sources(folder: Path) -> list[Path]:
 
 
 def levels() -> dict[str, tuple[str, ...]]:
-    """The levels by name, with what the compiler is told for each."""
+    """Return the processor levels by name, the plainest first, with the compiler flags of each."""
     return _X86_LEVELS if platform.machine() in ("x86_64", "AMD64") else {"baseline": ()}
 
 
@@ -126,7 +125,7 @@ def _works(command: Sequence[str]) -> bool:
 
 
 def build(library: Library, *, compiler: Sequence[str] | None = None) -> Path:
-    """Build a library from its sources, and remove those of older ones.
+    """Build a library from its sources, and remove builds of older sources.
 
     Raises:
         LibraryError: there is no compiler, or it fails.
@@ -150,7 +149,7 @@ def build(library: Library, *, compiler: Sequence[str] | None = None) -> Path:
 def compile_to(
     target: Path, library: Library, compiler: Sequence[str], *, flags: Sequence[str] = ()
 ) -> None:
-    """Compile a library to a path; whoever opens that sees all of it or nothing.
+    """Compile a library to `target`, which appears whole or not at all.
 
     Raises:
         LibraryError: the compiler fails, or the folder cannot be written.
@@ -177,7 +176,7 @@ def compile_to(
 
 
 def _machine(compiler: Sequence[str]) -> list[str]:
-    """Zig compiles for the very machine unless told otherwise, other compilers for the system."""
+    """Return flags for the target processor and system; Zig would take this very processor's."""
     if "ziglang" in compiler:
         return ["-mcpu=baseline", "-fno-sanitize=undefined"]
     return [f"-mmacosx-version-min={MACOS}"] if sys.platform == "darwin" else []

@@ -16,7 +16,7 @@ FOLDER = "AEROFED_LIBRARIES"  # environment variable: libraries from here, as th
 
 
 def load(library: Library) -> ctypes.CDLL:
-    """A library, built anew where its sources are at hand and have changed.
+    """Load a library, built first where its sources are at hand and have changed.
 
     Raises:
         LibraryError: it is not there and cannot be built.
@@ -36,7 +36,7 @@ def load(library: Library) -> ctypes.CDLL:
 
 
 def check_sizes(loaded: ctypes.CDLL, **structures: type[ctypes.Structure]) -> None:
-    """Refuse structures of another size than C has under their names.
+    """Refuse ctypes structures whose size differs from that of C under their names.
 
     Raises:
         LibraryError: one differs, and what is read through it would be anything.
@@ -51,7 +51,7 @@ def check_sizes(loaded: ctypes.CDLL, **structures: type[ctypes.Structure]) -> No
 
 
 def level(loaded: ctypes.CDLL) -> int:
-    """The level to use: the processor's best, or what the environment asks for.
+    """Return the index of the level to use: the processor's best, or what the environment asks for.
 
     Raises:
         LibraryError: there is no such level here.
@@ -64,7 +64,7 @@ def level(loaded: ctypes.CDLL) -> int:
 
 
 def functions(loaded: ctypes.CDLL, table: type[ctypes.Structure]) -> Any:
-    """The library's functions at its level, as a structure of prototypes; calls release the GIL."""
+    """Return the library's functions at its level, as a structure of ctypes prototypes."""
     loaded.at_level.restype = ctypes.POINTER(table)
     return loaded.at_level(level(loaded)).contents
 
@@ -72,7 +72,7 @@ def functions(loaded: ctypes.CDLL, table: type[ctypes.Structure]) -> Any:
 def address(
     array: NDArray[np.generic], dtype: DTypeLike, shape: tuple[int, ...], *, written: bool = False
 ) -> int:
-    """Where an array begins, once it is sure to be what the C code takes it for.
+    """Return the address of an array, after checking its type, shape and layout.
 
     Raises:
         ValueError: another kind of number or shape, gaps, or read-only where it is written.

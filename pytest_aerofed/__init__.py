@@ -23,7 +23,7 @@ _LOGS = pytest.StashKey[Path]()
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Make the marker known."""
+    """Register the marker `aerofed`."""
     config.addinivalue_line("markers", _MARKER)
 
 
@@ -78,7 +78,7 @@ def arducopter(vehicles: "Callable[..., list[SimulatedVehicle]]") -> "SimulatedV
 def pytest_runtest_makereport(
     item: pytest.Item,
 ) -> Generator[None, pytest.TestReport, pytest.TestReport]:
-    """Name the logs of a test that failed."""
+    """Add the paths of the flight logs to the report of a failed test."""
     report = yield
     if report.failed and _LOGS in item.stash:
         found = sorted(item.stash[_LOGS].rglob("*.mcap"))

@@ -1,4 +1,4 @@
-"""What an environment takes as an action."""
+"""Checks of the actions that environments take."""
 
 import numpy as np
 
@@ -7,7 +7,7 @@ from mission.base.errors import InputError
 
 
 def checked(action: object, count: int, *, under_way: bool) -> Floats:
-    """The action (count,), each in [-1, 1]; InputError where it is none or no episode under way."""
+    """Return the action (count,), each in [-1, 1]; InputError for others, or with no episode."""
     if not under_way:
         raise InputError("step: no episode is under way; call reset() first")
     try:

@@ -35,7 +35,7 @@ _SHORTER = 1.0 - 1e-12  # keeps rounding from putting a path over its budget
 
 
 class RoundEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
-    """Each action is a stop: who sends from here, and where the aircraft goes next.
+    """A round in which each action is a stop: who sends there, and where to go next.
 
     Action (2 + K,), each in [-1, 1]: the place of the next stop, then how much it matters that each
     device sends now. Of those above 0 the first `per_step` send, each device once in a round. A leg
@@ -101,7 +101,7 @@ class RoundEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
 
     @property
     def problem(self) -> RoundProblem:
-        """What this episode decides about, with what its configuration believes of the radio.
+        """The planning problem of this episode, with what its configuration believes of the radio.
 
         Raises:
             InputError: a map is believed, and not of these devices.
@@ -114,7 +114,7 @@ class RoundEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
 
     @property
     def plan(self) -> RoundPlan:
-        """What was decided so far; the rest of the round stands still."""
+        """The plan as decided so far; for the rest of the round the aircraft stands still."""
         problem = self.problem
         via = () if problem.airspace.is_open else tuple(self._via)
         plan = RoundPlan(self._waypoints_m.copy(), self._schedule.copy(), 0.0, via_m=via)
@@ -167,7 +167,7 @@ class RoundEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         return self._observed(), reward, self._n == problem.steps, False, info
 
     def _send(self, priorities: Floats) -> Bools:
-        """(K,) who sends here, and has something to send."""
+        """Choose by priority who sends at this stop; return (K,) whose update is ready, too."""
         wanted = (priorities > 0.0) & ~self._schedule.any(axis=0)
         row: Bools = self._schedule[self._n]
         for device in np.argsort(-priorities, kind="stable").tolist():
@@ -179,12 +179,12 @@ class RoundEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         return np.asarray(row & in_time(self._problem, self.plan)[self._n])
 
     def _fits(self) -> bool:
-        """Whether what was decided takes no more than the limits of time and energy."""
+        """Whether the plan so far keeps to the limits of time and energy."""
         limited = self._problem.limits is not None
         return not limited or share_of(self._problem, self.plan) <= WITHIN_ROUNDING
 
     def _go(self, place_m: Floats) -> None:
-        """Fly towards a place (2,), as far as may be."""
+        """Fly towards a place (2,), as far as metres, time and energy allow."""
         here = self._waypoints_m[self._n - 1]
         way, _ = self._problem.airspace.route(np.stack((here, place_m)))
         along_m = polyline.along(way)

@@ -36,7 +36,7 @@ _ONLY = {"velocity": 0b0000_1101_1100_0111, "acceleration": 0b0000_1100_0011_111
 
 
 class SetpointEnv(gymnasium.Env[Array, Array]):
-    """From a hover at 20 m to a place that is drawn anew for each episode.
+    """A flight from a hover at 20 m to a place that is drawn anew for each episode.
 
     Action (3,), each in [-1, 1]: velocity or acceleration to order for the next 0.1 s, to east,
     north and up, as shares of the vehicle's limits. A MAVLink message takes it to the built-in
@@ -171,5 +171,5 @@ class SetpointEnv(gymnasium.Env[Array, Array]):
         )
 
     def _say(self, message: mav.MAVLink_message) -> None:
-        """Hand a message to the vehicle, for which simulated time is all there is."""
+        """Send a MAVLink message to the vehicle, which receives it at its simulated time."""
         self._vehicle.receive(bytes(message.pack(self._client)), self._vehicle.t_ns * 1e-9)

@@ -34,12 +34,12 @@ class Samples:
 
 
 class CustomDataset(PlugIn):
-    """A researcher's own data set: a factory, whose arrays are held to what files are held to."""
+    """A plug-in data set: a factory, whose arrays are checked as those of a file are."""
 
     setting = "communities.task"
 
     def load(self, data_dir: Path | None) -> Dataset:
-        """The data set that it gives for a data folder.
+        """Call the factory with a data folder, and return its data set.
 
         Raises:
             PluginError: it fails, or what it gives is no data set.
@@ -72,7 +72,7 @@ def _md5_of(samples: Samples) -> str:
 def dataset_of(
     task: str, arrays: Samples, *, provenance: Provenance, names: tuple[str, ...] | None = None
 ) -> Dataset:
-    """The data set of these arrays; `names` are those of x and y, of both splits, in errors.
+    """Build a checked data set from arrays; `names`, of x and y of both splits, are for errors.
 
     Raises:
         DataLayoutError: shapes, types or values are not what they must be.
@@ -94,7 +94,7 @@ def dataset_of(
 
 
 def labels(array: NDArray[np.generic], key: str, source: str) -> NDArray[np.int64]:
-    """Whole numbers from 0, (n,) or (n, 1), as (n,)."""
+    """Return labels, integers (n,) or (n, 1), as int64 (n,). Raises DataLayoutError for others."""
     if array.ndim == 2 and array.shape[1] == 1:
         array = array[:, 0]
     if array.ndim != 1 or array.dtype.kind not in "iu":
@@ -139,7 +139,7 @@ def _samples(array: NDArray[Any], key: str, source: str) -> Pixels:
 
 
 def _features(array: NDArray[np.generic], key: str, source: str) -> Pixels:
-    """As images of one pixel, whose channels are the features: each is scaled by itself."""
+    """Return features (n, features) as float32 images of one pixel with a channel each."""
     if array.dtype.kind != "f" or array.shape[1] == 0:
         raise DataLayoutError(
             source, f"{key} is {array.dtype} {array.shape}; features are floats, one at least"

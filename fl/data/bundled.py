@@ -119,7 +119,7 @@ def _coverage(shape: NDArray[np.int64], places: Floats) -> Floats:
 
 
 def _distance(kind: int, x: Floats, y: Floats, r: Floats) -> Floats:
-    """From the edge of shape `kind` of radius `r`, negative inside it."""
+    """Signed distance in pixels from the edge of shape `kind` of radius `r`, negative inside."""
     ax, ay, bar = np.abs(x), np.abs(y), 0.3 * r
     match SHAPES[kind]:
         case "disc":
@@ -136,7 +136,7 @@ def _distance(kind: int, x: Floats, y: Floats, r: Floats) -> Floats:
 
 
 def _rgb(hue: Floats, *, saturation: Floats, value: Floats) -> Floats:
-    """Hue (in turns), saturation and value to RGB (n, 3)."""
+    """Convert hue (in turns), saturation and value to RGB (n, 3)."""
     sector = (np.array([5.0, 3.0, 1.0]) + 6.0 * hue[:, None]) % 6.0
     ramp = np.clip(np.minimum(sector, 4.0 - sector), 0.0, 1.0)
     return np.asarray(value[:, None] * (1.0 - saturation[:, None] * ramp), dtype=np.float64)

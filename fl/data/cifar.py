@@ -74,7 +74,7 @@ def read_archive(path: Path) -> dict[str, bytes]:
 
 
 def decode_python(name: str, content: bytes, *, path: str) -> Batch:
-    """The official pickled batch of that name; no other is unpickled."""
+    """Unpickle the official batch of that name. Raises DataLayoutError for any other content."""
     if md5(content) != CIFAR_BATCH_MD5[name]:
         raise DataLayoutError(
             path,
@@ -103,7 +103,7 @@ def decode_binary(content: bytes, *, path: str) -> Batch:
 
 
 def _decode(source: Path, batches: dict[str, bytes], *, official: bool = False) -> Dataset:
-    """`official`: they come from an archive that has its official MD5 sum."""
+    """Decode all batches into a data set; `official`: their archive has its official MD5 sum."""
     binary = f"{TEST}.bin" in batches
     names = [f"{name}.bin" if binary else name for name in BATCHES]
     if lacking := [name for name in names if name not in batches]:

@@ -119,7 +119,7 @@ def checked(
 
 
 def subset(data: Dataset, share: float) -> Dataset:
-    """A share of a data set with as many of each class, as far as there are: its first ones."""
+    """Return a share of a data set: the first images of each class, as many of each as possible."""
     if share == 1.0:
         return data
 
@@ -144,13 +144,13 @@ def subset(data: Dataset, share: float) -> Dataset:
 
 
 def hold_out(images: Pixels, labels: Labels, *, share: float, seed: int) -> tuple[Split, Split]:
-    """All but a part of every class, and that part; the same on every machine."""
+    """Split off a share of every class: (the rest, that share); the same on every machine."""
     held = held_out(labels, share=share, seed=seed)
     return Split(images[~held], labels[~held]), Split(images[held], labels[held])
 
 
 def held_out(labels: Labels, *, share: float, seed: int) -> NDArray[np.bool_]:
-    """(n,) which samples `hold_out` takes for the second part."""
+    """Return which samples (n,) `hold_out` takes for its second part."""
     rng = np.random.Generator(np.random.PCG64(seed))
     held = np.zeros(len(labels), dtype=np.bool_)
     for label in sorted(set(labels.tolist())):
@@ -160,6 +160,6 @@ def held_out(labels: Labels, *, share: float, seed: int) -> NDArray[np.bool_]:
 
 
 def held_out_of_each(samples: NDArray[np.int64], share: float) -> NDArray[np.int64]:
-    """How many of each class are held out, of `samples` (classes,): one at least of what is."""
+    """Return how many of each class are held out of `samples` (classes,): 1 or more if any."""
     wanted = np.maximum(1, np.rint(share * samples)).astype(np.int64)
     return np.asarray(np.minimum(samples, wanted), dtype=np.int64)

@@ -33,7 +33,7 @@ Progress = Callable[[str, int, int | None], None]  # file, bytes so far, bytes a
 
 @dataclass(frozen=True)
 class TaskCheck:
-    """Whether a data folder has one task's files, and whether they are whole."""
+    """Check of a data folder: whether one task's files are there, and whether they are whole."""
 
     task: str
     status: Literal["official", "intact", "missing", "damaged"]
@@ -47,7 +47,7 @@ def fetch(
     locations: Mapping[str, str] = LOCATIONS,
     progress: Progress | None = None,
 ) -> tuple[Path, ...]:
-    """Download `task` into its sub-folder of `data_dir`; the files, new or already there.
+    """Download `task` into its sub-folder of `data_dir`; return the paths, new or already there.
 
     A file is put in place only after its checksum was found right, and one that is there and
     right is left alone. Raises `FetchError` naming the address.
@@ -104,7 +104,7 @@ def download(
     progress: Progress | None = None,
     mode: int = 0o644,
 ) -> str:
-    """Put a file in place, whole and with the `checksum` that is wanted, or not at all.
+    """Download `url` to `path`, whole and with the wanted `checksum` (None: any), or not at all.
 
     Returns its checksum.
 
@@ -149,7 +149,7 @@ def download(
 
 
 def _sum_of(path: Path) -> str:
-    """The MD5 sum to compare: of an IDX file's content, of an archive itself."""
+    """MD5 sum of an IDX file's unpacked content, or of an archive; '' where it is unreadable."""
     try:
         content = path.read_bytes()
         return md5(gzip.decompress(content) if "idx" in path.name else content)

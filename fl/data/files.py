@@ -1,4 +1,4 @@
-"""Data files: read within bounds, and known again by the MD5 sums of the official ones.
+"""Data files: read within bounds, and recognised by the MD5 sums of the official ones.
 
 A gzip file of 4 MB can unpack to 4 GB. Nothing is read beyond what a header has promised, and no
 promise beyond `LARGEST_BYTES` is believed. The sums of IDX files are of their content, so that a
@@ -57,7 +57,7 @@ def md5(data: bytes) -> str:
 
 
 def read_exactly(stream: IO[bytes], count: int, *, path: Path | str) -> bytes:
-    """Read at most `count` bytes, and what is left of them at the end; memory grows as they come.
+    """Read `count` bytes, or fewer at the end of the stream; memory grows as they come.
 
     Raises:
         DataDamagedError: `count` is beyond `LARGEST_BYTES`.
@@ -79,7 +79,7 @@ def reading(
     *damage: type[Exception],
     how: Callable[[Exception], str] = str,
 ) -> Iterator[None]:
-    """Read a file in the block. `damage` is what its format raises, told by `how` as `what`.
+    """Turn errors in the block into one about the file; `damage` are the exceptions of its format.
 
     Raises:
         DataDamagedError: it is damaged, cannot be read, or is too large for the memory.

@@ -30,7 +30,7 @@ SUBFOLDERS = {
 
 
 def load(task: str, data_dir: Path) -> Dataset:
-    """`task` ("mnist" or "fashion-mnist") from `data_dir` or its sub-folder."""
+    """Load `task` ("mnist" or "fashion-mnist") from `data_dir` or its sub-folder."""
     folders = [data_dir / sub for sub in SUBFOLDERS[task]] + [data_dir]
     folder = next((f for f in folders if _find(f, NAMES[0]) is not None), None)
     if folder is None:
@@ -91,7 +91,7 @@ def _shape(header: bytes, *, path: Path, dimensions: int) -> tuple[int, ...]:
 
 
 def _find(folder: Path, name: str) -> Path | None:
-    """`name`.gz or `name`; some mirrors write a dot for the hyphen before idx."""
+    """Return the path of `name`.gz or `name`, or None; some mirrors have a dot before idx."""
     spellings = (name, name.replace("-idx", ".idx"))
     candidates = [folder / f"{s}{end}" for end in (".gz", "") for s in spellings]
     return next((path for path in candidates if path.is_file()), None)

@@ -38,7 +38,7 @@ def needs_files(task: str) -> bool:
 
 
 def bring(datasets: Mapping[Source, Dataset]) -> None:
-    """Have `load` give these in this process: another machine has read them, who has the files."""
+    """Make `load` return these data sets in this process, as read where the files are."""
     _brought.clear()
     _brought.update(datasets)
 
@@ -70,8 +70,8 @@ def load(
 
 
 def _of_own(plugin: CustomDataset, data_dir: Path | None) -> Dataset:
-    """What code of one's own gives for a folder; once, while the code is as it was, and so are the
-    files in the folder (not those in folders of its own)."""
+    """Load a plug-in's data set; kept while its code and the files of the folder are unchanged
+    (files in sub-folders other than `FOLDERS` are not looked at)."""
     folder = None if data_dir is None else data_dir.resolve()
     key = id(plugin.inner), folder, _stamp(folder)
     if key not in _own:
@@ -104,7 +104,7 @@ def _folder(task: str, data_dir: Path | None, wanted: str) -> Path:
 
 
 def _stamp(folder: Path | None, data_file: str | None = None) -> Stamp:
-    """Names, sizes and times of the files where data are looked for."""
+    """Return paths, sizes in bytes and modification times in ns of the files of a data folder."""
     if folder is None or not folder.is_dir():
         return ()
     found: list[tuple[str, int, int]] = []

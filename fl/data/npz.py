@@ -88,7 +88,7 @@ def _array(archive: "np.lib.npyio.NpzFile", name: str) -> Found:
 def _held_out(
     arrays: list[Found], layout: tuple[str, ...], owner: Found | None, path: Path
 ) -> tuple[list[Found], Found | None]:
-    """One set of samples cut in two, the owners of the first part with it."""
+    """Split one set of samples into training and held-out arrays; keep the training owners."""
     x, y = arrays
     classes = labels(y, layout[1], str(path))
     for name, array in ((layout[0], x), (OWNER, owner)):

@@ -21,7 +21,7 @@ DIRICHLET_TRIES = 100
 def draw_owners(
     devices: int, classes: int, *, per_device: int, coverage: bool, rng: np.random.Generator
 ) -> Bools:
-    """Which device owns which class: (devices, classes), `per_device` true in each row.
+    """Draw which device owns which class: (devices, classes), `per_device` true in each row.
 
     Without `coverage` each device draws its classes at random and some classes may stay without
     an owner. With it, shuffled classes are first dealt round the devices, then every device
@@ -40,7 +40,7 @@ def draw_owners(
 
 
 def check_owners(devices: int, classes: int, *, per_device: int, coverage: bool) -> None:
-    """Refuse what `draw_owners` cannot deal out, by `SettingError`."""
+    """Raise SettingError where `draw_owners` cannot deal the classes out."""
     if per_device > classes:
         raise SettingError("labels_per_device", per_device, f"the task has {classes} classes")
     if coverage and devices * per_device < classes:
@@ -124,7 +124,7 @@ def _split(samples: Ints, parts: int, weights: Floats | None) -> list[Ints]:
 
 
 def by_owner(owners: Ints, *, devices: int, rng: np.random.Generator) -> list[Ints]:
-    """Give each device the samples of one owner that the data tell; which owners, is drawn."""
+    """Give each device the samples of one owner; which of the data set's owners, is drawn."""
     known = np.unique(owners)
     if devices > len(known):
         raise SettingError("devices", devices, f"the data have {len(known)} owners")
@@ -159,19 +159,19 @@ class PartitionTask:
 
 
 class Partition(Protocol):
-    """How samples are spread over the devices of a community: a function."""
+    """A function that splits the samples of a community over its devices."""
 
     def __call__(self, task: PartitionTask) -> Sequence[ArrayLike]:
         """For each device the indices of its samples, from 0; none empty, none given twice."""
 
 
 class CustomPartition(PlugIn):
-    """A researcher's own partition, whose shares are checked."""
+    """A plug-in `Partition` whose shares are checked."""
 
     setting = "communities.partition"
 
     def shares(self, task: PartitionTask) -> list[Ints]:
-        """What it deals out, each device's share sorted.
+        """Call the plug-in, and return the sorted sample indices of each device.
 
         Raises:
             PluginError: the answer is no partition.

@@ -1,1 +1,1 @@
-"""Communities of devices, and the rounds in which their models become one."""
+"""Federated learning: communities of devices, their rounds, aggregation, fairness."""

@@ -1,8 +1,8 @@
-"""Federated algorithms: how devices are steered and how what arrives becomes the next model.
+"""Federated algorithms: corrections of the devices' gradients, and aggregation of their updates.
 
 Each is `init(model, devices) -> state` and `apply(state, model, updates) -> (model, state)`,
 pure functions of numpy vectors; where and how the devices train is no concern of theirs. A
-community nobody of which arrives keeps model and state.
+community without an arrival keeps model and state.
 """
 
 from collections.abc import Mapping, Sequence
@@ -20,7 +20,7 @@ AlgorithmState = Mapping[str, NDArray[np.float32]]
 
 @dataclass(frozen=True)
 class Update:
-    """An update that arrived from one device, and what it was made of."""
+    """An update that arrived from one device, and how it was trained."""
 
     device: int  # within its community, from 0
     p: float  # p_k in (0, 1], its share of the community's data
@@ -32,7 +32,7 @@ class Update:
 
 
 class Algorithm(Protocol):
-    """How devices are steered, and how what arrives becomes the next model of a community.
+    """A federated algorithm: corrections of the devices' gradients, and aggregation of updates.
 
     A model is its P parameters as one vector (P,) of float32, in the order in which torch lists
     them. A state is a dictionary of float32 arrays of any shapes; with it a run is resumed, so the
@@ -65,23 +65,23 @@ class Algorithm(Protocol):
 
 @runtime_checkable
 class StaleStart(Protocol):
-    """An algorithm whose devices do not all train from the newest model, in addition."""
+    """Optional part of an `Algorithm` whose devices may train from older models."""
 
     def start(self, state: AlgorithmState, model: Vector, device: int) -> Vector:
-        """(P,) what a device trains from: the model that it last received, say, kept in `state`."""
+        """Return the model (P,) that a device trains from, such as its last, kept in `state`."""
 
 
 class _Uncorrected:
-    """For algorithms that add nothing to the devices' gradients."""
+    """Base class of algorithms that add nothing to the devices' gradients."""
 
     def correction(self, state: AlgorithmState, device: int) -> Vector | None:  # noqa: ARG002
-        """No correction."""
+        """Return None: nothing is added to the gradients."""
         return None
 
 
 @dataclass(frozen=True)
 class FedAvg(_Uncorrected):
-    """Average of the arrivals weighted by p_k; with mu > 0 locally this is FedProx.
+    """Federated averaging, weighted by p_k; with mu > 0 in local training this is FedProx.
 
     McMahan et al. 2017; Li et al. 2020 (FedProx).
     """
@@ -90,13 +90,13 @@ class FedAvg(_Uncorrected):
     mu: float = 0.0
 
     def init(self, model: Vector, devices: int) -> AlgorithmState:  # noqa: ARG002  # protocol
-        """An empty state."""
+        """Return an empty state."""
         return {}
 
     def apply(
         self, state: AlgorithmState, model: Vector, updates: Sequence[Update]
     ) -> tuple[Vector, AlgorithmState]:
-        """theta' = theta + sum p_k (theta_k - theta) / sum p_k over the arrivals."""
+        """Return theta + sum p_k (theta_k - theta) / sum p_k over the arrivals, and the state."""
         return _moved(model, mean_step(model, updates)), state
 
 
@@ -113,13 +113,13 @@ class FedAvgM(_Uncorrected):
     mu: float = 0.0
 
     def init(self, model: Vector, devices: int) -> AlgorithmState:  # noqa: ARG002  # protocol
-        """Velocity 0."""
+        """Return the state with velocity 0."""
         return {"velocity": np.zeros_like(model)}
 
     def apply(
         self, state: AlgorithmState, model: Vector, updates: Sequence[Update]
     ) -> tuple[Vector, AlgorithmState]:
-        """One step of the heavy ball along the mean update."""
+        """Take a step of server momentum (heavy ball) along the mean update."""
         velocity = self.server_momentum * state["velocity"] + mean_step(model, updates)
         moved = _moved(model, self.server_learning_rate * velocity)
         return moved, {"velocity": velocity.astype(np.float32)}
@@ -141,7 +141,7 @@ class FedAdam(_Uncorrected):
     mu: float = 0.0
 
     def init(self, model: Vector, devices: int) -> AlgorithmState:  # noqa: ARG002  # protocol
-        """First moment 0, second tau^2."""
+        """Return the state with first moment 0 and second moment tau^2."""
         return {
             "first_moment": np.zeros_like(model),
             "second_moment": np.full_like(model, self.tau**2),
@@ -150,7 +150,7 @@ class FedAdam(_Uncorrected):
     def apply(
         self, state: AlgorithmState, model: Vector, updates: Sequence[Update]
     ) -> tuple[Vector, AlgorithmState]:
-        """One step of Adam along the mean update."""
+        """Take a step of Adam along the mean update."""
         step = mean_step(model, updates)
         first = self.beta1 * state["first_moment"] + (1.0 - self.beta1) * step
         second = self.beta2 * state["second_moment"] + (1.0 - self.beta2) * np.square(step)
@@ -177,20 +177,20 @@ class Scaffold:
     mu: float = 0.0
 
     def init(self, model: Vector, devices: int) -> AlgorithmState:
-        """All control variates 0."""
+        """Return the state with all control variates 0."""
         return {
             "control": np.zeros_like(model),
             "device_controls": np.zeros((devices, model.size), dtype=np.float32),
         }
 
     def correction(self, state: AlgorithmState, device: int) -> Vector | None:
-        """The control variates' difference c - c_k."""
+        """Return the difference of the control variates, c - c_k, (P,)."""
         return np.asarray(state["control"] - state["device_controls"][device], dtype=np.float32)
 
     def apply(
         self, state: AlgorithmState, model: Vector, updates: Sequence[Update]
     ) -> tuple[Vector, AlgorithmState]:
-        """The mean update, and the control variates of those that arrived."""
+        """Apply the mean update, and update the control variates of the devices that arrived."""
         control = state["control"].astype(np.float64)
         controls = state["device_controls"].copy()
         drift = np.zeros(model.size)
@@ -208,7 +208,7 @@ class Scaffold:
 
 
 def mean_step(model: Vector, updates: Sequence[Update]) -> NDArray[np.float64]:
-    """sum p_k (theta_k - theta) / sum p_k over the arrivals, in double precision."""
+    """Return the mean update sum p_k (theta_k - theta) / sum p_k over the arrivals, in float64."""
     step = np.zeros(model.size)
     for update in updates:
         step += update.p * (update.model.astype(np.float64) - model)
@@ -216,7 +216,7 @@ def mean_step(model: Vector, updates: Sequence[Update]) -> NDArray[np.float64]:
 
 
 def built_in_algorithm(learning: LearningConfig) -> Algorithm | None:
-    """The algorithm that the settings name, with its customary server settings as defaults."""
+    """Return the built-in algorithm that the settings name, or None; server rates have defaults."""
     rate = learning.server_learning_rate
     match learning.algorithm:
         case "fedprox":

@@ -29,7 +29,7 @@ TEST_SEED = 2206_02043  # of the draw that holds out the test part, the same in 
 
 @dataclass(frozen=True, eq=False)
 class Community:
-    """The devices of one task; devices count from 0 within it."""
+    """A group of devices with one task and one model; devices count from 0 within it."""
 
     config: CommunityConfig
     dataset: Dataset
@@ -50,25 +50,25 @@ class Community:
 
     @property
     def upload_bits(self) -> int:
-        """Size of an update: as configured, else 32 for each number of the network."""
+        """Size of an update in bits: as configured, else 32 for each number of the network."""
         if self.config.upload_bits is not None:
             return self.config.upload_bits
         return 32 * sum(map(math.prod, self.network.shapes))
 
     @cached_property
     def scaling(self) -> Scaling:
-        """What the network sees of a pixel; planning needs none."""
+        """Normalisation of pixels over the training images, computed on first use."""
         return scaling_of(self.dataset.train)
 
     @cached_property
     def p(self) -> Floats:
-        """p_k = |D_k| / sum of |D_i| over the community, (K_c,)."""
+        """Data share p_k = |D_k| / sum of |D_i| of each device in the community, (K_c,)."""
         samples = self.counts.sum(axis=1).astype(np.float64)
         return np.asarray(samples / samples.sum(), dtype=np.float64)
 
     @cached_property
     def _held_out(self) -> tuple[Split, Split]:
-        """Images that validate, and images to report on; planning needs none."""
+        """Validation and reporting images, the same where no test part is held out."""
         every = self.dataset.validation
         if self.test_share is None:
             return every, every
@@ -92,7 +92,7 @@ class Community:
 
 @dataclass(frozen=True, eq=False)
 class Federation:
-    """All communities. Their devices, one after the other, are numbered 0 to K - 1."""
+    """All communities and their algorithm. Devices of all are numbered on, from 0 to K - 1."""
 
     communities: tuple[Community, ...]
     learning: LearningConfig
@@ -113,12 +113,12 @@ class Federation:
 
     @cached_property
     def p(self) -> Floats:
-        """p_k of each device within its community, (K,)."""
+        """Data share p_k of each device within its community, (K,)."""
         return np.concatenate([community.p for community in self.communities])
 
     @cached_property
     def compute_s(self) -> Floats:
-        """Seconds in which each device makes its update, (K,)."""
+        """Training time of each device for one update in seconds, (K,)."""
         return np.concatenate(
             [
                 compute_times(
@@ -133,18 +133,18 @@ class Federation:
 
     @cached_property
     def upload_bits(self) -> Floats:
-        """Size of each device's update, (K,)."""
+        """Size of each device's update in bits, (K,)."""
         sizes = [np.full(len(c.shares), c.upload_bits) for c in self.communities]
         return np.concatenate(sizes).astype(np.float64)
 
     def members(self, index: int) -> slice:
-        """The devices of community `index` among all."""
+        """Return the slice of community `index` in arrays over all K devices."""
         first = int(np.searchsorted(self.community_of, index))
         return slice(first, first + len(self.communities[index].shares))
 
     @cached_property
     def fingerprint(self) -> str:
-        """What a checkpoint belongs to: data, assignment, networks and algorithm, as SHA-256."""
+        """SHA-256 of data, assignment, networks and algorithm, which a checkpoint must match."""
         digest = hashlib.sha256(repr(self.algorithm).encode())
         if self.trainer is not None:
             digest.update(repr(self.trainer).encode())

@@ -1,4 +1,4 @@
-"""A researcher's own federated algorithm, held to what every algorithm must keep."""
+"""Federated algorithms of researchers' own (`learning.algorithm`), their answers checked."""
 
 from collections.abc import Mapping, Sequence
 
@@ -18,27 +18,27 @@ from fl.plugins import PlugIn
 
 
 class CustomAlgorithm(PlugIn):
-    """An `Algorithm` whose answers are checked where they are made."""
+    """A plug-in `Algorithm` whose answers are checked as they are given."""
 
     setting = "learning.algorithm"
     members = ("mu", "momentum", "init", "correction", "apply")
 
     @property
     def mu(self) -> float:
-        """As `Algorithm.mu`."""
+        """Weight of the proximal term, as `Algorithm.mu`."""
         return float(self.array(self.value("mu"), "mu", shape=(), low=0.0, high=100.0))
 
     @property
     def momentum(self) -> float:
-        """As `Algorithm.momentum`."""
+        """Momentum of the local SGD, as `Algorithm.momentum`."""
         return float(self.array(self.value("momentum"), "momentum", shape=(), low=0.0, high=1.0))
 
     def init(self, model: Vector, devices: int) -> AlgorithmState:
-        """As `Algorithm.init`."""
+        """Return a community's first state, as `Algorithm.init`."""
         return self._state(self.ask("init", model, devices), "init()")
 
     def correction(self, state: AlgorithmState, device: int) -> Vector | None:
-        """As `Algorithm.correction`."""
+        """Return what a device adds to its gradients, or None, as `Algorithm.correction`."""
         of = f" of device {device}"
         found = self.ask("correction", state, device, of=of)
         if found is None:
@@ -48,7 +48,7 @@ class CustomAlgorithm(PlugIn):
     def apply(
         self, state: AlgorithmState, model: Vector, updates: Sequence[Update]
     ) -> tuple[Vector, AlgorithmState]:
-        """As `Algorithm.apply`."""
+        """Return the next model and state, as `Algorithm.apply`."""
         found = self.of_kind(self.ask("apply", state, model, updates), tuple, "apply()")
         if len(found) != 2:
             self.refuse(f"apply() gives {len(found)} things, not the two of model and state")
@@ -68,10 +68,10 @@ class CustomAlgorithm(PlugIn):
 
 
 class CustomStaleAlgorithm(CustomAlgorithm):
-    """One whose devices train from models of their own, which may be old."""
+    """A `CustomAlgorithm` that is also a `StaleStart`: devices may train from older models."""
 
     def start(self, state: AlgorithmState, model: Vector, device: int) -> Vector:
-        """As `StaleStart.start`."""
+        """Return the model (P,) that a device trains from, as `StaleStart.start`."""
         of = f" of device {device}"
         return self._model(self.ask("start", state, model, device, of=of), model, f"start(){of}")
 

@@ -16,9 +16,9 @@ from fl.config import CommunityConfig
 def compute_times(
     config: CommunityConfig, samples: Ints, *, epochs: int, rng: np.random.Generator
 ) -> Floats:
-    """(K_c,) seconds in which each device of a community makes its update.
+    """Return the training time of each device of a community in seconds, (K_c,).
 
-    `samples` (K_c,) of each. `rng` is the community's own stream of compute times: drawn once.
+    `samples` (K_c,): of each device. `rng`: the community's own stream of compute times.
     """
     own_s: Floats = (config.compute_s_per_sample or 0.0) * epochs * samples.astype(np.float64)
     if config.compute_times_s is not None:
@@ -30,7 +30,7 @@ def compute_times(
 
 @dataclass(frozen=True, eq=False)
 class DeviceWork:
-    """Which round's model each device trains from, and when it is or was done."""
+    """Work of the devices: which round's model each trains from, and when it is or was done."""
 
     compute_s: Floats  # (K,)
     goes_on: bool  # a device that is late, or still trains as a round begins, keeps at it
@@ -40,15 +40,15 @@ class DeviceWork:
 
     @classmethod
     def before(cls, compute_s: Floats, *, goes_on: bool) -> Self:
-        """Before the first round: everybody is idle."""
+        """Return the work before the first round: every device is idle."""
         none = np.zeros(len(compute_s), dtype=np.int64)
         return cls(compute_s, goes_on, none, none, none.astype(np.bool_))
 
     def round_begins(self, number: int, t_ns: int) -> Self:
-        """The model of round `number`, from 1, comes down to everybody at `t_ns`.
+        """Return the work after the model of round `number` (from 1) came down at `t_ns`.
 
-        Every device takes it and begins anew. Who goes on with older work does not: while it
-        still trains, and until it has sent an update that it was asked for too early.
+        Every device begins anew from it, except those that go on with older work: they still train,
+        or have not sent an update that they were asked for too early.
         """
         anew = ~self.kept(t_ns)
         done_ns = t_ns + np.rint(1e9 * self.compute_s).astype(np.int64)
@@ -59,9 +59,9 @@ class DeviceWork:
         )
 
     def round_ends(self, *, late: Bools, sent: Bools) -> Self:
-        """A round is over: who was asked before being ready, and who sent an update, both (K,)."""
+        """Return the work after a round: `late` (K,) were asked before ready, `sent` (K,) sent."""
         return replace(self, owed=(self.owed | late) & ~sent)
 
     def kept(self, t_ns: int) -> Bools:
-        """(K,) who goes on with what it is at, whatever model comes down at `t_ns`."""
+        """Return which devices (K,) go on with older work when a model comes down at `t_ns`."""
         return self.goes_on & (self.owed | (self.ready_ns > t_ns))

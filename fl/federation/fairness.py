@@ -1,4 +1,4 @@
-"""Fairness over devices and what it makes of their importance: the paper's formulas, in numpy.
+"""Fairness over devices (CoV) and their importance: the paper's formulas, in numpy.
 
 Symbols: p_k data share of device k in its community, eps_k its mean validation accuracy over
 the last l models, psi_c the coefficient of variation of its community, delta_k its importance.
@@ -29,7 +29,7 @@ def device_accuracy(correct: Ints, total: Ints, counts: Ints) -> Floats:
 
 
 def windowed_accuracy(history: Floats, *, period: int) -> Floats:
-    """eps_k (K,), the mean over the models that came down in the `period` (l) rounds before.
+    """Return eps_k (K,), the mean over the models of the `period` (l) rounds before.
 
     `history` (<= l + 1, K) ends with the model that has just come down, which does not count yet
     (the paper's j = m-l .. m-1 in round m). In the first round there is no other: it stands in.

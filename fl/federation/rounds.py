@@ -65,18 +65,18 @@ def init(federation: Federation) -> FederationState:
 
 
 def untrained(federation: Federation, state: FederationState) -> RoundLearning:
-    """Round 0: what the initial models know; nothing was trained or received."""
+    """Return the `RoundLearning` of round 0: the initial models measured, nothing trained."""
     return _round_learning(federation, state, np.full(federation.p.size, np.nan))
 
 
 def first_importance(federation: Federation) -> Floats:
-    """delta (K,) for the first round, with or without fairness; no model is needed for it."""
+    """Return the importance delta (K,) for the first round, without making any model."""
     devices = federation.p.size
     return _importance(federation, np.full(devices, fair.INITIAL_COV), np.ones(devices, np.bool_))
 
 
 def importance(federation: Federation, state: FederationState, *, fairness: bool) -> Floats:
-    """delta (K,) for the next round; without `fairness` psi counts as 1 (No-CoV)."""
+    """Return the importance delta (K,) for the next round; without `fairness` psi is 1 (No-CoV)."""
     cov = state.cov[federation.community_of] if fairness else np.ones(federation.p.size)
     return _importance(federation, cov, state.missed)
 
@@ -99,10 +99,10 @@ def play_round(
     workers: int = 1,
     early: Begun | None = None,
 ) -> tuple[FederationState, RoundLearning]:
-    """One communication round, given who was scheduled and whose update arrives.
+    """Play one communication round, given who was scheduled and whose update arrives.
 
-    Of all devices only those are trained whose update arrives, or who keep it: nobody would ever
-    see the rest, and every device draws from its own stream, so the result is the same. Up to
+    Of all devices only those are trained whose update arrives, or who keep it: the
+    others would change nothing, as every device draws from its own random stream. Up to
     `workers` devices train at a time, some of them `early`, from `begin_training` with the same
     state; the result is the same for any number. Raises `DivergedError` naming round, community
     and device.
@@ -149,7 +149,7 @@ def play_round(
 
 
 def _cov(federation: Federation, eps_received: Floats) -> Floats:
-    """(C,) of each community, by what was received of its devices' accuracies."""
+    """Return the CoV psi of each community, (C,), from the accuracies received of its devices."""
     return np.array(
         [
             fair.coefficient_of_variation(
@@ -163,7 +163,7 @@ def _cov(federation: Federation, eps_received: Floats) -> Floats:
 
 
 def _mean_accuracy(community: Community, right: Ints) -> float:
-    """Over the community's images; where devices measure for themselves, weighted by p_k."""
+    """Accuracy on the reporting images; its mean by p_k where devices have their own buffers."""
     every = len(community.reporting.labels)
     if right.ndim == 1:
         return float(right.sum() / every)
@@ -202,10 +202,10 @@ def _learn(
     delivered: Bools,
     kept: Bools,
 ) -> tuple[CommunityState, Floats]:
-    """What a round makes of a community, and the losses of its devices, (K_c,).
+    """Return a community's state after a round, and the losses of its devices, (K_c,).
 
-    `made` is what devices have at hand; of those that `delivered` it is aggregated, and of those
-    that `kept` it stays, both (K_c,).
+    `made`: pending updates by device. Those of `delivered` devices (K_c,) are aggregated, those of
+    `kept` ones (K_c,) stay pending.
     """
     community, before = federation.communities[index], state.communities[index]
     losses = np.full(len(community.shares), np.nan)
@@ -244,7 +244,7 @@ def _learn(
 
 
 def _measured(community: Community, model: Vector, own_buffers: Vector) -> tuple[Ints, Ints]:
-    """Images of each class that a model gets right: those that validate, those to report on.
+    """Count the validation and the reporting images of each class that a model gets right.
 
     (classes,) each, or (K_c, classes) where each device measures with buffers of its own.
     """
@@ -266,7 +266,7 @@ def _measured(community: Community, model: Vector, own_buffers: Vector) -> tuple
 
 
 def _device_accuracy(federation: Federation, states: Sequence[CommunityState]) -> Floats:
-    """(K,) eps_k of each device with its community's model."""
+    """Return the accuracy eps_k of each device with its community's model, (K,)."""
     return np.concatenate(
         [
             fair.device_accuracy(each.correct, community.validation_counts, community.counts)

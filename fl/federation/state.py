@@ -36,7 +36,7 @@ class Pending:
 
 @dataclass(frozen=True, eq=False)
 class CommunityState:
-    """A community's model, the state of its algorithm, and what its devices have at hand."""
+    """A community's model, the state of its algorithm, and its devices' pending updates."""
 
     model: Vector  # theta
     algorithm: AlgorithmState
@@ -61,7 +61,7 @@ class FederationState:
 
 
 def parts_of(community: Community, model: Vector) -> tuple[Vector, Vector]:
-    """Parameters and buffers of a model."""
+    """Split a flat model into parameters and buffers."""
     count = model.size - community.network.buffers
     return model[:count], model[count:]
 
@@ -71,7 +71,7 @@ _OWN = ("model", "buffers", "correct", "reported")
 
 
 def to_bytes(federation: Federation, state: FederationState) -> bytes:
-    """The whole state; a few times the size of the models."""
+    """Serialise the whole state for a checkpoint; a few times the size of the models."""
     arrays = {key: getattr(state, key) for key in _SHARED}
     for index, community in enumerate(state.communities):
         arrays |= {f"{index}/{key}": value for key, value in _arrays_of(community).items()}

@@ -1,4 +1,4 @@
-"""What devices make of the models that come down: whom to train, from what, and how."""
+"""Local training of the devices in a round: which ones, from which model, in which threads."""
 
 from collections.abc import Mapping
 from concurrent.futures import Executor, Future
@@ -24,7 +24,7 @@ Begun: TypeAlias = Mapping[tuple[int, int], Future[Pending]]
 def begin_training(
     pool: Executor, federation: Federation, state: FederationState, likely: Bools
 ) -> Begun:
-    """Train in `pool` the devices (K,) that are likely to be wanted, while it is not known yet.
+    """Start training the `likely` devices (K,) in `pool`, before it is known which are wanted.
 
     A researcher's own code is left to `trained`: it is asked for what is wanted, and no more.
     """
@@ -39,7 +39,7 @@ def begin_training(
 def trained(
     federation: Federation, state: FederationState, wanted: Bools, begun: Begun, *, workers: int
 ) -> list[dict[int, Pending]]:
-    """What the devices of each community have at hand after the `wanted` (K,) were trained.
+    """Train the `wanted` devices (K,); return the pending updates of each community, by device.
 
     Up to `workers` train at a time, one thread each, beside the last of those that have `begun`.
 
@@ -67,7 +67,7 @@ def trained(
 
 
 def _chosen(federation: Federation, devices: Bools) -> list[tuple[int, int]]:
-    """Community of each of the devices (K,), and its number within that."""
+    """Return (community index, device index within it) of each device set in `devices` (K,)."""
     return [
         (index, device)
         for index in range(len(federation.communities))
@@ -76,7 +76,7 @@ def _chosen(federation: Federation, devices: Bools) -> list[tuple[int, int]]:
 
 
 def _train(federation: Federation, state: FederationState, index: int, device: int) -> Pending:
-    """Local training of a device, which counts within its community."""
+    """Train a device, counted within its community; raise DivergedError on non-finite results."""
     community, learning = federation.communities[index], federation.learning
     algorithm, number = federation.algorithm, state.rounds + 1
     start = _start(federation, state, index, device)
@@ -116,7 +116,7 @@ def _train(federation: Federation, state: FederationState, index: int, device: i
 
 
 def _start(federation: Federation, state: FederationState, index: int, device: int) -> Vector:
-    """What a device trains from: parameters as the algorithm says, and buffers."""
+    """Return the model that a device trains from: parameters as the algorithm says, and buffers."""
     community, algorithm = federation.communities[index], federation.algorithm
     now = state.communities[index]
     if not (community.own_buffers or isinstance(algorithm, StaleStart)):

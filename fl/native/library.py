@@ -76,7 +76,7 @@ class Network:
     outputs: tuple[int, ...]  # of the dense layers, the classes last
 
     def __post_init__(self) -> None:
-        """Raises ValueError where the C code cannot do it."""
+        """Raise ValueError for sizes that the C code does not support."""
         if len(self.maps) > MOST_BLOCKS or not 0 < len(self.outputs) <= MOST_LAYERS:
             raise ValueError(f"{len(self.maps)} blocks and {len(self.outputs)} dense layers")
         if not len(self.maps) == len(self.kernels) == len(self.padding):
@@ -89,7 +89,7 @@ class Network:
 
     @cached_property
     def shapes(self) -> tuple[tuple[int, ...], ...]:
-        """Weight and bias of each layer in turn; no inputs where the output before vanishes."""
+        """Shapes of weight and bias of each layer in turn; 0 inputs where no pixel is left."""
         height, width, depth = self.image_shape
         weights: list[tuple[int, ...]] = []
         for maps, kernel, padding in zip(self.maps, self.kernels, self.padding, strict=True):
@@ -111,7 +111,7 @@ class Network:
         return self.outputs[-1]
 
     def as_c(self) -> _Network:
-        """The structure as C takes it."""
+        """Convert it to the structure that C takes."""
         blocks, layers = _INT * MOST_BLOCKS, _INT * MOST_LAYERS
         each = (blocks(*sizes) for sizes in (self.maps, self.kernels, self.padding))
         dense = len(self.outputs), layers(*self.outputs)
@@ -120,7 +120,7 @@ class Network:
 
 @dataclass(frozen=True)
 class Images:
-    """Images (n, height, width, channels), their labels, and pixels to numbers by channel."""
+    """Images (n, height, width, channels), their labels (n,), and the scaling of each channel."""
 
     pixels: NDArray[np.uint8] | Floats
     labels: Indices
@@ -128,7 +128,7 @@ class Images:
     shift: Floats
 
     def as_c(self, network: Network) -> _Images:
-        """The structure as C takes it; the arrays have to outlive it."""
+        """Convert them to the structure that C takes; the arrays have to outlive it."""
         count, channels = len(self.labels), network.image_shape[2]
         if count and not 0 <= self.labels.min() <= self.labels.max() < network.classes:
             raise ValueError(f"labels must be from 0 to {network.classes - 1}")
@@ -161,7 +161,7 @@ def train(
     correction: Floats | None,
     rates: Sequence[float],
 ) -> tuple[Floats, float]:
-    """Steps of SGD with the batches of `order` (steps, batch), -1 behind the last of a smaller one.
+    """Run SGD steps on the batches of `order` (steps, batch); -1 pads a smaller one.
 
     Args:
         network: what is trained.
@@ -245,7 +245,7 @@ def average_per(
 
 
 def normal_shares(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The share of the normal distribution under each of values (n,)."""
+    """Return the standard normal distribution function at values (n,)."""
     shares = np.empty(values.shape)
     at = address(values, np.float64, values.shape)
     _FUNCTIONS.normal_shares(values.size, at, shares.ctypes.data)
@@ -296,8 +296,8 @@ class City:
     def gains(
         self, device: Indices, places: NDArray[np.float64]
     ) -> tuple[NDArray[np.float64], NDArray[np.bool_], NDArray[np.float64]]:
-        """Of the paths from devices (n,) to places (n, 3), in dB, whether these see each other,
-        and the standard deviation of their shadowing, known or not.
+        """Return for paths from devices (n,) to places (n, 3): gain in dB, whether there is line of
+        sight, and standard deviation of the shadowing in dB (also where no shadowing is drawn).
 
         Raises:
             ValueError: arrays that do not fit together, or no such device.

@@ -1,4 +1,4 @@
-"""The air-to-ground channel: line of sight, average packet error rate, logistic stand-in.
+"""The air-to-ground channel: line of sight, average packet error rate, its logistic approximation.
 
 A packet of device k sent while the aircraft is at horizontal distance r and height H meets,
 with probability rho, a line-of-sight segment and otherwise a non-line-of-sight one. The gain
@@ -71,7 +71,7 @@ class Channel:
 
     @cached_property
     def constants(self) -> Floats:
-        """(9,) what the average packet error rate needs of them (`native/include/channel.h`)."""
+        """Constants (9,) of the average PER, in the order of `native/include/channel.h`."""
         lacking = math.log(self.snr_threshold)
         lacking -= (self.tx_power_db - self.noise_db) * NEPERS_PER_DB
         los, nlos = (
@@ -97,7 +97,7 @@ class Channel:
 
 
 def constants_model(name: str, base: type[BaseModel], *, optional: bool) -> Any:
-    """A model of the constants, each with its limits and words, beside the fields of `base`.
+    """Make a model with a field for each constant of a `Channel`, beside the fields of `base`.
 
     `optional`: all but the altitude, None by default.
     """
@@ -114,7 +114,7 @@ def constants_model(name: str, base: type[BaseModel], *, optional: bool) -> Any:
 
 @dataclass(frozen=True)
 class LogisticFit:
-    """q_tilde = 1 / (1 + exp(b1 theta + b2)), fitted to the average PER of one channel."""
+    """Logistic approximation of a channel's average PER: 1 / (1 + exp(b1 theta + b2))."""
 
     b1_per_rad: float
     b2: float
@@ -123,7 +123,7 @@ class LogisticFit:
 
 @dataclass(frozen=True)
 class LinkBudget:
-    """What a channel gives straight overhead: the first thing to look at."""
+    """Link budget of a channel straight overhead: SNR, line-of-sight probability and PER."""
 
     snr_los_db: float  # median SNR over the line of sight
     snr_nlos_db: float
@@ -197,7 +197,7 @@ def average_per(
 
 
 def link_budget(channel: Channel) -> LinkBudget:
-    """The channel straight overhead, at the planned altitude."""
+    """Return the link budget of a channel straight overhead, at its altitude."""
     mu_los, mu_nlos = log_mean_snr(channel, 0.0)
     return LinkBudget(
         snr_los_db=float(mu_los) / NEPERS_PER_DB,
@@ -244,7 +244,7 @@ def fit_logistic(channel: Channel) -> LogisticFit:
 
 
 def smooth_per(fit: LogisticFit, channel: Channel, horizontal_m: ArrayLike) -> Floats:
-    """q_tilde = 1 / (1 + exp(b1 theta + b2)) at the planned altitude, without overflow."""
+    """Logistic PER q_tilde = 1 / (1 + exp(b1 theta + b2)) at the channel's altitude."""
     theta = elevation_rad(channel, horizontal_m)
     return np.asarray(_logistic(-(fit.b1_per_rad * theta + fit.b2)), dtype=np.float64)
 

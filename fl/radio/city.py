@@ -4,7 +4,7 @@
 without line of sight is that of 3GPP TR 38.901 up to a height of 22.5 m, and TR 36.777's for
 aircraft above. Shadowing is a normal field over the places of the aircraft whose correlation falls
 as exp(-d / d_cor), the same in every round (TR 38.901, 7.4.4), made of plane waves. A device inside
-a building pays the way through the wall (7.4.3, low loss).
+a building has the entry loss of its wall (7.4.3, low loss).
 """
 
 import math
@@ -24,19 +24,19 @@ Ring: TypeAlias = Sequence[Sequence[float]]
 
 @dataclass(frozen=True)
 class Building:
-    """A prism on the ground."""
+    """A building: a prism on the ground with a flat roof."""
 
     outlines_m: tuple[Floats, ...]  # (n, 2) corners, x east, y north: around it, then of courtyards
     height_m: float  # of the roof, above home
 
     @classmethod
     def of(cls, polygon_m: Ring, height_m: float, holes_m: Sequence[Ring] = ()) -> Self:
-        """As a configuration has it: corners around it, and of each courtyard."""
+        """Make a building from a configuration's corners [x, y] of its outline and courtyards."""
         return cls(tuple(map(np.array, (polygon_m, *holes_m))), height_m)
 
 
 class City:
-    """The gains of paths from devices to the aircraft. A `Gains`."""
+    """Path gains from devices to the aircraft among buildings. A `Gains`."""
 
     def __init__(
         self,
@@ -63,7 +63,7 @@ class City:
         self._entry_db = np.where(self.indoors, _entry_loss_db(carrier_ghz), 0.0)
 
     def gain_db(self, device: Ints, place_m: Floats) -> Floats:
-        """As `Gains.gain_db`."""
+        """Return path gains (n,) in dB, as `Gains.gain_db`; includes the loss into buildings."""
         return self._native.gains(device, place_m)[0] - self._entry_db[device]
 
     def in_sight(self, device: Ints, place_m: Floats) -> Bools:
@@ -76,14 +76,14 @@ class City:
 
 
 def _entry_loss_db(carrier_ghz: float) -> float:
-    """Through a wall of 30 % window and 70 % concrete."""
+    """Building entry loss in dB: a wall of 30 % window and 70 % concrete."""
     glass_db, concrete_db = 2.0 + 0.2 * carrier_ghz, 5.0 + 4.0 * carrier_ghz
     through = 0.3 * 10 ** (-glass_db / 10.0) + 0.7 * 10 ** (-concrete_db / 10.0)
     return 5.0 - 10.0 * math.log10(through)
 
 
 def _fields(rng: np.random.Generator, count: int, lengths_m: tuple[float, float]) -> Floats:
-    """(count, 2, 3, WAVES) of two fields a device: turns a metre east and north, and phase (turns).
+    """Draw waves (count, 2, 3, WAVES) of two fields a device: turns/m east and north, and phase.
 
     In the plane exp(-d / d_cor) is the transform of a density over wave numbers k that falls as
     (1 + (k d_cor)^2)^(-3/2), so that 1 / sqrt(1 + (k d_cor)^2) is uniform.

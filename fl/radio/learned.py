@@ -1,7 +1,7 @@
-"""What an aircraft hears of the radio on its way, and what it learns of that.
+"""Pilot tones that an aircraft hears on its way, and the radio belief learned from them.
 
-`Learned`, the built-in belief, takes the error in dB of what was believed before for a normal field
-whose correlation falls as exp(-d / d_cor), and conditions that on the SNR of the pilot tones
+`Learned`, the built-in belief, is Gaussian process regression: it takes the error of the prior in
+dB for a normal field with correlation exp(-d / d_cor), and conditions that on the SNR of the tones
 (Rasmussen and Williams 2006, algorithm 2.1).
 """
 
@@ -36,7 +36,7 @@ class Heard:
 
 
 class Belief(Protocol):
-    """What is believed of the radio, given what was heard of it."""
+    """A belief about the radio, given the pilot tones heard so far."""
 
     def success(self, heard: Heard, place_m: Floats) -> ArrayLike:
         """(K, n) 1 - PER of all devices with the aircraft at places (n, 3), each in [0, 1].
@@ -48,7 +48,7 @@ class Belief(Protocol):
 
 @dataclass(frozen=True)
 class Listener:
-    """What is heard, and a belief at the places of a grid."""
+    """Simulated pilot tones, and a belief evaluated on a grid of places."""
 
     belief: Belief
     truth: PlacedRadio  # that pilots come by
@@ -58,8 +58,8 @@ class Listener:
     def hear(
         self, heard: Heard, est_m: Floats, true_m: Floats, devices: Bools, rng: np.random.Generator
     ) -> Heard:
-        """With what was heard before, the pilots of `devices` (K,) as the aircraft believes to be
-        at places (n, 3) and is at others. Each fades by itself, as packets do."""
+        """Return `heard` with new tones of `devices` (K,), measured at the true places (n, 3) and
+        noted at the estimated ones (n, 3). Each tone fades by itself, as packets do."""
         terms, count = self.truth.terms, len(devices)
         device = np.tile(np.arange(count), len(true_m))
         median_db = self.truth.snr_db(device, np.repeat(true_m, count, axis=0))
@@ -72,20 +72,20 @@ class Listener:
         )
 
     def grid(self, heard: Heard) -> PerGrid:
-        """What is believed after that."""
+        """Evaluate the belief, given the tones heard, on the grid of the prior."""
         success = np.asarray(self.belief.success(heard, self.prior.places_m(self.height_m)))
         return replace(self.prior, success=success.reshape(self.prior.success.shape))
 
 
 @dataclass(frozen=True)
 class Learned:
-    """The built-in `Belief` of an aircraft that listens."""
+    """The built-in `Belief`: Gaussian process regression on the SNR of pilot tones."""
 
     prior: PerGrid
     terms: LinkTerms
 
     def success(self, heard: Heard, place_m: Floats) -> Floats:
-        """As `Belief.success`."""
+        """Return 1 - PER (K, n) at places (n, 3), as `Belief.success`."""
         # Imported here: few runs learn.
         from scipy.linalg import cholesky, solve_triangular
         from scipy.special import ndtr, ndtri

@@ -12,8 +12,8 @@ from fl.radio.place import Radio
 
 @dataclass(frozen=True, eq=False)
 class PerGrid:
-    """A `Radio` that is bilinear between the places of a grid, at the edge as there, at any height
-    as at its own."""
+    """A `Radio` interpolated bilinearly on a grid of places; beyond the edge as at the edge, at any
+    height as at the grid's."""
 
     success: Floats  # (K, Y, X) 1 - PER
     first_m: tuple[float, float]  # the south-western place, area coordinates
@@ -29,7 +29,7 @@ class PerGrid:
         height_m: float,
         cell_m: float,
     ) -> Self:
-        """What a radio gives all over an area of that size, for so many devices."""
+        """Sample a radio on a grid over an area of `size_m` (east, north), for devices from 0."""
         columns, rows = (max(2, 1 + int(np.ceil(side / cell_m))) for side in size_m)
         success = np.ones((devices, rows, columns))
         grid = cls(success, (0.0, 0.0), cell_m)
@@ -47,11 +47,11 @@ class PerGrid:
         return np.column_stack((at_m, np.full(len(at_m), height_m)))
 
     def per(self, device: Ints, place_m: Floats) -> Floats:
-        """As `Radio.per`."""
+        """Return packet error rates (n,), as `Radio.per`."""
         return 1.0 - self.between(self.success, device, place_m)
 
     def between(self, values: Floats, device: Ints, place_m: Floats) -> Floats:
-        """(n,) what values (K, Y, X) at the places of the grid are between these."""
+        """Interpolate `values` (K, Y, X) of the grid bilinearly for devices at places, (n,)."""
         rows, columns = self.success.shape[1:]
         on = (place_m[..., :2] - self.first_m) / self.cell_m
         x, y = np.clip(on[..., 0], 0.0, columns - 1), np.clip(on[..., 1], 0.0, rows - 1)
@@ -64,20 +64,20 @@ class PerGrid:
         return np.asarray(low * (1.0 - v) + high * v)
 
     def best_within(self, place_m: Floats, metres: float) -> Floats:
-        """(K,) what 1 - PER is at most as near to a place (2,)."""
+        """Return an upper bound (K,) of 1 - PER within `metres` of a place (2,)."""
         near = self._patches_within(place_m, metres)
         return np.asarray(self.success[:, near].max(axis=1))
 
     def best_places(self, place_m: Floats, metres: float) -> Floats:
-        """(K, 2) where in the grid that is."""
+        """Return the grid points (K, 2) that give the bounds of `best_within`."""
         near = np.where(self._patches_within(place_m, metres), self.success, -1.0)
         at = near.reshape(len(near), -1).argmax(axis=1)
         rows, columns = np.unravel_index(at, near.shape[1:])
         return np.asarray(np.stack((columns, rows), axis=1) * self.cell_m + self.first_m)
 
     def _patches_within(self, place_m: Floats, metres: float) -> Bools:
-        """(Y, X) corners of patches that reach as near to a place (2,), or to the nearest one of
-        the grid: beyond its edge it is as there, where no two places are further apart."""
+        """Mask (Y, X) of the corners of cells within `metres` of a place (2,), which is clipped to
+        the grid first, as beyond its edge the radio is as at the edge."""
         rows, columns = self.success.shape[1:]
         last_m = self.cell_m * np.array((columns - 1, rows - 1))
         place_m = np.clip(place_m, self.first_m, self.first_m + last_m)
@@ -89,6 +89,6 @@ class PerGrid:
         return np.asarray(far_m <= metres + math.sqrt(2.0) * self.cell_m)
 
     def seen_from(self, devices: Ints, origin_m: Floats) -> "PerGrid":
-        """The grid of some devices, in coordinates about an origin (2,)."""
+        """Return the grid of some devices, in coordinates relative to an origin (2,)."""
         x, y = (np.array(self.first_m) - origin_m).tolist()
         return PerGrid(np.ascontiguousarray(self.success[devices]), (x, y), self.cell_m)

@@ -1,4 +1,4 @@
-"""The radio by place: how surely a packet of a device reaches the aircraft where that is."""
+"""Radio models: packet error rates of devices by the place of the aircraft."""
 
 import math
 from collections.abc import Callable
@@ -30,36 +30,36 @@ class Radio(Protocol):
 
 @dataclass(frozen=True)
 class AverageRadio:
-    """The channel's average over all that may stand between; it knows distance and height only."""
+    """A `Radio` with the channel's average PER, a function of distance and height only."""
 
     channel: Channel
     devices_m: Floats  # (K, 2)
 
     def distance_m(self, device: Ints, place_m: Floats) -> Floats:
-        """(n,) horizontal, from devices to places (n, 2) or (n, 3)."""
+        """Return horizontal distances (n,) from devices (n,) to places (n, 2) or (n, 3)."""
         away = place_m[:, :2] - self.devices_m[device]
         return np.asarray(np.hypot(away[:, 0], away[:, 1]))
 
     def per(self, device: Ints, place_m: Floats) -> Floats:
-        """As `Radio.per`."""
+        """Return average packet error rates (n,), as `Radio.per`."""
         height_m = place_m[:, 2]
         return average_per(self.channel, self.distance_m(device, place_m), height_m=height_m)
 
 
 class CustomRadio(PlugIn):
-    """A researcher's own radio, whose rates are checked."""
+    """A plug-in `Radio` whose rates are checked."""
 
     setting = "radio.truth"
     members = ("per",)
 
     def per(self, device: Ints, place_m: Floats) -> Floats:
-        """As `Radio.per`."""
+        """Return packet error rates (n,), as `Radio.per`, checked to be in [0, 1]."""
         rates = self.ask("per", device, place_m)
         return self.array(rates, "what per() gives", shape=device.shape, low=0, high=1)
 
 
 class Gains(Protocol):
-    """What is left of the power on the way."""
+    """Path gains from devices to places of the aircraft."""
 
     def gain_db(self, device: Ints, place_m: Floats) -> Floats:
         """(n,) gain of the path from devices (n,) to places (n, 3), in dB, below 0."""
@@ -67,7 +67,7 @@ class Gains(Protocol):
 
 @dataclass(frozen=True)
 class LinkTerms:
-    """What is sent and what is needed, beside the gain of the path."""
+    """Terms of a link budget beside the path gain: power, noise, SNR threshold, fading."""
 
     tx_power_dbm: float
     bandwidth_hz: float
@@ -84,7 +84,7 @@ class LinkTerms:
 
 @dataclass(frozen=True)
 class PlacedRadio:
-    """A radio whose every path has its own gain."""
+    """A `Radio` of path gains by place, with normal fading in dB."""
 
     gains: Gains
     terms: LinkTerms
@@ -93,7 +93,7 @@ class PlacedRadio:
     unknown_db: Callable[[Ints, Floats], Floats] | None = None
 
     def snr_db(self, device: Ints, place_m: Floats) -> Floats:
-        """(n,) signal to noise ratio, its median over the fading."""
+        """Return the median signal-to-noise ratio over the fading in dB, (n,)."""
         sent = self.terms.tx_power_dbm - self.terms.noise_dbm
         return sent + self.gains.gain_db(device, place_m)
 

@@ -11,8 +11,8 @@ from fl.radio.place import Gains
 
 @dataclass(frozen=True, eq=False)
 class RadioMap:
-    """Gains at the middles of cells, linear in dB between them, at the edge as in its cells. A
-    `Gains`."""
+    """`Gains` at the centres of cells, interpolated linearly in dB; beyond the edge as in the cells
+    of the edge."""
 
     path_gain_db: Floats  # (K, H, Y, X)
     height_m: Floats  # (H,) above home, ascending, as the next two
@@ -30,7 +30,7 @@ class RadioMap:
         height_m: Floats,
         cell_m: float,
     ) -> Self:
-        """A map over an area of that size, in square cells."""
+        """Compute the map of `gains` over an area of `size_m` (east, north) in square cells."""
         x_m, y_m = (np.arange(0.5 * cell_m, side + 0.5 * cell_m, cell_m) for side in size_m)
         places = np.meshgrid(height_m, y_m, x_m, indexing="ij")
         place_m = np.stack([axis.ravel() for axis in reversed(places)], axis=1)
@@ -41,7 +41,7 @@ class RadioMap:
         return cls(np.array(every), height_m, y_m, x_m, devices_m)
 
     def gain_db(self, device: Ints, place_m: Floats) -> Floats:
-        """As `Gains.gain_db`."""
+        """Return path gains (n,) in dB, as `Gains.gain_db`."""
         # Imported here: few runs have a map.
         from scipy.ndimage import map_coordinates
 

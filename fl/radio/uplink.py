@@ -1,4 +1,4 @@
-"""Who gets through: packets drawn against the packet error rate where they were sent.
+"""The uplink: packets drawn against the packet error rate where they were sent.
 
 Every device has its own draws in a round whether it transmits or not, so that what happens to
 one device depends on no other, and two strategies with one seed meet the same luck.

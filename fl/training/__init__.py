@@ -1,1 +1,1 @@
-"""Local training of one device's network: who computes it, and on what."""
+"""Local training of one device: networks in C, torch modules and trainers of users' own."""

@@ -1,4 +1,4 @@
-"""A researcher's own local training, held to what every device sends up."""
+"""Local training by a researcher's own code (`learning.trainer`), its results checked."""
 
 from dataclasses import dataclass
 from typing import Protocol
@@ -14,7 +14,7 @@ from fl.training.local import LocalResult, LocalSettings, LocalTask, Shapes
 
 @dataclass(frozen=True, eq=False)
 class TrainingDevice:
-    """A device whose training is asked for, and the settings of that."""
+    """A device to be trained in one round, the shapes of its model and the training settings."""
 
     community: str
     device: int  # within its community, from 0
@@ -35,7 +35,7 @@ class DeviceData:
 
 
 class Trainer(Protocol):
-    """Trains a device from a model; what it sends up is a function of the arguments alone."""
+    """Local training of one device, whose result must be a function of the arguments alone."""
 
     def train(
         self, device: TrainingDevice, model: Vector, data: DeviceData, rng: np.random.Generator
@@ -48,13 +48,13 @@ class Trainer(Protocol):
 
 
 class CustomTrainer(PlugIn):
-    """A `Trainer` whose answers are checked where they are made."""
+    """A plug-in `Trainer` whose results are checked for type, shape and finite numbers."""
 
     setting = "learning.trainer"
     members = ("train",)
 
     def train(self, device: TrainingDevice, task: LocalTask) -> LocalResult:
-        """The researcher's training of one device.
+        """Train one device with the researcher's code.
 
         Raises:
             PluginError: it fails, or gives something else than a result of finite numbers.
@@ -70,7 +70,7 @@ class CustomTrainer(PlugIn):
 
 
 def make_trainer(learning: LearningConfig) -> CustomTrainer | None:
-    """The trainer that the settings name; None for ours.
+    """Return the trainer that `learning.trainer` names; None for the built-in training.
 
     Raises:
         PluginError: it cannot be imported, or what it makes is no trainer.

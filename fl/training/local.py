@@ -1,4 +1,4 @@
-"""Local training: what a network is asked for and answers. Who computes it is the network's."""
+"""Local training: the protocol of networks, their tasks and results, scaling and batches."""
 
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -17,7 +17,7 @@ Result = TypeVar("Result")
 
 @dataclass(frozen=True)
 class Scaling:
-    """Pixels to what the network sees: scale * pixel + shift, per channel."""
+    """Normalisation of pixels, by channel: the network sees scale * pixel + shift."""
 
     scale: NDArray[np.float32]  # (channels,)
     shift: NDArray[np.float32]
@@ -57,7 +57,7 @@ class LocalResult:
 
 
 class Network(Protocol):
-    """A model's layers and how they are trained, as the federation sees them."""
+    """A network architecture with its training and evaluation, as the federation uses it."""
 
     @property
     def shapes(self) -> Shapes:
@@ -65,18 +65,18 @@ class Network(Protocol):
 
     @property
     def buffers(self) -> int:
-        """How many of its numbers are buffers: the last of the flat vector; training sets them."""
+        """Number of buffer values, which end the flat vector and are set by training."""
 
     @property
     def parallel(self) -> bool:
         """Whether several threads may call it at a time."""
 
     def initial(self, rng: np.random.Generator) -> Vector:
-        """Initial parameters (P,), a function of the stream alone."""
+        """Draw the initial model from `rng` alone: one flat vector, parameters, then buffers."""
 
     def train(self, task: LocalTask) -> LocalResult:
-        """SGD with momentum on the mean cross-entropy of each batch plus mu/2 |w - model|^2, in
-        the batches of `batch_order`, on one core."""
+        """Train by SGD with momentum on the mean cross-entropy of each batch plus
+        mu/2 |w - model|^2, in the batches of `batch_order`, on one core."""
 
     def correct_per_class(
         self, split: Split, model: Vector, *, scaling: Scaling
@@ -85,10 +85,10 @@ class Network(Protocol):
 
 
 def scaling_of(split: Split) -> Scaling:
-    """Zero mean and unit variance per channel over a split.
+    """Return the scaling to zero mean and unit variance per channel over a split.
 
-    Of images a deviation counts as a thousandth of their range at least; of features, whose range
-    nobody knows, one that is lost in the rounding of its mean counts as 1.
+    The deviation of images is a thousandth of their range at least. A variance of features (images
+    of one pixel) that is lost in the rounding of their mean counts as 1.
     """
     _, height, width, channels = split.images.shape
     unit = 255.0 if split.images.dtype == np.uint8 else 1.0
@@ -111,7 +111,7 @@ def scaling_of(split: Split) -> Scaling:
 
 
 def batch_order(task: LocalTask) -> NDArray[np.int64]:
-    """(steps, batch) indices of the samples of each step, -1 where an epoch's last batch ends."""
+    """Return sample indices (steps, batch), shuffled in each epoch; -1 pads its last batch."""
     size = min(task.settings.batch_size, len(task.samples))
     steps = -(-len(task.samples) // size)
     epochs = []
@@ -123,7 +123,7 @@ def batch_order(task: LocalTask) -> NDArray[np.int64]:
 
 
 def in_parallel(jobs: Sequence[Callable[[], Result]], *, workers: int) -> list[Result]:
-    """The results of `jobs` in order, up to `workers` threads at a time."""
+    """Run `jobs` in up to `workers` threads, and return their results in order."""
     if workers <= 1 or len(jobs) <= 1:
         return [job() for job in jobs]
     with ThreadPoolExecutor(min(workers, len(jobs))) as pool:

@@ -24,7 +24,7 @@ _SIZES = {
 
 
 class ConvNet(NativeNetwork):
-    """(Convolution, 2x2 max-pooling, ReLU) blocks, then dense layers with ReLU between.
+    """Convolutional network: (convolution, 2x2 max-pooling, ReLU) blocks, then dense layers.
 
     Parameters and their order are those of torch's modules: weights (out, in, kernel, kernel) or
     (out, in), then biases; pooled maps are flattened as (channel, height, width).
@@ -34,7 +34,7 @@ class ConvNet(NativeNetwork):
     buffers = 0
 
     def initial(self, rng: np.random.Generator) -> Vector:
-        """Uniform in +-1/sqrt(fan in), weights and biases alike: the customary start in torch."""
+        """Draw weights and biases uniformly in +-1/sqrt(fan in), the default of torch."""
         parts = []
         for weight, bias in zip(self.shapes[::2], self.shapes[1::2], strict=True):
             bound = 1.0 / math.sqrt(math.prod(weight[1:]))
@@ -42,7 +42,7 @@ class ConvNet(NativeNetwork):
         return np.concatenate(parts).astype(np.float32)
 
     def train(self, task: LocalTask) -> LocalResult:
-        """As `fl.training.local.Network.train`, in any number of threads."""
+        """Train by local SGD, as `fl.training.local.Network.train`; any number of threads may."""
         order, how = batch_order(task), task.settings
         weights, loss = train(
             self,

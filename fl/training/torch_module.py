@@ -24,7 +24,7 @@ EVALUATION_BATCH = 250
 
 
 class ModuleNetwork:
-    """A `torch.nn.Module`, called with images (batch, channels, height, width).
+    """A `Network` of a `torch.nn.Module`, called with images (batch, channels, height, width).
 
     Raises:
         PluginError: says why a module cannot be used.
@@ -43,7 +43,7 @@ class ModuleNetwork:
 
     @property
     def shapes(self) -> Shapes:
-        """Shapes in the order of `named_parameters`, then of `buffers`."""
+        """Shapes of the module's parameters, then of its buffers, in the module's order."""
         return tuple(tuple(value.shape) for value in (*self._parameters, *self._buffers))
 
     @property
@@ -58,7 +58,7 @@ class ModuleNetwork:
         return _flat([*module.parameters(), *module.buffers()])
 
     def train(self, task: LocalTask) -> LocalResult:
-        """As `fl.training.local.Network.train`; dropout, say, draws from the device's stream."""
+        """Train by local SGD, as `Network.train`; dropout draws from the device's stream."""
         order, settings = batch_order(task), task.settings
         weights = self._take(task.model)
         anchor, velocity = weights.clone(), torch.zeros_like(weights)
@@ -111,7 +111,7 @@ class ModuleNetwork:
         return self._plugin.of_kind(module, nn.Module, "it")
 
     def _checked(self) -> nn.Module:
-        """A module all of whose parameters are trained as float32, and that gives logits."""
+        """Make a module; refuse one without logits or with frozen or non-float32 parameters."""
         plugin, count = self._plugin, len(self._images)
         with torch.random.fork_rng(devices=[]):
             module = self._made()
@@ -137,9 +137,9 @@ class ModuleNetwork:
         return module
 
     def _take(self, model: Vector) -> Tensor:
-        """Make the module's parameters views of a copy of the model's, (P,), which it returns.
+        """Load a flat model; return its parameters (P,), of which the module's become views.
 
-        Buffers get the rest. All travel as float32; counters are rounded when they come back.
+        Buffers get the rest. All travel as float32; integer buffers are rounded on their return.
         """
         flat = torch.tensor(model)
         pieces = torch.split(flat, [math.prod(shape) for shape in self.shapes])
@@ -153,7 +153,7 @@ class ModuleNetwork:
 
 
 def _flat(values: Sequence[Tensor]) -> Vector:
-    """Tensors one after the other as one vector of float32."""
+    """Concatenate tensors into one flat float32 vector."""
     flat = [value.detach().reshape(-1).to(torch.float32) for value in values]
     return torch.cat(flat).numpy() if flat else np.empty(0, np.float32)
 
@@ -167,7 +167,7 @@ def _images_of(split: Split, chosen: NDArray[np.int64], scaling: Scaling) -> Ten
 
 @contextmanager
 def _one_thread() -> Iterator[None]:
-    """Torch on one thread, so that sums do not depend on the number of cores."""
+    """Run torch on one thread in the block, so that sums do not depend on the number of cores."""
     before = torch.get_num_threads()
     torch.set_num_threads(1)
     try:
@@ -178,7 +178,7 @@ def _one_thread() -> Iterator[None]:
 
 @contextmanager
 def _seeded(rng: np.random.Generator) -> Iterator[None]:
-    """Torch's generator seeded from a stream, given back as it was."""
+    """Seed torch's generator from `rng` in the block, and restore its state afterwards."""
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(int(rng.integers(2**63)))
         yield

@@ -38,7 +38,7 @@ class Setpoint(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class AttitudeOrder:
-    """An attitude to keep; without one, body rates. Thrust, or the speed of the climb with it."""
+    """Setpoint of attitude, or of body rates alone, with thrust or speed of climb."""
 
     q_frd_to_ned: Quaternion | None
     rates_radps: Triple = (0.0, 0.0, 0.0)  # fed forward, or to be kept
@@ -66,7 +66,7 @@ def outer_loop(
     dt_s: float,
     gravity_mps2: float,
 ) -> Guide:
-    """Guidance steps and outer loop in C, every `dt_s`, whose orders `inner` takes."""
+    """Make guidance and outer loop in C, run every `dt_s`, whose orders go to `inner`."""
     full = 4 * airframe.rotor_max_thrust_n / airframe.mass_kg  # m/s2 at collective 1
     slope = math.tan(math.radians(limits.tilt_deg))
     guide = Guide((

@@ -34,7 +34,7 @@ _LATE_S = 3.0  # after it, it is passed, however far off
 
 
 class Guidance:
-    """The order in force and how far it has been carried out.
+    """Guidance: carries out the order in force, and notes how far it has come.
 
     Trajectories are tracked in C (`flightdyn/native/guidance.h`), in the memory of `guide`.
     """
@@ -56,26 +56,26 @@ class Guidance:
 
     @property
     def setpoint(self) -> Setpoint | None:
-        """What the outer loop is to follow; None while it is told nothing, or an attitude."""
+        """Setpoint of the outer loop; None while idle or under an attitude order."""
         m = self._memory
         if not m.pointed:
             return None
         return Setpoint(_triple(m.p), _triple(m.v), _triple(m.a), m.yaw, m.yaw_rate)
 
     def look_at(self, place: Triple | None) -> None:
-        """Head towards a place on the way; None: along the course."""
+        """Head towards a place (NED) on the way; None: along the course."""
         self._memory.interested = place is not None
         self._memory.interest[:] = place or (0.0, 0.0, 0.0)
 
     def idle(self) -> None:
-        """Motors turn without lift when armed."""
+        """Set no setpoint: armed motors turn without lift."""
         self._memory.mode = NOTHING
         self._memory.pointed = False
         self._guide.track(None)
         self._forget_corners()
 
     def hold(self, nav: NavState, pos: Triple, yaw: float) -> None:
-        """Go to `pos` and stay."""
+        """Go to `pos` (NED, m) and stay, heading `yaw` (rad). Raises FlightInputError."""
         if not all(map(math.isfinite, (*pos, yaw))):
             raise FlightInputError(f"hold {(*pos, yaw)}: finite numbers are needed")
         p, v = self._start(nav)
@@ -111,7 +111,7 @@ class Guidance:
         self.progress = PathProgress()
 
     def pursue(self, nav: NavState, target: Target) -> None:
-        """Go after a target, which may be another one at any time."""
+        """Follow a target's setpoints; it may be replaced at any time."""
         m = self._memory
         if m.mode != TARGET:
             p, v = self._start(nav)
@@ -121,7 +121,7 @@ class Guidance:
         self._target = target
 
     def attitude(self, order: AttitudeOrder) -> None:
-        """Keep an attitude; where that leads is left to whoever orders it."""
+        """Keep an attitude or body rates, with thrust or climb, until the next order."""
         m = self._memory
         if m.mode != ATTITUDE:
             self.idle()
@@ -133,14 +133,14 @@ class Guidance:
         m.climb = order.climb_mps
 
     def _start(self, nav: NavState) -> tuple[Triple, Triple]:
-        """Where a new reference begins: at the old one, so that nothing jumps."""
+        """Return where and how fast a new reference begins: as the old one, if it is near."""
         point = self.setpoint
         if point is None or math.dist(point.p, nav.p) > _LAG_STOP_M:
             return nav.p, nav.v
         return point.p, point.v
 
     def step(self, carried: Strapdown, state: Callable[[], NavState]) -> None:
-        """One guidance step from where the aircraft is, which `state` puts into words."""
+        """Run one guidance step from the state `carried`; `state` gives it to a pursuit."""
         m = self._memory
         pursuing = self.pursuing
         if pursuing and m.armed:
@@ -156,7 +156,7 @@ class Guidance:
         return bool(self._memory.mode == TARGET)
 
     def look(self) -> bool:
-        """Read what C has noted of the trajectory into `progress`; returns whether it is news."""
+        """Copy C's event flags into `progress`; return whether they have changed."""
         flags = self._memory.noted
         if flags == self._known:
             return False
@@ -175,7 +175,7 @@ class Guidance:
         return True
 
     def _look_ahead(self) -> None:
-        """When the next corner may be passed at the earliest."""
+        """Set the next corner, and when it may be passed at the earliest."""
         m = self._memory
         m.soon = math.inf
         if self._next < len(self._corners) - 1:
@@ -197,7 +197,7 @@ class Guidance:
             self._look_ahead()
 
     def _after_target(self, nav: NavState) -> None:
-        """Reference that goes after the target and draws the aircraft along."""
+        """Move the reference after the target by a step, at most a leash from the aircraft."""
         m, to = self._memory, self._target
         if m.landed and wanted_velocity(nav.p, nav.v, to, self._limits)[2] > -_RISE_MPS:
             m.mode = NOTHING  # nothing that leads up: it stays on the ground

@@ -10,12 +10,12 @@ from flightdyn.native.library import Drawn, Steering, Vertex
 
 
 def steering_of(limits: LimitsConfig) -> Steering:
-    """The limits as C takes them."""
+    """Convert the limits to the structure that C takes."""
     return Steering(*(getattr(limits, name) for name, *_ in Steering._fields_))
 
 
 def drawn(path: FlightPath, limits: LimitsConfig) -> Drawn:
-    """The path as C draws it."""
+    """Convert a path to the structure from which C computes its trajectory."""
     return Drawn(path.points_ned_m, path.speeds_mps, path.acceptance_m, steering_of(limits))
 
 
@@ -43,6 +43,6 @@ def plan_path(
 
 
 def brake_and_go(start: Triple, vel: Triple, *, goal: Triple, limits: LimitsConfig) -> Trajectory:
-    """Slow down from `vel` on the present course to a stop, then straight to `goal` and stop."""
+    """Return the trajectory that brakes from `vel` on course, then flies straight to `goal`."""
     path = FlightPath(np.array([start, goal]), np.array([limits.hold_speed_mps]), np.zeros(2))
     return plan_path(path, limits, start_vel=vel, braking=True)[0]

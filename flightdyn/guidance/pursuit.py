@@ -1,4 +1,4 @@
-"""A reference that goes after a target which may be another one at every step.
+"""Reference that follows a target which may change at every step.
 
 The speed towards a position is proportional to the distance when close, and leaves room to brake
 at a constant deceleration when far (the "square-root controller" of position loops); the target's
@@ -19,7 +19,7 @@ OPEN: Triple = (math.nan, math.nan, math.nan)
 
 
 class Target(NamedTuple):
-    """What is wanted (NED, SI units); NaN is left open.
+    """Position, velocity and acceleration setpoints of a target (NED, SI units); NaN is left open.
 
     A component with a position goes there, its velocity and acceleration being fed forward; one
     without is flown by velocity, one without either by acceleration, one without anything rests.
@@ -38,7 +38,7 @@ class Target(NamedTuple):
 
 
 def wanted_velocity(p: Triple, v: Triple, to: Target, limits: LimitsConfig) -> Triple:
-    """The velocity (m/s, NED) by which a point at `p`, moving at `v`, goes after the target."""
+    """Return the velocity (m/s, NED) at which a point at `p`, moving at `v`, follows the target."""
     x, y, z = (_gap(to.pos[i], p[i]) for i in range(3))
     across = math.hypot(x, y)
     pull = _approach(across, limits.acceleration_mps2) / across if across > 0 else 0.0
@@ -55,7 +55,7 @@ def wanted_velocity(p: Triple, v: Triple, to: Target, limits: LimitsConfig) -> T
 def pursue(
     p: Triple, v: Triple, to: Target, *, limits: LimitsConfig, dt_s: float
 ) -> tuple[Triple, Triple, Triple]:
-    """Position, velocity and acceleration of the reference a step after it was at `p` with `v`."""
+    """Return position, velocity, acceleration of the reference a step after it was at `p`, `v`."""
     wanted = wanted_velocity(p, v, to, limits)
     a = [
         _GATHER_PER_S * (wanted[i] - v[i])

@@ -1,1 +1,1 @@
-"""What is done at every tick, and what of navigation at every guidance step, in C."""
+"""C code of a flight, run at every tick and guidance step, and its interface."""

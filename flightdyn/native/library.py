@@ -1,4 +1,4 @@
-"""The C interface of navigation, guidance and outer loop (`flight.h`); what it works on lies here.
+"""The C interface of navigation, guidance and outer loop (`flight.h`), and the memory it works on.
 
 The calls take well under a microsecond, so they keep Python's lock.
 """
@@ -59,7 +59,7 @@ _ROOM = 8  # times as many increments, so that they are seldom moved to the fron
 
 
 class Increments:
-    """Sums of IMU samples, one after another: the oldest first, `most` at a time."""
+    """Buffer of IMU samples summed by guidance step, the oldest first, `most` at a time."""
 
     def __init__(self, most: int) -> None:
         self.most = most
@@ -73,7 +73,7 @@ class Increments:
         self, samples: Sequence[float], *, dt_s: float, carried: "Strapdown | None" = None
     ) -> None:
         """Sum samples, each held for `dt_s`: rates (rad/s) and specific force (m/s2), six numbers
-        each, end to end; biases are left in. Carry `carried` by the sum.
+        each, end to end; biases are left in. Integrate the sum into `carried`.
 
         Raises:
             ValueError: not six numbers each, or too many increments.
@@ -87,7 +87,7 @@ class Increments:
         self.count += 1
 
     def room(self, count: int) -> int:
-        """Address of the free end of the buffer, for so many more rows.
+        """Return the address behind the last row, with room for `count` more.
 
         Raises:
             ValueError: they are too many.
@@ -100,12 +100,12 @@ class Increments:
         return self._at + (self._first + self.count) * self._size
 
     def drop(self, count: int) -> None:
-        """Drop the oldest rows."""
+        """Drop the `count` oldest rows."""
         self.count -= count
         self._first += count
 
     def rows(self, first: int, count: int) -> int:
-        """Address of a range of rows.
+        """Return the address of a range of rows.
 
         Raises:
             ValueError: there are no such.
@@ -116,7 +116,7 @@ class Increments:
 
 
 class Strapdown:
-    """Position, velocity (NED) and attitude, carried from increment to increment."""
+    """Strapdown integration: position, velocity (NED) and attitude, carried by increments."""
 
     def __init__(self, earth: Sequence[float], *, most: int) -> None:
         """`earth`: gravity (m/s2), its rate north and down (rad/s); `most` increments at a time."""
@@ -136,7 +136,7 @@ class Strapdown:
         self._force[:] = force
 
     def correct(self, gyro: _Triple, accel: _Triple) -> None:
-        """Biases to take off the increments from now on (rad/s, m/s2)."""
+        """Set the biases (rad/s, m/s2) that are taken off the increments from now on."""
         self._bias[:] = (*gyro, *accel)
 
     def carry(self, increments: Increments, first: int, count: int) -> None:
@@ -163,18 +163,18 @@ class Strapdown:
 
     @property
     def gained(self) -> list[float]:
-        """Velocity (NED) gained without gravity when it was carried last."""
+        """Velocity (m/s, NED) gained in the last `carry` by specific force, without gravity."""
         gained: list[float] = self._gained.tolist()
         return gained
 
     def downs(self, count: int) -> list[float]:
-        """Position down after each of the increments, so many, by which it was carried last."""
+        """Return the position down (m) after each of the `count` increments of the last `carry`."""
         downs: list[float] = self._memory[DOWN : DOWN + count].tolist()
         return downs
 
 
 class Transition:
-    """Writes into a transition matrix of the filter."""
+    """Writer of the blocks of the filter's transition matrix that depend on the flight."""
 
     def __init__(self, matrix: _Floats) -> None:
         """`matrix` (22, 22) has to stay where it is. Raises ValueError for another shape."""
@@ -187,16 +187,15 @@ class Transition:
         )
 
     def write(self, q: _Quaternion, gained: _Triple, dt_s: float) -> None:
-        """The blocks that depend on the flight: over `dt_s` from the attitude `q` on (body to NED),
-        with the velocity `gained` (NED, m/s) without gravity.
-        """
+        """Write the blocks for `dt_s` from attitude `q` (body to NED) on, with the velocity
+        `gained` (m/s, NED) by specific force."""
         self._q[:] = q
         self._gained[:] = gained
         _TRANSITION(*self._at, dt_s)
 
 
 class Innovations:
-    """Normalises innovations by the covariance that the filter expects of them."""
+    """Standard deviations and normalised squares of innovations, from their covariance."""
 
     def __init__(self, measurement: _Floats, noise: _Floats) -> None:
         """`measurement` (8, 22) and `noise` (8, 8) have to stay where they are.
@@ -257,7 +256,7 @@ class Pieces:
         self._out = address(self._pva, np.float64, (9,), written=True)
 
     def reference(self, t: float) -> list[float]:
-        """Position, velocity and acceleration at `t`."""
+        """Return position, velocity and acceleration at `t` seconds: nine numbers, averaged."""
         _REFERENCE(self.at, t, 0.0, self._out)  # none of them later than the others
         found: list[float] = self._pva.tolist()
         return found
@@ -267,7 +266,7 @@ _THREE = _DOUBLE * 3
 
 
 class Steering(ctypes.Structure):
-    """What guidance keeps to; see `trajectory.h`."""
+    """Limits of the guidance, in the layout of C; see `trajectory.h`."""
 
     _fields_ = tuple(
         (name, _DOUBLE)
@@ -279,7 +278,7 @@ class Steering(ctypes.Structure):
 
 
 class Air(ctypes.Structure):
-    """The air, and what flying in it takes; see `trajectory.h`."""
+    """Density, wind and power of level flight, in the layout of C; see `trajectory.h`."""
 
     _fields_ = (
         ("density", _DOUBLE), ("wind", _THREE), ("watts", _POINTER), ("rows", _INT),
@@ -287,7 +286,7 @@ class Air(ctypes.Structure):
 
     @classmethod
     def made(cls, watts: _Floats, *, density: float, wind_mps: _Triple) -> "Air":
-        """`watts` (n,), two or more, at 0, 1, 2, ... m/s; they have to stay where they are."""
+        """Make it of `watts` (n,), two or more, at 0, 1, 2, ... m/s, which have to outlive it."""
         rows = len(watts)
         return cls(density, _THREE(*wind_mps), address(watts, np.float64, (rows,)), rows)
 
@@ -318,7 +317,7 @@ class _Drawing(ctypes.Structure):
 
 
 class Drawn:
-    """A path in the layout of the C library, and the memory for what is made of it."""
+    """A path in the layout of C, from which its trajectory or its passing times are computed."""
 
     def __init__(
         self, points: _Floats, speeds: _Floats, acceptance: _Floats, steering: Steering
@@ -340,7 +339,7 @@ class Drawn:
     def trajectory(
         self, velocity: _Triple, *, braking: bool
     ) -> tuple[_Floats, list[Vertex], float]:
-        """Pieces (m, 13) from a velocity at the start on, the path's vertices, and when it ends;
+        """Return pieces (m, 13) from a velocity (m/s, NED) at the start on, vertices, and end (s);
         `braking` begins with a stop."""
         end_s: float = _DRAW(*self._at, _THREE(*velocity), braking)
         drawn = self._drawing
@@ -354,7 +353,7 @@ class Drawn:
 
 
 class Memory(ctypes.Structure):
-    """The guidance's memory, its orders and what comes of them; see `flight.h`."""
+    """State of guidance, outer loop and land detector, in the layout of C; see `flight.h`."""
 
     _fields_ = (
         ("mode", _INT), ("armed", _INT),
@@ -378,7 +377,7 @@ class Memory(ctypes.Structure):
     )  # fmt: skip
 
     def land(self, dt_s: float) -> None:
-        """The land detector's part of a guidance step, by itself."""
+        """Run the land detector's part of a guidance step alone."""
         _LAND(ctypes.addressof(self), dt_s)
 
 
@@ -412,7 +411,7 @@ check_sizes(
 
 
 class Trace:
-    """Rows of what is believed and ordered at guidance steps while armed; see `flight.h`."""
+    """Recorder of estimates and setpoints at guidance steps while armed; see `flight.h`."""
 
     def __init__(self, actuators: Gauges, *, every: int, room: int, step_ns: int) -> None:
         """A row each `every` steps of `step_ns`, `room` at most until they are taken; `actuators`:
@@ -424,14 +423,14 @@ class Trace:
         self.at = ctypes.addressof(self._memory)
 
     def take(self) -> _Floats:
-        """The rows (n, 31) since it was called last; ns in place of the step's number."""
+        """Return the rows (n, 31) since the last call, column 0 in ns, and empty the buffer."""
         count, self._memory.count = self._memory.count, 0
         rows: _Floats = self._rows[:count] * self._scale
         return rows
 
 
 class Guide:
-    """Guidance and outer loop, a step at a time."""
+    """Guidance and outer loop in C, a step at a time."""
 
     def __init__(self, gains: Sequence[float], inner: Inner) -> None:
         """`gains`: those of `Gains` in `flight.h`, in its order; `inner` takes the orders.
@@ -464,12 +463,12 @@ class Guide:
         return self._at
 
     def leave(self, trace: Trace) -> None:
-        """Leave a trace from now on."""
+        """Record into `trace` from now on."""
         self._trace = trace
         self._guidance.trace = trace.at
 
     def step(self, nav: Strapdown) -> None:
-        """One guidance step from where the aircraft is; what there is to note is `memory.noted`."""
+        """Run one guidance step from the state `nav`; its events are flags in `memory.noted`."""
         _GUIDE(self.at, nav.at, self._inner.at)
 
 
@@ -495,15 +494,16 @@ class Loop:
 
     @property
     def taken(self) -> "array[float]":
-        """The IMU's samples of these: six numbers a tick, end to end."""
+        """IMU samples since the last guidance step: six numbers a tick, end to end."""
         return self.samples[: SAMPLE * self.count]
 
     def fly(
         self, run: Callable[[], object], ticks: int, increments: Increments, guide: Guide
     ) -> int:
-        """So many ticks, each run by `run`, and the guidance steps between them, but none after the
-        last tick. It ends before, with a guidance step, where that notes something else. The
-        samples up to each step are added to `increments`. Returns the ticks.
+        """Run `ticks` ticks by `run`, and the guidance steps between them, but none after the last.
+
+        Ends early, after a guidance step, where that notes an event. Adds the sum of the samples
+        up to each step to `increments`. Returns the ticks run.
 
         Raises:
             ValueError: there is no room for the increments, or no trajectory to track.

@@ -1,4 +1,4 @@
-"""The C interface of what is done at every tick (`ticks.h`); what it works on lies here.
+"""The C interface of what is done at every tick (`ticks.h`), and the memory it works on.
 
 JSBSim is called through Python's own C interface, from C: at these rates the interpreter's way
 from one such call to the next costs more than what is done in them. The calls keep Python's lock.
@@ -87,7 +87,7 @@ DRIVE_AT = _TICKS.drive
 
 
 class Gauges:
-    """Numbers that JSBSim hands out one by one, read at once in SI units."""
+    """JSBSim properties that are read together and converted to SI units."""
 
     def __init__(self, gauges: Sequence[tuple[Getter, float, float]]) -> None:
         """Each is a getter, an offset and a scale: (get() - offset) scale."""
@@ -97,7 +97,7 @@ class Gauges:
         self._values = (_DOUBLE * self.count)()
 
     def bind(self, getters: Sequence[Getter]) -> None:
-        """Read others from now on, with the same offsets and scales."""
+        """Replace the getters; offsets and scales stay."""
         for gauge, get in zip(self._gauges, getters, strict=True):
             gauge.get = get
 
@@ -130,7 +130,7 @@ class Inner:
 
 
 class Imu:
-    """The IMU's samples: what its gauges say, errors added."""
+    """The IMU: samples of its gauges with errors added."""
 
     def __init__(self, gauges: Gauges, draw: Callable[[], NDArray[np.float64]]) -> None:
         """`gauges` are body rates (rad/s) and specific force (m/s2); `draw` gives the errors (n, 6)
@@ -157,7 +157,7 @@ class Imu:
         self._memory.fault[:] = fault
 
     def draw(self, ticks: int) -> None:
-        """Draw noise for so many ticks ahead."""
+        """Draw the errors of at least `ticks` ticks ahead."""
         left = (self._end - self._memory.errors) // _ROW
         if left >= ticks:
             return

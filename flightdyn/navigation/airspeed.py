@@ -1,4 +1,4 @@
-"""How fast the air passes, told from the drag that the accelerometers feel.
+"""Airspeed and wind, estimated from the drag that the accelerometers feel.
 
 Across the thrust axis nothing but the air pushes a multirotor, so its specific force there is its
 drag: k(v) times the velocity through the air, with k of the airframe (M. Bangura et al., "Nonlinear
@@ -14,7 +14,7 @@ _SMOOTHING_S = 5.0  # of the wind
 
 
 class DragAirspeed:
-    """Velocity through the air from specific force and attitude, and the wind that it leaves."""
+    """Estimator of airspeed by specific force and attitude, and of wind by airspeed and GNSS."""
 
     def __init__(self, drag: Triple, *, pressure_pa: float) -> None:
         """`drag`: k = d0 + d1 v + d2 v^2 in 1/s at sea level, v in m/s."""
@@ -26,14 +26,14 @@ class DragAirspeed:
 
     @property
     def over_ground_ne_mps(self) -> tuple[float, float]:
-        """Velocity over ground, as far as wind and drag tell."""
+        """Velocity over ground by drag: the estimated wind plus the airspeed."""
         return self.wind_ne_mps[0] + self._air[0], self.wind_ne_mps[1] + self._air[1]
 
     def take(self, force_ned_mps2: Triple, r: Matrix9, *, down_mps: float, bias: Triple) -> None:
-        """Take the mean specific force of a step (m/s2, NED) at attitude `r` (FRD to NED).
+        """Update the airspeed by a step's mean specific force (m/s2, NED) at attitude `r` (to NED).
 
-        `bias` has been taken off it. What is taken for bias without GNSS would be taken for wind
-        here and come back as bias: the one that counts is that of the last time with it.
+        `bias` (FRD) has been taken off the force. The one last estimated with GNSS is used instead:
+        one estimated without would be taken for wind here and come back as bias.
         """
         n, e, d = force_ned_mps2
         fx = r[0] * n + r[3] * e + r[6] * d + bias[0] - self._bias[0]
@@ -49,7 +49,7 @@ class DragAirspeed:
         self._air = (r[0] * x + r[1] * y + r[2] * z, r[3] * x + r[4] * y + r[5] * z)
 
     def learn_wind(self, vel_ned_mps: Triple, *, bias: Triple, dt_s: float) -> None:
-        """The velocity over ground of this step is known, and the bias: the rest is wind."""
+        """Update the wind, smoothed, by velocity over ground less airspeed, and note the bias."""
         self._bias = bias
         share = dt_s / _SMOOTHING_S
         (wn, we), (an, ae) = self.wind_ne_mps, self._air

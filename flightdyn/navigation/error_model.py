@@ -32,7 +32,7 @@ BARO, HEADING = 6, 7  # rows of the measurement, after GNSS position and velocit
 
 @dataclass(frozen=True, slots=True)
 class Alignment:
-    """Where the filter starts from: means over a time at rest."""
+    """Mean sensor readings over a time at rest, from which the filter starts (FRD, SI)."""
 
     rates: Triple
     specific_force: Triple
@@ -54,7 +54,7 @@ def level(align: Alignment, *, declination_rad: float) -> Quaternion:
 
 
 def magnetometer_row(mag: MagConfig, r: Matrix9) -> Vector:
-    """What an offset of the magnetometer (3,), body axes, adds to the heading's residual."""
+    """Derivative (3,) of the heading residual (rad) by a magnetometer offset (gauss, FRD)."""
     n, e = mag.field_north_gauss, mag.field_east_gauss
     k = 1 / (n * n + e * e)
     return np.array([(e * r[i] - n * r[3 + i]) * k for i in range(3)])
@@ -68,7 +68,7 @@ def _heading_variance(mag: MagConfig) -> float:
 def initial_covariance(
     config: SensorsConfig, align: Alignment, *, attitude: Quaternion, gravity_mps2: float
 ) -> Vector:
-    """Covariance (22, 22) after the alignment, with what it made depend on each other."""
+    """Error covariance (22, 22) after the alignment, cross-covariances included."""
     imu, gnss, mag = config.imu, config.gnss, config.mag
     P = np.zeros((STATES, STATES))
     horizontal = gnss.std_horizontal_m**2
@@ -111,12 +111,12 @@ def initial_covariance(
 
 
 def gnss_correlation(config: SensorsConfig, *, step_s: float) -> float:
-    """Share of the receiver's correlated error that is left after a step."""
+    """Correlation of the receiver's position error across a step (first-order Gauss-Markov)."""
     return math.exp(-step_s / config.gnss.correlation_s)
 
 
 def process_noise(config: SensorsConfig, *, step_s: float, pa_per_m: float) -> Vector:
-    """Covariance (22, 22) that a filter step adds."""
+    """Process noise covariance Q (22, 22) of a filter step."""
     imu, gnss, baro, dt = config.imu, config.gnss, config.baro, step_s
     accel = imu.accel_noise_density**2 + 1e-7
     gyro = imu.gyro_noise_density**2 + 1e-10
@@ -139,7 +139,7 @@ def process_noise(config: SensorsConfig, *, step_s: float, pa_per_m: float) -> V
 
 
 def transition(config: SensorsConfig, *, step_s: float) -> Vector:
-    """Transition (22, 22) over a step, without the blocks that depend on the flight."""
+    """Transition matrix F (22, 22) over a step, without the blocks that depend on the flight."""
     F = np.eye(STATES)
     F[POS, VEL] = np.eye(3) * step_s
     F[BGNSS, BGNSS] *= gnss_correlation(config, step_s=step_s)
@@ -147,7 +147,7 @@ def transition(config: SensorsConfig, *, step_s: float) -> Vector:
 
 
 def measurement_matrix(config: SensorsConfig) -> Vector:
-    """Matrix (8, 22) of GNSS position and velocity, height and heading.
+    """Measurement matrix H (8, 22) of GNSS position and velocity, height and heading.
 
     The heading's part for the magnetometer's offset depends on the attitude: `magnetometer_row`.
     """
@@ -164,7 +164,7 @@ def measurement_matrix(config: SensorsConfig) -> Vector:
 
 
 def measurement_noise(config: SensorsConfig, *, pa_per_m: float) -> Vector:
-    """Covariance (8, 8) of the white errors of one measurement each."""
+    """Measurement noise covariance R (8, 8), for one sample of each sensor."""
     gnss = config.gnss
     variances = [
         *[gnss.white_m**2] * 3,

@@ -1,4 +1,4 @@
-"""What the autopilot believes: an error-state INS/GNSS filter. The one home of filterpy.
+"""The state estimator: an error-state INS/GNSS Kalman filter. The one home of filterpy.
 
 The nominal state is carried by the IMU outside the filter; filterpy's KalmanFilter holds the error
 of it (zero after every correction) and its covariance. Everything is fused in order at a horizon
@@ -72,7 +72,7 @@ def _inverse(matrix: Vector) -> Vector:
 
 
 class Estimator:
-    """Filter at the delayed horizon, prediction to now."""
+    """Error-state INS/GNSS Kalman filter at a delayed fusion horizon, predicted to now."""
 
     def __init__(
         self,
@@ -85,9 +85,7 @@ class Estimator:
         step_s: float,
         increments: int,
     ) -> None:
-        """Start at rest at height zero; `step_s` is the time between predictions of the filter, in
-        which there are so many `increments` of the IMU.
-        """
+        """Start at rest at height zero; a filter step has `step_s` and so many IMU `increments`."""
         self._config = config
         self._step_ns = round(step_s * 1e9)
         self._step_s = step_s
@@ -135,7 +133,7 @@ class Estimator:
 
     @property
     def now(self) -> NavState:
-        """State estimate at the delayed horizon."""
+        """State estimate at `t_ns`, the last update: the horizon carried forward by the IMU."""
         return NavState.of(self.t_ns, self.to_now)
 
     def std(self, part: slice) -> Vector:
@@ -143,7 +141,7 @@ class Estimator:
         return np.sqrt(np.diag(self._kf.P)[part])
 
     def update(self, t_ns: int, fix: GnssFix | None) -> None:
-        """Correct what the increments have led to by now; a GNSS solution if one arrived."""
+        """Bring the filter up to `t_ns`, corrected where due; `fix`: a solution just arrived."""
         self.t_ns = t_ns
         if fix is not None:
             self.measurements.fixes.append(fix)
@@ -157,14 +155,14 @@ class Estimator:
         self._look_ahead()
 
     def _look_ahead(self) -> None:
-        """Note when the horizon comes to where it may be corrected: `update` is due by then."""
+        """Set `due_ns`, by which `update` is due: when the horizon next comes to a correction."""
         here, step_ns = self.horizon.t_ns, self._step_ns
         wait_ns = self._corrected_ns + _CORRECT_NS - here
         steps = 1 if self.measurements.fixes else math.ceil(wait_ns / step_ns)
         self.due_ns = here + max(1, steps) * step_ns + self._delay_ns
 
     def ahead(self, samples: Sequence[float], t_ns: int, *, dt_s: float) -> NavState:
-        """State estimate carried forward by a few samples."""
+        """Return the state at `t_ns`: `now` carried forward by IMU samples, six numbers each."""
         few = self._few
         few.drop(few.count)
         ahead, (_, p, v, q), b = self._ahead, self.now, self.biases
@@ -174,7 +172,7 @@ class Estimator:
         return NavState.of(t_ns, ahead)
 
     def innovations_after(self, t_ns: int) -> tuple[Innovation, ...]:
-        """Innovations after an instant, the oldest first, as far back as the filter keeps them."""
+        """Return the innovations after an instant, oldest first; the filter keeps the last 64."""
         newest = takewhile(lambda item: item.t_ns > t_ns, reversed(self.innovations))
         return tuple(newest)[::-1]
 
@@ -218,7 +216,7 @@ class Estimator:
         return made
 
     def _correct(self) -> bool:
-        """Fuse what was measured up to the horizon, with the receiver or without it in time."""
+        """Fuse the measurements up to the horizon where due; return whether any was used."""
         t_ns = self.horizon.t_ns
         fix = self.measurements.take_fix(t_ns)
         if fix is None and t_ns - self._corrected_ns < _CORRECT_NS:
@@ -240,7 +238,7 @@ class Estimator:
         return self.horizon.t_ns - self.fused_ns["gnss velocity"]
 
     def _fuse(self, kinds: Sequence[Kind], extra: Sequence[int]) -> bool:
-        """Use the measurements whose innovations are believable, and `extra`, all at once."""
+        """Fuse the rows whose innovations pass their gates, and `extra`; return whether any."""
         kf, measured = self._kf, self.measurements
         z, H, R = measured.residual, measured.H, measured.R
         stds, squares = measured.expected.measure(kf.P)
@@ -278,7 +276,7 @@ class Estimator:
         self._refused.clear()
 
     def _inject_error(self) -> None:
-        """Move the estimated error into the nominal state."""
+        """Move the estimated error into the nominal state and the biases."""
         kf = self._kf
         x = kf.x[:, 0].tolist()
         kf.x = np.zeros((STATES, 1))

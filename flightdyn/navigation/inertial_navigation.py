@@ -1,4 +1,4 @@
-"""The filter, fed by the sensors, as the source of what the aircraft flies on."""
+"""Navigation by the filter and the sensors that feed it: the state that the aircraft flies on."""
 
 import math
 from statistics import pstdev
@@ -34,7 +34,7 @@ class InertialNavigation:
         *,
         earth: Earth,
     ) -> None:
-        """Aligned at rest: the clock is run from before zero up to zero."""
+        """Align at rest: run the clock from before zero up to zero."""
         self.sensors = sensors
         self._config = config = sensors.config
         self._plant = plant
@@ -104,9 +104,8 @@ class InertialNavigation:
         )
 
     def fly(self, most: int, guide: Guide) -> int:
-        """Ticks of physics, and guidance steps before the last of them, up to where a sensor other
-        than the IMU is due, or a correction, or `guide` notes something else. Returns how many.
-        """
+        """Run up to `most` ticks of physics and the guidance steps between them, until a correction
+        or a sensor other than the IMU is due, or `guide` notes an event. Returns how many."""
         sensors, estimator, loop, tick = self.sensors, self.estimator, self._loop, self._clock.tick
         due_ns = min(estimator.due_ns, sensors.receiver.due_ns)
         steps = math.ceil(due_ns / self._step_ns)  # it is looked for at guidance steps
@@ -114,7 +113,7 @@ class InertialNavigation:
         return loop.fly(self._plant.run, ticks, estimator.increments, guide)
 
     def sense(self) -> None:
-        """Read the other sensors that are due."""
+        """Read the sensors other than the IMU that are due."""
         if self._clock.tick < self.sensors.due:
             return
         pressure, field = self.sensors.slow()
@@ -124,7 +123,7 @@ class InertialNavigation:
             self.estimator.measurements.mag.append(field)
 
     def update(self) -> None:
-        """Bring the filter up to this guidance step."""
+        """Bring the filter up to this guidance step, and the inner loops' gyroscope bias."""
         fix = self.sensors.fix()
         if fix is not None:
             self.gnss = fix
@@ -135,14 +134,14 @@ class InertialNavigation:
             self._inner.correct(self._corrected.gyro)
 
     def state(self) -> NavState:
-        """Believed state of this tick."""
+        """Estimated position, velocity and attitude of this tick."""
         loop, t_ns = self._loop, self._clock.t_ns
         if not loop.count:
             return NavState.of(t_ns, self.carried)
         return self.estimator.ahead(loop.taken, t_ns, dt_s=self._dt_s)
 
     def belief(self) -> Kinematics:
-        """Believed state of this tick."""
+        """Estimated position, velocity, attitude and body rates of this tick."""
         rates = self._believed_rates()
         if not self._loop.count:
             return Kinematics.of(self._clock.t_ns, *self.carried.numbers, *rates)
@@ -150,11 +149,11 @@ class InertialNavigation:
         return Kinematics.of(t_ns, *p, *v, *q, *rates)
 
     def innovations_after(self, t_ns: int) -> tuple[Innovation, ...]:
-        """What the filter was given after an instant, against what it expected."""
+        """Return the filter's innovations after an instant, the oldest first."""
         return self.estimator.innovations_after(t_ns)
 
     def readings(self) -> Readings:
-        """Of this tick's IMU sample, and of the other sensors' last ones."""
+        """Return the IMU's reading at this tick, and the other sensors' last ones."""
         sensors, b = self.sensors, self.estimator.biases
         samples = self._loop.taken
         x, y, z = samples[-3:] or self.carried.force

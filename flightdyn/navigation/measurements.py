@@ -1,4 +1,4 @@
-"""What was measured: kept until the horizon comes to it, then compared with the state there."""
+"""Measurements: kept until the fusion horizon reaches them, then compared with its state."""
 
 import math
 from collections import deque
@@ -23,7 +23,7 @@ from flightdyn.state import GnssFix
 
 
 class Biases(NamedTuple):
-    """Estimated biases of gyroscope, accelerometer, GNSS, magnetometer and barometer."""
+    """Estimated biases in rad/s and m/s2 (FRD), m (NED), gauss (FRD), and m of height."""
 
     gyro: Triple = (0.0, 0.0, 0.0)
     accel: Triple = (0.0, 0.0, 0.0)
@@ -51,7 +51,7 @@ _HEADING = Kind("heading", 3, slice(HEADING, HEADING + 1), _GATE_1)
 
 
 class Measurements:
-    """Samples that wait, and what the last of them measure: a row each in `H`, `R` and `residual`.
+    """Buffers of samples not yet fused, and the rows `H`, `R`, `residual` of those to be fused.
 
     `H` (8, 22) and `R` (8, 8) are those of `error_model`, for the present attitude and number of
     samples.
@@ -77,14 +77,14 @@ class Measurements:
         self.residual = self.expected.residual
 
     def take_fix(self, t_ns: int) -> GnssFix | None:
-        """The last solution up to an instant, if there is a new one."""
+        """Return the latest waiting GNSS solution up to an instant, or None; drops older ones."""
         fix: GnssFix | None = None
         while self.fixes and self.fixes[0].t_ns <= t_ns:
             fix = self.fixes.popleft()
         return fix
 
     def compare(self, fix: GnssFix | None, state: NavState, biases: Biases) -> list[Kind]:
-        """Fill in the rows of what was measured up to `state`; returns which there are."""
+        """Fill in the rows of what was measured up to `state`; return the kinds that were."""
         kinds: list[Kind] = []
         if fix is not None:
             self._compare_fix(fix, state, biases.gnss)
@@ -117,7 +117,7 @@ class Measurements:
         )
 
     def _compare_baro(self, state: NavState, bias: float) -> None:
-        """The mean of the waiting samples, each against the height of its own instant."""
+        """Fill in the mean of the waiting samples, each against the height of its own instant."""
         north, east, down = state.p
         total, count = 0.0, 0
         while self.baro and self.baro[0].t_ns <= state.t_ns:

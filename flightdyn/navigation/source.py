@@ -1,4 +1,4 @@
-"""The truth as a source of what the autopilot knows.
+"""True states in place of an estimate, for an autopilot that is handed the truth.
 
 It stands in for `InertialNavigation`, with all that an aircraft asks of that one: `fly` hands body
 rates to the inner loops after each tick of the physics; `state` is what the guidance flies on.
@@ -16,7 +16,7 @@ from flightdyn.state import GnssFix, Innovation, Kinematics
 
 
 class TrueNavigation:
-    """The autopilot is handed the truth: for tests of the control alone."""
+    """Navigation by the true state (`sensors.kind = "perfect"`), to test the control alone."""
 
     def __init__(self, plant: Plant, inner: Inner) -> None:
         self._plant = plant
@@ -33,7 +33,7 @@ class TrueNavigation:
         self.sense()
 
     def fly(self, most: int, guide: Guide) -> int:
-        """Ticks of physics, up to a guidance step or fix; true body rates to the inner loops."""
+        """Run ticks of physics with true rates, up to a guidance step or fix; return how many."""
         tick, interval = self._clock.tick, self._loop.interval
         ticks = min(most, interval - tick % interval, self._due - tick)
         self._unused.drop(self._unused.count)
@@ -56,7 +56,7 @@ class TrueNavigation:
         )
 
     def update(self) -> None:
-        """Do nothing: the state is the true one."""
+        """Set the state that guidance flies on to the true one."""
         v = self._vehicle
         self.carried.place(v.position_ned(), v.velocity_ned(), v.attitude())
         self.carried.set_force(v.specific_force())
@@ -67,11 +67,11 @@ class TrueNavigation:
         return NavState(self._clock.t_ns, v.position_ned(), v.velocity_ned(), v.attitude())
 
     def belief(self) -> Kinematics:
-        """True state of this tick: a perfect estimate."""
+        """True position, velocity, attitude and body rates of this tick."""
         return self._vehicle.kinematics(self._clock.t_ns)
 
     def innovations_after(self, _t_ns: int) -> tuple[Innovation, ...]:
-        """No innovations: there is no filter."""
+        """Return (): there is no filter."""
         return ()
 
     def readings(self) -> Readings:
@@ -80,5 +80,5 @@ class TrueNavigation:
         return Readings(v.rates(), v.specific_force(), v.pressure_pa(), None, (0.0, 0.0, 0.0), None)
 
     def why_not_ready(self) -> str:
-        """Always ready."""
+        """Return "": always ready."""
         return ""

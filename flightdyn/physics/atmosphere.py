@@ -26,5 +26,5 @@ def altitude_m(pressure: float) -> float:
 
 
 def pressure_slope(pressure: float) -> float:
-    """Pa per metre of height that pressure falls by where it is `pressure`."""
+    """Return how much static pressure falls by height (Pa/m), where it is `pressure` (Pa)."""
     return pressure * _G0 / (_GAS_CONSTANT * temperature_k(altitude_m(pressure)))

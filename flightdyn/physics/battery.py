@@ -31,7 +31,7 @@ def open_circuit_voltage(charge: float) -> float:
 
 @dataclass(slots=True)
 class Battery:
-    """Charge and terminal voltage; power drawn is what the speed controllers pass on."""
+    """State of a battery pack: charge, current and terminal voltage."""
 
     config: BatteryConfig
     consumed_mah: float = 0.0

@@ -11,7 +11,7 @@ from flightdyn.physics.sensors import Gnss
 
 
 class FaultState:
-    """Begins and ends faults; overlapping ones add up."""
+    """Begins and ends faults. Overlapping ones add up; of a motor's, the least share counts."""
 
     def __init__(
         self,

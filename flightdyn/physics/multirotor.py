@@ -1,4 +1,4 @@
-"""The one home of JSBSim: feet, slugs and property names end here.
+"""The multirotor in JSBSim, whose one home this is: SI units outside, feet and slugs inside.
 
 JSBSim flies over a ground at its own sea level, with the atmosphere shifted so that air and
 temperature are those of home's altitude: height above its sea level is then height above ground
@@ -69,7 +69,7 @@ class Multirotor:
         seed: int,
         heading_rad: float = 0.0,
     ) -> None:
-        """At rest on the ground at the origin of `frame`; `seed` feeds the turbulence.
+        """Start at rest on the ground at the origin of `frame`; `seed` feeds the turbulence.
 
         Raises AirframeError where the airframe's files are incomplete.
         """
@@ -202,13 +202,13 @@ class Multirotor:
         self._hold(0.0 if armed else -1.0)
 
     def check(self) -> None:
-        """Raise ModelDivergedError where the physics has left the numbers."""
+        """Raise ModelDivergedError where the height above ground is no longer a sane number."""
         height = self._height()
         if not abs(height) < _ABSURD_FT:  # NaN is not less either
             raise ModelDivergedError(f"height above ground is {height * FT_M:g} m")
 
     def watch_ground(self) -> bool:
-        """Look for contact near the ground only, where a fifth of the time is well spent on it.
+        """Switch ground contacts on near the ground, else off, which saves a fifth of the time.
 
         To be called at least ten times a second: nothing falls 6 m in that time. Returns whether
         the ground is that near.
@@ -228,7 +228,7 @@ class Multirotor:
         return math.hypot(*self.velocity_ned()) + reach_m * math.hypot(*self.rates())
 
     def wreck(self) -> None:
-        """Stop dead: what is left lies as it struck, and JSBSim is run no more.
+        """Stop dead: the wreck lies where it struck, and JSBSim is run no more.
 
         The accelerometers feel the blow in this tick, then rest.
         """
@@ -260,25 +260,25 @@ class Multirotor:
         self.run = rest
 
     def drive(self, motors: tuple[float, ...]) -> None:
-        """Motors at given duty cycles (0..1) from now on, past the inner loops.
+        """Set the motors' duty cycles (0..1) from now on, bypassing the inner loops.
 
-        For other brains than ours, and for a test bench of motors, propellers and rigid body.
+        For firmware, and for a test bench of motors, propellers and rigid body.
         """
         self._direct(1.0)
         for put, value in zip(self.set_motors, motors, strict=True):
             put(min(1.0, max(0.0, value)))
 
     def set_motor_health(self, motor: int, share: float) -> None:
-        """Share of the ordered voltage that reaches motor 0..3."""
+        """Set the share (0..1) of the ordered voltage that reaches motor 0..3."""
         self._health[motor](share)
 
     def set_gust(self, gust_ned_mps: Triple) -> None:
-        """Air velocity added to wind and turbulence."""
+        """Set the velocity of the air (m/s, NED) that is added to wind and turbulence."""
         for put, value in zip(self._gust, gust_ned_mps, strict=True):
             put(value / FT_M)
 
     def electrical_power_w(self) -> float:
-        """What the four motors take, winding losses included; braking gives nothing back."""
+        """Electrical power of the motors, winding losses included; braking gives nothing back."""
         volts, power = self.airframe.motor_full_voltage_v, 0.0
         for current, throttle in zip(self._current, self._throttle, strict=True):
             power += current() * throttle() * volts

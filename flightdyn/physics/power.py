@@ -1,4 +1,4 @@
-"""What flying takes of the battery: electrical power over speed and acceleration."""
+"""Electrical power of the aircraft over airspeed and acceleration."""
 
 import numpy as np
 
@@ -22,8 +22,8 @@ def power_w(speed_mps: Vector, *, accel_mps2: Vector | float = 0.0, density: flo
 
     Level flight at constant speed is a table measured in JSBSim (`Airframe.level_power_w`); other
     air scales it by equivalent airspeed. Rotors that also accelerate the mass push with
-    m sqrt(g^2 + a^2), and their power goes with thrust to 3/2 (momentum theory). What speed itself
-    takes is had back when braking, from rest to rest nothing is left of it.
+    m sqrt(g^2 + a^2), and their power goes with thrust to 3/2 (momentum theory). Kinetic
+    energy is not counted: braking returns it, so that it cancels from rest to rest.
 
     Args:
         speed_mps: (n,) horizontal speed.
@@ -35,5 +35,5 @@ def power_w(speed_mps: Vector, *, accel_mps2: Vector | float = 0.0, density: flo
 
 
 def air_of(density: float, wind_mps: tuple[float, float, float] = _STILL) -> Air:
-    """Air of a density, over that at sea level, that blows, and what flying in it takes."""
+    """Make the air for C: density over that at sea level, wind (NED), power of flight in it."""
     return Air.made(_LEVEL_W, density=density, wind_mps=wind_mps)

@@ -32,7 +32,7 @@ class SensorSuite:
         self.due = 0  # the tick from which `slow` has something to read
 
     def slow(self) -> tuple[BaroSample | None, MagSample | None]:
-        """Read what is due at this tick, and note when the next sensor is."""
+        """Read the sensors due at this tick; return samples of barometer and magnetometer."""
         clock, tick, vehicle = self._clock, self._clock.tick, self._vehicle
         pressure = field = None
         if tick % self._gnss_ticks == 0:
@@ -46,5 +46,5 @@ class SensorSuite:
         return pressure, field
 
     def fix(self) -> GnssFix | None:
-        """The receiver's solution that arrives by this tick, if one does."""
+        """Return the GNSS solution that has arrived by this tick, or None."""
         return self.receiver.deliver(self._clock.t_ns)

@@ -1,4 +1,4 @@
-"""Sensor models: the truth and random streams in, what the autopilot is given out.
+"""Sensor models: true states and random streams in, measurements out.
 
 Each sensor draws from its own named stream, in blocks that do not depend on the flight, so that
 a sensor's noise is a function of the seed alone. Between blocks all is plain floats: at these
@@ -21,13 +21,13 @@ _BLOCK = 64  # samples of a sensor that are drawn at a time
 
 
 def _draws(rng: np.random.Generator, count: int) -> Iterator[list[float]]:
-    """Standard normal numbers, `count` at a time."""
+    """Yield lists of `count` standard normal numbers."""
     while True:
         yield from rng.standard_normal((_BLOCK, count)).tolist()
 
 
 class ImuErrors:
-    """What the IMU adds to body rates (rad/s) and specific force (m/s2), tick by tick.
+    """Errors of the IMU in body rates (rad/s) and specific force (m/s2), tick by tick.
 
     White noise of the given density sampled at the tick rate, and a bias that starts at a
     turn-on value and walks at random.
@@ -46,7 +46,7 @@ class ImuErrors:
         self._block = max(1, round(1.0 / dt_s))
 
     def draw(self) -> Vector:
-        """The errors (n, 6) of the next second of ticks: three of rates, three of force."""
+        """Return the errors (n, 6) of the next second of ticks: three of rates, three of force."""
         white, bias = self._rng.standard_normal((2, self._block, 6))
         bias *= self._walk
         np.add.accumulate(bias, out=bias)
@@ -99,7 +99,7 @@ class Gnss:
         self.velocity_error_ned_mps: Triple = (0.0, 0.0, 0.0)
 
     def measure(self, t_ns: int, pos_ned_m: Triple, vel_ned_mps: Triple) -> None:
-        """Make the solution of epoch `t_ns`. The noise goes on where the receiver is off."""
+        """Make the solution of epoch `t_ns`, none while off; the noise is drawn either way."""
         config = self._config
         slow_n, slow_e, slow_d, *white, un, ue, ud = next(self._draws)
         (jn, je, jd), k = self.jump_ned_m, config.white_m
@@ -120,7 +120,7 @@ class Gnss:
         self.due_ns = self._pending[0].t_ns + self._delay_ns
 
     def deliver(self, t_ns: int) -> GnssFix | None:
-        """The solution that arrives by `t_ns`, if one does."""
+        """Return the solution that has arrived by `t_ns`, or None."""
         if t_ns < self.due_ns:
             return None
         fix, waiting = self._pending.popleft(), self._pending
@@ -136,7 +136,7 @@ class BaroSample(NamedTuple):
 
 
 class Baro:
-    """Static pressure with white noise and slow drift."""
+    """Barometer: static pressure with white noise and slow drift."""
 
     def __init__(self, config: BaroConfig, streams: RandomStreams) -> None:
         self._white = config.white_pa
@@ -160,7 +160,7 @@ class MagSample(NamedTuple):
 
 
 class Magnetometer:
-    """Magnetic field with white noise and the offset that calibration left."""
+    """Magnetometer: field in body axes, with white noise and the offset that calibration left."""
 
     def __init__(self, config: MagConfig, streams: RandomStreams) -> None:
         self._config = config

@@ -1,4 +1,4 @@
-"""Planned against flown, run beside run."""
+"""Comparison of runs: planned against flown."""
 
 from dataclasses import asdict
 from pathlib import Path
@@ -19,12 +19,12 @@ def compare(
     rounds: int | None = None,
     by_round: bool = False,
 ) -> "Comparison":
-    """Planned against flown, a row a run: the numbers of `aerofed compare`.
+    """Compare flown with planned: one row per run, with the numbers of `aerofed compare`.
 
     The columns are explained in docs/comparing.md; the index is the name of the run's folder, with
-    `by_round` that and the round. Two runs of one name have as much of their paths as tells them
-    apart. The table is pandas' own,
-    with `check` beside it: compare(log).check(cross_track_max_m=3).
+    `by_round` that and the round. Runs of the same name get as much of their paths as tells
+    them apart. The table is a DataFrame with a method more, `check`, for a verdict:
+    compare(log).check(cross_track_max_m=3).
 
     Args:
         runs: one or more, flown or loaded, or their folders, or flight logs of any kind, or folders

@@ -1,4 +1,4 @@
-"""The table of `aerofed.compare`: pandas' own, with a verdict."""
+"""The table of `aerofed.compare`: a pandas DataFrame with a check of limits."""
 
 from typing import TYPE_CHECKING, ClassVar
 
@@ -10,7 +10,7 @@ if TYPE_CHECKING:
 
 
 class Comparison(pd.DataFrame):  # type: ignore[misc]  # pandas has no types here
-    """A pandas table like any other; what is computed from it is a plain one.
+    """A DataFrame with `check`; what is computed from it is a plain DataFrame.
 
     `flights` are the comparisons that it was made of.
     """
@@ -19,7 +19,7 @@ class Comparison(pd.DataFrame):  # type: ignore[misc]  # pandas has no types her
     flights: "tuple[RunComparison, ...]"
 
     def check(self, **limits: float) -> "tuple[Verdict, ...]":
-        """The verdict of `aerofed compare --limit`: check(cross_track_max_m=3).
+        """Check limits, as `aerofed compare --limit` does: check(cross_track_max_m=3).
 
         Returns:
             each limit of each flight, with value, limit, and `met`.

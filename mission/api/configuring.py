@@ -1,4 +1,4 @@
-"""What a run is told: configurations by name, file or value, and channels."""
+"""Configurations of runs, by name, file or value, and channels."""
 
 from collections.abc import Mapping, Sequence
 from os import PathLike
@@ -34,17 +34,17 @@ def config(
 def config_of(
     source: Source, overrides: Mapping[str, object] | None, counts: Sequence[str] = ()
 ) -> "RunConfig":
-    """As `config`; where only some keys and tables `counts`, overrides of others are refused."""
+    """Return a configuration, as `config`; if only some keys `counts`, no others can be set."""
     from mission.config.loading import load_config
 
     return load_config(checked(source, overrides), overrides, giver="overrides", counts=counts)
 
 
 def checked(source: Source, overrides: object) -> "Path | RunConfig":
-    """The source of a configuration, and `overrides` of its kind, as a notebook checks no types.
+    """Check the types of `source` and `overrides`, as notebooks do not; return the source.
 
     Raises:
-        InputError: one of the two is of no such kind.
+        InputError: one of the two is of another type.
     """
     from mission.config.models import RunConfig
 
@@ -85,10 +85,10 @@ def channel(
 
 
 def as_path(path: object, what: str) -> Path:
-    """What `what` was given, as a path.
+    """Return `path` as a Path; `what` names the argument in errors.
 
     Raises:
-        InputError: it is none.
+        InputError: it is not a path.
     """
     if not isinstance(path, str | PathLike):
         raise InputError(f"{what} = {path!r}: must be a path")
@@ -96,10 +96,10 @@ def as_path(path: object, what: str) -> Path:
 
 
 def folder(path: Path | str | None) -> Path | None:
-    """A data folder, which must be there.
+    """Return a data folder, which must exist; None for None.
 
     Raises:
-        InputError: it is not.
+        InputError: it does not exist.
     """
     if path is None:
         return None

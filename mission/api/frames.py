@@ -11,7 +11,7 @@ from mission.log.records import is_by_community
 def frame(
     record: type | None, values: Mapping[str, object] | Sequence[Mapping[str, object]]
 ) -> pd.DataFrame:
-    """Columns by name, or rows, as a DataFrame.
+    """Make a DataFrame of columns by name, or of rows.
 
     An empty table has the columns of `record` all the same, but those by community.
     """

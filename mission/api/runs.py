@@ -1,4 +1,4 @@
-"""Runs: flown, gone on with, and read back as tables."""
+"""Runs: flown, resumed, and read back as tables."""
 
 import json
 from collections.abc import Mapping
@@ -33,17 +33,17 @@ class Run:
 
     @cached_property
     def rounds(self) -> "pd.DataFrame":
-        """A row a round, with the columns of `rounds.csv`."""
+        """One row per round, with the columns of `rounds.csv`."""
         return self.table("rounds")
 
     @cached_property
     def uplinks(self) -> "pd.DataFrame":
-        """A row a scheduled device of a round, with the columns of `uplinks.csv`."""
+        """One row per round and scheduled device, with the columns of `uplinks.csv`."""
         return self.table("uplinks")
 
     @cached_property
     def learning(self) -> "pd.DataFrame":
-        """A row a device and round, from round 0 (untrained), with the columns of `learning.csv`.
+        """One row per device and round, from 0 (untrained), with the columns of `learning.csv`.
 
         Raises:
             InputError: a log by itself; `table("learning")` has what a log knows, by community.
@@ -68,7 +68,7 @@ class Run:
 
     @cached_property
     def track(self) -> "pd.DataFrame":
-        """A row a sample: `t_s`, `round` (0 between rounds), true and estimated position."""
+        """One row per sample: `t_s`, `round` (0 between rounds), true and estimated position."""
         found = self.table("track")
         t_s = found["t_s"].to_numpy()
         found.insert(1, "round", 0)
@@ -94,7 +94,7 @@ class Run:
 
     @property
     def status(self) -> str:
-        """ "finished", "interrupted", "failed", or "running" (also of a run that was killed)."""
+        """Status: "finished", "interrupted", "failed" or "running" (also if it was killed)."""
         return str(self._loaded.summary.get("status", "finished"))
 
     @property
@@ -104,7 +104,7 @@ class Run:
 
     @cached_property
     def config(self) -> "RunConfig":
-        """What it was flown with, as the log has it.
+        """The configuration of the run, as the log has it.
 
         Raises:
             InputError: the log's copy is missing, or of another version.
@@ -225,7 +225,7 @@ def resume(path: Path | str, *, quiet: bool = True) -> Run:
 
 
 def load(path: Path | str) -> Run:
-    """A run that was flown: its folder, or its log (`flight.mcap`) by itself.
+    """Read a run that was flown: its folder, or its log (`flight.mcap`) by itself.
 
     Raises:
         InputError: neither.
@@ -243,8 +243,8 @@ def flown(
     quiet: bool,
     goes_on: bool = True,
 ) -> Run:
-    """What `fly` left at `path`, where that keeps to `limits`; it returns an exit code. Whether one
-    interrupted `goes_on`."""
+    """Call `fly`, which returns an exit code; return the run at `path` if it keeps to `limits`.
+    `goes_on`: whether an interrupted one can be resumed."""
     from rich.console import Console
 
     if limits:  # of which each must be known before anything is flown

@@ -28,16 +28,16 @@ T = TypeVar("T")
 
 
 class NotInTimeError(AerofedError, TimeoutError):
-    """What was waited for did not happen within the simulated time that it was given."""
+    """A condition was not met within the simulated time that it was given."""
 
 
 class SimulatedVehicle:
-    """A context manager that runs a vehicle; inside it is used from one thread.
+    """A simulated vehicle, as a context manager; inside, it is to be used from one thread.
 
     It is heard and answered at `url` at any time. Where its host's time is ordered, simulated time
-    passes in `step`, `until` and `fly` only, so that what comes out does not depend on how fast the
-    machine is: what was sent before a step is taken before it. Positions are metres: x east and y
-    north of home, height above home.
+    passes in `step`, `until` and `fly` only (of a firmware also while it answers), so that what
+    comes out does not depend on how fast the machine is: what was sent before a step is taken
+    before it. Positions are metres: x east and y north of home, height above home.
     """
 
     def __init__(self, host: BuiltIn | FirmwareHost) -> None:
@@ -120,7 +120,7 @@ class SimulatedVehicle:
 
     @property
     def url(self) -> str:
-        """Where MAVSDK connects to; pymavlink has `udpout:` for `udpout://`."""
+        """URL for MAVSDK; pymavlink takes `udpout:` in place of `udpout://`."""
         return f"udpout://127.0.0.1:{self._host.port.port}"
 
     @property
@@ -134,12 +134,12 @@ class SimulatedVehicle:
 
     @property
     def position_m(self) -> Floats:
-        """(3,) where it truly is: x, y, height."""
+        """True position (3,): x east and y north of home, height above home."""
         return enu(self._state.truth.pos_ned_m)
 
     @property
     def velocity_mps(self) -> Floats:
-        """(3,) how fast it truly is: east, north, up."""
+        """True velocity (3,): east, north, up."""
         return enu(self._state.truth.vel_ned_mps)
 
     @property
@@ -160,7 +160,7 @@ class SimulatedVehicle:
 
     @property
     def battery(self) -> float:
-        """Charge that is left, 0 to 1."""
+        """Battery charge that is left, 0 to 1."""
         return self._state.battery
 
     def step(self, seconds: float) -> None:
@@ -223,7 +223,7 @@ class SimulatedVehicle:
         self._do(host.fly(*order))
 
     def mavlink(self) -> Any:
-        """A pymavlink connection that has heard the vehicle; closed with it.
+        """Open a pymavlink connection that has heard the vehicle; it closes with the vehicle.
 
         Raises:
             LinkLostError: it does not answer.
@@ -241,13 +241,13 @@ class SimulatedVehicle:
             yield pilot.system
 
     def truth(self) -> pd.DataFrame:
-        """Where it was: `t_s`, `x_m`, `y_m`, `height_m`; ten rows a simulated second, under a
-        firmware one at each position that it tells."""
+        """True positions so far: `t_s`, `x_m`, `y_m`, `height_m`; ten rows a simulated second,
+        under a firmware one at each position that it tells."""
         rows = self._look(lambda: list(self._host.track.rows))
         return pd.DataFrame(rows, columns=["t_s", "x_m", "y_m", "height_m"], dtype=float)
 
     def compare(self, plan: Path | str | None = None) -> Comparison:
-        """The last flight that has landed beside `plan`, else beside the missions it was given.
+        """Compare the last flight that has landed with `plan`, else with the missions it was given.
 
         vehicle.compare("survey.plan").check(cross_track_max_m=2)
 

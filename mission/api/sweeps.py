@@ -26,14 +26,14 @@ class Sweep:
 
     @cached_property
     def runs(self) -> "pd.DataFrame":
-        """A row a run, with the columns of `runs.csv`."""
+        """One row per run, with the columns of `runs.csv`."""
         from mission.api.frames import frame
 
         return frame(None, [result.summary for result in self._state.results])
 
     @cached_property
     def rounds(self) -> "pd.DataFrame":
-        """A row a round of every run, with the columns of `rounds.csv`."""
+        """One row per round of every run, with the columns of `rounds.csv`."""
         from mission.api.frames import frame
 
         return frame(None, [row for result in self._state.results for row in result.rounds])
@@ -159,7 +159,7 @@ def sweep(
 
 
 def load_sweep(path: Path | str) -> Sweep:
-    """A sweep that was flown, or is under way.
+    """Read a sweep that was flown, or is under way.
 
     Raises:
         InputError: not a sweep's folder, or none of its runs is done.

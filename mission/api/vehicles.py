@@ -29,7 +29,7 @@ _FIRMWARES = {
 
 
 class NoFirmwareError(InputError):
-    """No binary of a firmware is known here."""
+    """No binary is known of a firmware: AEROFED_PX4 or AEROFED_ARDUCOPTER is not set."""
 
 
 @contextmanager
@@ -57,9 +57,10 @@ def vehicle(
         firmware: "px4" or "arducopter" flies it, the binary that AEROFED_PX4 or
             AEROFED_ARDUCOPTER names; overrides of vehicle.autopilot and vehicle.firmware.path do
             the same. Default: the built-in autopilot.
-        pace: "steps": simulated time passes in `step`, `until` and `fly` only. "moving": it
-            passes by itself, as fast as it can, while a manoeuvre is under way. A number: always,
-            at that many times real time, for scripts that wait in wall time.
+        pace: "steps": simulated time passes in `step`, `until` and `fly` only, of a firmware also
+            while it answers. "moving": it passes by itself, as fast as it can, while a manoeuvre is
+            under way (not of a firmware). A number: always, at that many times real time, for
+            scripts that wait in wall time.
         logs: folder for a log of each flight, from arming to disarming.
 
     Raises:
@@ -86,7 +87,7 @@ def vehicles(
     pace: Pace = "steps",
     logs: Path | str | None = None,
 ) -> "Iterator[list[SimulatedVehicle]]":
-    """Several of them side by side, 5 m apart towards the east, with system ids 1, 2, ...
+    """Several vehicles side by side, 5 m apart towards the east, with system ids 1, 2, ...
 
     Each has a time of its own; arguments and errors are those of `vehicle`. A firmware flies one.
     """
@@ -119,7 +120,7 @@ def vehicles(
 
 
 def _firmware_keys(firmware: Firmware) -> dict[str, object]:
-    """The keys that have a firmware fly."""
+    """Return the overrides that let a firmware fly the vehicle."""
     if firmware not in _FIRMWARES:
         raise InputError(f"firmware = {firmware!r}: must be 'px4' or 'arducopter'")
     autopilot, variable = _FIRMWARES[firmware]

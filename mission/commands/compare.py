@@ -28,7 +28,7 @@ def compare(
     figure: Path | None = None,
     rounds: int | None = None,
 ) -> int:
-    """Planned against flown: cross-track error, heights, timing of runs and of any flight.
+    """Compare flown with planned: cross-track error, heights, timing of runs and of any flight.
 
     Example: aerofed compare paper6
     Example: aerofed compare cov no_cov --figure both.png
@@ -99,7 +99,7 @@ def compare(
 
 
 def in_json(verdicts: Sequence["Verdict"]) -> dict[str, object]:
-    """The verdict in a flight's JSON; nothing where it had no limits."""
+    """Return the verdicts as entries of a flight's JSON; {} where it had no limits."""
     met = all(item.met for item in verdicts)
     return {"limits": verdicts, "limits_met": met} if verdicts else {}
 
@@ -111,7 +111,7 @@ def tell_verdict(
     *,
     quiet: bool,
 ) -> int:
-    """Say which limits of each flight are not met, a line each, or that all are; the exit code."""
+    """Print which limits are not met, or that all are; write `junit`; return the exit code."""
     from mission.analysis.comparison_text import names_of
     from mission.analysis.limits import junit as write
 

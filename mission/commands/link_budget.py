@@ -48,7 +48,7 @@ def link_budget(config: Path | None = None, *, set_: Overrides = (), as_json: Js
 
 
 def _numbers(config: "ChannelConfig", height_m: float) -> dict[str, Any]:
-    """PER over distance, the radius served, and how well the logistic stand-in fits."""
+    """Return PER over distance, served radius and logistic fit of the channel at a height."""
     from fl.radio import channel as radio  # with it NumPy
 
     channel = config.channel(altitude_m=height_m)

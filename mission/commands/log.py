@@ -214,7 +214,7 @@ def diff(first: Path, second: Path, *, as_json: Json = False) -> int:
 
 
 def _file(log: Path) -> Path:
-    """The log itself, where a run's folder was given."""
+    """Return the log of a run's folder, or the path as it is where it is no folder."""
     if not log.is_dir():
         return log
     file = RunFolder(log).log

@@ -1,4 +1,4 @@
-"""Options that several commands have, and what is made of them."""
+"""Options that several commands share, and what they are turned into."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -46,7 +46,7 @@ def load(
     usual: Mapping[str, object] | None = None,
     counts: Sequence[str] = (),
 ) -> "RunConfig":
-    """The configuration in a file, or the quick start's, under `--set` and options of their own.
+    """Load a configuration, or the quick start's, under `--set` and options of their own.
 
     `options` maps keys to values; None where the option was not given. `usual` are values that
     count where `--set` gives no other. Where only some keys and tables `counts`, a file needs no
@@ -94,7 +94,7 @@ def console(*, quiet: bool, live: bool, live_port: int) -> RunConsole:
     """Console of a command: terminal, quiet, live view.
 
     Raises:
-        InputError: the port is none.
+        InputError: the port is out of range.
     """
     if not 0 <= live_port <= 65535:
         raise InputError(f"--live-port {live_port}: must be from 0 to 65535")

@@ -107,7 +107,7 @@ def plan(
 
 
 def _check_targets(out: Path | None, qgc: Path | None, figure: Path | None) -> None:
-    """Refuse at once what could not be written at the end."""
+    """Refuse outputs that cannot be written, before anything is planned."""
     for path in (out, qgc):
         if path is not None and path.exists():
             raise InputError(f"{path}: exists already; give another name")
@@ -169,7 +169,7 @@ def _write_qgc(
 
 
 def _row(named: "NamedPlan") -> dict[str, float]:
-    """What the table shows of a plan, by heading; NaN for what it does not have."""
+    """Return a plan's row of the table, by heading; NaN for what the plan does not have."""
     made = named.plan
     flight = made.foreseen  # where time or energy is limited
     return {
@@ -187,7 +187,7 @@ def _row(named: "NamedPlan") -> dict[str, float]:
 
 
 def _nobody(problem: "RoundProblem", made: "RoundPlan") -> str:
-    """Why a plan serves nobody."""
+    """Return in words why a plan serves nobody."""
     if not len(problem.devices_m):
         return "there are no devices"
     if not problem.importance.any():
@@ -229,7 +229,7 @@ _DIGITS = {"value": 4, "upper\nbound": 4, "gap\n%": 2, "served": 0, "nodes": 0, 
 def _show(
     plans: "Sequence[NamedPlan]", problems: "Sequence[NamedProblem]", planner: "PlannerConfig"
 ) -> None:
-    """The plans as a table, and a line for what somebody may wonder at."""
+    """Print the plans as a table, then a line for each loose bound, cut search or unserved plan."""
     _print(plans)
     if loose := planner.loosely_proven([named.plan.gap for named in plans]):
         Terminal(**PLAIN).print(loose)

@@ -88,13 +88,13 @@ def _plan_each(
 
 
 def _timed(problem: RoundProblem, sortie: Sortie) -> RoundPlan:
-    """The plan with what its flight takes, where that is limited and its planner does not say."""
+    """Return the plan with its foreseen time and energy, if limited and not yet in it."""
     if problem.limits is None or sortie.plan.foreseen is not None:
         return sortie.plan
     return replace(sortie.plan, foreseen=foresee_round(problem, sortie.plan, hold_s=sortie.hold_s))
 
 
 def _file_name(number: int, name: str) -> str:
-    """Ids are free text; the number keeps two that differ in odd signs apart."""
+    """Return a picture's file name of a problem's id, free text; the number keeps names apart."""
     safe = re.sub(r"[^A-Za-z0-9._-]+", "_", name)[:60]
     return f"{number:03d}-{safe}.png"

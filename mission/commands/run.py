@@ -160,7 +160,7 @@ def bounds_of(table: Mapping[str, object] | None, options: Sequence[str]) -> dic
     """The limits of a configuration's table, under those of `--limit`.
 
     Raises:
-        InputError: one of them is none.
+        InputError: one of them is not a valid limit.
     """
     if not (table or options):
         return {}
@@ -177,8 +177,8 @@ def judge(
     *,
     quiet: bool,
 ) -> int:
-    """The verdict on a flight that has ended, where it has limits or a file is wanted: into `more`;
-    the exit code."""
+    """Judge a flight that has ended, if it has limits or `junit` is wanted: fills `more` for the
+    summary, prints, and returns the exit code."""
     if not (bounds or junit):
         return 0
     from mission.analysis.compare import compare_run
@@ -195,7 +195,7 @@ def judge(
 
 
 def write_page(folder: Path) -> None:
-    """Make report.html of a finished flight's folder, in it."""
+    """Write report.html into the folder of a finished flight."""
     from mission.report.page import write_report
 
     write_report(folder)
@@ -203,9 +203,8 @@ def write_page(folder: Path) -> None:
 
 @contextmanager
 def summary_of(folder: Path, *, as_json: bool) -> Iterator[dict[str, object]]:
-    """Print the summary of the run in a folder after the block, however that ends, with what was
-    put into the value.
-    """
+    """After the block, however it ends, print the run's summary as JSON if `as_json`, with what
+    was put into the dictionary that it yields."""
     from mission.base.run_folder import RunFolder
 
     more: dict[str, object] = {}

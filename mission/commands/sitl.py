@@ -88,7 +88,7 @@ def _usual_home() -> dict[str, float]:
 
 
 def _heard(name: str, usual: float) -> float:
-    """A number of the environment, for people who know PX4's simulators."""
+    """Return a number from an environment variable of PX4's simulators, or `usual`."""
     text = os.environ.get(name, "")
     try:
         return float(text) if text else usual

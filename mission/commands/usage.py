@@ -1,4 +1,4 @@
-"""What is wrong with a command line, in words that a newcomer can follow."""
+"""Usage errors of the command line, in words that a newcomer can follow."""
 
 import re
 from collections.abc import Sequence
@@ -32,7 +32,7 @@ def spread(tokens: Sequence[str]) -> list[str]:
 
 
 def in_words(error: CycloptsError) -> str:
-    """One line about a command line that cannot be carried out."""
+    """Return one line that says why a command line cannot be carried out."""
     if isinstance(error, MissingArgumentError) and error.argument is not None:
         return _missing(error)
     if isinstance(error, CoercionError) and error.token is not None and error.msg is None:
@@ -74,13 +74,13 @@ def _positional(error: CycloptsError) -> str:
 
 
 def _shown(argument: Argument) -> str:
-    """An option as it is given; what has no name on the command line in capitals."""
+    """Return an option's name as it is typed, or a positional argument's in capitals."""
     option = argument.field_info.kind is Parameter.KEYWORD_ONLY
     return argument.name if option else argument.name.lstrip("-").upper()
 
 
 def _words(kind: Any) -> str:
-    """The type of an option in words: a number, one of some choices."""
+    """Describe the type of an option in words: a number, one of some choices."""
     if get_origin(kind) is Annotated:
         return _words(get_args(kind)[0])
     if get_origin(kind) in (Union, UnionType):
