@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 _NAME = "flight-{:04d}.mcap"
-_OURS = re.compile(r"flight-[0-9]{4,}\.mcap")
+_OURS = re.compile(r"flight-([0-9]{4,})\.mcap")
 
 
 class LogFile(NamedTuple):
@@ -21,11 +21,9 @@ class LogFile(NamedTuple):
 
 
 def next_log(folder: Path) -> Path:
-    """Return the lowest-numbered free log path in a folder; a dangling symlink is not free."""
-    number = 1
-    while os.path.lexists(path := folder / _NAME.format(number)):
-        number += 1
-    return path
+    """Return the path of the next log in a folder, numbered after the last one that is there."""
+    taken = (_OURS.fullmatch(path.name) for path in folder.glob("*.mcap"))
+    return folder / _NAME.format(1 + max((int(log[1]) for log in taken if log), default=0))
 
 
 class LogFolder:
@@ -43,7 +41,7 @@ class LogFolder:
         self._being_written = being_written
 
     def logs(self) -> list[LogFile]:
-        """Return the complete logs, sorted by name."""
+        """Return the complete logs, the oldest first."""
         return [
             LogFile(path.name, about.st_size, int(about.st_mtime))
             for path, about in self._complete()
@@ -71,7 +69,7 @@ class LogFolder:
         if self._folder is None:
             return
         present = self._being_written()
-        for path in sorted(self._folder.glob("*.mcap")):
+        for path in sorted(self._folder.glob("*.mcap"), key=lambda log: (len(log.name), log.name)):
             with suppress(OSError):  # removed by somebody meanwhile
                 about = path.lstat()
                 if path != present and _OURS.fullmatch(path.name) and stat.S_ISREG(about.st_mode):

@@ -294,7 +294,8 @@ def _pieces(data: FlightData) -> Iterable[tuple[str, Track]]:
         cuts.append((f"to round {record.round}", round(record.start_t_s * 1e9)))
         end_s = record.start_t_s + record.duration_s
         cuts.append((f"round {record.round}", round(end_s * 1e9)))
-    cuts.append(("after the last round", int(data.truth.t_ns.max(initial=0))))
+    rest = "after the last round" if data.rounds else "flight"
+    cuts.append((rest, int(data.truth.t_ns.max(initial=0))))
     for (_, start_ns), (name, end_ns) in itertools.pairwise(cuts):
         piece = data.truth.between(start_ns, end_ns)
         if len(piece.t_ns) > 1:

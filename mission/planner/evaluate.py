@@ -103,9 +103,11 @@ def finish(
     devices get ready.
 
     Raises:
-        PlanInputError: the waypoints are no array (steps, 2) of finite numbers, begin elsewhere
-            than at the problem's start, or are a longer path than its budget (see `fit_budget`).
+        PlanInputError: as `check_problem`; or the waypoints are no array (steps, 2) of finite
+            numbers, begin elsewhere than at the problem's start, or are a longer path than its
+            budget (see `fit_budget`).
     """
+    check_problem(problem)
     given = as_waypoints(waypoints_m, problem.steps)
     _check_finite("waypoints_m", given)
     _check_path(problem, given)
@@ -204,7 +206,7 @@ def plan_without_moving(problem: RoundProblem) -> RoundPlan | None:
         and problem.importance.max() > 0.0
     ):
         return None
-    plan = finish(problem, np.tile(problem.start_m, (problem.steps, 1)))
+    plan = plan_along(problem, np.tile(problem.start_m, (problem.steps, 1)))
     if problem.altitudes_m is None:
         return replace(plan, upper_bound=plan.value)
     return replace(plan, upper_bound=max(plan.value, _bound_at_rest(problem)))

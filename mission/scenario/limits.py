@@ -101,8 +101,6 @@ def budget_of(config: RunConfig, performance: Performance) -> Budget:
     )
     hovers = mission.strategy == "barycenter"
     metres = mission.hover_cost_m if hovers else mission.path_budget_m
-    if not is_limited(mission):
-        return Budget(mission.rounds, total, Amount(metres))
     if hovers:
         hover = performance.foresee_hover(mission.hover_s)
         whole = Amount(metres, hover.duration_s, hover.energy_j)

@@ -142,9 +142,11 @@ class _Reader:
             case "GPS_RAW_INT" if message.fix_type >= _FIX_3D:
                 found.fixes.append(t_ns)
             case "SYS_STATUS" if message.battery_remaining >= 0:
-                volts, amperes = message.voltage_battery / 1e3, message.current_battery / 1e2
-                left = message.battery_remaining / 100
-                found.battery.append((t_ns, volts, amperes, float("nan"), left))
+                unknown, left = float("nan"), message.battery_remaining / 100
+                mv, ca = message.voltage_battery, message.current_battery
+                volts = unknown if mv == 65535 else mv / 1e3
+                amperes = unknown if ca == -1 else ca / 1e2
+                found.battery.append((t_ns, volts, amperes, unknown, left))
             case "WIND_COV":
                 found.wind.append((t_ns, message.wind_y, message.wind_x))
             case "MISSION_ACK" if message.type != mav.MAV_MISSION_INVALID_SEQUENCE:  # it goes on

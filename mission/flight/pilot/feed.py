@@ -270,7 +270,7 @@ class TelemetryFeed:
         cells = [cell for cell in fields["voltages"] if cell < 65535]
         current = fields["current_battery"]
         self._battery = BatteryState(
-            sum(cells) / 1e3,
+            sum(cells) / 1e3 if cells else math.nan,
             math.nan if current == -1 else current / 1e2,
             math.nan if consumed == -1 else float(consumed),
             math.nan if percent == _UNKNOWN_PERCENT else percent / 100,

@@ -227,6 +227,13 @@ def test_what_px4_does_not_know_of_its_battery_is_not_known(tmp_path: Path) -> N
     assert set(track.voltage_v) == {15.0}
 
 
+def test_what_a_ground_station_is_not_told_of_a_battery_is_not_known(tmp_path: Path) -> None:
+    said = mav.MAVLink_sys_status_message(0, 0, 0, 0, 65535, -1, 40, *(0,) * 6)
+    track = load_run(write_tlog(tmp_path / "x.tlog", before=[(said, 1)])).data.battery
+    assert track.remaining.tolist() == [0.4]
+    assert np.isnan([track.voltage_v, track.current_a]).all()
+
+
 @pytest.mark.parametrize("end", [".bin", ".tlog"])
 def test_a_fence_and_rally_points_are_those_that_were_uploaded(tmp_path: Path, end: str) -> None:
     data = compared(KINDS[end](tmp_path / f"x{end}")).run.data

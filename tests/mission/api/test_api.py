@@ -250,6 +250,8 @@ def test_lists_and_tuples_are_arrays() -> None:
     assert aerofed.fit_budget(way, 100).tolist()[-1] == pytest.approx([300.0, 400.0])
     plain = UNTYPED.RoundPlan(way, made.schedule.astype(int).tolist(), made.value)
     assert aerofed.plan(problem(), Gives(plain)) is plain
+    with pytest.raises(aerofed.InputError, match="ready_in_s needs limits"):
+        aerofed.finish(problem(ready_in_s=np.zeros(3)), way)
 
 
 def test_a_plan_is_printed_in_a_line() -> None:

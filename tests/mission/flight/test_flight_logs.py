@@ -10,7 +10,7 @@ from flightdyn.state import BatteryState, Kinematics
 from mission.base.errors import InputError
 from mission.flight.serve.flight_logs import FlightLogs
 from mission.log.inspection import info
-from sitl.logfolder import next_log
+from sitl.logfolder import LogFolder, next_log
 from sitl.observer import VehicleEvent, VehicleSample
 
 _ZERO = np.zeros(3)
@@ -37,6 +37,13 @@ def test_a_folder_that_takes_no_files_is_refused_in_one_line() -> None:
 def test_a_link_to_nowhere_is_not_written_through(tmp_path: Path) -> None:
     (tmp_path / "flight-0001.mcap").symlink_to(tmp_path / "elsewhere")
     assert next_log(tmp_path).name == "flight-0002.mcap"
+
+
+def test_the_newest_log_is_the_last_one_also_where_some_were_removed(tmp_path: Path) -> None:
+    for number in (2, 9999, 10000):
+        (tmp_path / f"flight-{number}.mcap".replace("-2", "-0002")).touch()
+    assert [log.name[7:-5] for log in LogFolder(tmp_path).logs()] == ["0002", "9999", "10000"]
+    assert next_log(tmp_path).name == "flight-10001.mcap"
 
 
 def test_a_log_that_is_deleted_ends_and_the_flight_goes_on(

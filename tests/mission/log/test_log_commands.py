@@ -4,6 +4,7 @@ import json
 import re
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree as ET
@@ -23,7 +24,7 @@ from mission.base.errors import DIFFERENT, InputError
 from mission.cli import call
 from mission.commands import log, report
 from mission.log import DamagedLogError, ForeignLogError, LogError, inspection
-from mission.log.export import _harmless, export_kml
+from mission.log.export import _harmless, _pieces, export_kml
 from mission.log.reader import read_log
 from mission.log.records import RoundRecord, UplinkRecord
 from mission.log.tables import read_table
@@ -167,6 +168,8 @@ def test_kml_puts_the_track_where_it_was(made: Fixed, tmp_path: Path) -> None:
         for mark in root.iterfind(".//k:Folder[k:name='flown']/k:Placemark", space)
     }
     assert set(marks) == {"to round 1", "round 1", "round 2"}
+    without = replace(read_log(made.log), rounds=())
+    assert [name for name, _ in _pieces(without)] == ["flight"]
     text = marks["round 2"].findtext(".//k:coordinates", namespaces=space)
     assert text
     lon, lat, alt = map(float, text.split()[-1].split(","))

@@ -156,6 +156,8 @@ def test_ideal_takes_everybody_and_flies_nothing(tmp_path: Path) -> None:
     assert fly(out, "--set", "mission.strategy=ideal", rounds=3) == 0
     assert [row["delivered"] for row in rows(out / "rounds.csv")] == ["6", "6", "6"]
     assert rows(out / "uplinks.csv") == []
+    # What a round costs at least, without a limit, too: JSON knows no infinity.
+    assert 0.0 < json.loads((out / "summary.json").read_text())["time_used_s"] < 120.0
 
 
 @pytest.mark.slow
