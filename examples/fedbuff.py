@@ -1,8 +1,8 @@
 """FedBuff: stale updates wait in a buffer, and move the model when it is full.
 
 Nguyen et al.: Federated Learning with Buffered Asynchronous Aggregation, AISTATS 2022 (arXiv
-2106.06639). A device trains from the model that it took down when it was last heard, tau versions
-old by now; its step weighs 1 / sqrt(1 + tau). Every BUFFER arrivals their mean moves the model.
+2106.06639). A device trains from the model that it got when it was last heard, tau versions old by
+now; its step weighs 1 / sqrt(1 + tau). Every BUFFER arrivals their mean moves the model.
 
     aerofed run --set learning.algorithm=examples.fedbuff:make
 """

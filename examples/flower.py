@@ -1,11 +1,11 @@
 """A strategy of Flower as the algorithm here: FedAdam, FedYogi, Krum, your own, ...
 
-Flower's strategy aggregates what the radio let through. Whom a round serves is the UAV's, so its
-own sampling of clients is not asked; devices train as they always do here, with `mu` in the place
-of FedProx's proximal_mu. A model is one flat array. What a strategy keeps from round to round
-(moments, momentum) goes into the checkpoint, so that a run can be resumed.
+Flower's strategy aggregates what the radio let through. The UAV decides whom a round serves, so
+the strategy's sampling of clients is not used; devices train as they always do here, with `mu` in
+the place of FedProx's proximal_mu. A model is one flat array. What a strategy keeps from round to
+round (moments, momentum) goes into the checkpoint, so that a run can be resumed.
 
-    pip install 'aerofed[flower]'
+    pip install '.[flower]'    # in the clone
     aerofed run --set learning.algorithm=examples.flower:make
 """
 

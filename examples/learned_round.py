@@ -1,6 +1,6 @@
 """A small policy that learns to fly rounds, beside the certified planner.
 
-    pip install 'aerofed[gym]'
+    pip install '.[gym]'    # in the clone
     python examples/learned_round.py [GENERATIONS POLICIES ROUNDS]
 
 The cross-entropy method: draw policies around the present one, let each fly the same rounds, go on

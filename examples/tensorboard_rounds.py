@@ -1,6 +1,6 @@
 """A callback: accuracy, objective and arrivals of every round for TensorBoard.
 
-pip install tensorboard
+pip install tensorboard torch
 aerofed run --out out --set 'callbacks=["examples.tensorboard_rounds:make"]'
 tensorboard --logdir out/tensorboard
 """

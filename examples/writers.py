@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from aerofed import Samples
-from fl.data.bundled import digits
+from fl.data.bundled import digits  # stands for data of yours; no part of the interface
 
 WRITERS = 12
 

@@ -51,12 +51,12 @@ with aerofed.vehicle(home="survey.plan", wind_mps=6) as vehicle:  # see "Flights
     vehicle.fly("survey.plan")
 ```
 
-A run from Python has the same bytes as one from the command line. It also works where an event
-loop is running already, as in a notebook: the run has a thread with a loop of its own then, and
-the notebook's stop button ends it as Ctrl-C would. What was flown stays, and
-`aerofed.resume("out")` goes on. A wrong value is an `AerofedError` whose message is the line that
-the command line prints; wrong keys of a dictionary are blamed on `overrides`. A value of another
-type than declared may also be Python's own `TypeError` or `AttributeError`.
+A run from Python has the same bytes as one from the command line, but no `report.html` before you
+ask for it. It also works where an event loop is running already, as in a notebook. The notebook's
+stop button interrupts it as Ctrl-C would: what was flown stays, and `aerofed.resume("out")` goes
+on. A wrong value raises an `AerofedError` with the message that the command line prints; wrong
+keys of a dictionary are blamed on `overrides`. A value of a wrong type may also raise Python's
+`TypeError` or `AttributeError`.
 
 Two notebooks, which CI executes: `examples/first_run.ipynb` and `examples/planning.ipynb`."""
 

@@ -55,7 +55,9 @@ def _homes(contracts: list[dict[str, Any]]) -> dict[str, list[str]]:
         if contract["name"].startswith("home of "):
             for line in contract["ignore_imports"]:
                 module, library = line.split(" -> ")
-                homes.setdefault(library, []).append(module.rstrip(".*"))
+                places, home = homes.setdefault(library, []), module.rstrip(".*")
+                if home not in places:
+                    places.append(home)
     return homes
 
 

@@ -17,7 +17,7 @@ device and the drone. It says how likely a packet is lost at a given distance: t
 rate* (PER).
 
 Choose one of the presets below, and change single numbers of it if you like. All keys are under
-[`channel`](configuration.md#channel), but the height of the flight, which is `mission.altitude_m`:
+[`channel`](configuration.md#channel), except the height of the flight, `mission.altitude_m`:
 
     aerofed run --set channel.preset=urban
     aerofed link-budget --set channel.preset=urban --set channel.extra_gain_db=3
@@ -79,19 +79,19 @@ How the packet error rate of a device at horizontal distance r follows:
 
 1. The device sees the drone at the elevation theta = arctan(H / r).
 2. It is in line of sight with probability rho = 1 / (1 + exp(-a1 theta + a2)).
-3. The received power is P beta / d^alpha times a log-normal shadowing, at the distance d. Gain,
-   exponent and shadowing have other values in line of sight than without.
+3. The received power is P beta / d^alpha times a log-normal shadowing, where d is the distance from
+   device to drone. Gain, exponent and shadowing have other values in line of sight than without.
 4. The packet is lost if the signal-to-noise ratio is below the threshold.
 
 [Learning](learning.md#radio) says how the fate of a packet is drawn.
 
 ## The logistic stand-in
 
-The paper's planner does not plan with this packet error rate, but with a curve that is easier to
-optimise: 1 / (1 + exp(b1 theta + b2)). `aerofed link-budget` fits b1 and b2 to the channel, in
-least squares over the distances of 800 x 800 m, and says how far the curve is off at worst. Only
-`paper` and `paper_literal` plan with it: see [the planner](planner.md). Which updates arrive never
-depends on it.
+The paper's planner uses a curve in place of this packet error rate that is easier to optimise:
+1 / (1 + exp(b1 theta + b2)). `aerofed link-budget` fits b1 and b2 to the channel, by least squares
+over the distances of 800 x 800 m, and says how far the curve is off at worst. Only `paper` and
+`paper_literal` plan with it: see [the planner](planner.md). Which updates arrive never depends on
+it.
 """
 
 

@@ -22,7 +22,6 @@ def page() -> str:
     text = text[text.index("## aerofed init") :]
     # Headings as on the other pages, examples as code.
     text = re.sub(r"^#+ (aerofed .+)$", r"## \1", text, flags=re.MULTILINE)
-    text = re.sub(r"^(\* `[^`]*?), --no-[a-z-]+", r"\1", text, flags=re.MULTILINE)
     text = re.sub(r"^```console\n(.+)\n```$", r"    \1", text, flags=re.MULTILINE)
     text = re.sub(r"^Example: (.+)$", r"    \1", text, flags=re.MULTILINE)
     text = re.sub(r"\n\*\*(Parameters|Arguments|Commands)\*\*:\n", "", text)

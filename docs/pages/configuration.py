@@ -1,6 +1,7 @@
 """Every key of a configuration, from the models, with examples that are read before they count."""
 
 import re
+from inspect import cleandoc
 
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
@@ -15,10 +16,11 @@ HEAD = """# Configuration
 Every key, generated from the code (`python docs/generate.py`). Units stand in the key names:
 `_m` metres, `_s` seconds, `_mps` metres a second, `_deg` degrees, `_db` decibels, `_hz` hertz,
 `_j` joules.
+
 A file is TOML; tables are the headings below, `[]` marks a list of tables. Every key can be given
 on the command line too: `--set mission.steps=8`, `--set communities.0.devices=4`,
-`--set 'vehicle.aircraft.faults=[{kind="gnss_off", at_s=40}]'`. All that a file must hold is one
-`[[communities]]`; the examples below go beside it.
+`--set 'vehicle.aircraft.faults=[{kind="gnss_off", at_s=40}]'`. A file must hold one
+`[[communities]]` with `name` and `task`; the examples below go beside it.
 """
 
 
@@ -29,7 +31,7 @@ def page() -> str:
 def _section(heading: str, key: Key, model: type[BaseModel]) -> list[str]:
     """The table of one model and its examples, then those of the models in it."""
     title = f"`{heading}`" if heading else "Top level"
-    lines = ["", f"## {title}", "", (model.__doc__ or "").strip(), ""]
+    lines = ["", f"## {title}", "", cleandoc(model.__doc__ or ""), ""]
     lines += ["| key | default | allowed | what |", "|---|---|---|---|"]
     inner: list[str] = []
     for name, field in model.model_fields.items():

@@ -10,7 +10,7 @@ from mission.log.values import ControlTrack
 
 HEAD = """# What a run leaves
 
-Generated from the code (`python docs/generate.py`). A run leaves one folder. It holds all that is
+Generated from the code (`python docs/generate.py`). A run leaves one folder, with all that is
 needed to look at the run, to compute with it and to fly it again.
 
 | you want to | open |
@@ -24,8 +24,8 @@ needed to look at the run, to compute with it and to fly it again.
 | fly the same again | `config.toml` |
 | fly one of its rounds again, or see it in QGroundControl | `plans/` |
 
-Symbols such as p_k, eps_k and psi are the paper's. The [glossary](glossary.md) has most of them,
-and [learning](learning.md#fairness-and-importance) the formulas.
+Symbols such as eps_k and psi are the paper's: see the [glossary](glossary.md), and
+[learning](learning.md#fairness-and-importance) for the formulas.
 
 ## Conventions
 
@@ -36,8 +36,8 @@ and [learning](learning.md#fairness-and-importance) the formulas.
   true in the simulation.
 - CSV files are UTF-8 with one header line. Numbers are written in their shortest exact form. `nan`
   stands where there is no value (`null` in the log).
-- The same configuration and seed give the same bytes in a folder of the same name. Only
-  `summary.json` and `report.html` differ, by the wall times in them.
+- With the built-in autopilot the same configuration and seed give the same bytes in a folder of the
+  same name. Only `summary.json` and `report.html` differ, by the wall times in them.
 
 ## Files
 
@@ -47,39 +47,40 @@ and [learning](learning.md#fairness-and-importance) the formulas.
 |---|---|
 | `config.toml` | the whole configuration, defaults included; `aerofed run config.toml` flies the \
 same again |
-| `devices.csv` | a row for each device: community, position, samples, share of the data (p_k), \
-and how many samples of which class it has (`class:samples`), configured share; `positions_file` \
-takes it. Where devices take time, `compute_s` and `upload_s` too |
+| `devices.csv` | a row for each device: community, position, samples, share of the data (`p`), \
+samples of each class (`class:samples`), configured share. Where devices take time, `compute_s` \
+and `upload_s` too. `positions_file` takes this file |
 | `rounds.csv` | a row for each round |
 | `uplinks.csv` | a row for each scheduled device of each round |
 | `learning.csv` | a row for each device after every round |
 | `flight.mcap` | the flight log |
 | `plans/` | every round as a QGroundControl `.plan`; `aerofed fly` takes it too |
 | `summary.json` | how the run ended (`status`, `error`; `ended_by` where a budget ended it before \
-its last round), versions, data sources, `plugins`: the SHA-256 of the code of each \
-[plug-in](plugins.md#rules), totals, wall seconds by phase \
-and in all, but for the writing of `report.html`, which shows them |
-| `report.html` | the page of the run; `--no-report` leaves it out, `aerofed report` writes it |
+its last round), versions, data sources, the SHA-256 of the code of each \
+[plug-in](plugins.md#rules) (`plugins`), totals, and wall seconds by phase and in all, without the \
+writing of `report.html` |
+| `report.html` | the page of the run; `--no-report` leaves it out, `aerofed report` adds it later |
 | `figures/map.png` | all rounds on one map |
 | `figures/belief.png` | what was believed of a device by place as rounds 1, 2, 4 and the last \
 began, and what was true; only where `radio.belief` is neither the channel nor the truth |
 | `figures/rounds.png` | who was served from where, round by round, at most twelve rounds |
 | `figures/learning.png` | accuracy, fairness and updates |
-| `checkpoint/` | what `aerofed run --resume` needs to go on; in `interrupted/` the old log and \
-tables until the new ones have caught up |
+| `checkpoint/` | what `aerofed run --resume` needs to go on. In a resumed run `interrupted/` has \
+the old log and tables until the new ones have caught up |
+| `firmware/` | only with a [real firmware](autopilots.md): its files, and its console in \
+`console.log` |
+| `traceback.txt` | only where code of your own ended the run |
 
 `aerofed fly` leaves:
 
 | file | what |
 |---|---|
-| `config.toml`, `flight.mcap`, `summary.json` | as above |
+| `config.toml`, `flight.mcap`, `summary.json`, `report.html` | as above |
 | the plan file | as it was given |
 | `track.csv` | a row for each sample: true and believed position |
 | `figures/map.png` | the planned and the flown path |
 | `figures/profile.png` | height, distance from the path, speed, error of the estimate |
 | `checkpoint/` | nothing but a lock, which keeps others out while it flies |
-
-`aerofed report` adds `report.html`.
 """
 
 
@@ -108,8 +109,8 @@ def _body() -> list[str]:
         "[Reading a log](reading-logs.md) says how to open it, and how to make a",
         "[ULog](reading-logs.md#flight-review-pyulog) of it. It is an MCAP file with zstd",
         "chunks, indexes and statistics; `log_time` is in simulated nanoseconds. Topics with a",
-        "well-known Foxglove schema are protobuf, and so is `/control`; our other own ones are",
-        "JSON with a JSON schema.",
+        "Foxglove schema are protobuf, and so is `/control`; the others are JSON with a JSON",
+        "schema.",
         *("", "| topic | schema | encoding | what |", "|---|---|---|---|"),
         *(f"| `{t.name}` | `{t.schema_name}` | {t.encoding} | {t.description} |" for t in every),
     ]
@@ -118,11 +119,11 @@ def _body() -> list[str]:
         (name, f"{' '.join(axes).strip() or 'number'}: {dict(told(ControlTrack, str))[name]}")
         for name, axes in told(ControlTrack, tuple)
     ]
-    lines += ["", "### /control", "", about, "", *_table(named)]
+    lines += ["", "### /control", "", about, "", *_table(named, "field")]
     for topic in every:
         if topic.encoding == "json" and topic not in (topics.ROUNDS, topics.UPLINKS):
             about = json.loads(topic.schema)["description"]
-            lines += ["", f"### {topic.name}", "", f"{about}.", "", *_fields(topic)]
+            lines += ["", f"### {topic.name}", "", f"{about}.", "", *_fields(topic, "field")]
     return lines
 
 
@@ -133,14 +134,14 @@ def _round_columns() -> list[str]:
     return _table((several.get(name, name), item["description"]) for name, item in described)
 
 
-def _fields(topic: topics.Topic) -> list[str]:
+def _fields(topic: topics.Topic, head: str = "column") -> list[str]:
     described = topics.fields(topic.schema).items()
-    return _table((name, item["description"]) for name, item in described)
+    return _table(((name, item["description"]) for name, item in described), head)
 
 
 def _columns(record: type) -> list[str]:
     return _table(told(record, str))
 
 
-def _table(rows: Iterable[tuple[str, str]]) -> list[str]:
-    return ["| column | what |", "|---|---|", *(f"| `{name}` | {what} |" for name, what in rows)]
+def _table(rows: Iterable[tuple[str, str]], head: str = "column") -> list[str]:
+    return [f"| {head} | what |", "|---|---|", *(f"| `{name}` | {what} |" for name, what in rows)]
