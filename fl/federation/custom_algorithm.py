@@ -31,7 +31,10 @@ class CustomAlgorithm(PlugIn):
     @property
     def momentum(self) -> float:
         """Momentum of the local SGD, as `Algorithm.momentum`."""
-        return float(self.array(self.value("momentum"), "momentum", shape=(), low=0.0, high=1.0))
+        given = float(self.array(self.value("momentum"), "momentum", shape=(), low=0.0, high=1.0))
+        if given == 1.0:
+            self.refuse("momentum is 1.0: must be below 1")
+        return given
 
     def init(self, model: Vector, devices: int) -> AlgorithmState:
         """Return a community's first state, as `Algorithm.init`."""

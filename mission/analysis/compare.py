@@ -74,7 +74,7 @@ class Comparison:
     # As planned, with the speeds that will be flown, and as flown; simulated.
     plan_duration_s: Annotated[float, _sum("plan_duration_s"), Label("duration planned (s)", 1)]
     duration_s: Annotated[float, _sum("duration_s"), Label("duration (s)", 1)]
-    # Joules of the battery, where the run limits time or energy.
+    # Joules of the battery.
     plan_energy_j: Annotated[float, _sum("plan_energy_j"), Label("energy planned (J)", 0)]
     energy_j: Annotated[float, _sum("energy_j"), Label("energy (J)", 0)]
     # Horizontal distance of the true track to the planned polyline.

@@ -18,7 +18,7 @@ def report(run: Path, *, plan: Path | None = None, out: Path | None = None) -> i
     plan
         A .plan or .waypoints file to compare a flight with. Default: the mission in its log.
     out
-        The HTML file. Default: report.html in the folder, or beside the log.
+        The HTML file. Default: report.html in the folder, or beside a log, under its name.
     """
     if (run / "sweep.json").is_file():
         from mission.report.sweep_page import write_sweep_report

@@ -27,7 +27,7 @@ def world(
 ) -> int:
     """Serve the aircraft alone to a PX4 or ArduPilot that you start yourself, until Ctrl-C.
 
-    Start the firmware as docs/vehicles.md says; fly it with whatever you like.
+    Start the firmware as docs/autopilots.md says; fly it with whatever you like.
     Aerofed simulates physics, sensors, battery, wind and faults, as configured.
     When the firmware ends or restarts, the aircraft stands at home again.
 

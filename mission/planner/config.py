@@ -28,7 +28,8 @@ class PlannerConfig(Table):
         ge=1e-4,
         lt=1.0,
         description="certified: relative gap between plan and bound that is enough; with more than "
-        "40 devices and 5 steps nothing is searched for, and the gap is what it is",
+        "40 devices and more than 5 steps (6 where slots are fewer than devices) nothing is "
+        "searched for, and the gap is what it is",
     )
     max_nodes: int = Field(
         60_000,

@@ -82,16 +82,14 @@ class Outcome:
         why = {} if self.error is None else {"error": told(self.error)}
         return {"status": self.status, **why}
 
-    def raise_error(self, folder: Path, *, flown: bool = True, goes_on: str = "") -> None:
+    def raise_error(self, folder: Path, *, goes_on: str = "") -> None:
         """Raise the kept error, if any, with words on what is left in `folder` and how to go on.
 
-        `flown`: whether anything was flown. `goes_on`: how the run can be resumed, told where
-        that can help once the cause is fixed.
+        `goes_on`: how the run can be resumed, told where that can help once the cause is fixed.
         """
         if self.error is None:
             return
-        left = "what was flown is in" if flown else "nothing was flown; the run's files are in"
-        left = f"; {left} {folder}"
+        left = f"; the files are in {folder}"
         cause = self.error.__cause__
         if isinstance(self.error, UsersCodeError) and cause is not None:
             path = folder / TRACEBACK

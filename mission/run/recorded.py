@@ -114,9 +114,7 @@ def fly_recorded(
                 again = f"{error}{goes_on} once that is mended"
                 goes_on = ""
                 raise error.in_words(again) from error.__cause__
-    # The files of a resumed run's flights are kept where it has not caught up with them.
-    flown = totals.sim_s > 0.0 or totals.rounds_done > 0 or InterruptedFiles(folder).path.exists()
-    outcome.raise_error(folder.path, flown=flown, goes_on=goes_on)
+    outcome.raise_error(folder.path, goes_on=goes_on)
     if flight is not None:
         flight.show(console)
     look = ": open report.html in a browser" if page and outcome.status == "finished" else ""

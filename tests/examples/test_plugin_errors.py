@@ -140,6 +140,7 @@ def short(learning): return Short()
 def endless(learning): return Endless()
 def no_state(learning): return NoState()
 def bad_momentum(learning): return BadMomentum()
+def full_momentum(learning): return type("Full", (BadMomentum,), {"momentum": 1.0})()
 class TrainerFails:
     def __init__(self, learning): pass
     def train(self, device, model, data, rng):
@@ -218,6 +219,7 @@ def refused(kind: str, name: str) -> aerofed.AerofedError:
         ("algorithm", "nothing", "learning.algorithm = 'mine:nothing': gives an object without mu"),
         ("algorithm", "no_state", "init() gives a NoneType as its state, not a dictionary"),
         ("algorithm", "bad_momentum", "momentum is 3.0: must be from 0 to 1"),
+        ("algorithm", "full_momentum", "momentum is 1.0: must be below 1"),
         ("algorithm", "short", "the model that apply() gives is of shape (3,), not ("),
         ("algorithm", "endless", "the model that apply() gives holds nan at [0]: must be finite"),
         ("trainer", "nothing", "learning.trainer = 'mine:nothing': gives an object without train"),
@@ -338,7 +340,7 @@ def test_what_it_raises_is_named_with_its_line(
 def test_an_answer_that_breaks_a_rule_later_is_not_said_to_be_mended_by_going_on() -> None:
     error = str(refused("belief", "BeliefOverLater"))
     assert "tones gives holds" in error
-    assert error.endswith(": must be from 0 to 1; what was flown is in out")
+    assert error.endswith(": must be from 0 to 1; the files are in out")
 
 
 WEIRD = """

@@ -26,7 +26,7 @@ def test_a_crash_is_a_failed_flight(
     assert error.count("\n") == 1
     (lost_s,) = re.findall(r"^aerofed: t (\S+) s: the aircraft is lost; it said: Crashed", error)
     assert at_s < float(lost_s) < at_s + 10.0
-    assert f"what was flown is in {out}" in error
+    assert f"the files are in {out}" in error
     assert "Crashed: hit the ground at" in error
     found = summary(out)
     assert found["status"] == "failed"
@@ -42,4 +42,4 @@ def test_a_crash_in_a_run_names_its_round(
     assert call(["run", "--out", str(out), *SMALL, *crash]) == 4
     (error,) = capsys.readouterr().err.splitlines()
     assert re.match(r"aerofed: round 1, t (3[4-9]|4\d)\.\d s: the aircraft is lost", error)
-    assert error.endswith(f"what was flown is in {out}")
+    assert error.endswith(f"the files are in {out}")

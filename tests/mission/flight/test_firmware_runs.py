@@ -120,8 +120,8 @@ def test_a_firmware_that_dies_is_reported_with_its_last_words(
     assert fly(out, autopilot, binary) == 5
     assert capsys.readouterr().err == (
         f"aerofed: {name} at its start: px4 has ended with exit code 3; its console "
-        f"({out}/firmware/console.log) ended with: cannot find the gyroscope; nothing was flown; "
-        f"the run's files are in {out}; flights of {name} do not repeat to the last bit: it cannot "
+        f"({out}/firmware/console.log) ended with: cannot find the gyroscope; the files "
+        f"are in {out}; flights of {name} do not repeat to the last bit: it cannot "
         "be resumed\n"
     )
     summary = json.loads((out / "summary.json").read_text())
@@ -135,7 +135,7 @@ def test_a_firmware_that_dies_without_a_word_is_said_to(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     fly(tmp_path / "out", "px4", stand_in(tmp_path, "exit 3"))
-    assert "firmware/console.log) is empty; nothing was flown" in capsys.readouterr().err
+    assert "firmware/console.log) is empty; the files are in" in capsys.readouterr().err
 
 
 @pytest.mark.skipif(not Path("/proc/self/cwd").exists(), reason="needs /proc")
@@ -174,7 +174,7 @@ def test_a_program_that_never_answers_ends_the_run_in_time(
     error = capsys.readouterr().err
     assert error.startswith(
         "aerofed: PX4 at its start: it has not answered in 1 s (link.connect_timeout_s); its "
-        f"console ({tmp_path}/out/firmware/console.log) {told}; nothing was flown; "
+        f"console ({tmp_path}/out/firmware/console.log) {told}; the files are in "
     )
     assert "cannot be resumed" in error
 

@@ -36,13 +36,9 @@ def test_what_goes_wrong_first_counts() -> None:
     with outcome.post_processing():
         raise InputError("no log to draw")
     assert outcome.summary == {"status": "failed", "error": "lost"}
-    with pytest.raises(AerofedError, match=r"^lost; what was flown is in out$") as caught:
+    with pytest.raises(AerofedError, match=r"^lost; the files are in out$") as caught:
         outcome.raise_error(Path("out"))
     assert caught.value.exit_code == FlightError.exit_code
-    with pytest.raises(
-        AerofedError, match=r"^lost; nothing was flown; the run's files are in out$"
-    ):
-        outcome.raise_error(Path("out"), flown=False)
 
 
 @pytest.mark.parametrize(
@@ -86,10 +82,10 @@ def test_ctrl_c_while_figures_are_drawn_is_an_interruption(
 @pytest.mark.parametrize(
     ("error", "said"),
     [
-        (InputError("no room"), "no room; what was flown is in out; resume"),
-        (FlightError("lost"), "lost; what was flown is in out"),
-        (TrainingError("diverged"), "diverged; what was flown is in out"),
-        (PlanError("no plan"), "no plan; what was flown is in out"),
+        (InputError("no room"), "no room; the files are in out; resume"),
+        (FlightError("lost"), "lost; the files are in out"),
+        (TrainingError("diverged"), "diverged; the files are in out"),
+        (PlanError("no plan"), "no plan; the files are in out"),
     ],
 )
 def test_an_error_that_can_be_mended_says_how_to_go_on(error: AerofedError, said: str) -> None:
@@ -112,7 +108,7 @@ def test_what_is_raised_keeps_its_cause_and_where_it_came_from(tmp_path: Path) -
     with outcome.flight():
         raise UsersCodeError("theirs") from slip
     with pytest.raises(
-        UsersCodeError, match=r"^theirs; what was flown is in .*; the whole traceback"
+        UsersCodeError, match=r"^theirs; the files are in .*; the whole traceback"
     ) as theirs:
         outcome.raise_error(tmp_path)
     assert theirs.value.__cause__ is slip

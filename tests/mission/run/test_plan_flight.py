@@ -498,7 +498,7 @@ def test_a_flight_that_misses_its_end_has_failed(
     plan, out = written(tmp_path, TAKE_OFF, place(NORTH, 8.5), RETURN), tmp_path / "out"
     assert call(["fly", str(plan), "--out", str(out), *QUIET]) == 4
     said = "item 2 was never reached"
-    assert capsys.readouterr().err == f"aerofed: {said}; what was flown is in {out}\n"
+    assert capsys.readouterr().err == f"aerofed: {said}; the files are in {out}\n"
     assert (summary(out)["status"], summary(out)["error"]) == ("failed", said)
     assert (out / "track.csv").is_file()
 

@@ -404,7 +404,7 @@ def test_figures_without_memory_end_in_one_line_and_lose_nothing(run: Path, tmp_
     )  # fmt: skip
     assert ended.returncode == 1, ended.stderr
     assert ended.stderr == (
-        f"aerofed: figures: out of memory; what was flown is in {out}; "
+        f"aerofed: figures: out of memory; the files are in {out}; "
         f"aerofed run --resume {out} goes on\n"
     )
     assert json.loads((out / "summary.json").read_text())["status"] == "failed"

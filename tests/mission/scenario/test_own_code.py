@@ -285,7 +285,7 @@ def test_an_error_of_any_kind_names_the_folder(
     out = tmp_path / "out"
     assert fly(out) == failure.exit_code
     goes_on = f"; aerofed run --resume {out} goes on" if resumed else ""
-    assert capsys.readouterr().err == f"aerofed: {failure}; what was flown is in {out}{goes_on}\n"
+    assert capsys.readouterr().err == f"aerofed: {failure}; the files are in {out}{goes_on}\n"
 
 
 @pytest.mark.parametrize(
