@@ -17,7 +17,7 @@ class NativeBuildHook(BuildHookInterface):  # type: ignore[misc, type-arg]
 
     def dependencies(self) -> list[str]:
         """What the build needs besides hatchling."""
-        return [] if building.named() or next(building.compilers(), None) else [building.ZIG]
+        return [] if building.env_cc() or next(building.compilers(), None) else [building.ZIG]
 
     def initialize(self, version: str, build_data: dict[str, Any]) -> None:
         """Build the libraries, and name the wheel after the platform that they run on."""

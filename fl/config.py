@@ -168,7 +168,7 @@ class RadioConfig(_Frozen):
 
     @property
     def listens(self) -> bool:
-        """Whether the radio belief is learned from pilot tones heard on the way."""
+        """Whether the radio belief hears pilot tones in flight: the learned one, or a plug-in."""
         return self.belief == "learned" or self.belief not in BELIEFS
 
 

@@ -8,7 +8,7 @@ from typing import Any
 
 
 def told(value: object, how: Callable[[Any], str] = str, *, most: int = 500) -> str:
-    """Return `how(value)` (`str`, `repr`) in at most `most` characters, or why that raises.
+    """Return `how(value)` (`str`, `repr`), cut to `most` characters, or a note that it raised.
 
     Lone surrogates become escapes, so that the text can be printed and written.
     """

@@ -37,7 +37,7 @@ _passed: dict[str, "PassedObject"] = {}
 
 @dataclass(frozen=True)
 class PassedObject:
-    """A plug-in that was passed as a Python object, not named by where its code lies."""
+    """A plug-in that was passed as a Python object and has no import path."""
 
     value: object
     digest: str | None  # SHA-256 of its pickle and of the modules that it uses; None: it has none
@@ -109,8 +109,8 @@ def module_of(name: str) -> str:
 def load(name: str) -> object:
     """Import and return the plug-in of that name, reloaded where its code has changed.
 
-    A module is reloaded where it, or one that it imports from its folder, has changed, or where it
-    was not imported here: what its file held at that time is unknown.
+    A module is reloaded where it, or one that it imports from beside its outermost package, has
+    changed, or where it was imported elsewhere first: what its file held then is unknown.
 
     Raises:
         BaseException: whatever importing it raises.
@@ -131,8 +131,8 @@ def load(name: str) -> object:
 
 
 def digest_of(name: str) -> str | None:
-    """Return the SHA-256 of a plug-in's module and of all that it imports from the folder of its
-    outermost package; of name and version of an installed package.
+    """Return the SHA-256 of a plug-in's module and of what it imports from the folder that holds
+    its outermost package; of name and version of an installed package.
 
     None for an object passed from Python that cannot be pickled, or is not known to this process.
     """
@@ -146,8 +146,8 @@ def digest_of(name: str) -> str | None:
     return hashlib.sha256(f"{package} {_versions_of(package)}".encode()).hexdigest()
 
 
-def named(value: object) -> object:
-    """Return the name under which a plug-in that is passed as an object can be found, and keep it.
+def register(value: object) -> object:
+    """Register a plug-in that is passed as an object; return the name by which `load` finds it.
 
     A function or class of a module is named by its import path, so that it is loaded from its file.
     Values that are not callable are returned as they are.
@@ -179,7 +179,7 @@ def _wrappings(value: object) -> int:
 
 
 def passed(names: Iterable[str]) -> dict[str, PassedObject]:
-    """Return the objects among plug-ins that were passed from Python, for other processes."""
+    """Return by name the plug-ins passed from Python, for other processes to `bring`."""
     return {name: _passed[name] for name in map(_bare, names) if name in _passed}
 
 
@@ -213,7 +213,7 @@ def _digest_of_object(value: object) -> str | None:
 
 
 def _sources(module: str) -> dict[str, tuple[Path, bytes]]:
-    """Return file and text, by name, of a module and of all that it imports from its folder.
+    """Return file and text, by name, of a module and what it imports from beside its package.
 
     Empty for a module without a file, and for an installed package, which nobody edits.
     """

@@ -49,8 +49,8 @@ def problem_of(name: str) -> str | None:
 def failures_as(
     make: Callable[[BaseException], Exception], *, but: tuple[type[BaseException], ...] = ()
 ) -> Iterator[None]:
-    """Raise `make(error)` for any exception in the block, SystemExit too; KeyboardInterrupt and the
-    kinds in `but` pass unchanged."""
+    """Context manager: raise `make(error)` for any exception in the block, SystemExit too;
+    KeyboardInterrupt and the kinds in `but` pass unchanged."""
     try:
         yield
     except BaseException as error:
@@ -142,7 +142,7 @@ class PlugIn:
         high: float = np.inf,
         dtype: DTypeLike = np.float64,
     ) -> NDArray[Any]:
-        """Return numbers that the plug-in gave as a checked, read-only copy; `what` names them.
+        """Return the plug-in's numbers as a checked, read-only copy; `what` names them in errors.
 
         Raises:
             error: another shape, or a number that is not finite, or not from `low` to `high`.
@@ -175,7 +175,7 @@ class PlugIn:
 
     @contextmanager
     def guarded(self, doing: str) -> Iterator[None]:
-        """Run the plug-in's code in the block.
+        """Context manager: run the plug-in's code in the block; `doing` names it in errors.
 
         Raises:
             error: the code raised; one line with the place in its file.

@@ -79,7 +79,7 @@ class Aircraft(Plant):
             most = min(most, self.to_guidance_step)
         most = min(most, self.due - self.clock.tick)
         ticks = navigation.fly(most, self._guide)
-        self.passed(ticks)
+        self.advance_clock(ticks)
         if guidance.look():  # flown up to a guidance step, which is the one that tells
             return ticks
         if self.impact_mps is not None and self.armed:
@@ -116,7 +116,7 @@ class Aircraft(Plant):
         """Trace the control: a row each `every` guidance steps, `room` at most until taken."""
         step_ns = self.interval * self.dt_ns
         self.trace = Trace(self.vehicle.actuators, every=every, room=room, step_ns=step_ns)
-        self._guide.leave(self.trace)
+        self._guide.record_into(self.trace)
 
     def innovations_after(self, t_ns: int) -> tuple[Innovation, ...]:
         """Return the estimator's innovations after an instant, the oldest first.

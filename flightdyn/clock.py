@@ -27,7 +27,7 @@ class SimClock:
         return self.dt_ns / NS_PER_S
 
     def ticks(self, duration_s: float, *, what: str) -> int:
-        """Return the ticks in `duration_s`; FlightInputError unless a whole number of 1 or more."""
+        """Return the ticks in `duration_s`; raise FlightInputError if not whole, or under 1."""
         exact = duration_s * NS_PER_S / self.dt_ns
         count = round(exact)
         if count < 1 or abs(exact - count) > 1e-6:

@@ -30,7 +30,7 @@ def least_duration(length_m: float, *, speed_mps: float, limits: LimitsConfig) -
 
 
 def longest_within(duration_s: float, *, speed_mps: float, limits: LimitsConfig) -> float:
-    """Return the metres of the longest path flown in a time: the inverse of `least_duration`."""
+    """Return a bound (m) on the path length flown in a time: the inverse of `least_duration`."""
     speed, accel = min(speed_mps, limits.speed_mps), limits.acceleration_mps2
     moving_s = max(0.0, duration_s - limits.smoothing_s - SETTLING_S)
     if moving_s >= 2.0 * speed / accel:
@@ -48,8 +48,8 @@ def least_energy(
     density: float = 1.0,
     wind_mps: float = 0.0,
 ) -> Vector:
-    """Return lower bounds (n,) in joules on the energy of level paths of these lengths, which rise
-    finely spaced from 0; of at most `legs` straight legs, with or without hovers between them.
+    """Return lower bounds (n,) in joules on the energy of level paths of `lengths_m`, from 0 up in
+    fine steps, with at most `legs` straight legs, and with or without hovers between them.
 
     Every metre takes at least what it takes at the cheapest speed that can be had there: from
     rest, and to rest, u^2 <= 2 a s. The wind blows from behind. Below the ordered speed a path
@@ -80,7 +80,7 @@ def least_energy(
     settling_j = float(power_w(np.zeros(1), density=density)[0]) * SETTLING_S
 
     def with_more(added: float) -> tuple[Vector, float]:
-        """Return joules if accelerating adds the share `added` to power, and the least a metre."""
+        """Return joules if accelerating adds the share `added` to power, and the least J/m."""
         per_m = watts * (1.0 + added) / counted
         per_m[-1] = min(per_m[-1], cruise_w[0] / speed)
         per_m = np.minimum.accumulate(per_m)

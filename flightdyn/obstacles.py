@@ -22,7 +22,7 @@ class Obstacles:
         self._roofs = np.array([roof for _, roof in prisms])
         self._highest = float(self._roofs.max(initial=-np.inf))
 
-    def hold(self, north: float, east: float, up: float) -> bool:
+    def contain(self, north: float, east: float, up: float) -> bool:
         """Whether a place (m north, east and above home) is inside one, by ray casting."""
         if up >= self._highest:
             return False

@@ -77,9 +77,9 @@ class Plant:
             ModelDivergedError: the physics has left the numbers.
         """
         self.run()
-        self.passed(1)
+        self.advance_clock(1)
 
-    def passed(self, ticks: int) -> None:
+    def advance_clock(self, ticks: int) -> None:
         """Count ticks that were run, up to `due` at most; then update gusts, battery, ground and
         faults, if due. Raises ModelDivergedError where the physics has left the numbers."""
         self.clock.tick += ticks
@@ -109,7 +109,7 @@ class Plant:
         """Wreck the aircraft if it is inside an obstacle (up to two metres deep at 20 m/s)."""
         here = self.truth
         north, east, down = here.pos_ned_m.tolist()
-        if obstacles.hold(north, east, -down):
+        if obstacles.contain(north, east, -down):
             self._wreck(math.dist(here.vel_ned_mps, (0.0, 0.0, 0.0)), "a building")
 
     def _update_surroundings(self) -> None:
@@ -162,10 +162,7 @@ class Plant:
         return self._faults.active
 
     def inject(self, fault: Fault) -> None:
-        """Put a fault in force now, for its duration.
-
-        Raises FaultError where there is no such part to fail.
-        """
+        """Put a fault in force now, for its duration. Raises FaultError without such a part."""
         self._faults.begin(fault, self.clock.t_ns)
         self._gusty = True
         self.due = self._after(self.clock.tick)

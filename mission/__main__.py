@@ -19,9 +19,9 @@ def main() -> None:
     except KeyboardInterrupt:
         # Not at the top: loading these can be interrupted, too.
         from mission.base.errors import INTERRUPTED
-        from mission.base.interrupts import end_program
+        from mission.base.interrupts import prepare_exit
 
-        end_program(INTERRUPTED)
+        prepare_exit(INTERRUPTED)
         sys.stderr.write("aerofed: interrupted\n")
         sys.exit(INTERRUPTED)
 

@@ -13,7 +13,7 @@ from rich.text import Text
 
 from fl.errors import told
 from mission.base.errors import EXIT_CODES, INTERRUPTED, AerofedError, InputError
-from mission.base.interrupts import end_program, hear_interruptions
+from mission.base.interrupts import hear_interruptions, prepare_exit
 from mission.base.terminal import PLAIN, Terminal
 from mission.commands import usage
 from native.errors import LibraryError
@@ -27,7 +27,7 @@ def _version() -> str:
 
 
 def _read(kind: Any, tokens: Sequence[Token]) -> Any:
-    """Convert an option's value; refuse a fraction as a whole number, which cyclopts rounds."""
+    """Convert an option's value; refuse a fraction for an int, which cyclopts would round."""
     if kind is int and "." in tokens[0].value:
         raise ValueError
     return convert(kind, tokens)
@@ -117,7 +117,7 @@ def main(tokens: Sequence[str] | None = None) -> None:
     if isinstance(sys.stdout, TextIOWrapper) and sys.stdout.errors == "strict":
         sys.stdout.reconfigure(errors="backslashreplace")  # as in containers that know ASCII only
     code = call(tokens)
-    end_program(code)
+    prepare_exit(code)
     sys.exit(code)
 
 

@@ -97,7 +97,7 @@ def levels() -> dict[str, tuple[str, ...]]:
     return _X86_LEVELS if platform.machine() in ("x86_64", "AMD64") else {"baseline": ()}
 
 
-def named() -> str:
+def env_cc() -> str:
     """The compiler that the environment names in CC; empty where it names none."""
     return os.environ.get("CC", "").strip()
 
@@ -105,7 +105,7 @@ def named() -> str:
 def compilers() -> Iterator[tuple[str, ...]]:
     """The compilers that work here: what `CC` names, else the system's and the package index's."""
     zig = (sys.executable, "-m", "ziglang", "cc")
-    for command in [shlex.split(named())] if named() else [["cc"], ["gcc"], ["clang"], zig]:
+    for command in [shlex.split(env_cc())] if env_cc() else [["cc"], ["gcc"], ["clang"], zig]:
         if tuple(command) == zig and importlib.util.find_spec("ziglang") is None:
             continue
         if _works(command):
@@ -131,8 +131,8 @@ def build(library: Library, *, compiler: Sequence[str] | None = None) -> Path:
         LibraryError: there is no compiler, or it fails.
     """
     compiler = compiler or next(compilers(), None)
-    if compiler is None and named():
-        raise LibraryError(f"CC={named()}: does not compile a C program into a shared library")
+    if compiler is None and env_cc():
+        raise LibraryError(f"CC={env_cc()}: does not compile a C program into a shared library")
     if compiler is None:
         raise LibraryError(
             f"no C compiler for {library.folder}: install one (cc, gcc or clang), name one in CC, "

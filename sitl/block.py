@@ -8,8 +8,8 @@ from typing import Any
 
 @asynccontextmanager
 async def following(work: Coroutine[Any, Any, None], *, name: str) -> AsyncIterator[None]:
-    """Run `work` in the background of the block and cancel it at the end. An error in it cancels
-    the block and is raised in place of that; of an exception group, its first error is raised.
+    """Async context manager: run `work` in the background of the block, cancel it at the end. An
+    error in it cancels the block and is raised instead; of an exception group, its first error.
     """
     try:
         async with asyncio.TaskGroup() as group:

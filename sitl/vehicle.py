@@ -43,9 +43,9 @@ class Vehicle:
         """Build the configured aircraft, or take `aircraft` as it is.
 
         A `standalone` vehicle, part of no run, may be rebooted, and streams the telemetry that PX4
-        streams. One that is `in_step` measures silence of its pilots in simulated time, not in
-        wall time. `logs` are served to ground stations; `orders` hears of uploaded lists and
-        setpoints.
+        streams. One that is `in_step` measures silence of pilots and ground stations in simulated,
+        not in wall time. `logs` are served to ground stations; `orders` hears of uploaded lists
+        and setpoints.
 
         Raises:
             SitlInputError: a parameter or a rate is not acceptable, or a firmware is asked for;

@@ -167,7 +167,7 @@ class RoundEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         return self._observed(), reward, self._n == problem.steps, False, info
 
     def _send(self, priorities: Floats) -> Bools:
-        """Choose by priority who sends at this stop; return (K,) whose update is ready, too."""
+        """Choose by priority who sends at this stop; return those (K,) whose update is ready."""
         wanted = (priorities > 0.0) & ~self._schedule.any(axis=0)
         row: Bools = self._schedule[self._n]
         for device in np.argsort(-priorities, kind="stable").tolist():

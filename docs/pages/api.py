@@ -22,7 +22,7 @@ SECTIONS = {
     "Callbacks": "Callback CallbackContext RoundReport RoundRecord UplinkRecord RoundLearning",
     "Errors": "AerofedError InputError LimitsNotMetError PlanError UsersCodeError",
 }
-FOR_C = ("Flown", "Round")  # what a method makes for the planner's own library
+FOR_C = ("CandidatePlan", "Round")  # what a method makes for the planner's own library
 HEAD = """# Python interface
 
 `aerofed` is what notebooks, scripts and code of your own import; a test pins its names, and the

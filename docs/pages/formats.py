@@ -24,8 +24,8 @@ needed to look at the run, to compute with it and to fly it again.
 | fly the same again | `config.toml` |
 | fly one of its rounds again, or see it in QGroundControl | `plans/` |
 
-Symbols such as eps_k and psi are the paper's: see the [glossary](glossary.md), and
-[learning](learning.md#fairness-and-importance) for the formulas.
+Symbols such as eps_k and psi are the paper's: [learning](learning.md#fairness-and-importance) has
+the formulas, the [glossary](glossary.md) most terms.
 
 ## Conventions
 

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fl.data.dataset import Dataset, Provenance, SourceFile, Split, checked
-from fl.data.files import CIFAR_ARCHIVE_MD5, CIFAR_BATCH_MD5, Bounded, md5, read_exactly, reading
+from fl.data.files import CIFAR_ARCHIVE_MD5, CIFAR_BATCH_MD5, Bounded, md5, read_up_to, reading
 from fl.errors import DataDamagedError, DataLayoutError, DataMissingError
 
 CLASSES = 10
@@ -68,7 +68,7 @@ def read_archive(path: Path) -> dict[str, bytes]:
                 if member.isfile() and name.removesuffix(".bin") in BATCHES:
                     content = archive.extractfile(member)
                     if content is not None:
-                        batches[name] = read_exactly(content, member.size, path=path)
+                        batches[name] = read_up_to(content, member.size, path=path)
         stream.exhaust()
     return batches
 

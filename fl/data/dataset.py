@@ -119,7 +119,7 @@ def checked(
 
 
 def subset(data: Dataset, share: float) -> Dataset:
-    """Return a share of a data set: the first images of each class, as many of each as possible."""
+    """Return a share of a data set: the first images of each class, equally many where possible."""
     if share == 1.0:
         return data
 

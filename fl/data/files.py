@@ -56,7 +56,7 @@ def md5(data: bytes) -> str:
     return hashlib.md5(data, usedforsecurity=False).hexdigest()
 
 
-def read_exactly(stream: IO[bytes], count: int, *, path: Path | str) -> bytes:
+def read_up_to(stream: IO[bytes], count: int, *, path: Path | str) -> bytes:
     """Read `count` bytes, or fewer at the end of the stream; memory grows as they come.
 
     Raises:
@@ -79,10 +79,10 @@ def reading(
     *damage: type[Exception],
     how: Callable[[Exception], str] = str,
 ) -> Iterator[None]:
-    """Turn errors in the block into one about the file; `damage` are the exceptions of its format.
+    """Context manager: raise DataDamagedError for errors in the block; `damage` are the format's.
 
     Raises:
-        DataDamagedError: it is damaged, cannot be read, or is too large for the memory.
+        DataDamagedError: `path` is damaged (`what: how(error)`), unreadable, or exceeds the memory.
     """
     try:
         yield

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fl.data.dataset import Dataset, Provenance, SourceFile, Split, checked
-from fl.data.files import IDX_MD5, UNPACKING_ERRORS, md5, read_exactly, reading
+from fl.data.files import IDX_MD5, UNPACKING_ERRORS, md5, read_up_to, reading
 from fl.errors import DataDamagedError, DataMissingError
 
 CLASSES = 10
@@ -68,7 +68,7 @@ def read(path: Path, *, dimensions: int) -> tuple[bytes, NDArray[np.uint8]]:
         header = stream.read(start)
         shape = _shape(header, path=path, dimensions=dimensions)
         promised = int(np.prod(shape, dtype=object))
-        body = read_exactly(stream, promised, path=path)
+        body = read_up_to(stream, promised, path=path)
         more = bool(stream.read(1))
     if more or len(body) < promised:
         found = "more" if more else str(len(body))

@@ -68,7 +68,7 @@ class StaleStart(Protocol):
     """Optional part of an `Algorithm` whose devices may train from older models."""
 
     def start(self, state: AlgorithmState, model: Vector, device: int) -> Vector:
-        """Return the model (P,) that a device trains from, such as its last, kept in `state`."""
+        """Return the model (P,) a device trains from, such as the last it got, kept in `state`."""
 
 
 class _Uncorrected:

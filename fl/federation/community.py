@@ -92,7 +92,7 @@ class Community:
 
 @dataclass(frozen=True, eq=False)
 class Federation:
-    """All communities and their algorithm. Devices of all are numbered on, from 0 to K - 1."""
+    """All communities and their algorithm; devices are numbered through them, from 0 to K - 1."""
 
     communities: tuple[Community, ...]
     learning: LearningConfig

@@ -1,4 +1,4 @@
-"""Federated algorithms of researchers' own (`learning.algorithm`), their answers checked."""
+"""Plug-in federated algorithms (`learning.algorithm`), whose answers are checked."""
 
 from collections.abc import Mapping, Sequence
 

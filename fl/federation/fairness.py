@@ -29,7 +29,7 @@ def device_accuracy(correct: Ints, total: Ints, counts: Ints) -> Floats:
 
 
 def windowed_accuracy(history: Floats, *, period: int) -> Floats:
-    """Return eps_k (K,), the mean over the models of the `period` (l) rounds before.
+    """Return eps_k (K,), the mean accuracy over the models of the `period` (l) rounds before.
 
     `history` (<= l + 1, K) ends with the model that has just come down, which does not count yet
     (the paper's j = m-l .. m-1 in round m). In the first round there is no other: it stands in.

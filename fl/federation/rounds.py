@@ -70,7 +70,7 @@ def untrained(federation: Federation, state: FederationState) -> RoundLearning:
 
 
 def first_importance(federation: Federation) -> Floats:
-    """Return the importance delta (K,) for the first round, without making any model."""
+    """Return the importance delta (K,) for round 1, the same without fairness; needs no model."""
     devices = federation.p.size
     return _importance(federation, np.full(devices, fair.INITIAL_COV), np.ones(devices, np.bool_))
 

@@ -97,7 +97,7 @@ class Channel:
 
 
 def constants_model(name: str, base: type[BaseModel], *, optional: bool) -> Any:
-    """Make a model with a field for each constant of a `Channel`, beside the fields of `base`.
+    """Make a pydantic model of the constants of a `Channel`, with limits, beside `base`'s fields.
 
     `optional`: all but the altitude, None by default.
     """

@@ -83,7 +83,7 @@ def _entry_loss_db(carrier_ghz: float) -> float:
 
 
 def _fields(rng: np.random.Generator, count: int, lengths_m: tuple[float, float]) -> Floats:
-    """Draw waves (count, 2, 3, WAVES) of two fields a device: turns/m east and north, and phase.
+    """Draw waves (count, 2, 3, WAVES), two fields a device: turns/m east and north, phase in turns.
 
     In the plane exp(-d / d_cor) is the transform of a density over wave numbers k that falls as
     (1 + (k d_cor)^2)^(-3/2), so that 1 / sqrt(1 + (k d_cor)^2) is uniform.

@@ -29,7 +29,7 @@ class PerGrid:
         height_m: float,
         cell_m: float,
     ) -> Self:
-        """Sample a radio on a grid over an area of `size_m` (east, north), for devices from 0."""
+        """Sample a radio for `devices` devices on a grid over an area of `size_m` (east, north)."""
         columns, rows = (max(2, 1 + int(np.ceil(side / cell_m))) for side in size_m)
         success = np.ones((devices, rows, columns))
         grid = cls(success, (0.0, 0.0), cell_m)

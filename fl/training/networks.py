@@ -24,7 +24,7 @@ _SIZES = {
 
 
 class ConvNet(NativeNetwork):
-    """Convolutional network: (convolution, 2x2 max-pooling, ReLU) blocks, then dense layers.
+    """Convolutional network: (convolution, 2x2 max-pooling, ReLU) blocks, dense layers with ReLU.
 
     Parameters and their order are those of torch's modules: weights (out, in, kernel, kernel) or
     (out, in), then biases; pooled maps are flattened as (channel, height, width).
@@ -42,7 +42,7 @@ class ConvNet(NativeNetwork):
         return np.concatenate(parts).astype(np.float32)
 
     def train(self, task: LocalTask) -> LocalResult:
-        """Train by local SGD, as `fl.training.local.Network.train`; any number of threads may."""
+        """Train by local SGD, as `fl.training.local.Network.train`; threads may call it at once."""
         order, how = batch_order(task), task.settings
         weights, loss = train(
             self,

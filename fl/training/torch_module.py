@@ -167,7 +167,7 @@ def _images_of(split: Split, chosen: NDArray[np.int64], scaling: Scaling) -> Ten
 
 @contextmanager
 def _one_thread() -> Iterator[None]:
-    """Run torch on one thread in the block, so that sums do not depend on the number of cores."""
+    """Context manager: torch on one thread, so that sums do not depend on the number of cores."""
     before = torch.get_num_threads()
     torch.set_num_threads(1)
     try:
@@ -178,7 +178,7 @@ def _one_thread() -> Iterator[None]:
 
 @contextmanager
 def _seeded(rng: np.random.Generator) -> Iterator[None]:
-    """Seed torch's generator from `rng` in the block, and restore its state afterwards."""
+    """Context manager: torch's generator seeded from `rng`; its state is restored afterwards."""
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(int(rng.integers(2**63)))
         yield

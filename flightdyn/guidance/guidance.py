@@ -75,7 +75,7 @@ class Guidance:
         self._forget_corners()
 
     def hold(self, nav: NavState, pos: Triple, yaw: float) -> None:
-        """Go to `pos` (NED, m) and stay, heading `yaw` (rad). Raises FlightInputError."""
+        """Go to `pos` (NED, m) and stay, heading `yaw` (rad); FlightInputError if not finite."""
         if not all(map(math.isfinite, (*pos, yaw))):
             raise FlightInputError(f"hold {(*pos, yaw)}: finite numbers are needed")
         p, v = self._start(nav)

@@ -8,7 +8,7 @@
 #include "levelled.h"
 #include "strapdown.h"
 
-static void pass_points(Drawing *path, const Steering *steering, double *passed)
+static void pass_points(PathProfile *path, const Steering *steering, double *passed)
 {
     foresee_path(path, steering, NULL, passed, NULL);
 }
@@ -19,5 +19,5 @@ static void power(
     for (int64_t i = 0; i < count; i++) watts[i] = power_at(speed[i], accel[i], air);
 }
 
-const Flight NAMED(flight) = {integrate, carry,  transition, innovate,  reference,    guide,
-                              land,      cruise, draw_path,  pass_points, power};
+const Flight NAMED(flight) = {integrate, carry,  transition,         innovate,    reference, guide,
+                              land,      cruise, compute_trajectory, pass_points, power};

@@ -14,7 +14,7 @@ SIZE_OF(Trace);
 SIZE_OF(Loop);
 SIZE_OF(Steering);
 SIZE_OF(Vertex);
-SIZE_OF(Drawing);
+SIZE_OF(PathProfile);
 SIZE_OF(Air);
 SIZE_OF(Interpreter);
 SIZE_OF(Gauge);

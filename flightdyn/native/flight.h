@@ -141,9 +141,10 @@ typedef struct {
        before, with a guidance step, where that notes something else. Sums of the samples up to each
        step are left in `sums`. Returns the ticks, -1 where Python has an error set. */
     int64_t (*cruise)(Loop *, void *run, int64_t ticks, Increment *sums, const Guidance *);
-    /* `draw_path` and the times of `foresee_path` (trajectory.h). */
-    double (*draw)(Drawing *, const Steering *, const double velocity[3], int braking);
-    void (*pass_points)(Drawing *, const Steering *, double *passed);
+    /* `compute_trajectory` and the times of `foresee_path` (trajectory.h). */
+    double (*compute_trajectory)(PathProfile *, const Steering *, const double velocity[3],
+                                 int braking);
+    void (*pass_points)(PathProfile *, const Steering *, double *passed);
     /* Watts (count,) at speeds through the air and sizes of acceleration. */
     void (*power)(const Air *, int64_t count, const double *speed, const double *accel,
                   double *watts);

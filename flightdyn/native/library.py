@@ -40,7 +40,8 @@ class _Functions(ctypes.Structure):
         ("land", ctypes.PYFUNCTYPE(None, _POINTER, _DOUBLE)),
         ("cruise", ctypes.PYFUNCTYPE(
             _INT, _POINTER, ctypes.py_object, _INT, _POINTER, _POINTER)),
-        ("draw", ctypes.PYFUNCTYPE(_DOUBLE, _POINTER, _POINTER, _POINTER, ctypes.c_int)),
+        ("compute_trajectory", ctypes.PYFUNCTYPE(
+            _DOUBLE, _POINTER, _POINTER, _POINTER, ctypes.c_int)),
         ("pass_points", ctypes.PYFUNCTYPE(None, _POINTER, _POINTER, _POINTER)),
         ("power", ctypes.PYFUNCTYPE(None, _POINTER, _INT, _POINTER, _POINTER, _POINTER)),
     )  # fmt: skip
@@ -52,7 +53,7 @@ _INTEGRATE, _CARRY = _FUNCTIONS.integrate, _FUNCTIONS.carry
 _TRANSITION, _INNOVATE = _FUNCTIONS.transition, _FUNCTIONS.innovate
 _REFERENCE, _GUIDE, _LAND = _FUNCTIONS.reference, _FUNCTIONS.guide, _FUNCTIONS.land
 _CRUISE = _FUNCTIONS.cruise
-_DRAW, _PASS, _POWER = _FUNCTIONS.draw, _FUNCTIONS.pass_points, _FUNCTIONS.power
+_COMPUTE, _PASS, _POWER = _FUNCTIONS.compute_trajectory, _FUNCTIONS.pass_points, _FUNCTIONS.power
 
 
 _ROOM = 8  # times as many increments, so that they are seldom moved to the front
@@ -82,11 +83,11 @@ class Increments:
         where, count = numbers.buffer_info()
         if count % SAMPLE:
             raise ValueError(f"{count} numbers of samples, not {SAMPLE} each")
-        to = self.room(1)
+        to = self.reserve(1)
         _INTEGRATE(where, count // SAMPLE, dt_s, to, None if carried is None else carried.at)
         self.count += 1
 
-    def room(self, count: int) -> int:
+    def reserve(self, count: int) -> int:
         """Return the address behind the last row, with room for `count` more.
 
         Raises:
@@ -256,7 +257,7 @@ class Pieces:
         self._out = address(self._pva, np.float64, (9,), written=True)
 
     def reference(self, t: float) -> list[float]:
-        """Return position, velocity and acceleration at `t` seconds: nine numbers, averaged."""
+        """Return smoothed position, velocity and acceleration at `t` seconds: nine numbers."""
         _REFERENCE(self.at, t, 0.0, self._out)  # none of them later than the others
         found: list[float] = self._pva.tolist()
         return found
@@ -309,14 +310,14 @@ class Vertex(ctypes.Structure):
     )  # fmt: skip
 
 
-class _Drawing(ctypes.Structure):
+class _PathProfile(ctypes.Structure):
     _fields_ = (
         ("count", _INT), ("points", _POINTER), ("speeds", _POINTER), ("acceptance", _POINTER),
-        ("at", _POINTER), ("pieces", _POINTER), ("drawn", _INT), ("legs", _INT),
+        ("at", _POINTER), ("pieces", _POINTER), ("piece_count", _INT), ("legs", _INT),
     )  # fmt: skip
 
 
-class Drawn:
+class PathProfile:
     """A path in the layout of C, from which its trajectory or its passing times are computed."""
 
     def __init__(
@@ -326,7 +327,7 @@ class Drawn:
         self._count = count = len(points)
         self._kept = points, speeds, acceptance, steering
         self._vertices, self._pieces = (Vertex * count)(), np.empty((4 * count, PIECE))
-        self._drawing = _Drawing(
+        self._profile = _PathProfile(
             count,
             address(points, np.float64, (count, 3)),
             address(speeds, np.float64, (count - 1,)),
@@ -334,16 +335,16 @@ class Drawn:
             ctypes.addressof(self._vertices),
             self._pieces.ctypes.data,
         )
-        self._at = ctypes.addressof(self._drawing), ctypes.addressof(steering)
+        self._at = ctypes.addressof(self._profile), ctypes.addressof(steering)
 
     def trajectory(
         self, velocity: _Triple, *, braking: bool
     ) -> tuple[_Floats, list[Vertex], float]:
         """Return pieces (m, 13) from a velocity (m/s, NED) at the start on, vertices, and end (s);
         `braking` begins with a stop."""
-        end_s: float = _DRAW(*self._at, _THREE(*velocity), braking)
-        drawn = self._drawing
-        return self._pieces[: drawn.drawn].copy(), self._vertices[: drawn.legs + 1], end_s
+        end_s: float = _COMPUTE(*self._at, _THREE(*velocity), braking)
+        profile = self._profile
+        return self._pieces[: profile.piece_count].copy(), self._vertices[: profile.legs + 1], end_s
 
     def passing_times(self) -> _Floats:
         """Seconds (n,) after which each point is passed from rest to rest."""
@@ -406,7 +407,7 @@ class _Loop(ctypes.Structure):
 check_sizes(
     _LIBRARY, Flight=_Functions, Strapdown=_Strapdown, Trajectory=_Trajectory, Guide=Memory,
     Guidance=_Guidance, Trace=_Trace, Loop=_Loop, Steering=Steering, Vertex=Vertex,
-    Drawing=_Drawing, Air=Air,
+    PathProfile=_PathProfile, Air=Air,
 )  # fmt: skip
 
 
@@ -462,7 +463,7 @@ class Guide:
             raise ValueError("there is no trajectory to track")
         return self._at
 
-    def leave(self, trace: Trace) -> None:
+    def record_into(self, trace: Trace) -> None:
         """Record into `trace` from now on."""
         self._trace = trace
         self._guidance.trace = trace.at
@@ -510,7 +511,7 @@ class Loop:
         """
         self._imu.draw(ticks)
         before = self.count
-        sums = increments.room((before + ticks) // self.interval)
+        sums = increments.reserve((before + ticks) // self.interval)
         flown: int = _CRUISE(self._at, run, ticks, sums, guide.at)
         increments.count += (before + flown) // self.interval
         return flown

@@ -32,7 +32,7 @@ BARO, HEADING = 6, 7  # rows of the measurement, after GNSS position and velocit
 
 @dataclass(frozen=True, slots=True)
 class Alignment:
-    """Mean sensor readings over a time at rest, from which the filter starts (FRD, SI)."""
+    """Mean readings over a time at rest, from which the filter starts (FRD; rad/s, m/s2)."""
 
     rates: Triple
     specific_force: Triple

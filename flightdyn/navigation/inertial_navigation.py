@@ -123,7 +123,7 @@ class InertialNavigation:
             self.estimator.measurements.mag.append(field)
 
     def update(self) -> None:
-        """Bring the filter up to this guidance step, and the inner loops' gyroscope bias."""
+        """Bring the filter up to this guidance step; hand the gyroscope bias to the inner loops."""
         fix = self.sensors.fix()
         if fix is not None:
             self.gnss = fix

@@ -23,7 +23,7 @@ from flightdyn.state import GnssFix
 
 
 class Biases(NamedTuple):
-    """Estimated biases in rad/s and m/s2 (FRD), m (NED), gauss (FRD), and m of height."""
+    """Estimated biases: gyro (rad/s), accel (m/s2), mag (gauss) in FRD; gnss (m, NED); baro (m)."""
 
     gyro: Triple = (0.0, 0.0, 0.0)
     accel: Triple = (0.0, 0.0, 0.0)

@@ -32,7 +32,7 @@ class SensorSuite:
         self.due = 0  # the tick from which `slow` has something to read
 
     def slow(self) -> tuple[BaroSample | None, MagSample | None]:
-        """Read the sensors due at this tick; return samples of barometer and magnetometer."""
+        """Read the sensors due now; return barometer and magnetometer samples, None if not due."""
         clock, tick, vehicle = self._clock, self._clock.tick, self._vehicle
         pressure = field = None
         if tick % self._gnss_ticks == 0:

@@ -87,8 +87,8 @@ def align(
 def matched(
     track: Track, path_m: Floats, *, between: tuple[Floats, Floats] | None = None
 ) -> tuple[Track, Alignment]:
-    """Align a track, and insert an interpolated sample at each change of leg, where both legs are
-    equally far: where a corner is cut, the cross-track error peaks there. Returns both."""
+    """Return a track with a sample interpolated at each change of leg, and its alignment. Such a
+    sample is equally far from both legs: the cross-track error at a cut corner peaks there."""
     pos_m = track.pos_m[:, : path_m.shape[1]]
     fit = align(pos_m, path_m, between=between)
     leg = leg_of(fit)

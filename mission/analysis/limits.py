@@ -78,7 +78,7 @@ def limits_in(file: Path) -> dict[str, float] | None:
     """The table [limits] of a TOML file; None where it has none.
 
     Raises:
-        InputError: the file cannot be read, or holds a limit that is none.
+        InputError: the file cannot be read, or has a limit that `known_limits` refuses.
     """
     try:
         table = parse_toml(read_text(file)).get("limits")
@@ -105,7 +105,7 @@ def given_limits(
     """Return the limits of a table, overridden by options NAME=VALUE.
 
     Raises:
-        InputError: one of them is not a limit that `known_limits` accepts.
+        InputError: an option without a value, or a limit that `known_limits` refuses.
     """
     limits = known_limits(table or {}, "limits")
     for option in options:

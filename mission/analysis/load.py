@@ -59,7 +59,7 @@ class LoadedRun:
 
     @property
     def notice(self) -> str:
-        """Notice that a run is not finished, and how it goes on; empty for one that is."""
+        """Notice that a run is not finished, and how to resume it; empty if it is finished."""
         if not self.state:
             return ""
         if not (self.summary.get("resumable") and RunFolder(self.path).resumable):
@@ -102,7 +102,7 @@ def load_run(path: Path, plan: Path | None = None, *, believed: bool = False) ->
 
 
 def flights_in(path: Path) -> list[Path]:
-    """Return the flight logs in a folder, by name; the path alone if it is a run's or a file."""
+    """Return a folder's flight logs, by name; the path alone if it is a run, a file or has none."""
     if not path.is_dir() or RunFolder(path).log.is_file():
         return [path]
     logs = (file for file in path.iterdir() if file.suffix.lower() in (".mcap", *FOREIGN))

@@ -186,8 +186,8 @@ def _measured(
 
 
 def gnss_gaps(run: FlightData, start_ns: int, end_ns: int) -> list[tuple[float, float]]:
-    """Return begin and end (s) of each GNSS outage that overlaps two instants, not clipped to them:
-    a gap longer than a second, and than three median intervals."""
+    """Return begin and end (s) of each GNSS outage between two instants, not clipped to them: a gap
+    longer than a second, and than three median intervals."""
     if len(run.gnss_ns) < 2:
         return []
     longest_s = max(_GAP_S, 3 * float(np.median(np.diff(run.gnss_ns))) / NS_PER_S)

@@ -14,7 +14,7 @@ from mission.analysis.alignment import Alignment, leg_of, matched
 from mission.base import polyline
 from mission.base.arrays import Bools, Floats, Ints
 from mission.base.errors import InputError
-from mission.flight.fence_zones import drawn
+from mission.flight.fence_zones import item_zones
 from mission.flight.logs.items import RETURNS, MissionPath, items_of, mission_path, place_m, returns
 from mission.log.records import UNKNOWN_ROUND, RoundRecord
 from mission.log.values import NS_PER_S, FlightData, PlannedPlaces, PlanRecord, Track
@@ -53,7 +53,7 @@ class Plan:
 
 @dataclass(frozen=True)
 class Passage:
-    """Time and miss vector of passing an item; NaN where it was not, or lies on a return."""
+    """Time and miss vector of passing an item; NaN if not passed, the miss also on a return."""
 
     seq: int
     t_s: float
@@ -117,7 +117,7 @@ def judged(path: object, data: FlightData, given: Plan | None) -> Judged:
     lists = [items_of(record) for record in data.missions if record.kind == "fence"]
     fence = data.fence
     try:
-        fence = fence or drawn(lists[-1] if lists else (), data.area)
+        fence = fence or item_zones(lists[-1] if lists else (), data.area)
     except SitlInputError as error:
         left_out[str(error)] += 1
     places = {

@@ -23,7 +23,7 @@ def compare(
 
     The columns are explained in docs/comparing.md; the index is the name of the run's folder, with
     `by_round` that and the round. Runs of the same name get as much of their paths as tells
-    them apart. The table is a DataFrame with a method more, `check`, for a verdict:
+    them apart. The table is a DataFrame with one more method, `check`, for a verdict:
     compare(log).check(cross_track_max_m=3).
 
     Args:

@@ -34,7 +34,7 @@ def config(
 def config_of(
     source: Source, overrides: Mapping[str, object] | None, counts: Sequence[str] = ()
 ) -> "RunConfig":
-    """Return a configuration, as `config`; if only some keys `counts`, no others can be set."""
+    """Return a configuration as `config` does; `counts`: the keys and tables that may be set."""
     from mission.config.loading import load_config
 
     return load_config(checked(source, overrides), overrides, giver="overrides", counts=counts)

@@ -29,7 +29,7 @@ class Area:
 
     @classmethod
     def around(cls, home: GeodeticPoint, pos_ned_m: Floats, *, margin_m: float) -> Self:
-        """Make the bounding rectangle of positions (n, 3), NED metres from `home`, and a margin."""
+        """Make the rectangle, with a margin, around positions (n, 3), in NED metres from `home`."""
         low = pos_ned_m.min(axis=0) - margin_m
         north_m, east_m, _ = (pos_ned_m.max(axis=0) + margin_m - low).tolist()
         return cls((east_m, north_m), (-float(low[1]), -float(low[0])), home)

@@ -1,4 +1,4 @@
-"""Types of NumPy arrays by element; statistics that ignore NaN; pickling of what caches for C."""
+"""NumPy array types by element; statistics that ignore NaN; pickling without caches for C."""
 
 import math
 from collections.abc import Callable

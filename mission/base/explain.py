@@ -72,7 +72,7 @@ def explain(
 
 @contextmanager
 def explained(model: type[BaseModel], data: object, blame: Blame) -> Iterator[None]:
-    """Context manager: turn a `ValidationError` about `data` into lines as of `explain`.
+    """Context manager: turn a `ValidationError` about `data` into the lines of `explain`.
 
     Raises:
         InputError: the block raised a `ValidationError`.

@@ -27,7 +27,7 @@ def without_traces(folder: Path) -> Iterator[None]:
 
 @contextmanager
 def alone_in(folder: Path, lock: Path, *, who: str, chosen: bool = False) -> Iterator[None]:
-    """Keep every other `who` out of a folder while the block runs, by a lock on the file `lock`.
+    """Context manager: keep every other `who` out of a folder, by a lock on the file `lock`.
 
     The lock's folder is made where it is missing, and removed again where the lock is refused. The
     lock ends with the process; its holder may remove the folder. `who` names the kind of process

@@ -21,7 +21,7 @@ class InterruptedFiles:
         self.path = folder.checkpoint / "interrupted"
         self._gone = folder.checkpoint / _GONE
 
-    def take(self) -> None:
+    def set_aside(self) -> None:
         """Move the files away. Those of an earlier, longer flight that are kept already stay.
 
         Killed in between, what was not moved yet is moved the next time: nothing is written

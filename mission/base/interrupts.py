@@ -171,7 +171,7 @@ def end_process(line: str = "", code: int = INTERRUPTED) -> None:
     os._exit(code)
 
 
-def end_program(code: int) -> None:
+def prepare_exit(code: int) -> None:
     """Ignore Ctrl-C from now on: all work is done. Return, for the caller to exit with `code`.
 
     Where work of `in_background` still runs, end the process here instead of waiting for it.

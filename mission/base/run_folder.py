@@ -60,7 +60,7 @@ class RunFolder:
     @classmethod
     @contextmanager
     def taken(cls, path: Path) -> Iterator[Self]:
-        """Make the folder, or take an empty one, and keep others out of it while the block runs.
+        """Context manager: `create` the folder, and keep others out of it while the block runs.
 
         Where the block fails and left nothing in it, the lock goes, and a folder that is new.
 
@@ -109,9 +109,9 @@ class RunFolder:
         try:
             str(path).encode()
             if path.exists() and any(path.iterdir()) and not folder.stillborn:
-                told = folder.told()
-                goes_on = folder.resumable and told.get("resumable", True)
-                goes_on = goes_on and told.get("status") != "finished"
+                summary = folder.read_summary()
+                goes_on = folder.resumable and summary.get("resumable", True)
+                goes_on = goes_on and summary.get("status") != "finished"
                 hint = f", or go on with it: aerofed run --resume {path}" if goes_on else ""
                 raise InputError(
                     f"{path}: the output folder is already used; give a new or empty one{hint}"
@@ -124,7 +124,7 @@ class RunFolder:
             raise InputError(f"{path}: cannot read the output folder: {error.strerror}") from None
 
     def lock(self, *, chosen: bool = False) -> AbstractContextManager[None]:
-        """Keep other processes from flying into this folder; see `alone_in`."""
+        """Context manager: keep other processes from flying into this folder; see `alone_in`."""
         return alone_in(self.path, self.checkpoint / _LOCK, who="aerofed run", chosen=chosen)
 
     @property
@@ -151,16 +151,16 @@ class RunFolder:
 
     def status(self) -> str | None:
         """Return the status in the summary, such as "finished"; None without a readable one."""
-        told = self.told()
-        return str(told.get("status")) if told else None
+        summary = self.read_summary()
+        return str(summary.get("status")) if summary else None
 
-    def told(self) -> "RunSummary":
+    def read_summary(self) -> "RunSummary":
         """Read `summary.json`; empty where it is missing or damaged."""
         try:
-            told: RunSummary = read_json(self.summary)
+            summary: RunSummary = read_json(self.summary)
         except InputError:
             return {}
-        return told if isinstance(told, dict) else {}
+        return summary if isinstance(summary, dict) else {}
 
     def write_summary(self, values: Mapping[str, object]) -> None:
         """Replace `summary.json` as a whole: a reader sees the old one or the new one."""

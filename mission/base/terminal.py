@@ -25,7 +25,7 @@ class Terminal(Console):
 
     @classmethod
     def for_tables(cls, **options: Any) -> "Terminal":
-        """Make a console at least `TABLE_WIDTH` wide: a narrow terminal breaks lines instead."""
+        """Make a console `TABLE_WIDTH` wide at least: narrow terminals break lines, not numbers."""
         console = cls(**options)
         return console if console.width >= TABLE_WIDTH else cls(width=TABLE_WIDTH, **options)
 

@@ -229,7 +229,7 @@ _DIGITS = {"value": 4, "upper\nbound": 4, "gap\n%": 2, "served": 0, "nodes": 0, 
 def _show(
     plans: "Sequence[NamedPlan]", problems: "Sequence[NamedProblem]", planner: "PlannerConfig"
 ) -> None:
-    """Print the plans as a table, then a line for each loose bound, cut search or unserved plan."""
+    """Print the plans as a table, then notes: loose bounds, cut searches, plans serving nobody."""
     _print(plans)
     if loose := planner.loosely_proven([named.plan.gap for named in plans]):
         Terminal(**PLAIN).print(loose)

@@ -95,6 +95,6 @@ def _timed(problem: RoundProblem, sortie: Sortie) -> RoundPlan:
 
 
 def _file_name(number: int, name: str) -> str:
-    """Return a picture's file name of a problem's id, free text; the number keeps names apart."""
+    """Return the picture's file name for a problem's id (free text), unique by the number."""
     safe = re.sub(r"[^A-Za-z0-9._-]+", "_", name)[:60]
     return f"{number:03d}-{safe}.png"

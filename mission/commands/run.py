@@ -203,8 +203,8 @@ def write_page(folder: Path) -> None:
 
 @contextmanager
 def summary_of(folder: Path, *, as_json: bool) -> Iterator[dict[str, object]]:
-    """After the block, however it ends, print the run's summary as JSON if `as_json`, with what
-    was put into the dictionary that it yields."""
+    """Context manager: after the block, however it ends, print the run's summary if `as_json`, with
+    what was put into the dictionary that it yields."""
     from mission.base.run_folder import RunFolder
 
     more: dict[str, object] = {}

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, get_args
 
 from fl.errors import did_you_mean, told
-from fl.plugin_code import named
+from fl.plugin_code import register
 from mission.base.errors import InputError
 from mission.base.explain import Blame, explained, refusal, shown
 from mission.base.user_files import parse_toml, read_text, whole_path
@@ -39,7 +39,7 @@ def builtin_config(name: str) -> Path:
 
 
 def shipped_files(name: str) -> tuple[Path, ...]:
-    """The shipped configuration of that name, and the GeoJSON files whose names begin with it."""
+    """Return the shipped configuration of that name, and the GeoJSON files named after it."""
     config = builtin_config(f"{name}.toml")
     return (config, *sorted(config.parent.glob(f"{name}-*.geojson")))
 
@@ -127,7 +127,7 @@ def plain(value: object) -> object:
 
 def _json(value: object) -> str:
     def of_other(it: object) -> object:
-        return it.tolist() if hasattr(it, "tolist") else told(named(it))
+        return it.tolist() if hasattr(it, "tolist") else told(register(it))
 
     return json.dumps(value, default=of_other)
 

@@ -300,7 +300,7 @@ class RunConfig(Table):
 
     def contradiction(self, keys: Sequence[str], reason: str) -> InputError:
         """Make the error for keys that do not fit each other; it is about the first of them that
-        was set over its file, as that worked without it, or else about the first."""
+        was set over its file, which works without it, or else about the first."""
         key = next((key for key in keys if self._blame.sets(key)), keys[0])
         return InputError(f"{self._blame.on(key)}: {key}: {reason}")
 

@@ -25,7 +25,7 @@ _Found = TypeVar("_Found")
 
 
 def with_polygons(area: AreaConfig, blame: Blame, heights_m: tuple[float, float]) -> AreaConfig:
-    """Read the polygon files of an area into it; `heights_m`: lowest and highest of flights."""
+    """Return an area with its polygon files read; flights are between the two `heights_m`."""
     known: dict[str, object] = {}
     if area.no_fly_file is not None:
         rings = _rings(area, "no_fly_file", blame)
@@ -212,5 +212,5 @@ def check_near(globe: Sequence[Place], offsets: Floats, source: str, middle: str
 
 
 def home_words(area: AreaConfig) -> str:
-    """Home with its latitude and longitude, in words for error messages."""
+    """Return home with its latitude and longitude, in words for error messages."""
     return f"home (lat {area.home_lat_deg:g}, lon {area.home_lon_deg:g})"

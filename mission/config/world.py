@@ -28,7 +28,7 @@ MOST_BYTES = 1 << 30  # of a radio map
 
 
 def with_world(config: RunConfig, blame: Blame) -> RunConfig:
-    """Read the files of a configuration into it; `blame` says where its keys come from.
+    """Return a configuration with its files read; `blame` says where its keys come from.
 
     Files are found beside its own; those named on the command line from the working directory. Area
     and home, where they are not given, are placed around the devices.

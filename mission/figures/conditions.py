@@ -20,7 +20,7 @@ _TIME = "simulated time (s)"
 
 
 def flight_charts(comparison: RunComparison) -> list[Chart]:
-    """Charts of tracking error along the path, and by round: tracking error and slot delays."""
+    """Charts of tracking error along the path; by round also estimate error and slot delays."""
     items = comparison.rounds
     rounds = [item.round for item in items if item.round is not None]
 

@@ -178,7 +178,7 @@ def _by_round(frame: MapFrame, lines: list[tuple[str, int, Floats]]) -> list[alt
 def _arrows(
     frame: MapFrame, lines: list[tuple[str, int, Floats]], colour: alt.Color
 ) -> list[alt.Chart]:
-    """Layer of direction arrows: one on each path that moves, spread so that none coincide."""
+    """Layer of direction arrows: one on each path with a length, each at another share of it."""
     moved = [(number, points) for _, number, points in lines if polyline.length(points) > 0.0]
     rows = []
     for (number, points), share in zip(moved, np.linspace(0.25, 0.75, len(moved)), strict=True):

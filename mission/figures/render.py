@@ -32,7 +32,7 @@ def stacked(
 ) -> Chart:
     """Stack charts vertically as one picture, with a legend each or, `one_key`, one for all.
 
-    Groups of `together` charts are laid out in columns if the picture were too tall otherwise.
+    Groups of `together` charts are laid out in columns if the picture would be too tall.
     """
     own = () if one_key else ("color", "strokeDash", "stroke", "fillOpacity")
     columns = _columns(charts, together) if together > 1 else 1
@@ -143,7 +143,7 @@ def begin_libraries() -> None:
 
 
 def engine(first: tuple[str, str] = _ANYTHING) -> Popen[str]:
-    """Start a process of `engine.py` on its `first` job (kind, text), always the slowest one."""
+    """Start a process of `engine.py` on its `first` job (kind, text), slow whatever it is."""
     command = [sys.executable, "-P", str(_ENGINE), _VERSION, *first]
     return Popen(command, stdin=PIPE, stdout=PIPE, stderr=PIPE, text=True)
 

@@ -63,7 +63,7 @@ def fence_of(items: Sequence[MissionItem], parameters: Parameters, area: Area) -
     Raises:
         SitlInputError: the items make no fence.
     """
-    zones = drawn(items, area)
+    zones = item_zones(items, area)
     if parameters["GF_ACTION"] == 0:
         return ()
     if parameters["GF_MAX_HOR_DIST"] > 0:
@@ -72,7 +72,7 @@ def fence_of(items: Sequence[MissionItem], parameters: Parameters, area: Area) -
     return zones
 
 
-def drawn(items: Sequence[MissionItem], area: Area) -> tuple[Zone, ...]:
+def item_zones(items: Sequence[MissionItem], area: Area) -> tuple[Zone, ...]:
     """Return the zones that fence items describe, with circles as polygons.
 
     Raises:

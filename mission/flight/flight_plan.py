@@ -86,7 +86,7 @@ def flight_of_round(
 ) -> FlightPlan:
     """Return the flight of a round's plan, with the widest acceptance radius that the plan allows.
 
-    `hold_s` as in `stops_of`; speed and the widest acceptance radius are the mission's.
+    `hold_s` as in `stops_of`; speed and the greatest possible radius are the mission's.
     """
     problem = problem.at(plan.altitude_m)
     radius_m = acceptance_radius(problem, plan, mission.acceptance_radius_m)

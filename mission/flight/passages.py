@@ -33,7 +33,7 @@ def passages(
     for index in range(len(stops_ned_m)):
         later = (t_ns for t_ns in reported_ns[index + 1 :] if t_ns is not None)
         until_ns = max(next(later, int(flight.t_ns[-1])), after_ns)
-        instant = _closest(flight, stops_ned_m[index], after_ns, until_ns, hovers=hovers[index])
+        instant = _passage_ns(flight, stops_ned_m[index], after_ns, until_ns, hovers=hovers[index])
         found.append(flight.at(instant))
         after_ns = instant
     return tuple(found)
@@ -48,7 +48,7 @@ def reported_in_turn(
     return [next(each.get(item, iter(())), None) for item in items]
 
 
-def _closest(flight: Flight, stop: Floats, after_ns: int, until_ns: int, *, hovers: bool) -> int:
+def _passage_ns(flight: Flight, stop: Floats, after_ns: int, until_ns: int, *, hovers: bool) -> int:
     """Return the time (ns) of closest approach to a stop in a window, or of reaching its hover."""
     inside = (flight.t_ns > after_ns) & (flight.t_ns < until_ns)
     instants = np.concatenate(([after_ns], flight.t_ns[inside], [until_ns]))

@@ -62,7 +62,7 @@ def _read_qgroundcontrol(path: Path, content: bytes, text: str) -> PlanFile:
     try:
         document = Document.model_validate_json(text)
     except ValidationError as error:
-        raise InputError(f"{path}: not a QGroundControl plan: {_first(error)}") from None
+        raise InputError(f"{path}: not a QGroundControl plan: {_error_text(error)}") from None
     simple = [item for part in document.mission.items for item in part.flown()]
     if not simple:
         raise InputError(f"{path}: the mission is empty")
@@ -94,7 +94,7 @@ def _read_qgroundcontrol(path: Path, content: bytes, text: str) -> PlanFile:
     return PlanFile(path, content, home, tuple(items), fence, tuple(rally))
 
 
-def _first(error: ValidationError) -> str:
+def _error_text(error: ValidationError) -> str:
     """What is wrong with a document, in a line: where, what, and the value."""
     wrong = error.errors()[0]
     where = ""

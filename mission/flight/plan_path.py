@@ -1,7 +1,7 @@
 """The path that the items of a plan file describe, and checks whether it may be flown.
 
-Refused is what the autopilot would refuse, by its own rules, and what it would accept but is not
-fit for an unattended flight.
+The checks refuse what the autopilot would refuse, by its own rules, and what it would accept but
+is not fit for an unattended flight.
 """
 
 import itertools

@@ -36,7 +36,7 @@ _EMPTY = np.zeros(1, _ROW)
 for _name, _head in _HEADS.items():
     _EMPTY[_name] = _head
 # Which column of the aircraft's row each number is, and its sign; in quaternions, FRD -> NED
-# (w, x, y, z) as FLU -> ENU (x, y, z, w), a second one is added: see `messages.place`.
+# (w, x, y, z) as FLU -> ENU (x, y, z, w), a second one is added: see `messages.area_pose`.
 _COLUMNS = [2, 2, 1, 1, *range(5, 8), 9, 9, 8, 8, *range(12, 15), 15, *range(16, 20)]
 _COLUMNS += [21, 20, 22, 24, 23, 25, 27, 26, 28, 29, 30]
 _SIGNS = np.array([1, 1, 1, 1, 1, -1, -1] * 2 + [1] * 5 + [1, 1, -1] * 3 + [-1, -1], np.float64)

@@ -106,8 +106,8 @@ def _hidden_address() -> str:
 
 @contextmanager
 def live_views(console: RunConsole) -> Iterator[tuple[LiveView, ...]]:
-    """Serve the live view that the console asks for while the block runs, and announce its URL.
-    Yields () if the console asks for none.
+    """Context manager: serve the live view that the console asks for, and announce its URL. Gives
+    () if the console asks for none.
 
     Raises:
         LinkLostError: see `LiveView`.

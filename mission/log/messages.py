@@ -38,7 +38,7 @@ GRID_PLACES = 81  # along the longer side of a grid: 80 kB for 12 devices, befor
 
 _ENCODER = json.JSONEncoder(separators=(",", ":"), allow_nan=False)
 
-Place: TypeAlias = tuple[Any, Any]  # fox.Vector3 and fox.Quaternion
+Pose: TypeAlias = tuple[Any, Any]  # fox.Vector3 and fox.Quaternion
 
 _LEVELS = {
     **dict.fromkeys((0, 1, 2), fox.LogLevel.Fatal),
@@ -72,7 +72,7 @@ def vector(xyz: Sequence[float], *, grid: float) -> fox.Vector3:
     return fox.Vector3(x=round(x * grid) / grid, y=round(y * grid) / grid, z=round(z * grid) / grid)
 
 
-def place(area: Area, state: Kinematics) -> Place:
+def area_pose(area: Area, state: Kinematics) -> Pose:
     """Position and orientation in the area's frame, rounded.
 
     FRD -> NED attitude (w, x, y, z) becomes FLU -> ENU, which is what viewers expect: NED -> ENU
@@ -90,7 +90,7 @@ def place(area: Area, state: Kinematics) -> Place:
     return vector(area_xyz(area, state.pos_ned_m), grid=POSITION_GRID), turn
 
 
-def pose(stamp: fox.Timestamp, where: Place) -> bytes:
+def pose(stamp: fox.Timestamp, where: Pose) -> bytes:
     """PoseInFrame in the area's frame."""
     return encoded(
         fox.PoseInFrame,
@@ -125,7 +125,7 @@ def success_grid(t_ns: int, grid: PerGrid) -> bytes:
     )
 
 
-def transform(stamp: fox.Timestamp, where: Place) -> bytes:
+def transform(stamp: fox.Timestamp, where: Pose) -> bytes:
     """FrameTransform from the area's frame to the aircraft's."""
     return encoded(
         fox.FrameTransform,

@@ -84,7 +84,7 @@ def described(record: type) -> Iterator[tuple[str, Kind, str]]:
 
 
 def as_json(record: Any) -> dict[str, object]:
-    """Convert a record to the JSON object that the log holds, one key a described field."""
+    """Convert a record to the JSON object in the log, with a key for each described field."""
     return {name: kind.write(getattr(record, name)) for name, kind, _ in described(type(record))}
 
 
@@ -194,7 +194,7 @@ def is_by_community(column: Column) -> bool:
 
 
 def flat(record: object) -> dict[str, Any]:
-    """Convert a record to a table row by column name; a field by community becomes more columns."""
+    """Convert a record to a table row by column name; fields by community give a column each."""
     row: dict[str, Any] = {}
     for column in columns(type(record)):
         value = getattr(record, column.name)

@@ -81,7 +81,7 @@ class Table(Generic[Record]):
 
 
 def read_table(path: Path, record: type[Record]) -> tuple[Record, ...]:
-    """Read a table's records, equal to those written; of the wider record if the header is its.
+    """Read a table's records, equal to those written; uplinks may be of `TimedUplinkRecord`.
 
     Raises:
         InputError: the file cannot be read.

@@ -46,7 +46,7 @@ class Every:
         self._period_ns = round(NS_PER_S / rate_hz)
         self._next_ns = 0
 
-    def now(self, t_ns: int) -> bool:
+    def due(self, t_ns: int) -> bool:
         """Whether a period has begun since it was true the last time."""
         if t_ns < self._next_ns:
             return False
@@ -62,7 +62,7 @@ class VehicleTopics:
         self._frame = area.frame
         self._write = write
         self._mode: ModeRecord | None = None
-        self._due = {name: Every(rate_hz) for name, rate_hz in RATES_HZ.items()}
+        self._every = {name: Every(rate_hz) for name, rate_hz in RATES_HZ.items()}
         self._samples: list[VehicleSample] = []  # since they were written last
         self._control: list[Floats] = []
         self.begin_path()
@@ -116,23 +116,23 @@ class VehicleTopics:
     def _write_sample(self, sample: VehicleSample) -> None:
         """Write those messages of a sample that are due by their rates."""
         write, t_ns, truth, belief = self._write, sample.t_ns, sample.truth, sample.belief
-        stamp, where = messages.timestamp(t_ns), messages.place(self._area, truth)
-        if self._due["tf"].now(t_ns):
+        stamp, where = messages.timestamp(t_ns), messages.area_pose(self._area, truth)
+        if self._every["tf"].due(t_ns):
             write(topics.TF, t_ns, messages.transform(stamp, where))
         write(topics.TRUE_POSE, t_ns, messages.pose(stamp, where))
-        believed = messages.place(self._area, belief)
+        believed = messages.area_pose(self._area, belief)
         write(topics.EST_POSE, t_ns, messages.pose(stamp, believed))
-        if self._due["velocity"].now(t_ns):
+        if self._every["velocity"].due(t_ns):
             write(topics.TRUE_VELOCITY, t_ns, messages.velocity(truth.vel_ned_mps))
             write(topics.EST_VELOCITY, t_ns, messages.velocity(belief.vel_ned_mps))
         if sample.gnss is not None:
             write(topics.GNSS, t_ns, messages.gnss(self._frame, sample.gnss))
-        if self._due["location"].now(t_ns):
+        if self._every["location"].due(t_ns):
             on_globe = self._frame.to_geodetic(truth.pos_ned_m)
             write(topics.TRUE_LOCATION, t_ns, messages.location(stamp, on_globe))
-        if self._due["battery"].now(t_ns):
+        if self._every["battery"].due(t_ns):
             write(topics.BATTERY, t_ns, messages.battery(sample.battery))
-        if sample.wind_ned_mps is not None and self._due["wind"].now(t_ns):
+        if sample.wind_ned_mps is not None and self._every["wind"].due(t_ns):
             write(topics.TRUE_WIND, t_ns, messages.velocity(sample.wind_ned_mps))
         if sample.innovations:
             self._innovations(t_ns, sample.innovations)
@@ -140,7 +140,7 @@ class VehicleTopics:
         if mode != self._mode:
             self._mode = mode
             write(topics.MODE, t_ns, messages.record(mode))
-        if self._due["path_point"].now(t_ns):
+        if self._every["path_point"].due(t_ns):
             self._extend_path(t_ns, truth)
 
     def _extend_path(self, t_ns: int, truth: Kinematics) -> None:
@@ -152,6 +152,6 @@ class VehicleTopics:
     def _innovations(self, t_ns: int, items: Sequence[Innovation]) -> None:
         for instant, group in itertools.groupby(items, key=attrgetter("t_ns")):
             at_once = tuple(group)
-            due = self._due["innovations"].now(instant)
+            due = self._every["innovations"].due(instant)
             if due or not all(item.accepted for item in at_once):
                 self._write(topics.INNOVATIONS, t_ns, messages.innovations(at_once))

@@ -54,7 +54,7 @@ class CertifiedPlanner:
     """Greedy insertions and Newton ascent, then branch and bound to a relative gap.
 
     The bound is valid at any size: where the nodes run out it is what has been proven until then,
-    and with many steps and more than 40 devices of importance the sum of their own best rewards.
+    and with many steps and over 40 devices with importance the sum of their own best rewards.
 
     Args:
         gap: (bound - value) / bound that is enough.
@@ -85,7 +85,7 @@ class CertifiedPlanner:
 
     def _on_grid(self, problem: RoundProblem, found: Found) -> RoundPlan:
         """Plan on a PER grid, whose reward has many local maxima: improve several paths by random
-        changes, without a search; the bound is the sum of the devices' own best rewards."""
+        changes, no branch and bound; the bound is the sum of the devices' own best rewards."""
         ways = [problem.start_m + share * found.way for share in _SHARES]
         assert problem.per_grid is not None
         ways += [
@@ -213,7 +213,7 @@ def tries(devices: int) -> int:
 
 
 def instance(problem: RoundProblem, *, towards_m: Altitudes = ()) -> tuple[Devices, PathLimits]:
-    """Return the devices of importance, relative to the start, and the limits of a path.
+    """Return the devices with importance above 0, relative to the start, and a path's limits.
 
     `towards_m` as in `reward_table`.
     """
@@ -243,7 +243,7 @@ def relax(problem: RoundProblem, devices: Devices, *, towards_m: Altitudes = ())
 
 def reach_of(problem: RoundProblem) -> int:
     """Return the metres of distance that tables must cover: from the start to the farthest device
-    of importance, plus the budget, rounded up to a multiple of `REACH_STEP_M`."""
+    with importance, plus the budget, rounded up to a multiple of `REACH_STEP_M`."""
     worth = problem.importance > 0.0
     far = np.hypot(*(problem.devices_m[worth] - problem.start_m).T)
     return REACH_STEP_M * (int(far.max() + problem.path_budget_m) // REACH_STEP_M + 1)

@@ -15,7 +15,7 @@ from fl.radio.channel import Channel, average_per
 from mission.base.arrays import Bools, Floats, Ints
 from mission.base.explain import shown
 from mission.planner.errors import PlanInputError
-from mission.planner.native.rounds import Flown
+from mission.planner.native.rounds import CandidatePlan
 from mission.planner.problem import MOST_COUNT, BoundError, RoundPlan, RoundProblem, as_waypoints
 
 ALTITUDES = 17  # that are looked at together
@@ -53,10 +53,10 @@ def objective(problem: RoundProblem, waypoints_m: Floats, schedule: Bools) -> fl
 
 
 def in_time(problem: RoundProblem, plan: RoundPlan, *, hold_s: float = 0.0) -> Bools:
-    """(N, K) whether each device has an update to send at each step's earliest begin."""
+    """(N, K) whether each device has an update to send at the earliest start of each step."""
     if problem.ready_in_s is None:
         return np.ones(plan.schedule.shape, dtype=np.bool_)
-    begin_s = problem.judged_with(hold_s=hold_s).judged(plan.as_flown).begins_s
+    begin_s = problem.judged_with(hold_s=hold_s).judged(plan.as_candidate).begins_s
     return np.asarray(begin_s[:, None] >= problem.ready_in_s[None, :])
 
 
@@ -98,7 +98,7 @@ def finish(
     """Return the plan along given waypoints, with its optimal schedule and true objective, at the
     best altitude it finds where `problem.altitudes_m` leaves a choice.
 
-    Among areas, waypoints are moved to where may be flown and the path leads around; what exceeds
+    Among areas, waypoints are moved to allowed places and the path leads around; what exceeds
     the budget is cut off. `hold_s` is the hover in seconds at every stop (`stops_of`), in which
     devices get ready.
 
@@ -116,7 +116,7 @@ def finish(
 
 
 def plan_along(problem: RoundProblem, waypoints_m: Floats, *, hold_s: float = 0.0) -> RoundPlan:
-    """Return the plan of `finish` along waypoints (N, 2), without its checks of the path."""
+    """Return the plan of `finish` along waypoints (N, 2), without its checks; no bound."""
     if problem.altitudes_m is None:
         return scheduled(problem, waypoints_m, hold_s=hold_s)
     # As many altitudes over all of them, then about the best one, ever nearer to it.
@@ -160,7 +160,7 @@ def _check_path(problem: RoundProblem, waypoints_m: Floats) -> None:
 
 
 def bounded(problem: RoundProblem, plan: RoundPlan, bound: float, nodes: int) -> RoundPlan:
-    """Return the plan with `bound` as upper bound, raised to its value within the tables' error.
+    """Return the plan with `bound` as upper bound, or its own value if up to `TABLED` above that.
 
     Raises:
         BoundError: it exceeds the bound by more.
@@ -181,9 +181,9 @@ def scheduled(problem: RoundProblem, waypoints_m: Floats, *, hold_s: float = 0.0
     return planned(problem, found)
 
 
-def planned(problem: RoundProblem, flown: Flown) -> RoundPlan:
+def planned(problem: RoundProblem, candidate: CandidatePlan) -> RoundPlan:
     """Convert a plan of the C library to a `RoundPlan`; makes its arrays read-only."""
-    route, at, schedule, value = flown
+    route, at, schedule, value = candidate
     for array in (route, schedule):
         array.flags.writeable = False
     if problem.airspace.is_open:

@@ -20,7 +20,7 @@ def serving_fewer(problem: RoundProblem, plan: RoundPlan, *, hold_s: float = 0.0
     """
     if problem.limits is None or problem.upload_s is None:
         return plan
-    fewer = problem.at(plan.altitude_m).judged_with(hold_s=hold_s).serving_fewer(plan.as_flown)
+    fewer = problem.at(plan.altitude_m).judged_with(hold_s=hold_s).serving_fewer(plan.as_candidate)
     return replace(plan, schedule=fewer.schedule, value=fewer.value)
 
 
@@ -54,7 +54,7 @@ def varied(
     to a share `tolerance` of the value, which falls to 0 in the end."""
     problem, limited = problem.at(plan.altitude_m), problem.limits is not None
     found = problem.as_judged.varied(
-        plan.as_flown, problem.most_m, changes, tolerance=tolerance, seed=seed, limited=limited
+        plan.as_candidate, problem.most_m, changes, tolerance=tolerance, seed=seed, limited=limited
     )
     return replace(planned(problem, found), altitude_m=plan.altitude_m)
 

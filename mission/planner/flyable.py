@@ -16,11 +16,12 @@ def acceptance_radius(problem: RoundProblem, plan: RoundPlan, widest_m: float) -
 
     Where none does, the narrowest. Corners around areas are cut by half of the margin at most.
     """
-    return problem.at(plan.altitude_m).judged_with(widest_m=widest_m).judged(plan.as_flown).radius_m
+    round_ = problem.at(plan.altitude_m).judged_with(widest_m=widest_m)
+    return round_.judged(plan.as_candidate).radius_m
 
 
 def foresee_round(problem: RoundProblem, plan: RoundPlan, *, hold_s: float = 0.0) -> Foreseen:
-    """Predict arrival times, duration and energy of a plan's flight; the problem needs limits."""
+    """Predict times and energy of a plan's flight; needs limits; `hold_s` as in `stops_of`."""
     assert problem.limits is not None
     performance = problem.limits.performance
     stops = stops_of(plan, hold_s=hold_s, upload_s=problem.upload_s)
@@ -35,4 +36,4 @@ def share_of(problem: RoundProblem, plan: RoundPlan, *, hold_s: float = 0.0) -> 
     """How much of the tighter limit the flight of a plan takes; more than 1 does not fit."""
     if problem.limits is None:
         return 0.0
-    return problem.at(plan.altitude_m).judged_with(hold_s=hold_s).judged(plan.as_flown).share
+    return problem.at(plan.altitude_m).judged_with(hold_s=hold_s).judged(plan.as_candidate).share

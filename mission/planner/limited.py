@@ -86,7 +86,7 @@ class LimitedPlanner:
         return best, bound
 
     def _paths(self, problem: RoundProblem) -> list[Floats]:
-        """Return initial paths (N, 2) of `drawing`, for shares of the metres and other weights."""
+        """Return initial paths (N, 2) of `drawing`, for the cases of `_weighed`."""
         free = problem.unlimited
         paths: list[Floats] = []
         for importance, shares in _weighed(problem):

@@ -67,7 +67,7 @@ class Performance:
         return self.foresee(np.zeros((1, 2)), [hover_s], self.widest_m)
 
     def longest_m(self, duration_s: float) -> float:
-        """Return an upper bound in metres on a path flown in `duration_s`, whatever its corners."""
+        """Return an upper bound (m) on the path flown in `duration_s`, whatever its corners."""
         if self.guidance is None:
             return duration_s * self.speed_mps
         if math.isinf(duration_s):
@@ -77,15 +77,15 @@ class Performance:
         )
 
     def least_s(self, length_m: float) -> float:
-        """Return a lower bound in seconds on flying a path of `length_m`."""
+        """Return a lower bound in seconds on the flight time of a path of `length_m`."""
         if self.guidance is None:
             return length_m / self.speed_mps
         least_s = least_duration(length_m, speed_mps=self.speed_mps, limits=self.guidance)
         return least_s * self.pace
 
     def farthest_m(self, energy_j: float, legs: float = math.inf) -> float:
-        """Return an upper bound in metres on a path flown with `energy_j`, of up to `legs` straight
-        legs, whatever its corners; infinity beyond 20 km, unless there is no guidance."""
+        """Return an upper bound (m) on the length of a path flown with `energy_j`, of up to `legs`
+        straight legs, whatever its corners; infinity beyond 20 km, unless there is no guidance."""
         if math.isinf(energy_j):
             return math.inf
         if self.guidance is None:
@@ -95,7 +95,7 @@ class Performance:
         return float(lengths[beyond]) if beyond < len(lengths) else math.inf
 
     def least_j(self, length_m: float, legs: float = math.inf) -> float:
-        """Return a lower bound in joules on a path of `length_m`, of up to `legs` straight legs."""
+        """Return a lower bound (J) on the energy of a path of `length_m`, of up to `legs` legs."""
         if self.guidance is None:
             return self._cruise_w * length_m / self.speed_mps
         lengths, joules = self._energy_table(legs)
@@ -122,7 +122,7 @@ class Performance:
         return fixed_m, speed_mps**2 / self.guidance.acceleration_mps2
 
     def cheapest_j(self, legs: float = math.inf) -> float:
-        """Return a lower bound in joules on a metre of a path of up to `legs` straight legs."""
+        """Return a lower bound on the joules per metre of a path of up to `legs` straight legs."""
         if self.guidance is None:
             return self._cruise_w / self.speed_mps
         lengths, joules = self._energy_table(legs)
@@ -192,7 +192,7 @@ class RoundLimits:
         return self.performance.flying(self.duration_s, self.energy_j)
 
     def longest_m(self, legs: float = math.inf) -> float:
-        """Return an upper bound (m) on a path within limits, of up to `legs` straight legs."""
+        """Return an upper bound (m) on the length of a path within limits, of up to `legs` legs."""
         farthest_m = self.performance.farthest_m(self.energy_j, legs)
         return min(self.performance.longest_m(self.duration_s), farthest_m)
 

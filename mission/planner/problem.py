@@ -18,7 +18,7 @@ from mission.base.arrays import Bools, Floats, Ints, given_alone
 from mission.base.errors import PlanError
 from mission.base.explain import shown
 from mission.planner.errors import PlanInputError
-from mission.planner.native.rounds import Flown, Round
+from mission.planner.native.rounds import CandidatePlan, Round
 from mission.planner.performance import Foreseen, RoundLimits, acceptance_radii
 
 MOST_COUNT = 1_000_000  # steps, and devices a step: places are counted in 64 bits
@@ -105,7 +105,7 @@ class RoundProblem:
 
     def judged_with(self, *, hold_s: float = 0.0, widest_m: float | None = None) -> Round:
         """Return the C view of the round with a hover of `hold_s` at every stop, and acceptance
-        radii up to `widest_m` (None: that of the limits), or half of the airspace's margin."""
+        radii up to `widest_m` (None: that of the limits); half of the airspace's margin at most."""
         limits = self.limits
         if widest_m is None:
             widest_m = 1.0 if limits is None else limits.performance.widest_m
@@ -232,9 +232,9 @@ class RoundPlan:
         return np.concatenate(([0], np.cumsum(np.array(corners, dtype=np.int64) + 1)))
 
     @property
-    def as_flown(self) -> Flown:
-        """Plan as the `Flown` tuple that the C library takes."""
-        return Flown(self.route_m, self.stops_at, self.schedule, self.value)
+    def as_candidate(self) -> CandidatePlan:
+        """Plan as the `CandidatePlan` tuple that the C library takes."""
+        return CandidatePlan(self.route_m, self.stops_at, self.schedule, self.value)
 
     @cached_property
     def path_m(self) -> float:

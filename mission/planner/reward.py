@@ -59,7 +59,7 @@ class RewardTable:
 
 @dataclass(frozen=True)
 class Conjugates:
-    """Conjugates H of f as B-splines, one an interval of `radii_m`: (i, j) is row `row[i, j]`."""
+    """Conjugates H of f as B-splines for all intervals of `radii_m`: (i, j) is row `row[i, j]`."""
 
     radii_m: Floats  # (B,) increasing, from 0 to the reach
     coefficients: Floats  # (rows, SLOPES + 3)
@@ -185,7 +185,7 @@ def conjugates(channel: Channel, reach_m: int, towards_m: Altitudes = ()) -> Con
 
 
 def _between(fine: Floats) -> Floats:
-    """Return bounds on f above its samples next to each: |f''| h^2 / 8, twice for safety."""
+    """Return how far f may exceed its samples near each: |f''| h^2 / 8, twice for safety."""
     bend = np.abs(np.diff(fine, 2))
     return np.asarray(np.maximum(np.r_[bend[:1], bend, 0.0], np.r_[0.0, bend, bend[-1:]]) / 4.0)
 

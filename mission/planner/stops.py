@@ -36,13 +36,13 @@ def stops_of(
         np.zeros((devices, 2)), np.zeros(devices), steps=steps, per_step=1, upload_s=upload_s,
         hold_s=hold_s,
     )  # fmt: skip
-    verdict = round_.judged(plan.as_flown)
-    of_step = verdict.stop_of[plan.stops_at]
+    evaluation = round_.judged(plan.as_candidate)
+    of_step = evaluation.stop_of[plan.stops_at]
     stops: list[Stop] = []
-    for index, at in enumerate(np.flatnonzero(np.diff(verdict.stop_of, prepend=-1)).tolist()):
+    for index, at in enumerate(np.flatnonzero(np.diff(evaluation.stop_of, prepend=-1)).tolist()):
         here = np.flatnonzero(of_step == index)
-        slots_s = tuple(verdict.offset_s[here].tolist())
+        slots_s = tuple(evaluation.offset_s[here].tolist())
         stops.append(
-            Stop(plan.route_m[at], tuple(here.tolist()), float(verdict.hold_s[index]), slots_s)
+            Stop(plan.route_m[at], tuple(here.tolist()), float(evaluation.hold_s[index]), slots_s)
         )
     return tuple(stops)

@@ -28,8 +28,8 @@ _BRAKES_M = np.linspace(0.0, 100.0, 101)
 
 
 @dataclass(frozen=True)
-class Metres:
-    """A limit of time or energy in metres of path: all, and what hovers, stops, turns take."""
+class PathAllowance:
+    """Limit of time or energy in metres of path: the whole, and what hovers, stops, turns take."""
 
     whole: float
     hover: Floats  # (K,) while each device sends
@@ -66,13 +66,13 @@ def timed_bound(problem: RoundProblem, value: float, goal: Goal) -> float:
         return math.inf
     most_nodes = _SHARED_NODES // count // (1 if problem.altitudes_m is None else _PARTS)
     goal, worst = replace(goal, max_nodes=min(goal.max_nodes, most_nodes)), 0.0
-    limits = [metres for metres in _limits(problem) if metres.whole > 0.0]
+    limits = [allowance for allowance in _limits(problem) if allowance.whole > 0.0]
     for case in _cases(problem):
         bound = math.inf
-        for metres in limits:
+        for allowance in limits:
             if bound > worst:  # what is no more than elsewhere need not be lowered further
                 enough = max(value, worst * (1.0 - goal.gap))
-                bound = min(bound, metres.search(case, problem.importance, enough, goal))
+                bound = min(bound, allowance.search(case, problem.importance, enough, goal))
         worst = max(worst, bound)
     return worst
 
@@ -98,7 +98,7 @@ def _late(problem: RoundProblem) -> Floats:
     return np.where(problem.ready_in_s > 0.0, late_s, 0.0)
 
 
-def _limits(problem: RoundProblem) -> Iterator[Metres]:
+def _limits(problem: RoundProblem) -> Iterator[PathAllowance]:
     """Yield the round's limits of time and of energy, converted to metres."""
     assert problem.limits is not None
     limits, performance = problem.limits, problem.limits.performance
@@ -115,7 +115,7 @@ def _limits(problem: RoundProblem) -> Iterator[Metres]:
             _, brake = performance.stop_m
             whole = min(whole, problem.most_m)
             turns = np.where(after > brake, after - brake / 2.0, after**2 / max(2.0 * brake, 1e-9))
-        yield Metres(whole, sends, stop, sends, stop, turns)
+        yield PathAllowance(whole, sends, stop, sends, stop, turns)
     if math.isfinite(limits.energy_j) and problem.upload_s is not None:
         # What all of the legs may spare is had at once, so that each of them takes it all.
         none = 0.0 if problem.airspace.is_open else math.inf
@@ -127,7 +127,7 @@ def _limits(problem: RoundProblem) -> Iterator[Metres]:
         best = int(np.where(least >= 0.0, least + _BRAKES_M, -1.0).argmax())  # beyond a long leg
         each = (float(least[best]), float(_BRAKES_M[best])) if hovers else stop
         hover = upload_s * performance.hover_j(1.0) / per_m
-        yield Metres((limits.energy_j + spared_j) / per_m, hover, each, sends, stop, after)
+        yield PathAllowance((limits.energy_j + spared_j) / per_m, hover, each, sends, stop, after)
 
 
 def _braking(brake_m: float) -> Floats:

@@ -73,7 +73,7 @@ class RunTotals:
         return Amount(*(total - used for total, used in zip(budget.total, self.used, strict=True)))
 
     def used_with(self, cost: Amount, budget: Budget) -> Amount:
-        """Return what is used of the budgets after a round of this cost; metres stop at theirs."""
+        """Return what is used after a round of this cost; metres never exceed their budget."""
         metres = min(cost.metres, self.left(budget).metres)
         costs = (metres, cost.seconds, cost.joules)
         return Amount(*(used + more for used, more in zip(self.used, costs, strict=True)))

@@ -91,7 +91,7 @@ class Experiment(ABC):
         if loose := self.scenario.config.planner.loosely_proven(totals.gaps):
             console.say(loose)
         console.say(
-            f"{count(done, 'round')}, {self.flown()}, "
+            f"{count(done, 'round')}, {self.distance_text()}, "
             f"{totals.delivered}/{totals.scheduled} updates delivered\n{took}"
         )
 
@@ -100,7 +100,7 @@ class Experiment(ABC):
         """Go through all rounds, from the first to the last."""
 
     @abstractmethod
-    def flown(self) -> str:
+    def distance_text(self) -> str:
         """Distance flown, in words."""
 
     def _recalled(self) -> RoundMemory | None:
@@ -145,7 +145,7 @@ class IdealExperiment(Experiment):
         while not self.finished:
             await self._round()
 
-    def flown(self) -> str:
+    def distance_text(self) -> str:
         return "nothing flown"
 
     async def _round(self) -> None:

@@ -80,7 +80,7 @@ class FlownExperiment(Experiment):
         finally:
             self._trainer.shutdown(wait=False, cancel_futures=True)
 
-    def flown(self) -> str:
+    def distance_text(self) -> str:
         if self.scenario.config.mission.strategy == "barycenter":
             return f"hovering, {self.totals.used.metres:.0f} m of the path budget spent"
         none = self.scenario.config.mission.flight == "none"

@@ -37,7 +37,7 @@ def slots(plan: FlightPlan, flight: Flight) -> dict[int, Passage]:
 def turns(
     problem: RoundProblem, plan: RoundPlan, passages: Mapping[int, Passage], flight: Flight
 ) -> dict[int, Passage]:
-    """Where the aircraft is as each scheduled device begins to send, by device.
+    """Return where the aircraft is as each scheduled device begins to send, by device.
 
     The devices of a step, whose `passages` are given, send one after another, in their order.
     Devices whose turn never came are left out.
@@ -78,7 +78,7 @@ def uplinks(
     gate: Gate = "average",
     work: DeviceWork | None = None,
 ) -> tuple[UplinkRecord, ...]:
-    """One record per scheduled device, in order of step and device; `passages` by device.
+    """Return a record per scheduled device, in order of step and device; `passages` by device.
 
     Updates are drawn at the true positions, where `radio` gives the rates; planned and believed
     rates are those of the problem's radio. `rng` is this round's own stream. `work` says when

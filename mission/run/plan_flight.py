@@ -193,7 +193,7 @@ def _recording(
     around: Around,
     live: tuple[LiveView, ...],
 ) -> Iterator[_PlanFlight]:
-    """Open the log, attach configuration and plan, and yield the flight that writes it."""
+    """Context manager: the flight, with its log open, configuration and plan attached."""
     plan, area = order.plan, order.area
     fence = fence_of(plan.fence, order.parameters, area)
     with ExitStack() as stack:

@@ -139,7 +139,7 @@ class FolderRecorder:
 
 @contextmanager
 def recording(run: Ready, console: RunConsole, stopwatch: Stopwatch) -> Iterator[FolderRecorder]:
-    """Open log and tables; they are closed whole however the block ends."""
+    """Context manager: open log and tables; they are closed whole however the block ends."""
     scenario, folder = run.scenario, run.folder
     devices = Devices(scenario.devices_m, scenario.community_of)
     with ExitStack() as stack:

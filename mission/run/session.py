@@ -115,7 +115,7 @@ def resume_session(path: Path, around: Around) -> int:
             live = opened.enter_context(live_views(console))
             callbacks = make_callbacks(CallbackContext(folder.path, config))
             opened.enter_context(callbacks)
-            InterruptedFiles(folder).take()
+            InterruptedFiles(folder).set_aside()
         ready = Ready(scenario, flyers, folder, checkpoint, state, callbacks, memory, live)
         return _fly(ready, around)
 
@@ -192,7 +192,7 @@ def _warnings(scenario: Scenario) -> Iterator[str]:
 
 @contextmanager
 def _experiment(ready: Ready, around: Around) -> Iterator[Experiment]:
-    """The experiment, recorded in its folder for as long as the block runs."""
+    """Context manager: the experiment, recorded in its folder while the block runs."""
     write_atomically(ready.folder.devices, ready.scenario.devices_csv())
     with (
         ready.callbacks,  # whose failure at the end belongs into the summary

@@ -55,7 +55,7 @@ class ImportanceStrategy(Protocol):
     """A strategy with an importance of its own, which the planner then maximises."""
 
     def importance(self, info: RoundInfo) -> Floats:
-        """Return (K,), finite, 0 or more; depend on `info` alone, so that runs can be resumed."""
+        """Return importance (K,), finite, 0 or more, by `info` alone: so runs can be resumed."""
 
 
 class CustomStrategy(OwnCode):

@@ -40,7 +40,7 @@ def origin_of(config: RunConfig, area: Area, source: str) -> dict[str, str | flo
 
 
 def write_map(path: Path, made: RadioMap, origin: Mapping[str, str | float]) -> None:
-    """Write a map as NetCDF, the same bytes for the same map; `origin` as of `origin_of`.
+    """Write a map as NetCDF, the same bytes for the same map; `origin` as `origin_of` gives it.
 
     Raises:
         InputError: the file cannot be written.

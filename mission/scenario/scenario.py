@@ -126,7 +126,7 @@ class Scenario:
     ) -> RoundProblem:
         """The planning problem of a round that begins at `t_ns` at a place (2,).
 
-        `left` is what remains of the run's budgets, `work` that of the devices as the round begins.
+        `left` is what remains of the run's budgets, `work` the devices' work as the round begins.
         """
         mission = self.config.mission
         ready_in_s = np.maximum(work.ready_ns - t_ns, 0) / 1e9

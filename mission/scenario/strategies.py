@@ -126,7 +126,7 @@ class HoveringTour:
     """Baseline 2 in another reading: each round flies to the tour's next hovering point.
 
     The points are spread evenly over the tour. Devices are served on the way and in the hover,
-    where all steps are that are left of the N.
+    which has the rest of the N steps.
     """
 
     corners_m: Floats  # (4, 2) in order of flight
@@ -237,7 +237,7 @@ def _fits(limits: RoundLimits | None, path: Floats) -> bool:
 
 
 def _foreseen(limits: RoundLimits, path: Floats, holds_s: Sequence[float]) -> Foreseen:
-    """Predict the flight of a path with hovers `holds_s` at its points and sharpest corners."""
+    """Predict the flight of a path with hovers `holds_s` at its points and the sharpest corners."""
     performance = limits.performance
     return performance.foresee(path, holds_s, float(acceptance_radii(performance.widest_m)[-1]))
 

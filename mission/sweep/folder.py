@@ -54,7 +54,7 @@ class SweepFolder:
         return self.path / "sweep.json"
 
     def lock(self) -> AbstractContextManager[None]:
-        """Make the folder, and keep other sweeps out while this one works in it; see `alone_in`."""
+        """Context manager: make the folder, and keep other sweeps out of it; see `alone_in`."""
         return alone_in(self.path, self.path / _LOCK, who="sweep", chosen=True)
 
     def check(self, grid: Grid, *, data_dir: Path | None) -> None:
@@ -97,11 +97,11 @@ class SweepFolder:
 
     def _check_code(self, run: SweepRun, now: Mapping[str, str | None]) -> None:
         """Refuse to keep a run that was flown with other code than there is `now`."""
-        told = self.run(run).told()
-        if told.get("status") != "finished":
+        summary = self.run(run).read_summary()
+        if summary.get("status") != "finished":
             return
         for _, name in own_code(run.config, told=False):
-            if why := other_code(name, told.get("plugins", {}).get(name), now[name]):
+            if why := other_code(name, summary.get("plugins", {}).get(name), now[name]):
                 raise InputError(
                     f"{self.run(run).path}: finished, but {why}: remove this folder to have the "
                     "run flown anew, or give the sweep a new folder"

@@ -96,7 +96,7 @@ def communities_of(results: Sequence[RunResult]) -> list[str]:
 
 
 def at_equal(runs: Sequence[RunResult], what: str, column: str) -> list[float]:
-    """Values of a `rounds.csv` column, one a run, where the run that spent least of `what` ends.
+    """Return each run's value of a `rounds.csv` column where the one that spent least `what` ends.
 
     `what` is a key of `EQUAL`. Values are interpolated linearly, from the untrained model on. NaN
     for a run that spends none of it, as `ideal` no energy, or that has no such column.
@@ -202,7 +202,7 @@ def _results(folder: Path, by_name: Mapping[str, Point]) -> tuple[RunResult, ...
 
 
 def table_of(folder: Path, name: str) -> Path:
-    """Path of a sweep's table: the CSV file, or the gzip file where only that exists."""
+    """Return the path of a sweep's table: the CSV file, or the gzip file if only that exists."""
     plain = folder / f"{name}.csv"
     packed = plain.with_name(f"{plain.name}.gz")
     return packed if packed.is_file() and not plain.is_file() else plain

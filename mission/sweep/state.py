@@ -80,7 +80,7 @@ def read_sweep(path: Path) -> SweepState:
 
 
 def _why(run: RunFolder) -> str:
-    if not (summary := run.told()):
+    if not (summary := run.read_summary()):
         return "not begun"
     if "error" in summary:
         return f"failed: {summary['error']}"

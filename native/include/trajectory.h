@@ -52,8 +52,8 @@ typedef struct {
     double *speeds, *acceptance; /* (count - 1,) of the leg that ends at the next point, (count,) m */
     Vertex *at;                  /* (count,) */
     Piece *pieces;               /* (4 count,) */
-    int64_t drawn, legs;         /* pieces, and legs between vertices */
-} Drawing;
+    int64_t piece_count, legs;   /* pieces, and legs between vertices */
+} PathProfile;
 
 /* The air, and what flying in it takes: watts at 0, 1, 2, ... m/s at sea level. */
 typedef struct {
@@ -87,7 +87,8 @@ static inline double allowed_cut(double sine, double radius, double share)
 }
 
 /* The path's vertices when it is begun from `start` instead of its first point; returns the legs. */
-static inline int64_t vertices_of(const Drawing *path, const double start[3], const Steering *steering)
+static inline int64_t vertices_of(
+    const PathProfile *path, const double start[3], const Steering *steering)
 {
     Vertex *at = path->at;
     int64_t n = 0;
@@ -258,11 +259,11 @@ static inline void draw_leg(Pen *pen, Vertex *end, int is_last)
     end->t = pen->t - end->half;
 }
 
-/* Draw the trajectory along a path from its first point. A velocity at the start that leads along the
+/* Compute the trajectory along a path from its first point. A velocity at the start that leads along the
    first leg is kept, unless it is `braking`; any other is braked off first, on the present course.
    Returns when it ends, before averaging. */
-static inline double draw_path(
-    Drawing *path, const Steering *steering, const double velocity[3], int braking)
+static inline double compute_trajectory(
+    PathProfile *path, const Steering *steering, const double velocity[3], int braking)
 {
     static const double STILL[3] = {0, 0, 0};
     const double *start = path->points[0];
@@ -281,7 +282,7 @@ static inline double draw_path(
     const double end = pen.t; /* it stands still from then on */
     for (int i = 0; i < 3; i++) pen.p[i] = at[n].p[i];
     draw(&pen, STILL, STILL, 1, NULL);
-    path->drawn = pen.count;
+    path->piece_count = pen.count;
     path->legs = n;
     return end;
 }
@@ -360,7 +361,7 @@ static inline double joules_of(const Trajectory *path, const Air *air)
 /* What the flight along a path takes from rest to rest: when each point is passed (count,), and, where
    there is air, its joules; returns its seconds. */
 static inline double foresee_path(
-    Drawing *path, const Steering *steering, const Air *air, double *passed, double *joules)
+    PathProfile *path, const Steering *steering, const Air *air, double *passed, double *joules)
 {
     static const double STILL[3] = {0, 0, 0};
     const int64_t legs = vertices_of(path, path->points[0], steering);
@@ -368,9 +369,9 @@ static inline double foresee_path(
     const double moving = passing_times(path->at, legs, steering->smoothing, passed);
     if (air) {
         const double half = fmax(steering->smoothing / 2, 1e-3);
-        const double end = draw_path(path, steering, STILL, 0);
-        const Trajectory drawn = {path->pieces, path->drawn, half, -half, end + half};
-        *joules = joules_of(&drawn, air);
+        const double end = compute_trajectory(path, steering, STILL, 0);
+        const Trajectory trajectory = {path->pieces, path->piece_count, half, -half, end + half};
+        *joules = joules_of(&trajectory, air);
     }
     return moving;
 }

@@ -256,7 +256,7 @@ class Autopilot:
 
     def _heartbeat(self, _peer: Peer, msg: mav.MAVLink_heartbeat_message, _now: float) -> None:
         if msg.type == mav.MAV_TYPE_GCS:
-            self.failsafes.ground_station_at = self._cockpit.now
+            self.failsafes.ground_station_heard_s = self._cockpit.now
 
     def _order_reboot(self, order: CommandOrder) -> None:
         if order.params[0] != 1.0:

@@ -101,7 +101,7 @@ class Failsafes:
     guard: Guard
     by_sticks: Callable[[Mode, str], str | None]  # gives them the flight; the reason if not
     report: Reporter
-    ground_station_at: float = math.nan  # when the last heartbeat from one came
+    ground_station_heard_s: float = math.nan  # when the last heartbeat from one came
     _present: set[Cause] = field(default_factory=set)
     _acted: dict[Cause, int] = field(default_factory=dict)  # in which flight each was acted on
 
@@ -121,7 +121,7 @@ class Failsafes:
 
     def poll(self, now: float) -> None:
         """Look for a ground station that has fallen silent by `now` (s)."""
-        silence_s = now - self.ground_station_at
+        silence_s = now - self.ground_station_heard_s
         if not math.isnan(silence_s):
             lost = silence_s > self.parameters["COM_DL_LOSS_T"]
             words = f"silent for {silence_s:.0f} s"

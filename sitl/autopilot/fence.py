@@ -48,7 +48,7 @@ class _Areas:
         """Whether a point lies in one of the areas."""
         n, e, radius = self._circles
         within = np.hypot(north - n, east - e) <= radius
-        return bool(within.any()) or self._polygons.hold(north, east, 0.0)
+        return bool(within.any()) or self._polygons.contain(north, east, 0.0)
 
 
 @dataclass(frozen=True)

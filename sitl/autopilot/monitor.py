@@ -7,7 +7,7 @@ from pymavlink.dialects.v20 import common as mav
 
 from flightdyn.aircraft import Aircraft
 from flightdyn.faults import Fault
-from sitl.autopilot.codec.instruments import Dials, Snapshot
+from sitl.autopilot.codec.instruments import DeferredValues, Snapshot
 from sitl.autopilot.failsafe import Cause, Failsafes
 from sitl.autopilot.flying.circle import Orbit
 from sitl.autopilot.flying.flight import Flight
@@ -110,10 +110,10 @@ class Monitor:
             armed_t_ns=flight.armed_t_ns,
             flights=flight.flights,
             mission=flight.mission.message(in_mission_mode=flight.mode is Mode.MISSION),
-            read_dials=lambda: self._dials(orbit),
+            read_deferred=lambda: self._deferred_values(orbit),
         )
 
-    def _dials(self, orbit: Orbit | None) -> Dials:
+    def _deferred_values(self, orbit: Orbit | None) -> DeferredValues:
         aircraft = self._aircraft
         instruments, frame = aircraft.instruments(), aircraft.frame
         to = instruments.setpoint
@@ -122,7 +122,7 @@ class Monitor:
         if orbit is not None:
             middle = frame.to_geodetic(np.array(orbit.center_ned_m))
             circle = (math.copysign(orbit.radius_m, orbit.speed_mps), middle)
-        return Dials(
+        return DeferredValues(
             instruments=instruments,
             target=None if to is None else frame.to_geodetic(np.array(to.p)),
             innovation_ratios=ratios,

@@ -34,8 +34,8 @@ RATE_HZ = slowest_rate_hz(LOOPS_HZ)
 class ArduPilotBridge(Bridge):
     """Steps a plant for the ArduPilot that sends to `port`.
 
-    It answers the first process that asks. One that asks from another port and counts from 0, as
-    ArduPilot does after a reboot, raises FirmwareRestartedError.
+    It answers the first process that asks. If one asks from another port and counts from 0, as
+    ArduPilot does after a reboot, `run` and `rest` raise FirmwareRestartedError.
     """
 
     def __init__(self, plant: Plant, *, port: int = DEFAULT_PORT) -> None:

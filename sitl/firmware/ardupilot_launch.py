@@ -6,41 +6,41 @@ from pathlib import Path
 from flightdyn.plant import Plant
 from sitl.errors import FirmwareSilentError
 from sitl.firmware.ardupilot import ArduPilotBridge
-from sitl.firmware.launch import HOVER_THRUST, THRUST_CURVE, Launch, Order, check_binary
+from sitl.firmware.launch import HOVER_THRUST, THRUST_CURVE, Launch, LaunchOptions, check_binary
 
 _DEFAULTS = "aerofed.parm"
 _NAME = b"ArduCopter V"  # of itself, to ground stations
 _SCRIPT = b"#!"
 
 
-def ardupilot_launch(order: Order, plant: Plant) -> Launch:
+def ardupilot_launch(options: LaunchOptions, plant: Plant) -> Launch:
     """Open a bridge on a free port and prepare ArduCopter for it.
 
     Raises:
         LinkError: no port can be had.
         FirmwareSilentError: see `check_arducopter`.
     """
-    binary = order.vehicle.firmware.path
+    binary = options.vehicle.firmware.path
     assert binary is not None
     check_arducopter(binary)
     bridge = ArduPilotBridge(plant, port=0)
     bridge.open()
     home = plant.frame.origin
-    heading = order.vehicle.aircraft.heading_deg
+    heading = options.vehicle.aircraft.heading_deg
     argv = (
         str(binary.resolve()),
         *("--model", "JSON:127.0.0.1"),
         *("--sim-port-out", str(bridge.port)),
         *("--home", f"{home.lat_deg:.9f},{home.lon_deg:.9f},{home.alt_msl_m:.3f},{heading:.2f}"),
         *("--defaults", _DEFAULTS),
-        *("--serial0", f"udpclient:127.0.0.1:{order.our_port}"),
+        *("--serial0", f"udpclient:127.0.0.1:{options.our_port}"),
         *("--serial1", "none:1"),
         *("--serial2", "none:2"),
-        *("--rc-in-port", str(order.its_port)),
-        *("--sysid", str(order.vehicle.system_id)),
-        *order.vehicle.firmware.arguments,
+        *("--rc-in-port", str(options.its_port)),
+        *("--sysid", str(options.vehicle.system_id)),
+        *options.vehicle.firmware.arguments,
     )
-    values = fitting(order, plant) | order.vehicle.firmware.parameters
+    values = airframe_parameters(options, plant) | options.vehicle.firmware.parameters
     text = "".join(f"{name} {value:.9g}\n" for name, value in values.items())
     return Launch(bridge, argv, files={_DEFAULTS: text})
 
@@ -65,14 +65,14 @@ def check_arducopter(binary: Path) -> None:
         )
 
 
-def fitting(order: Order, plant: Plant) -> dict[str, float]:
+def airframe_parameters(options: LaunchOptions, plant: Plant) -> dict[str, float]:
     """Return ArduCopter's parameters for our aircraft: airframe, sensors and limits.
 
     Versions differ in names and units; a version ignores what it does not know.
     """
-    aircraft = order.vehicle.aircraft
+    aircraft = options.vehicle.aircraft
     limits, sensors = aircraft.limits, aircraft.sensors
-    fast_cmps = 100 * max(order.speed_mps, 1.0)
+    fast_cmps = 100 * max(options.speed_mps, 1.0)
     values = {
         "FRAME_CLASS": 1,  # four rotors
         "FRAME_TYPE": 1,  # X

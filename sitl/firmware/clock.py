@@ -52,12 +52,12 @@ class TruthHistory:
     def newest(self) -> Moment:
         """The physical state at the end of the newest guidance interval."""
         last = self._ring.newest
-        return self._between(last, last, self._ring.of(last)[0])
+        return self._between(last, last, self._ring.row_of(last)[0])
 
     def motors(self, t_ns: int) -> list[float]:
         """Return the four duty cycles (0..1) in force at an instant within the history."""
         interval = min(t_ns // self._interval_ns, self._ring.newest)
-        duties: list[float] = self._ring.of(interval)[1][native.TRUTHS :].tolist()
+        duties: list[float] = self._ring.row_of(interval)[1][native.TRUTHS :].tolist()
         return duties
 
     def at(self, t_ns: int) -> Moment:
@@ -69,7 +69,7 @@ class TruthHistory:
         return self._between(index, min(index + 1, last), t_ns)
 
     def _between(self, first: int, second: int, t_ns: int) -> Moment:
-        (before_ns, before), (after_ns, after) = self._ring.of(first), self._ring.of(second)
+        (before_ns, before), (after_ns, after) = self._ring.row_of(first), self._ring.row_of(second)
         since_ns, gap_ns = t_ns - before_ns, after_ns - before_ns
         if since_ns <= 0 or gap_ns <= 0:
             share, motion = 0.0, before[:6].copy()
@@ -91,7 +91,7 @@ class FirmwareClock:
     """Runs an open bridge in a thread of its own, at a given pace, and keeps recent true states.
 
     Time stands still unless `run` was called last, or `answers` is set and a station is answered.
-    `at_wall_pace`, `heard` and `truth` may be used at any time from any thread.
+    `cap_at_wall_pace`, `heard` and `truth` may be used at any time from any thread.
     """
 
     def __init__(
@@ -144,14 +144,14 @@ class FirmwareClock:
 
     @contextmanager
     def going(self) -> Iterator[None]:
-        """Time goes on inside the block and stands still after it."""
+        """Context manager: time goes on inside the block and stands still after it."""
         self.run()
         try:
             yield
         finally:
             self.rest()
 
-    def at_wall_pace(self, seconds: float) -> None:
+    def cap_at_wall_pace(self, seconds: float) -> None:
         """Be no faster than wall time for the next `seconds` of it: somebody is being answered."""
         self._slow_until = time.monotonic() + seconds
 

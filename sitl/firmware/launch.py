@@ -103,7 +103,7 @@ class FirmwareProcess:
 
 
 @dataclass(frozen=True)
-class Order:
+class LaunchOptions:
     """The vehicle, the UDP ports of MAVLink and the speed that a firmware is started for."""
 
     vehicle: VehicleConfig

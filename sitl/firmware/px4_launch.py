@@ -10,7 +10,7 @@ from flightdyn.config import LimitsConfig
 from flightdyn.physics.airframe.parameters import Airframe
 from flightdyn.plant import Plant
 from sitl.errors import FirmwareSilentError, LinkError
-from sitl.firmware.launch import HOVER_THRUST, THRUST_CURVE, Launch, Order, check_binary
+from sitl.firmware.launch import HOVER_THRUST, THRUST_CURVE, Launch, LaunchOptions, check_binary
 from sitl.firmware.px4 import DEFAULT_PORT, Px4Bridge
 
 # A PX4 is known on a machine by its instance; the lower ones are for people who start it by hand.
@@ -42,23 +42,23 @@ _STREAMS_HZ = {
 }
 
 
-def px4_launch(order: Order, plant: Plant) -> Launch:
+def px4_launch(options: LaunchOptions, plant: Plant) -> Launch:
     """Open a bridge for a free PX4 instance and prepare PX4 for it.
 
     Raises:
         LinkError: no instance is free.
         FirmwareSilentError: see `etc_of`.
     """
-    binary = order.vehicle.firmware.path
+    binary = options.vehicle.firmware.path
     assert binary is not None
     etc = etc_of(binary)
     instance, bridge = _free_instance(plant)
     how = ("-d", "-i", str(instance), str(etc), "-w", ".")
-    argv = (str(binary.resolve()), *how, *order.vehicle.firmware.arguments)
+    argv = (str(binary.resolve()), *how, *options.vehicle.firmware.arguments)
     return Launch(
         bridge,
         argv,
-        files={"px4-rc.params": _parameters(order, plant), "px4-rc.mavlink": _mavlink(order)},
+        files={"px4-rc.params": _parameters(options, plant), "px4-rc.mavlink": _mavlink(options)},
         # Its folder, where these files are, comes before its own scripts: as the firmware sees it,
         # which a path that is relative to us would lead nowhere.
         env={
@@ -122,17 +122,17 @@ def _hold(path: str) -> int | None:
     return lock
 
 
-def _mavlink(order: Order) -> str:
-    port = order.its_port
-    start = f"mavlink start -x -u {port} -r 4000000 -f -m custom -o {order.our_port}"
+def _mavlink(options: LaunchOptions) -> str:
+    port = options.its_port
+    start = f"mavlink start -x -u {port} -r 4000000 -f -m custom -o {options.our_port}"
     streams = (f"mavlink stream -u {port} -s {k} -r {v}" for k, v in _STREAMS_HZ.items())
     return "\n".join(("#!/bin/sh", start, *streams, ""))
 
 
-def _parameters(order: Order, plant: Plant) -> str:
-    vehicle = order.vehicle
-    values: dict[str, float] = {"MAV_SYS_ID": vehicle.system_id, **fitting(order, plant)}
-    values |= vehicle.firmware.parameters
+def _parameters(options: LaunchOptions, plant: Plant) -> str:
+    vehicle = options.vehicle
+    values: dict[str, float] = {"MAV_SYS_ID": vehicle.system_id}
+    values |= airframe_parameters(options, plant) | vehicle.firmware.parameters
     return "\n".join(
         ("#!/bin/sh", *(f"param set {shlex.quote(k)} {_number(v)}" for k, v in values.items()), "")
     )
@@ -143,11 +143,11 @@ def _number(value: float) -> str:
     return str(int(value)) if float(value).is_integer() else repr(float(value))
 
 
-def fitting(order: Order, plant: Plant) -> dict[str, float]:
+def airframe_parameters(options: LaunchOptions, plant: Plant) -> dict[str, float]:
     """Return PX4's parameters for our aircraft: airframe, sensors and limits."""
-    aircraft = order.vehicle.aircraft
+    aircraft = options.vehicle.aircraft
     limits, gnss = aircraft.limits, aircraft.sensors.gnss
-    fast = min(20.0, max(limits.speed_mps, order.speed_mps))  # PX4 takes 20 m/s at most
+    fast = min(20.0, max(limits.speed_mps, options.speed_mps))  # PX4 takes 20 m/s at most
     return {
         **_geometry(plant.vehicle.airframe),
         "THR_MDL_FAC": THRUST_CURVE,
@@ -158,7 +158,7 @@ def fitting(order: Order, plant: Plant) -> dict[str, float]:
         # of satellites, accuracy and speed stay.
         "EKF2_GPS_CHECK": 0b0000011111,
         "MPC_XY_VEL_MAX": fast,
-        "MPC_XY_CRUISE": min(fast, order.speed_mps),
+        "MPC_XY_CRUISE": min(fast, options.speed_mps),
         "MPC_ACC_HOR": min(max(limits.acceleration_mps2, 2.0), 15.0),
         "MPC_JERK_AUTO": _jerk(limits),
         "MPC_TILTMAX_AIR": min(max(limits.tilt_deg, 20.0), 89.0),

@@ -21,7 +21,7 @@ from sitl.firmware.ardupilot import LOOPS_HZ, slowest_rate_hz
 from sitl.firmware.ardupilot_launch import ardupilot_launch, check_arducopter
 from sitl.firmware.bridge import bound
 from sitl.firmware.clock import FirmwareClock
-from sitl.firmware.launch import FirmwareProcess, Order
+from sitl.firmware.launch import FirmwareProcess, LaunchOptions
 from sitl.firmware.px4_launch import etc_of, px4_launch
 from sitl.firmware.relay import Hear, Relay, Writer
 from sitl.links import Link
@@ -131,16 +131,16 @@ class FirmwareVehicle:
             opened.callback(sock.close)
             with bound(socket.SOCK_DGRAM, 0) as free:
                 ports = sock.getsockname()[1], free.getsockname()[1]
-            order = Order(self._vehicle, *ports, self._mission_speed_mps)
+            options = LaunchOptions(self._vehicle, *ports, self._mission_speed_mps)
             prepare = px4_launch if self._vehicle.autopilot == "px4" else ardupilot_launch
-            launch = prepare(order, self.plant)
+            launch = prepare(options, self.plant)
             processor = _shared_processor()
             self.clock = FirmwareClock(launch.bridge, speed=self._speed, processor=processor)
             opened.callback(self.clock.stop)
             self.relay = Relay(
                 sock,
                 self._links,
-                asked=self.clock.at_wall_pace,
+                asked=self.clock.cap_at_wall_pace,
                 each_second=self._battery,
                 hear=self._take_heard,
                 heard=self._heard,

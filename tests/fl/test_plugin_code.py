@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from fl.arrays import frozen
-from fl.plugin_code import checked_name, digest_of, label_of, load, named
+from fl.plugin_code import checked_name, digest_of, label_of, load, register
 from fl.plugins import read_only
 
 
@@ -67,8 +67,8 @@ def test_a_function_that_is_wrapped_here_is_not_taken_for_the_one_of_its_module(
     def traced() -> int:
         return 2
 
-    assert named(inner) == "edited_w:make"
-    assert load(str(named(traced))) is traced
+    assert register(inner) == "edited_w:make"
+    assert load(str(register(traced))) is traced
 
 
 @pytest.mark.parametrize(

@@ -24,8 +24,8 @@ def test_places_within_are_those_of_a_geometry_library() -> None:
     for north, east, up in rng.uniform((-30, -30, 0), (100, 30, 50), (3000, 3)):
         at = shapely.Point(north, east)
         expected = (house.contains(at) and up < 12.0) or (kite.contains(at) and up < 40.0)
-        assert found.hold(north, east, up) == expected
-    assert not Obstacles(()).hold(0.0, 0.0, 0.0)
+        assert found.contain(north, east, up) == expected
+    assert not Obstacles(()).contain(0.0, 0.0, 0.0)
 
 
 @pytest.mark.parametrize("height_m", [10.0, 60.0])

@@ -84,8 +84,8 @@ def plan_within_limits(**more):
     digest.update(made.route_m.tobytes())
     digest.update(np.packbits(made.schedule).tobytes())
     digest.update(np.array([made.value, *taken.arrived_s, taken.energy_j]).tobytes())
-    verdict = problem.as_judged.judged(made.as_flown)
-    digest.update(np.array([verdict.share, *verdict.begins_s]).tobytes())
+    evaluation = problem.as_judged.judged(made.as_candidate)
+    digest.update(np.array([evaluation.share, *evaluation.begins_s]).tobytes())
 
 
 def radio(environment):

@@ -93,7 +93,7 @@ class Outlines:
         return allowed
 
     def free(self, points_m: Floats) -> Bools:
-        """(P,) whether points (P, 2) may be flown and are the margin from every outline."""
+        """(P,) whether points (P, 2) may be flown and keep the margin from every outline."""
         return self.keep(points_m, points_m, self._space.clear) & self.allow(points_m)
 
     def away(self, points_m: Floats) -> Floats:

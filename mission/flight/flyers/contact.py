@@ -1,4 +1,4 @@
-"""Connection to an autopilot that can be flown: it answers, and knows that it is near the area."""
+"""Connection to an autopilot that can be flown: it answers, and its position is near the area."""
 
 import asyncio
 from collections.abc import AsyncIterator, Callable, Sequence
@@ -52,7 +52,7 @@ async def located(
     raw_link: RawLink | None = None,
     known: Known | None = None,
 ) -> AsyncIterator[tuple[Pilot, TelemetryFeed]]:
-    """Connect to a vehicle and wait for its position; yields its pilot and telemetry feed.
+    """Context manager: connect to a vehicle, wait for its position, give its pilot and feed.
 
     It is at the other end of `raw_link` where one is given, else at `link.url`.
 

@@ -81,7 +81,7 @@ class FirmwareFlyer(ExternalFlyer):
         return self.vehicle.clock.truth.newest.battery.remaining
 
     async def refresh(self, needed: float) -> bool:
-        """Change the battery at once, as the simulated vehicle does; nobody is waited for."""
+        """See `Flyer`; the battery is changed at once, as for the simulated vehicle."""
         return await Flyer.refresh(self, needed)
 
     async def _change_battery(self, needed: float) -> None:  # noqa: ARG002

@@ -152,6 +152,6 @@ class Flyer(ABC):
         await self.fly(plan)
 
     async def go_home(self) -> None:
-        """Fly above home if there are no-fly areas or a fence, which a return might cross."""
+        """Fly to above home if there are no-fly areas or a fence, which a return might cross."""
         if not self.area.airspace.is_open:
             await self.go_to(np.array(self.area.home_m))

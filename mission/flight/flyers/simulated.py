@@ -50,7 +50,7 @@ def simulated_vehicle(config: VehicleConfig, *, area: Area, streams: RandomStrea
 
 
 def _arrival(flight: Flight, reported: Passage | None, hold_s: float) -> Passage | None:
-    """Return the arrival at a stop: its report less the hover before that; None: not reported."""
+    """Return the arrival at a stop: the reported passage, less its hover; None: not reported."""
     if reported is None or hold_s == 0.0:
         return reported
     return flight.at(reported.t_ns - round(1e9 * hold_s))

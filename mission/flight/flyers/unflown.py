@@ -51,7 +51,7 @@ class UnflownFlyer(Flyer):
         self._ned_m = self.area.to_ned(np.array(self.area.home_m), self.altitude_m)
 
     async def go_to(self, xy_m: Floats) -> None:
-        """Move at once to a point (2,) in area coordinates, or the nearest that is allowed."""
+        """Move at once to a point (2,) in area coordinates, or to an allowed place close to it."""
         allowed_m = self.area.airspace.moved(xy_m[None])[0]
         self._ned_m = self.area.to_ned(allowed_m, self.altitude_m)
 

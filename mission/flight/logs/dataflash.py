@@ -127,8 +127,8 @@ class _Reader:
         self.found.event(t_ns, "status", text)
 
     def _listed(self, t_ns: int, kind: int, total: int, item: MissionItem) -> None:
-        """Add an item to its uploaded list (of a MAV_MISSION_TYPE); versions before MISE log items
-        that are carried out in the same way."""
+        """Add an item to its uploaded list (of a MAV_MISSION_TYPE). Versions before MISE also log
+        each item that is started as such a row: it becomes the current one."""
         items = self._lists.setdefault(kind, {})
         if item.seq and len(items) == total:
             self.found.heads_for(t_ns, item.seq)
@@ -137,4 +137,4 @@ class _Reader:
             items.clear()
         items[item.seq] = item
         if len(items) == total > (kind == _MISSION):  # whose number 0 is home, not an item
-            self.found.took(t_ns, items, kind)
+            self.found.add_list(t_ns, items, kind)

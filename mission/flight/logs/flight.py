@@ -71,7 +71,7 @@ class Found:
         if not self.current or self.current[-1][1] != seq:
             self.current.append((t_ns, seq))
 
-    def took(self, t_ns: int, items: Mapping[int, MissionItem], kind: int = _MISSION) -> None:
+    def add_list(self, t_ns: int, items: Mapping[int, MissionItem], kind: int = _MISSION) -> None:
         """Note an uploaded list of a MAV_MISSION_TYPE, by number, unless it equals the last one."""
         record = record_of(t_ns, kind, [items[seq] for seq in sorted(items)])
         before = [mission.items for mission in self.missions if mission.kind == record.kind]

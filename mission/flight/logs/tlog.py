@@ -48,7 +48,7 @@ def read_tlog(path: Path) -> FlightData:
     order = np.argsort(wall_us, kind="stable")
     for later in reader.later:  # what has no time of the vehicle's own has that of its neighbours
         t_ms = np.interp(later[0], wall_us[order], np.maximum.accumulate(boot_ms[order]))
-        reader.place(int(t_ms * 1e6), later[1])
+        reader.take_at(int(t_ms * 1e6), later[1])
     return found.flight()
 
 
@@ -119,7 +119,7 @@ class _Reader:
         else:
             self.later.append((wall_us, message))
 
-    def place(self, t_ns: int, message: Any) -> None:
+    def take_at(self, t_ns: int, message: Any) -> None:
         """Keep what a message says, at a time of the vehicle's clock."""
         found = self._found
         match message.get_type():
@@ -156,7 +156,7 @@ class _Reader:
                     self._transferred(t_ns, message)
 
     def _transferred(self, t_ns: int, message: Any) -> None:
-        """Take part of a mission transfer; a list sent by the vehicle itself is one it holds."""
+        """Keep a message of a mission transfer; a list that the vehicle sends is one it holds."""
         kind, sender = message.mission_type, message.get_srcSystem()
         if message.get_type() == "MISSION_COUNT":
             self._lists[kind, sender] = message.count, {}
@@ -167,11 +167,11 @@ class _Reader:
             count, items = self._lists[kind, sender]
             items[item.seq] = item
             if sender == self._system and len(items) == count:
-                self._found.took(t_ns, items, kind)  # it may say again what was uploaded
+                self._found.add_list(t_ns, items, kind)  # it may say again what was uploaded
                 del self._lists[kind, sender]
 
     def _answered(self, t_ns: int, ack: Any) -> None:
         """Take the vehicle's MISSION_ACK: a complete upload that it accepts becomes its list."""
         count, items = self._lists.pop((ack.mission_type, ack.target_system), (0, {}))
         if ack.type == mav.MAV_MISSION_ACCEPTED and items and len(items) == count:
-            self._found.took(t_ns, items, ack.mission_type)
+            self._found.add_list(t_ns, items, ack.mission_type)

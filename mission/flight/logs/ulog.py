@@ -207,4 +207,6 @@ def _heading_for(found: Found, topics: dict[str, Columns]) -> None:
     for since_ns, items in zip(since, missions, strict=True):
         numbers = range(max(items, default=-1) + 1)
         if items:
-            found.took(int(since_ns), {n: items.get(n, replace(nowhere, seq=n)) for n in numbers})
+            found.add_list(
+                int(since_ns), {n: items.get(n, replace(nowhere, seq=n)) for n in numbers}
+            )

@@ -287,7 +287,7 @@ class TelemetryFeed:
 
 class VehicleClock:
     """Vehicle time by the stamps of its messages: nanoseconds since `zero_ms`, or the first stamp.
-    It continues where the vehicle restarts."""
+    A restart of the vehicle does not set it back."""
 
     def __init__(self, zero_ms: int | None = None) -> None:
         self._zero_ms = zero_ms

@@ -84,8 +84,8 @@ class Pilot:
             await self.watch.ask_armable()
 
     async def lists(self) -> list[tuple[MissionItem, ...]] | None:
-        """Download mission, fence and rally points from the vehicle; None where one is incomplete,
-        as while it answers another ground station of MAVSDK's, too."""
+        """Download mission, fence and rally points from the vehicle; None if one fails or is not
+        whole, as while it answers another ground station of MAVSDK's, too."""
         raw = self._mission
         try:
             lists = [

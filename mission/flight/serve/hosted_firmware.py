@@ -56,7 +56,7 @@ class FirmwareHost(Host):
 
     @asynccontextmanager
     async def alive(self) -> AsyncIterator[None]:
-        """Run the firmware while the block runs, ready to be armed."""
+        """Context manager: the firmware runs while the block runs, ready to be armed."""
         observers = (self.track, *(() if self.logs is None else (self.logs,)))
         said: list[str] = []  # what people are told of it is in its log, too
         with (

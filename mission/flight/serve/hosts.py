@@ -61,7 +61,7 @@ class BuiltIn(Host):
 
     @asynccontextmanager
     async def alive(self) -> AsyncIterator[None]:
-        """Run the vehicle while the block runs; ordered time first runs until it has started up."""
+        """Context manager: the vehicle runs inside; ordered time first runs until it is started."""
         async with self._simulation:
             while self.runs == "ordered" and self._vehicle.moving:
                 await self.run_for(LOOK_S)  # it starts up

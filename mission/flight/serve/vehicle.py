@@ -52,7 +52,7 @@ def link_url(text: str) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Served:
-    """One vehicle to serve, with the URLs that it sends to and the writer of its flight logs."""
+    """One vehicle to serve, with the URLs of its links and the writer of its flight logs."""
 
     name: str  # by its number from 1; of its folder of logs, too
     vehicle: Vehicle

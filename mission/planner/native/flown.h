@@ -49,7 +49,7 @@ static void assign_ready(const Round *round, int timed, unsigned char *schedule,
 
 /* Leave out devices whose step begins before they are ready, and work out what the plan is worth. Who
    is left out sends nothing, so that those after it may have their turn too early as well. */
-static void leave_late(const Round *round, Flown *plan, Desk *desk)
+static void leave_late(const Round *round, CandidatePlan *plan, Desk *desk)
 {
     for (int late = round->ready != NULL; late;) {
         late = 0;
@@ -81,7 +81,7 @@ static double left_to_hover(const Flying *flying, double length)
 }
 
 /* Of device k's success at the step where that is largest: the nearest one, but on a grid. */
-static double best_chance(const Round *round, const Flown *plan, int64_t k, const Desk *desk)
+static double best_chance(const Round *round, const CandidatePlan *plan, int64_t k, const Desk *desk)
 {
     double square = INFINITY, best = 0.0;
     for (int64_t n = 0; n < round->steps; n++) {
@@ -96,7 +96,7 @@ static double best_chance(const Round *round, const Flown *plan, int64_t k, cons
 
 /* What a path of so many metres is worth at most: each device from the nearest step, the hovers for them
    within what the flight leaves. */
-static double promised(const Round *round, const Flown *plan, double length, Desk *desk)
+static double promised(const Round *round, const CandidatePlan *plan, double length, Desk *desk)
 {
     double total = 0.0;
     for (int64_t k = 0; k < round->devices; k++) {
@@ -120,7 +120,7 @@ static double promised(const Round *round, const Flown *plan, double length, Des
 
 /* The best schedule along a path; where devices have to get ready, one that waits for nobody but by
    hovers: while those of the plan send, others get ready. */
-static void schedule_steps(const Round *round, Flown *plan, Desk *desk)
+static void schedule_steps(const Round *round, CandidatePlan *plan, Desk *desk)
 {
     const size_t size = (size_t)(round->steps * round->devices);
     set_chances(round, plan, desk);
@@ -132,7 +132,7 @@ static void schedule_steps(const Round *round, Flown *plan, Desk *desk)
     memset(plan->schedule, 0, size);
     plan->value = 0.0;
     for (int turn = 0; turn < (round->upload ? ANEW : 1); turn++) {
-        Flown other = *plan;
+        CandidatePlan other = *plan;
         other.schedule = desk->other;
         time_steps(round, plan, desk);
         assign_ready(round, 1, other.schedule, desk);
@@ -145,7 +145,7 @@ static void schedule_steps(const Round *round, Flown *plan, Desk *desk)
 
 /* Make the plan serve the first `count` of those that are chosen, and work out the share of the limits
    that it takes then. */
-static double serve_chosen(const Round *round, Flown *plan, int64_t count, Desk *desk)
+static double serve_chosen(const Round *round, CandidatePlan *plan, int64_t count, Desk *desk)
 {
     memset(plan->schedule, 0, (size_t)(round->steps * round->devices));
     for (int64_t i = 0; i < count; i++) {
@@ -160,7 +160,7 @@ static double serve_chosen(const Round *round, Flown *plan, int64_t count, Desk 
    may still not fit, if the path alone does not, and is worth nothing where it seems that it would be
    worth no more than `above`. Its chances are worked out. Returns the share of the limits that it
    takes. */
-static double serve_fewer(const Round *round, Flown *plan, double above, Desk *desk)
+static double serve_fewer(const Round *round, CandidatePlan *plan, double above, Desk *desk)
 {
     const double whole = share_of(round, plan, radius_of(round, plan, desk), desk);
     if (whole <= 1.0 || !round->upload) return whole;
@@ -215,7 +215,7 @@ static double serve_fewer(const Round *round, Flown *plan, double above, Desk *d
 
 /* The first metres of a path: where everywhere may be flown it is shrunk about its start, among areas
    its end is cut off, where the waypoints that are left all are. Returns the metres. */
-static double cut_path(const Round *round, const Flown *whole, double metres, Flown *plan)
+static double cut_path(const Round *round, const CandidatePlan *whole, double metres, CandidatePlan *plan)
 {
     double along = 0.0;
     plan->points = whole->points;
@@ -253,9 +253,10 @@ static double cut_path(const Round *round, const Flown *whole, double metres, Fl
 
 /* Make the plan along a path as far as it fits; 0 where it is worth no more than `above`, or where a
    few cuts do not find how far it may go. */
-static int fit_path(const Round *round, Flown *plan, double metres, double above, int limited, Desk *desk)
+static int fit_path(
+    const Round *round, CandidatePlan *plan, double metres, double above, int limited, Desk *desk)
 {
-    Flown *whole = &desk->whole;
+    CandidatePlan *whole = &desk->whole;
     double before = 0.0, longer = -1.0; /* share, and metres, of the path before */
     whole->points = plan->points;
     memcpy(whole->at, plan->at, (size_t)round->steps * sizeof(int64_t));

@@ -10,8 +10,8 @@ SIZE_OF(Limits);
 SIZE_OF(Relaxation);
 SIZE_OF(Flying);
 SIZE_OF(Round);
-SIZE_OF(Flown);
-SIZE_OF(Verdict);
+SIZE_OF(CandidatePlan);
+SIZE_OF(Evaluation);
 SIZE_OF(Planner);
 
 EXPORTED const Planner *at_level(int level)

@@ -88,7 +88,7 @@ typedef struct {
     int64_t *at;             /* (N,) which of them are the waypoints, rising */
     unsigned char *schedule; /* (N, K) who sends as each step is passed */
     double value;            /* what that earns */
-} Flown;
+} CandidatePlan;
 
 /* What a flight takes; of a round that has none, stops alone. */
 typedef struct {
@@ -96,7 +96,7 @@ typedef struct {
     int64_t *stop;         /* (points,) of each point */
     double *hold, *offset; /* (points,) hover at each stop, (N,) when steps begin after arrival there */
     double *begins;        /* (N,) when they begin at the earliest, in seconds into the round */
-} Verdict;
+} Evaluation;
 
 /* Why a search has ended: the gap is met, or nothing is left to divide; after all of its nodes; or at
    a pace at which the rest of them would not do. */
@@ -132,15 +132,16 @@ typedef struct {
     /* The plan along the way through `waypoint` (N,), cut to so many metres and, if `limited`, to what
        fits; 0 where it is worth no more than `above`, 1 otherwise, -1 where memory is short. Its route
        has room for N (V + 2) points. */
-    int (*fit)(const Round *, const Point *waypoint, Flown *, double metres, double above, int limited);
+    int (*fit)(const Round *, const Point *waypoint, CandidatePlan *, double metres, double above,
+               int limited);
     /* The best plan that so many changes at random lead to, of which those are kept that make the present
        one worth more, or less by a share of `tolerance` that falls to nothing: 0, or -1. */
-    int (*vary)(const Round *, Flown *, double metres, int64_t changes, double tolerance, int64_t seed,
-                int limited);
+    int (*vary)(const Round *, CandidatePlan *, double metres, int64_t changes, double tolerance,
+                int64_t seed, int limited);
     /* The plan without devices for which there is no time: 0, or -1. */
-    int (*leave_out)(const Round *, Flown *);
+    int (*leave_out)(const Round *, CandidatePlan *);
     /* What is asked of a plan's flight: 0, or -1. */
-    int (*judge)(const Round *, const Flown *, Verdict *);
+    int (*judge)(const Round *, const CandidatePlan *, Evaluation *);
     /* When each of `count` stops is reached, and the joules; returns seconds. */
     double (*foresee)(const Flying *, int64_t count, const Point *stops, const double *hold,
                       double radius, double *arrived, double *joules);

@@ -137,7 +137,8 @@ static double conjugate(const Relaxation *relaxation, int64_t row, double s)
 }
 
 static int fit(
-    const Round *round, const Point *waypoint, Flown *plan, double metres, double above, int limited)
+    const Round *round, const Point *waypoint, CandidatePlan *plan, double metres, double above,
+    int limited)
 {
     Arena arena = {0};
     Desk desk;
@@ -150,7 +151,7 @@ static int fit(
     return fits;
 }
 
-static int leave_out(const Round *round, Flown *plan)
+static int leave_out(const Round *round, CandidatePlan *plan)
 {
     Arena arena;
     Desk desk;
@@ -161,23 +162,23 @@ static int leave_out(const Round *round, Flown *plan)
     return 0;
 }
 
-static int judge(const Round *round, const Flown *plan, Verdict *verdict)
+static int judge(const Round *round, const CandidatePlan *plan, Evaluation *evaluation)
 {
     const size_t size = (size_t)round->steps * sizeof(double);
     Arena arena;
     Desk desk;
     if (!open_desk(&desk, &arena, round, plan->points)) return -1;
-    if (round->radii) verdict->radius = radius_of(round, plan, &desk);
+    if (round->radii) evaluation->radius = radius_of(round, plan, &desk);
     gather_stops(round, plan, &desk);
-    memcpy(verdict->offset, desk.begins, size);
+    memcpy(evaluation->offset, desk.begins, size);
     for (int64_t p = 0; p < plan->points; p++) {
-        verdict->stop[p] = desk.stop[p];
-        verdict->hold[p] = desk.at[p].hold;
+        evaluation->stop[p] = desk.stop[p];
+        evaluation->hold[p] = desk.at[p].hold;
     }
     if (round->flying) {
         time_steps(round, plan, &desk);
-        memcpy(verdict->begins, desk.begins, size);
-        verdict->share = share_of(round, plan, verdict->radius, &desk);
+        memcpy(evaluation->begins, desk.begins, size);
+        evaluation->share = share_of(round, plan, evaluation->radius, &desk);
     }
     release(&arena);
     return 0;

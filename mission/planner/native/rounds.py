@@ -37,14 +37,14 @@ class _Round(ctypes.Structure):
     )  # fmt: skip
 
 
-class _Flown(ctypes.Structure):
+class _CandidatePlan(ctypes.Structure):
     _fields_ = (
         ("points", _INT), ("route", _POINTER), ("at", _POINTER), ("schedule", _POINTER),
         ("value", _DOUBLE),
     )  # fmt: skip
 
 
-class _Verdict(ctypes.Structure):
+class _Evaluation(ctypes.Structure):
     _fields_ = (
         ("radius", _DOUBLE), ("share", _DOUBLE), ("stop", _POINTER), ("hold", _POINTER),
         ("offset", _POINTER), ("begins", _POINTER),
@@ -52,11 +52,12 @@ class _Verdict(ctypes.Structure):
 
 
 check_sizes(
-    LIBRARY, Airspace=Structure, Flying=Flying, Round=_Round, Flown=_Flown, Verdict=_Verdict
-)
+    LIBRARY, Airspace=Structure, Flying=Flying, Round=_Round, CandidatePlan=_CandidatePlan,
+    Evaluation=_Evaluation,
+)  # fmt: skip
 
 
-class Flown(NamedTuple):
+class CandidatePlan(NamedTuple):
     """A plan: its route (P, 2), which points of it are the waypoints (N,), the schedule (N, K)."""
 
     route: Floats
@@ -65,7 +66,7 @@ class Flown(NamedTuple):
     value: float
 
 
-class Verdict(NamedTuple):
+class Evaluation(NamedTuple):
     """Evaluation of a plan's flight; `share` and `begins_s` are 0 for a round without limits."""
 
     radius_m: float  # acceptance radius
@@ -129,7 +130,7 @@ class Round:
 
     def fitted(
         self, waypoints_m: Floats, metres: float, *, above: float, limited: bool
-    ) -> Flown | None:
+    ) -> CandidatePlan | None:
         """Return the plan along waypoints (N, 2), shortened to `metres` and, if `limited`, to the
         limits; None where it is worth no more than `above`, or where a few cuts find no length
         that fits.
@@ -151,14 +152,14 @@ class Round:
 
     def varied(
         self,
-        plan: Flown,
+        plan: CandidatePlan,
         metres: float,
         changes: int,
         *,
         tolerance: float,
         seed: int,
         limited: bool,
-    ) -> Flown:
+    ) -> CandidatePlan:
         """Return the best plan of a local search (threshold accepting) with `changes` random moves,
         each of which may lose up to a share `tolerance` of the value, falling to 0 in the end;
         `metres` and `limited` as in `fitted`.
@@ -172,13 +173,13 @@ class Round:
         enough_memory(FUNCTIONS.vary(self.at, at, metres, changes, tolerance, seed, limited))
         return self._made(other, given)
 
-    def _with_room(self, route: Floats, at: Ints, schedule: Bools, value: float) -> Flown:
+    def _with_room(self, route: Floats, at: Ints, schedule: Bools, value: float) -> CandidatePlan:
         longest = np.empty((self._room, 2))
         longest[: len(route)] = route
-        return Flown(longest, at.copy(), schedule.copy(), value)
+        return CandidatePlan(longest, at.copy(), schedule.copy(), value)
 
-    def serving_fewer(self, plan: Flown) -> Flown:
-        """Drop devices whose upload the limits of time and energy leave no room for.
+    def serving_fewer(self, plan: CandidatePlan) -> CandidatePlan:
+        """Return the plan without devices for whose upload the limits leave no time or energy.
 
         Raises:
             MemoryError: there is too little memory.
@@ -188,7 +189,7 @@ class Round:
         enough_memory(FUNCTIONS.leave_out(self.at, ctypes.addressof(given)))
         return plan._replace(value=given.value)
 
-    def judged(self, plan: Flown) -> Verdict:
+    def judged(self, plan: CandidatePlan) -> Evaluation:
         """Evaluate a plan: acceptance radius, stops, hovers and share of the limits.
 
         Raises:
@@ -196,14 +197,14 @@ class Round:
         """
         points, steps = len(plan.route), self._size[0]
         kept = np.empty(points, np.int64), np.empty(points), np.empty(steps), np.zeros(steps)
-        found = _Verdict(0.0, 0.0, *(array.ctypes.data for array in kept))
+        found = _Evaluation(0.0, 0.0, *(array.ctypes.data for array in kept))
         given = self._as_c(plan)
         enough_memory(FUNCTIONS.judge(self.at, ctypes.addressof(given), ctypes.addressof(found)))
-        return Verdict(found.radius, found.share, *kept)
+        return Evaluation(found.radius, found.share, *kept)
 
-    def _as_c(self, plan: Flown, points: int | None = None) -> _Flown:
+    def _as_c(self, plan: CandidatePlan, points: int | None = None) -> _CandidatePlan:
         room = len(plan.route)
-        return _Flown(
+        return _CandidatePlan(
             room if points is None else points,
             address(plan.route, np.float64, (room, 2)),
             address(plan.at, np.int64, self._size[:1]),
@@ -211,7 +212,7 @@ class Round:
             plan.value,
         )
 
-    def _made(self, plan: Flown, given: _Flown) -> Flown:
+    def _made(self, plan: CandidatePlan, given: _CandidatePlan) -> CandidatePlan:
         return plan._replace(route=plan.route[: given.points].copy(), value=given.value)
 
 

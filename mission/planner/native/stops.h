@@ -37,7 +37,7 @@ typedef struct {
     Stop *at;             /* (P,) */
     double *begins;       /* (N,) when each step begins */
     Point *corner, *cut;  /* (P,) of the route, and where they are passed */
-    Drawing run; /* (P + 1,) */
+    PathProfile run; /* (P + 1,) */
     double *passed; /* (P + 1,) */
     Run *runs;      /* (RUNS,) of those that were foreseen */
     double *chances, *worth; /* (N, K) of success, (K, N) */
@@ -47,7 +47,7 @@ typedef struct {
     int64_t *assigned, *chosen, *order, *spare; /* (K,) */
     Turn *turns;             /* (K,) */
     unsigned char *other;    /* (N, K) a schedule */
-    Flown whole;             /* a path that is cut */
+    CandidatePlan whole;     /* a path that is cut */
     Places places;
 } Desk;
 
@@ -96,7 +96,7 @@ static int open_desk(Desk *desk, Arena *arena, const Round *round, int64_t point
    that is held at every stop but the first, or at the only one, is shared by its steps; each lasts
    until its devices have sent, one after another, and a stop until all of its steps have. `begins` is
    after the arrival. */
-static void gather_stops(const Round *round, const Flown *plan, Desk *desk)
+static void gather_stops(const Round *round, const CandidatePlan *plan, Desk *desk)
 {
     desk->stops = 0;
     for (int64_t p = 0; p < plan->points; p++) {
@@ -153,7 +153,7 @@ static double fly_run(
         if (joules) *joules = run->joules;
         return run->seconds;
     }
-    Drawing *path = &desk->run;
+    PathProfile *path = &desk->run;
     path->count = count > 1 ? count : 2;
     for (int64_t i = 0; i < path->count; i++) {
         path->points[i][0] = i < count ? stop[i].p.x : stop[0].p.x + ASTRAY_M;
@@ -209,7 +209,7 @@ static double fly_stops(const Flying *flying, double radius, double *joules, Des
 }
 
 /* How much of the tighter limit the flight of a plan takes; more than 1 does not fit. */
-static double share_of(const Round *round, const Flown *plan, double radius, Desk *desk)
+static double share_of(const Round *round, const CandidatePlan *plan, double radius, Desk *desk)
 {
     const Flying *flying = round->flying;
     double joules = 0.0;
@@ -221,7 +221,7 @@ static double share_of(const Round *round, const Flown *plan, double radius, Des
 
 /* When each step begins at the earliest, in seconds into the round: as foreseen with the widest
    corners, less what a flight may be ahead of that. */
-static void time_steps(const Round *round, const Flown *plan, Desk *desk)
+static void time_steps(const Round *round, const CandidatePlan *plan, Desk *desk)
 {
     const Flying *flying = round->flying;
     gather_stops(round, plan, desk);
@@ -236,7 +236,7 @@ static void time_steps(const Round *round, const Flown *plan, Desk *desk)
 
    A corner is cut along its bisector. The arc is a parabola that takes up half of either leg at most,
    so that its depth is limited to a quarter of the shorter leg times sin(phi / 2). */
-static void cut_corners(const Flown *plan, double radius, Desk *desk)
+static void cut_corners(const CandidatePlan *plan, double radius, Desk *desk)
 {
     int64_t count = 0;
     Point *corner = desk->corner;
@@ -278,7 +278,7 @@ static double chance_at(const Round *round, int64_t k, Point place, const Desk *
 
 /* The widest acceptance radius of the round's that costs a plan 1 % of its value at most; where none
    does, the narrowest. */
-static double radius_of(const Round *round, const Flown *plan, Desk *desk)
+static double radius_of(const Round *round, const CandidatePlan *plan, Desk *desk)
 {
     for (int64_t i = 0; i < round->radii; i++) {
         double flown = 0.0;
@@ -294,7 +294,7 @@ static double radius_of(const Round *round, const Flown *plan, Desk *desk)
     return round->radius[round->radii - 1];
 }
 
-static void set_chances(const Round *round, const Flown *plan, Desk *desk)
+static void set_chances(const Round *round, const CandidatePlan *plan, Desk *desk)
 {
     double *chance = desk->chances;
     for (int64_t n = 0; n < round->steps; n++)

@@ -26,8 +26,8 @@ static void lay_out_planning(Desk *desk, double **ways, Arena *arena, const Roun
 
 /* Make the plan along the way through waypoints, as `fit_path` does. */
 static int fit_way(
-    const Round *round, const Point *waypoint, Flown *plan, double metres, double above, int limited,
-    Desk *desk, double *ways)
+    const Round *round, const Point *waypoint, CandidatePlan *plan, double metres, double above,
+    int limited, Desk *desk, double *ways)
 {
     plan->points = round->steps;
     if (round->space)
@@ -75,7 +75,7 @@ static void change_way(int64_t steps, Point *way, Point device, uint64_t *state)
 
 /* See `planner.h`. */
 static int vary(
-    const Round *round, Flown *plan, double metres, int64_t changes, double tolerance, int64_t seed,
+    const Round *round, CandidatePlan *plan, double metres, int64_t changes, double tolerance, int64_t seed,
     int limited)
 {
     const int64_t steps = round->steps;
@@ -83,7 +83,7 @@ static int vary(
     int64_t *worth, count = 0;
     double *ways, value = plan->value;
     Point *now, *way;
-    Flown other;
+    CandidatePlan other;
     Desk desk;
     Arena arena = {0};
     for (int pass = 0; pass < 2; pass++) {

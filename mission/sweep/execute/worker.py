@@ -60,7 +60,7 @@ def execute(order: RunOrder) -> RunEnd:
         for name, digest in code_digests(order.config).items():
             if why := other_code(name, order.plugins[name], digest):
                 raise InputError(f"{why} while the sweep was at work; give it a new folder")
-        if begun(order.folder):
+        if clear_unless_resumable(order.folder):
             code = resume_session(order.folder, around)
         else:
             code = fly_session(order.config, order.folder, around, data_dir=order.data_dir)
@@ -69,7 +69,7 @@ def execute(order: RunOrder) -> RunEnd:
     return RunEnd(code)
 
 
-def begun(path: Path) -> bool:
+def clear_unless_resumable(path: Path) -> bool:
     """Whether a run that was cut off can go on in this folder; if not, the folder is removed.
 
     A run that failed, that other versions of the libraries began, or whose vehicle cannot fly its
@@ -88,7 +88,7 @@ def begun(path: Path) -> bool:
 
 
 def _goes_on(folder: RunFolder) -> bool:
-    summary = folder.told()
+    summary = folder.read_summary()
     if summary.get("status") not in ("running", "interrupted") or not summary.get("resumable"):
         return False
     try:

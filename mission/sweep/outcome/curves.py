@@ -36,7 +36,7 @@ def interval(values: Sequence[float] | Floats) -> Interval:
 
 
 def band(curves: Floats) -> tuple[Floats, Floats]:
-    """Mean and half-width of its 95 % interval at every point of (runs, points) curves: (points,).
+    """Return mean and 95 % half-width at every point of (runs, points) curves: (points,) each.
 
     Of fewer than three runs the half-width is NaN: nothing can be said.
     """
@@ -150,7 +150,7 @@ class Picture:
         """Last round shown, so that shorter runs can be seen; None: the axis is not cut."""
         if self.along is not ROUNDS:
             return None
-        ends = sorted(max(len(run.rounds) for run in runs) for runs in self.groups.values())
+        ends = sorted(self._ends().values())
         usual = ends[(len(ends) - 1) // 2]
         return float(usual) if ends[-1] > 2 * usual else None
 
@@ -160,12 +160,12 @@ class Picture:
         label, end = self.along.label, self.end
         if end is None:
             return label
-        beyond = [
-            f"{name} to {len(runs[0].rounds)}"
-            for name, runs in self.groups.items()
-            if len(runs[0].rounds) > 2 * end
-        ]
+        beyond = [f"{name} to {last}" for name, last in self._ends().items() if last > 2 * end]
         return f"{label} ({', '.join(beyond)})"
+
+    def _ends(self) -> dict[str, int]:
+        """Return the last round of each group's longest run."""
+        return {name: max(len(run.rounds) for run in runs) for name, runs in self.groups.items()}
 
     def curves(self, panel: Panel, where: str = "") -> dict[str, Curve]:
         """Return curves of a panel by group; with `where`, of that setting only, by strategy."""

@@ -45,7 +45,7 @@ class Gain:
         return tuple(mine - other for mine, other in self.finals)
 
     def at_equal(self, what: str) -> tuple[float, ...]:
-        """Accuracy differences at equal `what` (see `EQUAL`): where the cheaper run ends."""
+        """Return accuracy differences at equal `what` (see `EQUAL`): where the cheaper run ends."""
         column = f"accuracy_{self.community}"
         ends = (at_equal(pair, what, column) for pair in self.pairs)
         return tuple(mine - other for mine, other in ends)

@@ -62,7 +62,7 @@ _TERMINAL = (
 def outcome(
     results: Sequence[RunResult], columns: Sequence[Column], *, seeds: Callable[[str], str]
 ) -> Cells:
-    """Table with a row for each strategy and setting; `seeds` counts the seeds of a group.
+    """Make a table, a row for each strategy and setting; `seeds` counts the seeds of a group.
 
     Columns for which no run has a number are left out, such as energy where nothing was flown.
     """
@@ -81,7 +81,7 @@ def outcome(
 
 
 def final_table(results: Sequence[RunResult]) -> Table:
-    """Table for the terminal: means over the seeds, with 95 % intervals."""
+    """Make the table for the terminal: means over the seeds, with 95 % intervals."""
     groups = groups_of(results)
     (first, *heads), rows = outcome(results, _TERMINAL, seeds=lambda name: str(len(groups[name])))
     table = Table(
@@ -100,8 +100,8 @@ def final_table(results: Sequence[RunResult]) -> Table:
 
 
 def over_seeds(runs: Sequence[RunResult], column: str) -> Interval:
-    """Mean and interval, over the runs that have a number there, of a column of `runs.csv` or of
-    accuracy at equal rounds, metres or energy."""
+    """Return mean and interval, over the runs that have a number there, of a column of `runs.csv`
+    or of accuracy at equal rounds, metres or energy."""
     return interval(_values(runs, column))
 
 

@@ -24,7 +24,7 @@ _IGNORE_ALL = 0b110111111111
 
 
 @dataclass(frozen=True, slots=True)
-class Dials:
+class DeferredValues:
     """Values that only some telemetry messages need and that cost more to collect."""
 
     instruments: Instruments
@@ -59,12 +59,12 @@ class Snapshot:
     armed_t_ns: int  # when it was armed last; 0 for never
     flights: int  # how often it was armed
     mission: mav.MAVLink_message  # MISSION_CURRENT
-    read_dials: Callable[[], Dials]
+    read_deferred: Callable[[], DeferredValues]
 
     @cached_property
-    def dials(self) -> Dials:
+    def deferred(self) -> DeferredValues:
         """The values that only some messages need, read once."""
-        return self.read_dials()
+        return self.read_deferred()
 
 
 def _field(i: Instruments) -> Triple:
@@ -76,16 +76,16 @@ def _temperature_c(i: Instruments) -> float:
 
 
 def _highres_imu(s: Snapshot) -> mav.MAVLink_message:
-    r = s.dials.instruments.readings
+    r = s.deferred.instruments.readings
     return mav.MAVLink_highres_imu_message(
         u.us(s.t_ns),
         *r.specific_force_mps2,
         *r.rates_radps,
-        *_field(s.dials.instruments),
+        *_field(s.deferred.instruments),
         abs_pressure=r.pressure_pa / 100,  # hPa
         diff_pressure=0.0,  # there is no such sensor, and no bit for it below
         pressure_alt=altitude_m(r.pressure_pa),
-        temperature=_temperature_c(s.dials.instruments),
+        temperature=_temperature_c(s.deferred.instruments),
         fields_updated=_FIELDS_WITHOUT_FIELD | (0 if r.field_gauss is None else _FIELD),
     )
 
@@ -101,19 +101,19 @@ def _imu(i: Instruments) -> dict[str, int]:
 
 
 def _scaled_imu(s: Snapshot) -> mav.MAVLink_message:
-    return mav.MAVLink_scaled_imu_message(u.ms(s.t_ns), **_imu(s.dials.instruments))
+    return mav.MAVLink_scaled_imu_message(u.ms(s.t_ns), **_imu(s.deferred.instruments))
 
 
 def _raw_imu(s: Snapshot) -> mav.MAVLink_message:
-    return mav.MAVLink_raw_imu_message(u.us(s.t_ns), **_imu(s.dials.instruments))
+    return mav.MAVLink_raw_imu_message(u.us(s.t_ns), **_imu(s.deferred.instruments))
 
 
 def _scaled_pressure(s: Snapshot) -> mav.MAVLink_message:
     return mav.MAVLink_scaled_pressure_message(
         time_boot_ms=u.ms(s.t_ns),
-        press_abs=s.dials.instruments.readings.pressure_pa / 100,
+        press_abs=s.deferred.instruments.readings.pressure_pa / 100,
         press_diff=0.0,
-        temperature=u.int16(_temperature_c(s.dials.instruments) * 100),
+        temperature=u.int16(_temperature_c(s.deferred.instruments) * 100),
     )
 
 
@@ -121,7 +121,7 @@ def _odometry(s: Snapshot) -> mav.MAVLink_message:
     r = rotation_matrix(tuple(map(float, s.belief.q_frd_to_ned)))  # type: ignore[arg-type]
     n, e, w = map(float, s.belief.vel_ned_mps)
     body = [r[i] * n + r[3 + i] * e + r[6 + i] * w for i in range(3)]
-    stds = s.dials.instruments.readings.stds
+    stds = s.deferred.instruments.readings.stds
     return mav.MAVLink_odometry_message(
         time_usec=u.us(s.t_ns),
         frame_id=mav.MAV_FRAME_LOCAL_NED,
@@ -150,7 +150,7 @@ def _covariance(stds: list[float] | None) -> list[float]:
 
 
 def _attitude_target(s: Snapshot) -> mav.MAVLink_message:
-    i = s.dials.instruments
+    i = s.deferred.instruments
     return u.sparse(
         mav.MAVLink_attitude_target_message,
         time_boot_ms=u.ms(s.t_ns),
@@ -161,7 +161,7 @@ def _attitude_target(s: Snapshot) -> mav.MAVLink_message:
 
 
 def _position_target(s: Snapshot) -> mav.MAVLink_position_target_local_ned_message:
-    to = s.dials.instruments.setpoint
+    to = s.deferred.instruments.setpoint
     numbers = _NAN11 if to is None else (*to.p, *to.v, *to.a, to.yaw, to.yaw_rate)
     mask = _IGNORE_ALL if to is None else 0
     return mav.MAVLink_position_target_local_ned_message(
@@ -171,7 +171,7 @@ def _position_target(s: Snapshot) -> mav.MAVLink_position_target_local_ned_messa
 
 def _position_target_global(s: Snapshot) -> mav.MAVLink_message:
     """The position setpoint as latitude, longitude and altitude."""
-    local, place = _position_target(s), s.dials.target
+    local, place = _position_target(s), s.deferred.target
     lat, lon, alt = (0, 0, math.nan)
     if place is not None:
         lat, lon, alt = u.deg_e7(place.lat_deg), u.deg_e7(place.lon_deg), place.alt_msl_m
@@ -182,21 +182,21 @@ def _position_target_global(s: Snapshot) -> mav.MAVLink_message:
 
 
 def _servos(s: Snapshot) -> mav.MAVLink_message:
-    pwm = [round(_PWM_LEAST + _PWM_SPAN * share) for share in s.dials.instruments.motors]
+    pwm = [round(_PWM_LEAST + _PWM_SPAN * share) for share in s.deferred.instruments.motors]
     return mav.MAVLink_servo_output_raw_message(
         u.us(s.t_ns) % 2**32, 0, *(pwm + _UNUSED)[:8], *_UNUSED
     )
 
 
 def _actuators(s: Snapshot) -> mav.MAVLink_message:
-    motors = s.dials.instruments.motors
+    motors = s.deferred.instruments.motors
     return mav.MAVLink_actuator_output_status_message(
         time_usec=u.us(s.t_ns), active=len(motors), actuator=[*motors, *[0.0] * (32 - len(motors))]
     )
 
 
 def _wind(s: Snapshot) -> mav.MAVLink_message:
-    north, east, down = map(float, s.dials.instruments.wind_ned_mps)
+    north, east, down = map(float, s.deferred.instruments.wind_ned_mps)
     return u.sparse(
         mav.MAVLink_wind_cov_message,
         time_usec=u.us(s.t_ns),
@@ -209,7 +209,7 @@ def _wind(s: Snapshot) -> mav.MAVLink_message:
 
 def _vibration(s: Snapshot) -> mav.MAVLink_message:
     return mav.MAVLink_vibration_message(
-        u.us(s.t_ns), *s.dials.instruments.readings.vibration_mps2, 0, 0, 0
+        u.us(s.t_ns), *s.deferred.instruments.readings.vibration_mps2, 0, 0, 0
     )
 
 
@@ -219,8 +219,8 @@ def _estimator_status(s: Snapshot) -> mav.MAVLink_message:
     flags |= mav.ESTIMATOR_PRED_POS_HORIZ_REL
     if s.gnss is not None:
         flags |= mav.ESTIMATOR_POS_HORIZ_ABS | mav.ESTIMATOR_PRED_POS_HORIZ_ABS
-    across, upright = _position_stds(s.dials.instruments.readings.stds)
-    ratio = s.dials.innovation_ratios
+    across, upright = _position_stds(s.deferred.instruments.readings.stds)
+    ratio = s.deferred.innovation_ratios
     return u.sparse(
         mav.MAVLink_estimator_status_message,
         time_usec=u.us(s.t_ns),
@@ -241,9 +241,9 @@ def _position_stds(stds: Vector | None) -> tuple[float, float]:
 
 def _orbit(s: Snapshot) -> mav.MAVLink_message | None:
     """ORBIT_EXECUTION_STATUS, which is sent only while an orbit is flown."""
-    if s.dials.orbit is None:
+    if s.deferred.orbit is None:
         return None
-    radius, point = s.dials.orbit
+    radius, point = s.deferred.orbit
     return mav.MAVLink_orbit_execution_status_message(
         time_usec=u.us(s.t_ns),
         radius=radius,

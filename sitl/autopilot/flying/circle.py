@@ -37,7 +37,7 @@ class Orbit:
         return self.point(phase_rad + math.copysign(turns * math.tau, self.speed_mps))
 
     def points(self, phase_rad: float = 0.0, turns: float = 1.0) -> Vector:
-        """Return (P, 3) points, NED, for a fence check: those of the turns, of one at most."""
+        """Return points (P, 3), NED, along the turns, at most one of them, for a fence check."""
         turns = min(turns, 1.0)
         parts = np.linspace(0.0, turns, 1 + math.ceil(turns * _LOOKS))
         return np.array([self.after(phase_rad, part) for part in parts])

@@ -240,7 +240,7 @@ class DescendUnsure(_Landing):
 
 
 class Piloted(Manoeuvre):
-    """Fly by an external pilot: call `fly` every `every_s`; done `settle_s` after landing.
+    """Let an external pilot fly: call `fly` every `every_s`; done `settle_s` after landing.
 
     Without `fly` the pilot gives its orders by itself.
     """

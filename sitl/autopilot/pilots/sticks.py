@@ -16,7 +16,7 @@ from flightdyn.guidance.pursuit import Target
 from sitl.autopilot.codec.orders import Handlers, Peer
 from sitl.autopilot.failsafe import Cause
 from sitl.autopilot.flying import manoeuvres as do
-from sitl.autopilot.modes import Mode, Need, Trigger
+from sitl.autopilot.modes import Mode, Precondition, Trigger
 from sitl.autopilot.pilots.stream import Cockpit, StreamPilot
 
 _MIDDLE_US, _HALF_US = 1500, 500
@@ -30,7 +30,7 @@ _ORDERS: Mapping[Mode, Trigger] = {
 }
 
 
-class Position(NamedTuple):
+class Deflections(NamedTuple):
     """Stick deflections from -1 to 1; a throttle of 0 is in the middle."""
 
     pitch: float = 0.0
@@ -46,10 +46,10 @@ class Sticks(StreamPilot):
 
     def __init__(self, cockpit: Cockpit) -> None:
         super().__init__(cockpit)
-        self._at = Position()
+        self._sticks = Deflections()
         self._channels_us = [0] * 4  # 0: channel not overridden
         self._yaw_rad = 0.0  # heading ordered
-        self._flight.needs[Need.STICKS] = lambda: self._alive
+        self._flight.preconditions[Precondition.STICKS] = lambda: self._alive
 
     def handlers(self) -> Handlers:
         """The handler of each message class that is taken."""
@@ -63,11 +63,11 @@ class Sticks(StreamPilot):
     ) -> None:
         # The throttle from 0 to 1000, as PX4 takes it.
         throttle = msg.z / 500 - 1 if 0 <= msg.z <= 1000 else 0.0
-        self._at = Position(_stick(msg.x), _stick(msg.y), throttle, _stick(msg.r))
+        self._sticks = Deflections(_stick(msg.x), _stick(msg.y), throttle, _stick(msg.r))
         self._heard()
 
     def modes(self) -> Mapping[Mode, Callable[[], str | None]]:
-        """Return the function that enters each stick mode, and returns the reason if it cannot."""
+        """Return, by stick mode, the function that enters it; that returns why if it cannot."""
         return {mode: lambda mode=mode: self.enter(mode) for mode in _ORDERS}  # type: ignore[misc]
 
     def enter(self, mode: Mode, why: str | None = None) -> str | None:
@@ -86,7 +86,7 @@ class Sticks(StreamPilot):
                 0.0 if width == 0 else min(1.0, max(-1.0, (width - _MIDDLE_US) / _HALF_US))
                 for width in self._channels_us
             )
-            self._at = Position(pitch, roll, throttle, yaw)
+            self._sticks = Deflections(pitch, roll, throttle, yaw)
             self._heard()
 
     def _piloted(self, mode: Mode) -> do.Manoeuvre:
@@ -100,9 +100,9 @@ class Sticks(StreamPilot):
 
     def _fly_position(self) -> None:
         """Position mode: sticks order a velocity along the nose; centred, they hold."""
-        at, p = self._at, self._parameters
+        sticks, p = self._sticks, self._parameters
         speed = p["MPC_VEL_MANUAL"]
-        forward, right = _beyond_deadzone(at.pitch) * speed, _beyond_deadzone(at.roll) * speed
+        forward, right = (_beyond_deadzone(each) * speed for each in (sticks.pitch, sticks.roll))
         size = math.hypot(forward, right)
         if size > speed:
             forward, right = forward * speed / size, right * speed / size
@@ -120,7 +120,7 @@ class Sticks(StreamPilot):
     def _fly_attitude(self) -> None:
         """Manual and stabilized mode: sticks order tilt, the throttle orders the rotors' speed."""
         q, rates = self._lean()
-        throttle = (self._at.throttle + 1) / 2
+        throttle = (self._sticks.throttle + 1) / 2
         self._aircraft.keep_attitude(AttitudeOrder(q, rates, throttle**2))
 
     def _lean(self) -> tuple[tuple[float, float, float, float], tuple[float, float, float]]:
@@ -130,15 +130,17 @@ class Sticks(StreamPilot):
             self._yaw_rad = yaw_of(self._aircraft.belief.q_frd_to_ned)
         self._yaw_rad = wrap_pi(self._yaw_rad + rate * _PERIOD_S)
         # Forward is nose down.
-        q = quaternion_from_euler(self._at.roll * most, -self._at.pitch * most, self._yaw_rad)
+        q = quaternion_from_euler(
+            self._sticks.roll * most, -self._sticks.pitch * most, self._yaw_rad
+        )
         return q, (0.0, 0.0, rate)
 
     def _climb_mps(self) -> float:
-        stick, p = _beyond_deadzone(self._at.throttle), self._parameters
+        stick, p = _beyond_deadzone(self._sticks.throttle), self._parameters
         return stick * (p["MPC_Z_VEL_MAX_UP"] if stick > 0 else p["MPC_Z_VEL_MAX_DN"])
 
     def _yaw_rate(self) -> float:
-        return _beyond_deadzone(self._at.yaw) * math.radians(self._parameters["MPC_MAN_Y_MAX"])
+        return _beyond_deadzone(self._sticks.yaw) * math.radians(self._parameters["MPC_MAN_Y_MAX"])
 
 
 def _stick(value: int) -> float:

@@ -57,7 +57,7 @@ class TruthRing:
         number: int = self._memory.newest
         return number
 
-    def of(self, interval: int) -> tuple[int, NDArray[np.float64]]:
+    def row_of(self, interval: int) -> tuple[int, NDArray[np.float64]]:
         """The instant (ns) and the numbers at the end of an interval."""
         slot = interval % self._count
         return int(self._instants[slot]), self._rows[slot].copy()
@@ -147,5 +147,5 @@ class Stepped:
 
     def _count(self, ticks: int) -> int:
         if ticks:
-            self._plant.passed(ticks)
+            self._plant.advance_clock(ticks)
         return ticks

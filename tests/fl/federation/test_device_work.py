@@ -9,7 +9,7 @@ from fl.federation import rounds as fed
 from fl.federation.community import Federation
 from fl.federation.device_work import DeviceWork, compute_times
 from fl.federation.state import FederationState, from_bytes, to_bytes
-from fl.plugin_code import named
+from fl.plugin_code import register
 
 S = 1_000_000_000
 SAMPLES = np.array([10, 20, 30, 40])
@@ -130,7 +130,7 @@ class Spy:
 
 def test_an_algorithm_is_told_how_old_an_update_is_and_what_it_began_with() -> None:
     spy = Spy()
-    federation = build(LearningConfig(algorithm=str(named(lambda _: spy)), batch_size=64))
+    federation = build(LearningConfig(algorithm=str(register(lambda _: spy)), batch_size=64))
     models = [fed.init(federation)]
     for more in (
         {"delivered": (0,), "kept": (3,)},

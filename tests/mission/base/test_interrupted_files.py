@@ -35,7 +35,7 @@ def kept(folder: RunFolder) -> dict[str, str]:
 def test_all_are_moved_and_then_gone(folder: RunFolder) -> None:
     aside = InterruptedFiles(folder)
     aside.discard()  # nothing there yet
-    aside.take()
+    aside.set_aside()
     assert kept(folder) == {name: f"old {name}" for name in NAMES}
     assert not any((folder.path / name).exists() for name in NAMES)
     aside.discard()
@@ -44,10 +44,10 @@ def test_all_are_moved_and_then_gone(folder: RunFolder) -> None:
 
 
 def test_a_second_kill_keeps_the_older_longer_ones(folder: RunFolder) -> None:
-    InterruptedFiles(folder).take()
+    InterruptedFiles(folder).set_aside()
     for name in NAMES:
         (folder.path / name).write_text("begun anew")
-    InterruptedFiles(folder).take()
+    InterruptedFiles(folder).set_aside()
     assert kept(folder) == {name: f"old {name}" for name in NAMES}
 
 
@@ -57,17 +57,17 @@ def test_killed_between_two_moves(folder: RunFolder, moved: int) -> None:
     aside.path.mkdir()
     for name in NAMES[:moved]:
         (folder.path / name).replace(aside.path / name)
-    aside.take()
+    aside.set_aside()
     assert kept(folder) == {name: f"old {name}" for name in NAMES}
 
 
 def test_killed_while_the_old_ones_are_removed(folder: RunFolder) -> None:
     aside = InterruptedFiles(folder)
-    aside.take()
+    aside.set_aside()
     aside.path.replace(folder.checkpoint / ".interrupted-gone")
     for name in NAMES:
         (folder.path / name).write_text("new")
-    InterruptedFiles(folder).take()
+    InterruptedFiles(folder).set_aside()
     assert kept(folder) == dict.fromkeys(NAMES, "new")
     assert [path.name for path in folder.checkpoint.iterdir()] == ["interrupted"]
 

@@ -22,9 +22,9 @@ def area(*home_m: float) -> Area:
 def test_they_stand_north_and_east_of_home() -> None:
     found = area(20.0, 10.0).obstacles
     assert found is not None
-    assert found.hold(35.0, 15.0, 5.0)  # x = 35, y = 45
-    assert not found.hold(15.0, 35.0, 5.0)
-    assert not found.hold(35.0, 15.0, 12.0)
+    assert found.contain(35.0, 15.0, 5.0)  # x = 35, y = 45
+    assert not found.contain(15.0, 35.0, 5.0)
+    assert not found.contain(35.0, 15.0, 12.0)
     assert Area((9.0, 9.0), (1.0, 1.0), HOME).obstacles is None
 
 

@@ -48,7 +48,7 @@ def test_a_run_that_has_just_ended_is_kept(
     what = {"run": ("--set", "mission.flight=none", "--rounds", "1"), "fly": (plan,)}[command]
     assert call([command, *what, "--out", str(out), "--quiet"]) == 2
     refused(capsys, f"{out}: the output folder is already used")
-    assert RunFolder(out).told() == FINISHED
+    assert RunFolder(out).read_summary() == FINISHED
     assert not RunFolder(out).config.exists()
 
 

@@ -159,7 +159,7 @@ def test_terminal_page_and_summary_tell_the_same_wall_time(
 
     def page(path: Path) -> None:
         looks.perf_counter()
-        seen.append(RunFolder(path).told()["wall_s"])
+        seen.append(RunFolder(path).read_summary()["wall_s"])
 
     code = fly_recorded(
         nullcontext(Flight(stopwatch)),
@@ -170,7 +170,7 @@ def test_terminal_page_and_summary_tell_the_same_wall_time(
     total_s, wall_s = screen.getvalue().splitlines()[0].split(" ", 1)
     told = {**json.loads(wall_s), "total": int(total_s)}
     assert seen == [told]
-    assert folder.told()["wall_s"] == told
+    assert folder.read_summary()["wall_s"] == told
 
 
 def test_a_summary_that_cannot_be_written_says_how_the_run_goes_on(tmp_path: Path) -> None:

@@ -17,6 +17,7 @@ from patience import HANG_S
 from mission.figures.render import save_all
 from mission.report.sweep_page import sweep_html
 from mission.sweep.grid import Point
+from mission.sweep.outcome.curves import pictures_of
 from mission.sweep.outcome.figures import sweep_pictures
 from mission.sweep.results import Row, RunResult
 from mission.sweep.state import Missing, SweepState
@@ -182,6 +183,14 @@ def test_lines_of_one_colour_differ_in_their_dashes(groups: int, dotted: bool) -
     )
     spec = described(sweep_pictures("s", results)["accuracy-rounds.png"])
     assert ("[2, 3]" in json.dumps(spec)) is dotted
+
+
+def test_a_cut_axis_names_how_far_the_longest_seed_goes_on() -> None:
+    short, usual, long = result("cov", 1), result("no_cov", 1), result("no_cov", 2)
+    usual = replace(usual, rounds=usual.rounds * 2)
+    long = replace(long, rounds=long.rounds * 2 + long.rounds[:1])
+    found = next(p for p in pictures_of((short, usual, long)) if p.name == "accuracy-rounds")
+    assert found.x_label == f"round (no_cov to {len(long.rounds)})"
 
 
 @pytest.mark.slow

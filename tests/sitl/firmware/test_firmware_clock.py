@@ -67,11 +67,11 @@ def test_time_goes_as_far_as_ordered_and_beyond_only_to_answer() -> None:
         until(lambda least_ns=ordered_ns: clock.plant.t_ns >= least_ns)  # type: ignore[misc]
         time.sleep(0.02)
         assert clock.plant.t_ns < ordered_ns + clock.plant.dt_ns
-    clock.at_wall_pace(0.1)
+    clock.cap_at_wall_pace(0.1)
     time.sleep(0.02)
     assert clock.plant.t_ns < ordered_ns + clock.plant.dt_ns
     clock.answers = True
-    clock.at_wall_pace(0.1)
+    clock.cap_at_wall_pace(0.1)
     until(lambda: clock.plant.t_ns > ordered_ns + 50_000_000)
     clock.stop()
     assert clock.error is None

@@ -17,7 +17,7 @@ from flightdyn.config import AircraftConfig
 from flightdyn.random import RandomStreams
 from sitl.config import FirmwareConfig, VehicleConfig
 from sitl.errors import FirmwareSilentError
-from sitl.firmware.launch import FirmwareProcess, Order, check_binary
+from sitl.firmware.launch import FirmwareProcess, LaunchOptions, check_binary
 from sitl.firmware.px4_launch import px4_launch
 from sitl.firmware.vehicle import FirmwareVehicle, plant_for
 
@@ -119,7 +119,7 @@ def test_scripts_given_to_it_are_found_first_wherever_its_folder_is(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     config = px4_stand_in(tmp_path, does="mavlink() { echo ours; }; . px4-rc.mavlink")
-    launch = px4_launch(Order(config, 1, 2, 10.0), plant())
+    launch = px4_launch(LaunchOptions(config, 1, 2, 10.0), plant())
     process = launch.start(Path("firmware"))
     until(lambda: bool(process.died))
     assert process.last_words(1) == "ours"
@@ -161,13 +161,13 @@ def test_two_px4_take_different_instances_where_ports_do_not_tell_them_apart(
 ) -> None:
     """As in two network namespaces: each has the ports of its own."""
     monkeypatch.setattr("sitl.firmware.px4_launch.INSTANCES", range(238, 240))
-    order = Order(px4_stand_in(tmp_path), 1, 2, 10.0)
+    options = LaunchOptions(px4_stand_in(tmp_path), 1, 2, 10.0)
     monkeypatch.setattr("sitl.firmware.px4.Px4Bridge.open", lambda _: None)
-    launches = [px4_launch(order, plant()) for _ in range(2)]
+    launches = [px4_launch(options, plant()) for _ in range(2)]
     instances = [launch.argv[launch.argv.index("-i") + 1] for launch in launches]
     assert instances == ["238", "239"]
     launches[0].bridge.close()
-    again = px4_launch(order, plant())
+    again = px4_launch(options, plant())
     assert again.argv[again.argv.index("-i") + 1] == "238"
     for launch in (launches[1], again):
         launch.bridge.close()

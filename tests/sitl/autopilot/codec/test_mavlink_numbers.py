@@ -59,7 +59,7 @@ SNAPSHOT = Snapshot(
     armed_t_ns=1_500_000_000,
     flights=3,
     mission=mav.MAVLink_mission_current_message(4, 9, mav.MISSION_STATE_ACTIVE, 1),
-    read_dials=lambda: pytest.fail("needed only by instruments"),
+    read_deferred=lambda: pytest.fail("needed only by instruments"),
 )
 COURSE_DEG = math.degrees(math.atan2(VELOCITY[1], VELOCITY[0])) % 360
 YAW_DEG = math.degrees(YAW) % 360
