@@ -101,7 +101,17 @@ def load_run(path: Path, plan: Path | None = None, *, believed: bool = False) ->
     return replace(loaded, data=found.data, judged=found)
 
 
-def flights_in(path: Path) -> list[Path]:
+def load_flights(
+    path: Path, plan: Path | None = None, *, believed: bool = False
+) -> tuple[list[LoadedRun], list[LoadedRun]]:
+    """Load a run or a log, or all logs of a folder, as `load_run`: those to compare, and those of
+    the folder without a mission to compare with. Where none has one, all are to be compared."""
+    loaded = [load_run(each, plan, believed=believed) for each in _flights_in(path)]
+    judged = [flight for flight in loaded if not flight.unjudged]
+    return (judged, [flight for flight in loaded if flight.unjudged]) if judged else (loaded, [])
+
+
+def _flights_in(path: Path) -> list[Path]:
     """Return a folder's flight logs, by name; the path alone if it is a run, a file or has none."""
     if not path.is_dir() or RunFolder(path).log.is_file():
         return [path]
@@ -124,10 +134,12 @@ def _load(path: Path) -> LoadedRun:
     kept = InterruptedFiles(folder).path / folder.log.name
     log = kept if kept.is_file() else folder.log
     if not log.is_file():
-        first = flights_in(path)[0]
-        others = (
-            ", nor another flight log" if first == path else f"; give one of its logs, as {first}"
-        )
+        first, kind = _flights_in(path)[0], "logs"
+        if first == path:  # of a sweep, or of several runs
+            runs = [*path.glob(f"*/{log.name}"), *path.glob(f"*/*/{log.name}")]
+            first, kind = min((found.parent for found in runs), default=path), "runs"
+        others = f"; give one of its {kind}, as {first}"
+        others = others if first != path else ", nor another flight log"
         raise InputError(f"{path}: not a run folder: it has no {log.name}{others}")
     summary = _summary(folder.summary)
     try:

@@ -95,7 +95,8 @@ def judged(path: object, data: FlightData, given: Plan | None) -> Judged:
     plans = [given] if given is not None else _logged(data)
     if not any(plan.items for plan in plans):
         raise InputError(
-            f"{path}: the log has no mission; give the plan that was flown (--plan FILE)"
+            f"{path}: the log has no mission to compare with; give the plan that was flown (--plan "
+            "FILE), or read the flight with aerofed log export"
         )
     stretches = list(_stretches(data, plans, start_ns, end_ns))
     if not stretches and given is None:
@@ -442,7 +443,7 @@ def _passages(way: MissionPath, fit: Alignment, track: Track) -> Iterator[Passag
         away_m, share = polyline.to_segments(np.zeros(3), pos_m[near], pos_m[near + 1])
         reach_m = np.linalg.norm(away_m, axis=1)
         passed = len(near) > 0 and (
-            fit.along_m[-1] > at_m + _AT_END_M or float(reach_m.min()) <= _REACHED_M
+            _led_past(fit, track, int(near[-1]), at_m) or float(reach_m.min()) <= _REACHED_M
         )
         if not passed:
             yield Passage(int(way.seqs[index]), math.nan, np.full(3, math.nan))
@@ -454,6 +455,15 @@ def _passages(way: MissionPath, fit: Alignment, track: Track) -> Iterator[Passag
         t_ns = before_ns + share[best] * (after_ns - before_ns)
         miss_m = -away_m[best] if index < way.given else np.full(3, math.nan)
         yield Passage(int(way.seqs[index]), float(t_ns) / NS_PER_S, miss_m)
+
+
+def _led_past(fit: Alignment, track: Track, last: int, at_m: float) -> bool:
+    """Whether a flight goes on past `at_m` from sample `last`, and not from before it to a later
+    part of the path, as where it is aborted on the way there."""
+    here_m, next_m = fit.along_m[last : last + 2]
+    jump_m = next_m - here_m - np.linalg.norm(np.diff(track.pos_m[last : last + 2], axis=0))
+    beyond = here_m if jump_m > 3 * _REACHED_M else fit.along_m[-1]
+    return bool(beyond > at_m + _AT_END_M)
 
 
 def _apart(

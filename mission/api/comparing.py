@@ -28,7 +28,7 @@ def compare(
 
     Args:
         runs: one or more, flown or loaded, or their folders, or flight logs of any kind, or folders
-            of such logs.
+            of such logs; those in it without a mission are left out.
         plan: a plan file to compare with; default: the mission in the log.
         believed: compare where the autopilot believed to be, also where the truth is known.
         rounds: only the first rounds, so that runs of different length compare.
@@ -39,7 +39,7 @@ def compare(
     """
     from mission.analysis.compare import compare_run
     from mission.analysis.comparison_text import names_of
-    from mission.analysis.load import flights_in, load_run
+    from mission.analysis.load import load_flights
     from mission.api.comparison import Comparison
     from mission.api.frames import frame
 
@@ -54,7 +54,7 @@ def compare(
             loaded.append(run._loaded)
         else:
             path = run.path if isinstance(run, Run) else as_path(run, "path")
-            loaded += [load_run(each, file, believed=believed) for each in flights_in(path)]
+            loaded += load_flights(path, file, believed=believed)[0]
     found = [compare_run(run, rounds=rounds) for run in loaded]
     rows = [
         {"run": name, **asdict(numbers)}

@@ -67,15 +67,19 @@ def compare(
     from mission.analysis.compare import compare_run
     from mission.analysis.comparison_text import in_full
     from mission.analysis.limits import given_limits, limits_in, verdicts
-    from mission.analysis.load import flights_in, load_run
+    from mission.analysis.load import load_flights
 
     table = None if limits is None else limits_in(limits)
     if limits is not None and table is None:
         raise InputError(f"{limits}: has no table [limits]")
     bounds = given_limits(limit, table)
-    paths = [path for given in (run, *others) for path in flights_in(given)]
-    loaded = [load_run(path, plan, believed=believed) for path in paths]
     aside = Console(stderr=True, **PLAIN)
+    loaded = []
+    for path in (run, *others):
+        flights, left_out = load_flights(path, plan, believed=believed)
+        loaded += flights
+        for flight in left_out:
+            aside.print(f"left out: {flight.unjudged}")
     found = [compare_run(item, rounds=rounds) for item in loaded]
     _warn_of_lengths(found, aside)
     if figure is not None:
@@ -122,8 +126,9 @@ def tell_verdict(
     for item in broken:
         aside.print(f"aerofed: {item.words}")
     if any(judged) and not (broken or quiet):
-        limits, flights = count(len(judged[0]), "limit"), "" if len(found) == 1 else " by all"
-        Terminal(**PLAIN).print(f"all {limits} met{flights}")
+        limits, by_all = count(len(judged[0]), "limit"), "" if len(found) == 1 else " by all"
+        whole = "" if len(judged[0]) == 1 else "all "
+        Terminal(**PLAIN).print(f"{whole}{limits} met{by_all}")
     return LIMITS_NOT_MET if broken else 0
 
 

@@ -5,6 +5,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -18,7 +19,7 @@ from flightdyn.frames import LocalFrame
 from mission.analysis.compare import compare_run
 from mission.analysis.comparison_text import in_words
 from mission.analysis.load import LoadedRun, load_run
-from mission.analysis.passes import judged
+from mission.analysis.passes import _led_past, judged
 from mission.analysis.spikes import spikes
 from mission.base.area import Area
 from mission.base.errors import InputError
@@ -260,6 +261,14 @@ def test_a_return_that_is_ordered_late_belongs_to_its_mission(tmp_path: Path) ->
     assert compared(log, data).total.slots_missed == 0
 
 
+@pytest.mark.parametrize(("next_m", "past"), [(52.0, True), (700.0, False)])
+def test_a_climb_that_is_broken_off_is_no_return(next_m: float, past: bool) -> None:
+    """Its last place is on the way back home, too: what is matched with that led past nothing."""
+    fit: Any = SimpleNamespace(along_m=np.array([0.0, 22.0, next_m]))
+    track: Any = SimpleNamespace(pos_m=np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 22.0], [0, 0, 24.0]]))
+    assert _led_past(fit, track, 1, 50.0) is past
+
+
 def test_a_plan_of_another_place_and_a_flight_without_a_mission_are_refused(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -275,7 +284,7 @@ def test_a_plan_of_another_place_and_a_flight_without_a_mission_are_refused(
     words = "far.waypoints is of another place: its nearest item is", "km from the flight"
     refused(capsys, *words)
     data = replace(read_log(log), missions=())
-    with pytest.raises(InputError, match="the log has no mission; give the plan"):
+    with pytest.raises(InputError, match="the log has no mission to compare with; give the plan"):
         judged(log, data, None)
     nowhere = replace(data, truth=Track(data.truth.t_ns[:0], data.truth.pos_m[:0]))
     with pytest.raises(InputError, match="the log has no positions"):

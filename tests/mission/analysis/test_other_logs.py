@@ -458,12 +458,23 @@ def test_a_folder_of_flight_logs_is_compared_and_each_line_names_its_flight(
     for end in KINDS:
         assert f"\nx{end}: at " in printed
         assert f"\nx{end}: energy not known: the log has no numbers of a battery\n" in printed
-    assert printed.endswith("all 1 limit met by all\n")
+    assert printed.endswith("1 limit met by all\n")
     assert aerofed.compare(tmp_path).index.tolist() == ["x.bin", "x.tlog", "x.ulg"]
     assert call(["report", str(tmp_path)]) == 2
     assert f"it has no flight.mcap; give one of its logs, as {tmp_path}/x.bin" in (
         capsys.readouterr().err
     )
+
+
+@pytest.mark.parametrize("where", ["b/flight.mcap", "runs/b/flight.mcap"])
+def test_of_a_folder_of_runs_one_is_to_be_named(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], where: str
+) -> None:
+    (tmp_path / where).parent.mkdir(parents=True)
+    (tmp_path / where).touch()
+    assert call(["compare", str(tmp_path)]) == 2
+    one = (tmp_path / where).parent
+    assert capsys.readouterr().err.endswith(f"no flight.mcap; give one of its runs, as {one}\n")
 
 
 def test_energy_is_known_by_charge_or_else_by_current() -> None:

@@ -17,6 +17,7 @@ from pymavlink.dialects.v20 import common as mav
 import aerofed
 from flightdyn.errors import FlightDynamicsError
 from mission.base.errors import FlightError
+from mission.cli import call
 
 pytestmark = pytest.mark.slow
 
@@ -62,6 +63,22 @@ def test_time_stands_still_but_for_steps() -> None:
         assert (vehicle.mode, vehicle.armed) == ("HOLD", True)
         assert 0.9 < vehicle.battery < 1.0
         assert vehicle.velocity_mps == pytest.approx([0, 0, 0], abs=0.7)
+
+
+def test_a_flight_without_a_mission_hides_no_other_in_its_folder(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with aerofed.vehicle(logs=tmp_path) as vehicle:
+        taken_off(vehicle)
+    with aerofed.vehicle(home=SURVEY, logs=tmp_path) as vehicle:
+        vehicle.fly(SURVEY)
+    assert call(["compare", str(tmp_path), "--limit", "slots_missed=0"]) == 0
+    said, why = capsys.readouterr(), "the log has no mission to compare with"
+    assert f"left out: {tmp_path}/flight-0001.mcap: {why}" in said.err
+    assert said.out.endswith("\n1 limit met\n")
+    assert aerofed.compare(tmp_path).index.tolist() == ["flight-0002.mcap"]
+    assert call(["compare", str(tmp_path / "flight-0001.mcap")]) == 2
+    assert why in capsys.readouterr().err
 
 
 def offboard(pieces: list[float], *, pauses_s: float) -> tuple[bytes, float]:

@@ -415,7 +415,7 @@ def test_a_run_without_a_round_gets_no_picture(tmp_path: Path) -> None:
 
 def test_what_is_no_run_folder_is_refused(tmp_path: Path) -> None:
     with pytest.raises(
-        InputError, match=r"not a run folder: it has no flight.mcap, nor another flight log"
+        InputError, match=r"not a run folder: it has no flight.mcap, nor another flight log$"
     ):
         draw_run(tmp_path)
 
