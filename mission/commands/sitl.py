@@ -30,7 +30,7 @@ def sitl(
 
     QGroundControl finds it on port 14550, a MAVSDK program on
     udpin://0.0.0.0:14540. After a crash, order a reboot from the ground station:
-    it puts the vehicle back at home, as new.
+    it puts the vehicle back at home, as new. Ctrl-C is its end: exit code 0.
 
     Example: aerofed sitl --udp 14540 --udp 14550 --speed 1
 

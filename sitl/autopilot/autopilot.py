@@ -310,5 +310,5 @@ class Autopilot:
             self._report.say(being_flown)
             return mav.MAV_MISSION_DENIED
         if parts := absent(items):
-            self._report.say(f"Not on board, done as nothing: {parts}", mav.MAV_SEVERITY_NOTICE)
+            self._report.say(f"Skipped, as not on board: {parts}", mav.MAV_SEVERITY_NOTICE)
         return mav.MAV_MISSION_ACCEPTED

@@ -31,6 +31,8 @@ class FlightLogs:
         Raises:
             InputError: it cannot be made or written to.
         """
+        if folder.is_file():
+            raise InputError(f"--logs {folder}: is a file; give a folder")
         with or_input_error(f"--logs {folder}", "cannot be written to"):
             folder.mkdir(parents=True, exist_ok=True)
             with TemporaryFile(dir=folder):

@@ -34,6 +34,12 @@ def test_a_folder_that_takes_no_files_is_refused_in_one_line() -> None:
         FlightLogs(Path("/proc/self"), area=AREA)
 
 
+def test_a_file_in_place_of_the_folder_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "logs").touch()
+    with pytest.raises(InputError, match=r"logs: is a file; give a folder$"):
+        FlightLogs(tmp_path / "logs", area=AREA)
+
+
 def test_a_link_to_nowhere_is_not_written_through(tmp_path: Path) -> None:
     (tmp_path / "flight-0001.mcap").symlink_to(tmp_path / "elsewhere")
     assert next_log(tmp_path).name == "flight-0002.mcap"

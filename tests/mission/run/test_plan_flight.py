@@ -554,7 +554,7 @@ def test_a_survey_is_flown_as_it_was_drawn(
     assert found["straight_max_m"] < 1.0
     assert found["duration_s"] == pytest.approx(found["plan_duration_s"], rel=0.02)
     printed = capsys.readouterr().out
-    assert printed.count("Not on board, done as nothing: 8 x DO_SET_CAM_TRIGG_DIST (camera)") == 1
+    assert printed.count("Skipped, as not on board: 8 x DO_SET_CAM_TRIGG_DIST (camera)") == 1
     assert not (out / "figures").exists()
 
 

@@ -435,9 +435,9 @@ def test_what_has_no_body_is_done_as_nothing_in_its_order_and_told_once() -> Non
     desk.fly()
     assert reached(desk) == list(range(8))
     assert [event.seq for event in desk.recorder.of_kind("reached")] == [1, 3]
-    (told,) = [text for text in desk.recorder.of_kind("status") if "Not on board" in text.text]
+    (told,) = [text for text in desk.recorder.of_kind("status") if "not on board" in text.text]
     assert told.text == (
-        "Not on board, done as nothing: 1 x SET_CAMERA_MODE (camera), 2 x DO_SET_CAM_TRIGG_DIST "
+        "Skipped, as not on board: 1 x SET_CAMERA_MODE (camera), 2 x DO_SET_CAM_TRIGG_DIST "
         "(camera), 1 x DO_SET_SERVO (servo), 1 x DO_SET_RELAY (relay)"
     )
 
