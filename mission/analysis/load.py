@@ -134,12 +134,11 @@ def _load(path: Path) -> LoadedRun:
     kept = InterruptedFiles(folder).path / folder.log.name
     log = kept if kept.is_file() else folder.log
     if not log.is_file():
-        first, kind = _flights_in(path)[0], "logs"
-        if first == path:  # of a sweep, or of several runs
-            runs = [*path.glob(f"*/{log.name}"), *path.glob(f"*/*/{log.name}")]
-            first, kind = min((found.parent for found in runs), default=path), "runs"
-        others = f"; give one of its {kind}, as {first}"
-        others = others if first != path else ", nor another flight log"
+        first, others = _flights_in(path)[0], ", nor another flight log"
+        if first != path:
+            others = f"; give one of its logs, as {first}"
+        elif runs := [*path.glob(f"*/{log.name}"), *path.glob(f"*/*/{log.name}")]:  # a sweep, say
+            others = f"; give one of its runs, as {min(runs).parent}"
         raise InputError(f"{path}: not a run folder: it has no {log.name}{others}")
     summary = _summary(folder.summary)
     try:

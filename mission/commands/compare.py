@@ -127,8 +127,7 @@ def tell_verdict(
         aside.print(f"aerofed: {item.words}")
     if any(judged) and not (broken or quiet):
         limits, by_all = count(len(judged[0]), "limit"), "" if len(found) == 1 else " by all"
-        whole = "" if len(judged[0]) == 1 else "all "
-        Terminal(**PLAIN).print(f"{whole}{limits} met{by_all}")
+        Terminal(**PLAIN).print(f"{limits} met{by_all}")
     return LIMITS_NOT_MET if broken else 0
 
 

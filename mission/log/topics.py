@@ -94,7 +94,7 @@ TF = _foxglove(
 TRUE_POSE = _foxglove(
     "/true/pose", fox.PoseInFrame, "where the aircraft is; 10 Hz, under a firmware 20 Hz"
 )
-EST_POSE = _foxglove("/est/pose", fox.PoseInFrame, "where the autopilot believes it is; as often")
+EST_POSE = _foxglove("/est/pose", fox.PoseInFrame, "where the autopilot believes it is; 10, 20 Hz")
 TRUE_VELOCITY = _foxglove("/true/velocity", fox.Vector3, "east, north, up in m/s; 2 Hz")
 EST_VELOCITY = _foxglove("/est/velocity", fox.Vector3, "the same as believed; 2 Hz")
 TRUE_LOCATION = _foxglove(

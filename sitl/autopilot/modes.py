@@ -55,7 +55,7 @@ class Trigger(Enum):
     ORDER_FOLLOW = "following ordered"
 
 
-class Precondition(Enum):
+class Need(Enum):
     """A precondition of an order; the value is the reason given if it is not met."""
 
     ARMED = "not armed"
@@ -71,29 +71,23 @@ class Precondition(Enum):
 PILOTED = frozenset(
     {Mode.OFFBOARD, Mode.POSITION, Mode.ALTITUDE, Mode.STABILIZED, Mode.MANUAL, Mode.FOLLOW}
 )
-_IN_AIR = (Precondition.ARMED, Precondition.AIRBORNE)
+_IN_AIR = (Need.ARMED, Need.AIRBORNE)
 
 # The mode that an order leads to, and what it needs.
-ORDERS: Mapping[Trigger, tuple[Mode, tuple[Precondition, ...]]] = {
-    Trigger.ORDER_TAKEOFF: (
-        Mode.TAKEOFF,
-        (Precondition.ARMED, Precondition.ON_GROUND, Precondition.POSITION),
-    ),
-    Trigger.ORDER_MISSION: (
-        Mode.MISSION,
-        (Precondition.ARMED, Precondition.MISSION, Precondition.POSITION),
-    ),
+ORDERS: Mapping[Trigger, tuple[Mode, tuple[Need, ...]]] = {
+    Trigger.ORDER_TAKEOFF: (Mode.TAKEOFF, (Need.ARMED, Need.ON_GROUND, Need.POSITION)),
+    Trigger.ORDER_MISSION: (Mode.MISSION, (Need.ARMED, Need.MISSION, Need.POSITION)),
     Trigger.ORDER_HOLD: (Mode.HOLD, ()),
-    Trigger.ORDER_GOTO: (Mode.HOLD, (*_IN_AIR, Precondition.POSITION)),
-    Trigger.ORDER_RETURN: (Mode.RETURN, (*_IN_AIR, Precondition.POSITION)),
+    Trigger.ORDER_GOTO: (Mode.HOLD, (*_IN_AIR, Need.POSITION)),
+    Trigger.ORDER_RETURN: (Mode.RETURN, (*_IN_AIR, Need.POSITION)),
     Trigger.ORDER_LAND: (Mode.LAND, _IN_AIR),
-    Trigger.ORDER_OFFBOARD: (Mode.OFFBOARD, (Precondition.SETPOINTS,)),
-    Trigger.ORDER_POSITION: (Mode.POSITION, (Precondition.STICKS, Precondition.POSITION)),
-    Trigger.ORDER_ALTITUDE: (Mode.ALTITUDE, (Precondition.STICKS,)),
-    Trigger.ORDER_STABILIZED: (Mode.STABILIZED, (Precondition.STICKS,)),
-    Trigger.ORDER_MANUAL: (Mode.MANUAL, (Precondition.STICKS,)),
-    Trigger.ORDER_ORBIT: (Mode.ORBIT, (*_IN_AIR, Precondition.POSITION)),
-    Trigger.ORDER_FOLLOW: (Mode.FOLLOW, (*_IN_AIR, Precondition.POSITION)),
+    Trigger.ORDER_OFFBOARD: (Mode.OFFBOARD, (Need.SETPOINTS,)),
+    Trigger.ORDER_POSITION: (Mode.POSITION, (Need.STICKS, Need.POSITION)),
+    Trigger.ORDER_ALTITUDE: (Mode.ALTITUDE, (Need.STICKS,)),
+    Trigger.ORDER_STABILIZED: (Mode.STABILIZED, (Need.STICKS,)),
+    Trigger.ORDER_MANUAL: (Mode.MANUAL, (Need.STICKS,)),
+    Trigger.ORDER_ORBIT: (Mode.ORBIT, (*_IN_AIR, Need.POSITION)),
+    Trigger.ORDER_FOLLOW: (Mode.FOLLOW, (*_IN_AIR, Need.POSITION)),
 }
 
 

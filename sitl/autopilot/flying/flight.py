@@ -14,7 +14,7 @@ from sitl.autopilot.flying import route
 from sitl.autopilot.flying.mission import Mission
 from sitl.autopilot.flying.navigator import Navigator
 from sitl.autopilot.guard import Guard
-from sitl.autopilot.modes import ORDERS, PILOTED, Mode, Precondition, Trigger, possible
+from sitl.autopilot.modes import ORDERS, PILOTED, Mode, Need, Trigger, possible
 from sitl.autopilot.parameters import Parameters
 from sitl.autopilot.protocol.item_rules import LOOKS, NAVIGATION
 from sitl.autopilot.reporter import Reporter
@@ -45,12 +45,12 @@ class Flight:
         self.flights = 0  # how often the motors were released
         self.armed_t_ns = 0  # when last
         # What modes need; each pilot adds what its own mode does.
-        self.preconditions: dict[Precondition, Callable[[], bool]] = {
-            Precondition.ARMED: lambda: aircraft.armed,
-            Precondition.ON_GROUND: lambda: aircraft.on_ground,
-            Precondition.AIRBORNE: lambda: not aircraft.on_ground,
-            Precondition.MISSION: lambda: bool(self.mission.items),
-            Precondition.POSITION: guard.position_ok,
+        self.needs: dict[Need, Callable[[], bool]] = {
+            Need.ARMED: lambda: aircraft.armed,
+            Need.ON_GROUND: lambda: aircraft.on_ground,
+            Need.AIRBORNE: lambda: not aircraft.on_ground,
+            Need.MISSION: lambda: bool(self.mission.items),
+            Need.POSITION: guard.position_ok,
         }
         self.frame = aircraft.frame
         self.guard = guard
@@ -306,14 +306,14 @@ class Flight:
         """Begin the manoeuvre that `make` makes, if the mode and its needs allow it."""
         if self._settling:
             return _STARTING
-        target, preconditions = ORDERS[trigger]
+        target, needs = ORDERS[trigger]
         if target is self.mode and target not in _ANEW:
             return None
         if not possible(self.mode, trigger):
             return f"not possible in mode {self.mode.name}"
-        for precondition in preconditions:
-            if not self.preconditions[precondition]():
-                return precondition.value
+        for need in needs:
+            if not self.needs[need]():
+                return need.value
         lifts = trigger in _LIFTS and not self.airborne
         if lifts and (denied := self.guard.arming_denied()):
             return denied  # what keeps it from being armed may have come since it was

@@ -18,7 +18,7 @@ from sitl.autopilot.codec.orders import GLOBAL_FRAMES, RELATIVE_FRAMES, Handlers
 from sitl.autopilot.codec.units import from_deg_e7
 from sitl.autopilot.failsafe import Cause
 from sitl.autopilot.flying import manoeuvres as do
-from sitl.autopilot.modes import Mode, Precondition, Trigger
+from sitl.autopilot.modes import Mode, Need, Trigger
 from sitl.autopilot.pilots.stream import Cockpit, StreamPilot
 
 _LocalTarget: TypeAlias = mav.MAVLink_set_position_target_local_ned_message
@@ -46,7 +46,7 @@ class Offboard(StreamPilot):
         self._report = cockpit.reporter
         self._order: Target | AttitudeOrder = Target()
         self._complaint = ""
-        self._flight.preconditions[Precondition.SETPOINTS] = self._flyable
+        self._flight.needs[Need.SETPOINTS] = self._flyable
 
     def handlers(self) -> Handlers:
         """The handler of each message class that is taken."""

@@ -16,7 +16,7 @@ from flightdyn.guidance.pursuit import Target
 from sitl.autopilot.codec.orders import Handlers, Peer
 from sitl.autopilot.failsafe import Cause
 from sitl.autopilot.flying import manoeuvres as do
-from sitl.autopilot.modes import Mode, Precondition, Trigger
+from sitl.autopilot.modes import Mode, Need, Trigger
 from sitl.autopilot.pilots.stream import Cockpit, StreamPilot
 
 _MIDDLE_US, _HALF_US = 1500, 500
@@ -49,7 +49,7 @@ class Sticks(StreamPilot):
         self._sticks = Deflections()
         self._channels_us = [0] * 4  # 0: channel not overridden
         self._yaw_rad = 0.0  # heading ordered
-        self._flight.preconditions[Precondition.STICKS] = lambda: self._alive
+        self._flight.needs[Need.STICKS] = lambda: self._alive
 
     def handlers(self) -> Handlers:
         """The handler of each message class that is taken."""
