@@ -199,6 +199,10 @@ class Aircraft(Plant):
         """Head towards a place on every path and hold from now on; None for the course again."""
         self._guidance.look_at(None if pos_ned_m is None else _triple(pos_ned_m))
 
+    def face(self, yaw_rad: float) -> None:
+        """Head `yaw_rad` on the path in force from now on; NaN: along the course again."""
+        self._guidance.face(yaw_rad)
+
     def instruments(self) -> Instruments:
         """Readings and actuator orders of the parts at this instant."""
         control, full = self._guide.memory, self.vehicle.airframe.rotor_max_thrust_n

@@ -67,6 +67,12 @@ class Guidance:
         self._memory.interested = place is not None
         self._memory.interest[:] = place or (0.0, 0.0, 0.0)
 
+    def face(self, yaw: float) -> None:
+        """Head `yaw` (rad) on the path in force from now on; NaN: along the course."""
+        self._memory.course = math.isnan(yaw)
+        if not math.isnan(yaw):
+            self._memory.yaw_order = yaw
+
     def idle(self) -> None:
         """Set no setpoint: armed motors turn without lift."""
         self._memory.mode = NOTHING

@@ -27,13 +27,12 @@ from sitl.autopilot.codec.orders import GLOBAL_FRAMES, MissionItem, bare_name, c
 from sitl.autopilot.fence import breach_of, compile_fence
 from sitl.autopilot.flying import route
 from sitl.autopilot.parameters import Parameters
-from sitl.autopilot.protocol.item_rules import (
+from sitl.autopilot.protocol.order_rules import (
     ABSENT,
     COMMANDS,
     NAVIGATION,
     PLACES,
     check_item,
-    why_refused,
 )
 from sitl.errors import SitlInputError
 
@@ -176,8 +175,7 @@ def _wrong(item: MissionItem, *, first: bool, last: bool) -> str:
 
 def _refused(item: MissionItem) -> str:
     """What the autopilot has against an item; empty if nothing."""
-    verdict = check_item(item)
-    return "" if verdict == mav.MAV_MISSION_ACCEPTED else why_refused(item, verdict)
+    return check_item(item)[1]
 
 
 def _duration_s(
@@ -199,9 +197,9 @@ def _duration_s(
                 here = path.points_ned_m[-1]
             case route.Wait(wait_s):
                 duration_s += wait_s
-            case route.Circle(orbit, phase_rad, turns):
-                duration_s += turns * math.tau * orbit.radius_m / abs(orbit.speed_mps)
-                here = orbit.after(phase_rad, turns)
+            case route.Circle(orbit, phase_rad):
+                duration_s += orbit.turns * math.tau * orbit.radius_m / abs(orbit.speed_mps)
+                here = orbit.after(phase_rad, orbit.turns)
             case route.End(command):
                 down_m = float(here[2])
                 if command == mav.MAV_CMD_NAV_RETURN_TO_LAUNCH:

@@ -44,7 +44,7 @@ from mission.run.recorded import Around, fly_recorded
 from mission.scenario.limits import guidance_of
 from sitl.autopilot.codec.orders import ABSOLUTE_FRAMES, command_name
 from sitl.autopilot.parameters import Parameters, parameters_of
-from sitl.autopilot.protocol.item_rules import PLACES
+from sitl.autopilot.protocol.order_rules import PLACES
 
 _MARGIN_M = 50.0  # around the plan, for the map
 _SPEEDS_MPS = (1.0, 30.0)  # that a plan's path may have

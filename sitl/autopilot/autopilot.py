@@ -34,12 +34,11 @@ from sitl.autopilot.pilots.stream import Cockpit
 from sitl.autopilot.protocol.commands import (
     CommandServer,
     RefusedError,
-    UnsupportedError,
     demand,
 )
 from sitl.autopilot.protocol.ftp import FtpServer
-from sitl.autopilot.protocol.item_rules import absent, check_item, why_refused
 from sitl.autopilot.protocol.log_server import LogServer
+from sitl.autopilot.protocol.order_rules import absent, check_item
 from sitl.autopilot.protocol.parameter_server import ParameterServer
 from sitl.autopilot.protocol.payload import NoPayload
 from sitl.autopilot.protocol.streams import DEFAULT_RATES_HZ, SERVED_RATES_HZ, Streams
@@ -236,7 +235,7 @@ class Autopilot:
     def _set_current(
         self, _peer: Peer, msg: mav.MAVLink_mission_set_current_message, _now: float
     ) -> None:
-        reason = self.flight.rewind_mission(msg.seq)
+        reason = self.flight.rewind_mission(msg.seq, reset=False)
         if reason is not None:
             self._report.say(f"Set current item refused: {reason}")
         self._report.nudge(mav.MAVLINK_MSG_ID_MISSION_CURRENT)
@@ -258,26 +257,20 @@ class Autopilot:
         if msg.type == mav.MAV_TYPE_GCS:
             self.failsafes.ground_station_heard_s = self._cockpit.now
 
-    def _order_reboot(self, order: CommandOrder) -> None:
-        if order.params[0] != 1.0:
-            raise UnsupportedError(f"parameter 1 = {order.params[0]:g}: 1 reboots")
+    def _order_reboot(self, _order: CommandOrder) -> None:
         if not self._standalone:
             raise RefusedError("the vehicle is part of a run")
         demand(self.flight.not_at_rest())
         self.reboot_ordered = True
 
     def _enable_fence(self, order: CommandOrder) -> None:
-        if order.params[0] not in (0.0, 1.0):
-            raise RefusedError(f"parameter 1 = {order.params[0]:g}: 0 or 1")
         self._guard.fence_enabled = order.params[0] == 1.0
 
     def _check_item(self, item: MissionItem) -> int:
-        verdict = check_item(item)
+        verdict, why = check_item(item)
         if verdict != mav.MAV_MISSION_ACCEPTED:
             kind, name = _LISTS[item.mission_type], command_name(item.command)
-            self._report.say(
-                f"{kind} refused: item {item.seq} {name}: {why_refused(item, verdict)}"
-            )
+            self._report.say(f"{kind} refused: item {item.seq} {name}: {why}")
         return verdict
 
     def _take(self, kind: int, items: tuple[MissionItem, ...]) -> int:

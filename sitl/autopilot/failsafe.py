@@ -168,7 +168,8 @@ class Failsafes:
         if action is Action.NOTHING:
             return
         flight = self.flight
-        stronger = action > _UNDER_WAY.get(flight.mode, Action.WARN)
+        under_way = Action.HOLD if flight.bound else _UNDER_WAY.get(flight.mode, Action.WARN)
+        stronger = action > under_way
         if action is Action.WARN or not flight.airborne or not stronger:
             self.report.failsafe(why)
             return

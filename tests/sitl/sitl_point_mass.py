@@ -100,6 +100,8 @@ class PointMass:
     def pursue(self, target: Target) -> None:
         self.idle()
         self.target = target
+        if not math.isnan(target.yaw):
+            self.yaw_rad = math.remainder(target.yaw, math.tau)
 
     def keep_attitude(self, order: AttitudeOrder) -> None:
         self.idle()
@@ -107,6 +109,10 @@ class PointMass:
 
     def look_at(self, pos_ned_m: Vector | None) -> None:
         self.interest_ned_m = pos_ned_m
+
+    def face(self, yaw_rad: float) -> None:
+        if not math.isnan(yaw_rad):
+            self.yaw_rad = math.remainder(yaw_rad, math.tau)
 
     def follow(self, path: FlightPath) -> None:
         self.idle()

@@ -11,7 +11,7 @@ from pymavlink.dialects.v20 import common as mav
 from mission.flight.mission_items import DEG_E7
 from mission.flight.pilot.dialects import Dialect
 from sitl.autopilot.codec.orders import GLOBAL_FRAMES, MissionItem
-from sitl.autopilot.protocol.item_rules import LOOKS, PLACES
+from sitl.autopilot.protocol.order_rules import LOOKS, PLACES
 
 _PLACED = PLACES | LOOKS - {mav.MAV_CMD_DO_SET_ROI_NONE}
 

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple, Protocol, TypeAlias
 
 from pymavlink.dialects.v20 import common as mav
 
-from sitl.autopilot.codec.units import deg_e7, from_deg_e7, int32
+from sitl.autopilot.codec.units import deg_e7, from_deg_e7, from_int32, int32
 
 Fields: TypeAlias = dict[str, Any]  # of a message, by MAVLink's names
 Outbox: TypeAlias = list[mav.MAVLink_message]  # what waits to be sent
@@ -16,18 +16,6 @@ RELATIVE_FRAMES = frozenset(
     {mav.MAV_FRAME_GLOBAL_RELATIVE_ALT, mav.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT}
 )
 GLOBAL_FRAMES = ABSOLUTE_FRAMES | RELATIVE_FRAMES
-# Commands whose fifth and sixth parameter are a position: COMMAND_INT carries it in degE7.
-_POSITION_COMMANDS = frozenset(
-    {
-        mav.MAV_CMD_NAV_TAKEOFF,
-        mav.MAV_CMD_NAV_LAND,
-        mav.MAV_CMD_DO_SET_HOME,
-        mav.MAV_CMD_DO_REPOSITION,
-        mav.MAV_CMD_DO_ORBIT,
-        mav.MAV_CMD_DO_SET_ROI_LOCATION,
-        mav.MAV_CMD_DO_SET_ROI,
-    }
-)
 
 
 class Peer(NamedTuple):
@@ -101,9 +89,9 @@ def read_order(
     if isinstance(msg, mav.MAVLink_command_long_message):
         rest = (msg.param5, msg.param6, msg.param7)
         return CommandOrder(msg.command, (*first, *rest), confirmation=msg.confirmation)
-    x, y = float(msg.x), float(msg.y)
-    if msg.command in _POSITION_COMMANDS and msg.frame in GLOBAL_FRAMES:
-        x, y = from_deg_e7(msg.x), from_deg_e7(msg.y)
+    known = mav.enums["MAV_CMD"].get(msg.command)
+    placed = known is not None and known.has_location and msg.frame in GLOBAL_FRAMES
+    x, y = (from_deg_e7(part) if placed else from_int32(part) for part in (msg.x, msg.y))
     return CommandOrder(msg.command, (*first, x, y, msg.z), frame=msg.frame)
 
 
@@ -112,8 +100,9 @@ def read_item(
 ) -> MissionItem:
     """The item that a MISSION_ITEM_INT or MISSION_ITEM carries."""
     x, y = float(msg.x), float(msg.y)
-    if isinstance(msg, mav.MAVLink_mission_item_int_message) and msg.frame in GLOBAL_FRAMES:
-        x, y = from_deg_e7(msg.x), from_deg_e7(msg.y)
+    if isinstance(msg, mav.MAVLink_mission_item_int_message):
+        read = from_deg_e7 if msg.frame in GLOBAL_FRAMES else from_int32
+        x, y = read(msg.x), read(msg.y)
     params = (msg.param1, msg.param2, msg.param3, msg.param4)
     return MissionItem(
         msg.seq,

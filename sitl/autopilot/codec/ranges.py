@@ -27,10 +27,12 @@ class Range:
 
 LATITUDE = Range(-90.0, 90.0, "deg")
 LONGITUDE = Range(-180.0, 180.0, "deg")
-ALTITUDE = Range(-1_000.0, 20_000.0, "m")  # above mean sea level
-HEIGHT = Range(-500.0, 10_000.0, "m")  # above home
+ALTITUDE = Range(-1_000.0, 20_000.0, "m above mean sea level")
+HEIGHT = Range(-500.0, 10_000.0, "m above home")
 SPEED = Range(0.1, 100.0, "m/s")
-TURN = Range(-3_600.0, 3_600.0, "deg")
+BELOW_ZERO = Range(-100.0, 0.0)
+YAW = Range(-360.0, 360.0, "deg")
+TURN_RATE = Range(0.0, 60.0, "deg/s")
 HOLD = Range(0.0, 86_400.0, "s")
 ACCEPTANCE = Range(0.0, 10_000.0, "m")
 FENCE_RADIUS = Range(0.01, 1e6, "m")
@@ -40,8 +42,10 @@ REPEATS = Range(0, 1_000_000, whole=True)
 TURNS = Range(0.0, 1_000.0)
 ORBIT_RADIUS = Range(1.0, 1_000.0, "m")
 COUNTER_CLOCKWISE = Range(-1_000.0, -1.0, "m")  # its negative radius
-ORBIT_YAW = Range(0, 5, whole=True)
-ORBIT_SPEED = Range(0.0, 10.0, "m/s")
+ORBIT_SPEED = Range(-10.0, 10.0, "m/s")
+ARC = Range(0.0, 6_284.0, "rad")
+GROUP = Range(0, 255, whole=True)
+INTERVAL = Range(2_000.0, 1e10, "us")
 AWAY = Range(-100_000.0, 100_000.0, "m")  # of a setpoint, in the local frame
 VELOCITY = Range(-100.0, 100.0, "m/s")
 ACCELERATION = Range(-100.0, 100.0, "m/s2")

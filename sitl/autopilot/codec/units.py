@@ -39,9 +39,14 @@ def deg_e7(angle_deg: float) -> int:
     return _INT32 if math.isnan(angle_deg) else int32(angle_deg * 1e7)
 
 
+def from_int32(value: int) -> float:
+    """Return a whole number as it is; the "unknown" of MAVLink (INT32_MAX) as NaN."""
+    return math.nan if value == _INT32 else float(value)
+
+
 def from_deg_e7(value: int) -> float:
     """Convert 1e-7 degrees to degrees; the "unknown" of MAVLink (INT32_MAX) to NaN."""
-    return math.nan if value == _INT32 else value * 1e-7
+    return from_int32(value) * 1e-7
 
 
 def cdeg(angle_rad: float) -> int:

@@ -25,6 +25,8 @@ class Orbit:
     radius_m: float
     speed_mps: float
     yaw: int  # ORBIT_YAW_BEHAVIOUR
+    turns: float = math.inf
+    heading_rad: float = math.nan  # to be kept; NaN: by the yaw behaviour
 
     def point(self, phase_rad: float) -> Vector:
         """Return the point (3,), NED, of the circle at `phase_rad`, clockwise from north."""
@@ -36,8 +38,8 @@ class Orbit:
         """Return the point (3,), NED, that is reached from `phase_rad` after `turns` turns."""
         return self.point(phase_rad + math.copysign(turns * math.tau, self.speed_mps))
 
-    def points(self, phase_rad: float = 0.0, turns: float = 1.0) -> Vector:
+    def points(self, phase_rad: float) -> Vector:
         """Return points (P, 3), NED, along the turns, at most one of them, for a fence check."""
-        turns = min(turns, 1.0)
+        turns = min(self.turns, 1.0)
         parts = np.linspace(0.0, turns, 1 + math.ceil(turns * _LOOKS))
         return np.array([self.after(phase_rad, part) for part in parts])

@@ -1,12 +1,15 @@
 """The state machine of a flight: mode, manoeuvre and mission, and the transitions between them."""
 
-from collections.abc import Callable, Sequence
+import math
+from collections.abc import Callable, Iterable, Sequence
 from copy import copy
+from typing import TypeAlias
 
 import numpy as np
 from pymavlink.dialects.v20 import common as mav
 
 from flightdyn.aircraft import Aircraft
+from flightdyn.frames import Triple
 from flightdyn.state import GeodeticPoint, Vector
 from sitl.autopilot.codec.orders import MissionItem
 from sitl.autopilot.flying import manoeuvres as do
@@ -16,7 +19,7 @@ from sitl.autopilot.flying.navigator import Navigator
 from sitl.autopilot.guard import Guard
 from sitl.autopilot.modes import ORDERS, PILOTED, Mode, Need, Trigger, possible
 from sitl.autopilot.parameters import Parameters
-from sitl.autopilot.protocol.item_rules import LOOKS, NAVIGATION
+from sitl.autopilot.protocol.order_rules import LOOKS, NAVIGATION
 from sitl.autopilot.reporter import Reporter
 
 _LEAST_CLIMB_M = 0.5  # of a take-off
@@ -27,7 +30,18 @@ _LANDED_STATES = {
 }
 _LIFTS = frozenset({Trigger.ORDER_TAKEOFF, Trigger.ORDER_MISSION})  # orders that take off
 # Modes in which another order for them may ask for something else.
-_ANEW = frozenset({Mode.HOLD, Mode.TAKEOFF, Mode.ORBIT})
+_ANEW = frozenset({Mode.HOLD, Mode.TAKEOFF, Mode.MISSION, Mode.LAND, Mode.ORBIT})
+# Modes with a speed of their own, which is not to be changed.
+_PACED = frozenset({Mode.TAKEOFF, Mode.LAND, Mode.ORBIT, Mode.TERMINATED}) | PILOTED
+
+
+Goal: TypeAlias = tuple[Triple, float]
+
+
+def _goal(place_ned_m: Iterable[float] | None, yaw_rad: float, down_m: float = math.nan) -> Goal:
+    """What an order asks for: a place (m, NED) and a heading (rad); NaN is left open."""
+    north, east, down = place_ned_m or (math.nan, math.nan, down_m)
+    return (float(north), float(east), float(down)), yaw_rad
 
 
 class Flight:
@@ -60,8 +74,8 @@ class Flight:
         self._parameters = parameters
         self._report = reporter
         self._ordered_speed_mps: float | None = None
-        # Of a position order under way: position (m, NED) and heading (rad; None: as it is).
-        self._goal: tuple[tuple[float, ...], float | None] | None = None
+        # What the order under way asks for: place (m, NED) and heading (rad; NaN: as it is).
+        self._goal: Goal | None = None
         self._ended_by: int | None = None  # the command of the mission's last stage
         self._manoeuvre: do.Manoeuvre | None = do.settle(aircraft)
         self._settling = True
@@ -84,6 +98,11 @@ class Flight:
     def airborne(self) -> bool:
         """Whether the aircraft is in the air with its motors armed."""
         return self._aircraft.armed and not self._aircraft.on_ground
+
+    @property
+    def bound(self) -> bool:
+        """Whether it is on its way to a place at which it was ordered to land."""
+        return self.mode is Mode.LAND and self._goal is not None
 
     @property
     def landed_state(self) -> int:
@@ -196,15 +215,24 @@ class Flight:
             self._enter(Mode.TERMINATED, "crashed", None)
         return self._wrecked
 
-    def take_off(self, altitude_msl_m: float | None) -> str | None:
-        """Climb straight up to an altitude; None for MIS_TAKEOFF_ALT above home."""
-        if self.mode is Mode.TAKEOFF and self.moving:
-            return None
+    def take_off(
+        self,
+        altitude_msl_m: float | None = None,
+        *,
+        place_ned_m: Vector | None = None,
+        yaw_rad: float = math.nan,
+    ) -> str | None:
+        """Climb straight up to an altitude (None: MIS_TAKEOFF_ALT above home), then fly above a
+        place, if one is given; with a heading (NaN: as it is)."""
         altitude = altitude_msl_m
         if altitude is None:
             altitude = self.guard.home.alt_msl_m + self._parameters["MIS_TAKEOFF_ALT"]
         here = self.here()
         down_m = self.frame.origin.alt_msl_m - altitude
+        goal = _goal(None if place_ned_m is None else (*place_ned_m[:2], down_m), yaw_rad, down_m)
+        if self.mode is Mode.TAKEOFF and goal == self._goal:
+            return None
+        to = np.array([*(here if place_ned_m is None else place_ned_m)[:2], down_m])
         if down_m > here[2] - _LEAST_CLIMB_M:
             here_msl_m = self.frame.origin.alt_msl_m - here[2]
             return (
@@ -212,18 +240,53 @@ class Flight:
                 f"mean sea level, where it is at {here_msl_m:.1f} m; give more than "
                 f"{here_msl_m + _LEAST_CLIMB_M:.1f} m"
             )
-        if forbidden := self.guard.forbidden(np.array([here[0], here[1], down_m])):
+        if forbidden := self.guard.forbidden(np.array([[here[0], here[1], down_m], to])):
             return f"the end of the take-off is {forbidden}"
-        return self.order(Trigger.ORDER_TAKEOFF, lambda: self.navigator.climb(here, down_m))
+        speed = self._ordered_speed_mps
+        return self.order(
+            Trigger.ORDER_TAKEOFF,
+            lambda: self.navigator.climb(here, to, speed_mps=speed, yaw_rad=yaw_rad),
+            goal=goal,
+        )
 
     def fly_mission(self) -> str | None:
         """Start the mission, or go on with it."""
         if self.mode is Mode.MISSION:
             return None
-        stages = self._stages(self.mission)
-        if barred := self._barred(self.mission, stages):
+        return self._fly_mission(self.mission)
+
+    def start_mission(self, first: int | None, last: int | None) -> str | None:
+        """Fly the mission from item `first` to `last`; None: from where it stands, to its end.
+
+        From an item without autocontinue, at which it waits, it goes on whatever is first.
+        """
+        mission, count = copy(self.mission), len(self.mission.items)
+        mission.last = last
+        if first is not None and not mission.waiting:
+            if first >= max(count, 1):
+                return f"mission has {count} items, no item {first}"
+            mission.rewind(first)
+        if last is not None and not mission.next_start[0] <= last < count:
+            return f"mission has {count} items, and ends after {last} only if it begins before"
+        if self.mode is Mode.MISSION and not mission.waiting:
+            begun = self.mission.begun, self.mission.last
+            if begun == (first, last) or (first is None and begun[1] == last):
+                return None
+        return self._fly_mission(mission)
+
+    def _fly_mission(self, mission: Mission) -> str | None:
+        stages = self._stages(mission)
+        if mission.waiting and mission.over:
+            self.mission.waiting = False
+            self._mission_ended()
+            return None
+        if barred := self._barred(mission, stages):
             return barred
-        return self.order(Trigger.ORDER_MISSION, lambda: self._fly_on(stages))
+        kept, self.mission = self.mission, mission
+        reason = self.order(Trigger.ORDER_MISSION, lambda: self._fly_on(stages))
+        if reason:
+            self.mission = kept
+        return reason
 
     def replace_mission(self, items: tuple[MissionItem, ...]) -> str | None:
         """Replace the mission by one to be started later; refuse that while it is being flown."""
@@ -235,63 +298,81 @@ class Flight:
         self._report.nudge(mav.MAVLINK_MSG_ID_MISSION_CURRENT)
         return None
 
-    def rewind_mission(self, seq: int) -> str | None:
-        """Go on with item `seq`, at once if the mission is being flown."""
+    def rewind_mission(self, seq: int, *, reset: bool) -> str | None:
+        """Go on with item `seq`, at once if the mission is being flown; `reset` jump counters."""
         if seq >= max(len(self.mission.items), 1):
             return f"mission has {len(self.mission.items)} items, no item {seq}"
+        rewound = copy(self.mission)
+        rewound.rewind(seq, reset=reset)
         if self.mode is not Mode.MISSION:
-            self.mission.rewind(seq)
-        elif seq != self.mission.current:
-            rewound = copy(self.mission)
-            rewound.rewind(seq)
-            stages = self._stages(rewound)
-            if barred := self._barred(rewound, stages):
-                return barred
             self.mission = rewound
-            self._manoeuvre = self._fly_on(stages)
+        elif (seq != self.mission.current or reset or self.mission.waiting) and (
+            reason := self._fly_mission(rewound)
+        ):
+            return reason
         self._report.nudge(mav.MAVLINK_MSG_ID_MISSION_CURRENT)
         return None
 
-    def hold(self, why: str | None = None) -> str | None:
-        """Brake and hold the position."""
-        if self.mode is Mode.HOLD and self._goal is None:
+    def hold(self, why: str | None = None, *, yaw_rad: float = math.nan) -> str | None:
+        """Brake and hold the position; then turn to a heading, if one is given."""
+        if self.mode is Mode.HOLD and self._goal is None and math.isnan(yaw_rad):
             return None
-        return self.order(Trigger.ORDER_HOLD, self.navigator.stop, why)
+        return self.order(Trigger.ORDER_HOLD, lambda: self.navigator.stop(yaw_rad), why)
 
-    def go_to(self, pos_ned_m: Vector, *, yaw_rad: float | None = None) -> str | None:
+    def go_to(self, pos_ned_m: Vector, *, yaw_rad: float = math.nan) -> str | None:
         """Fly straight to a position and stay there."""
-        goal = tuple(float(part) for part in pos_ned_m), yaw_rad
-        if goal == self._goal:
+        goal = _goal(pos_ned_m, yaw_rad)
+        if self.mode is Mode.HOLD and goal == self._goal:
             return None
         if forbidden := self.guard.forbidden(np.array(goal[0])):
             return f"the position is {forbidden}"
-        reason = self.order(Trigger.ORDER_GOTO, lambda: self._go(*goal))
-        if reason is None:
-            self._goal = goal
-        return reason
+        return self.order(Trigger.ORDER_GOTO, lambda: self._go(*goal), goal=goal)
 
-    def turn_to(self, yaw_rad: float) -> str | None:
-        """Turn to a heading on the spot."""
+    def turn(self, params: Sequence[float]) -> str | None:
+        """Turn on the spot as the parameters of a CONDITION_YAW ask for."""
         if self.mode is not Mode.HOLD or self.moving:
             return "the heading can be set only while holding"
-        return self.order(Trigger.ORDER_GOTO, lambda: self.navigator.turn(self.here(), yaw_rad))
+        return self.order(Trigger.ORDER_GOTO, lambda: self.navigator.turn_by(self.here(), params))
 
     def return_home(self, why: str | None = None) -> str | None:
         """Fly home, or to a rally point that is closer, at a safe height and land."""
         return self.order(Trigger.ORDER_RETURN, self._return, why)
 
-    def land(self, why: str | None = None) -> str | None:
-        """Land where the aircraft is."""
-        return self.order(Trigger.ORDER_LAND, self._land_here, why)
+    def land(
+        self,
+        why: str | None = None,
+        *,
+        place_ned_m: Vector | None = None,
+        yaw_rad: float = math.nan,
+    ) -> str | None:
+        """Land where the aircraft is, or fly above a place and land there; with a heading."""
+        goal = None
+        if place_ned_m is not None or not math.isnan(yaw_rad):
+            goal = _goal(place_ned_m, yaw_rad)
+        if self.mode is Mode.LAND and goal == self._goal:
+            return None
+        if place_ned_m is not None:
+            if not self.guard.position_ok():
+                return Need.POSITION.value
+            if forbidden := self.guard.forbidden(place_ned_m):
+                return f"the place is {forbidden}"
+        return self.order(
+            Trigger.ORDER_LAND, lambda: self._land(place_ned_m, yaw_rad), why, goal=goal
+        )
 
-    def change_speed(self, speed_mps: float | None) -> None:
-        """Set the speed of this and later manoeuvres until disarmed; None for the default."""
-        self._ordered_speed_mps = speed_mps
-        self.mission.item_speed_mps = None
+    def change_speed(self, speed_mps: float | None) -> str | None:
+        """Set the speed until the mode changes or the mission sets another; None: the default."""
+        if self.mode in _PACED:
+            return f"mode {self.mode.name} has a speed of its own"
+        default = self._parameters["MPC_XY_CRUISE"]
+        self._ordered_speed_mps = default if speed_mps is None else speed_mps
         if self.mode is Mode.MISSION and self.moving:
             self._manoeuvre = self._fly_on(self._stages(self.mission))
+        elif self.mode is Mode.RETURN:
+            self._manoeuvre = self._return()
         elif self._goal is not None:
             self._manoeuvre = self._go(*self._goal)
+        return None
 
     def set_home(self, home: GeodeticPoint) -> None:
         """Move home to a place."""
@@ -301,7 +382,12 @@ class Flight:
     # --- transitions ----------------------------------------------------------------------------
 
     def order(
-        self, trigger: Trigger, make: Callable[[], do.Manoeuvre], why: str | None = None
+        self,
+        trigger: Trigger,
+        make: Callable[[], do.Manoeuvre],
+        why: str | None = None,
+        *,
+        goal: Goal | None = None,
     ) -> str | None:
         """Begin the manoeuvre that `make` makes, if the mode and its needs allow it."""
         if self._settling:
@@ -322,6 +408,7 @@ class Flight:
             self._enter(target, why or trigger.value, None)
         else:
             self._enter(target, why or trigger.value, make())
+            self._goal = goal
         return None
 
     def _enter(self, mode: Mode, why: str, manoeuvre: do.Manoeuvre | None) -> None:
@@ -330,6 +417,7 @@ class Flight:
         self._report.nudge(mav.MAVLINK_MSG_ID_EXTENDED_SYS_STATE)
         if mode is not self.mode:
             self.mode = mode
+            self._ordered_speed_mps = None
             self._report.mode(mode, why)
 
     def _finished(self) -> None:
@@ -346,7 +434,7 @@ class Flight:
         elif self.mode is Mode.MISSION:
             self._mission_ended()
         elif self.mode is Mode.RETURN:
-            self._enter(Mode.LAND, "manoeuvre finished, landing follows", self._land_here())
+            self._enter(Mode.LAND, "manoeuvre finished, landing follows", self._land())
         elif self.mode is Mode.LAND or self.mode in PILOTED:
             self._landed()
         else:
@@ -358,7 +446,7 @@ class Flight:
 
     def _mission_ended(self) -> None:
         last = self._ended_by
-        if last == mav.MAV_CMD_NAV_LOITER_UNLIM:
+        if last == mav.MAV_CMD_NAV_LOITER_UNLIM or self.mission.waiting:
             return  # stays in the mission, at an item without end
         self.mission.finish()
         self._report.nudge(mav.MAVLINK_MSG_ID_MISSION_CURRENT)
@@ -378,9 +466,8 @@ class Flight:
             self._released = False
             self._aircraft.disarm()
             self._report.armed(False)
-            self._ordered_speed_mps = None
 
-    def _go(self, pos_ned_m: tuple[float, ...], yaw_rad: float | None) -> do.Manoeuvre:
+    def _go(self, pos_ned_m: Triple, yaw_rad: float) -> do.Manoeuvre:
         return self.navigator.go_to(
             self.here(), np.array(pos_ned_m), speed_mps=self._ordered_speed_mps, yaw_rad=yaw_rad
         )
@@ -391,8 +478,11 @@ class Flight:
         self._report.say(f"Returning to {name}", mav.MAV_SEVERITY_INFO)
         return self.navigator.return_to(here, goal, speed_mps=self._ordered_speed_mps)
 
-    def _land_here(self) -> do.Manoeuvre:
-        return self.navigator.land(self.here(), sure=self.guard.position_ok())
+    def _land(self, place_ned_m: Vector | None = None, yaw_rad: float = math.nan) -> do.Manoeuvre:
+        sure, here, speed = self.guard.position_ok(), self.here(), self._ordered_speed_mps
+        if place_ned_m is None:
+            return self.navigator.land(here, sure=sure, heading_rad=yaw_rad)
+        return self.navigator.land_at(here, place_ned_m, speed_mps=speed, yaw_rad=yaw_rad)
 
     def _stages(self, mission: Mission) -> tuple[route.Stage, ...]:
         """Stages of a mission that are still to be flown, from the present position."""
@@ -418,6 +508,8 @@ class Flight:
 
     def _reached(self, seq: int) -> None:
         item = self.mission.items[seq]
+        if item.command == mav.MAV_CMD_DO_CHANGE_SPEED and item.params[1] != -1.0:
+            self._ordered_speed_mps = None
         if item.command in LOOKS:
             self._aircraft.look_at(route.looked_at(item, self.frame, self.guard.home))
         self._aircraft.happened(seq)

@@ -2,29 +2,38 @@
 
 import math
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 
 import numpy as np
 from pymavlink.dialects.v20 import common as mav
 
 from flightdyn.aircraft import Aircraft
 from flightdyn.frames import yaw_of
-from flightdyn.state import GeodeticPoint
+from flightdyn.state import GeodeticPoint, Vector
 from sitl.autopilot.codec import ranges
-from sitl.autopilot.codec.orders import GLOBAL_FRAMES, RELATIVE_FRAMES, CommandOrder
+from sitl.autopilot.codec.orders import RELATIVE_FRAMES, CommandOrder
 from sitl.autopilot.flying.flight import Flight
-from sitl.autopilot.flying.route import turn_of
 from sitl.autopilot.modes import Mode, mode_of_custom
 from sitl.autopilot.protocol.commands import (
     Commands,
     RefusedError,
     UnsupportedError,
     demand,
-    demand_global,
     demand_within,
 )
+from sitl.autopilot.protocol.order_rules import FORCE
 
 _MODES = ranges.Range(0, 255, "")
-_FORCE = 21196.0  # the magic number of forced disarming
+
+
+# Flags of DO_REPOSITION.
+_CHANGE_MODE, _RELATIVE_YAW, _BOTH = 1.0, 2.0, 3.0
+
+
+def _heading(order: CommandOrder) -> float:
+    """The fourth parameter, a heading in degrees, in radians; NaN if it is left open."""
+    yaw_deg = order.params[3]
+    return math.nan if math.isnan(yaw_deg) else math.radians(yaw_deg)
 
 
 class FlightCommands:
@@ -48,16 +57,16 @@ class FlightCommands:
         return {
             mav.MAV_CMD_COMPONENT_ARM_DISARM: self._arm,
             mav.MAV_CMD_NAV_TAKEOFF: self._take_off,
-            mav.MAV_CMD_NAV_LAND: lambda _: demand(flight.land()),
+            mav.MAV_CMD_NAV_LAND: self._land,
             mav.MAV_CMD_NAV_RETURN_TO_LAUNCH: lambda _: demand(flight.return_home()),
-            mav.MAV_CMD_NAV_LOITER_UNLIM: lambda _: demand(flight.hold()),
+            mav.MAV_CMD_NAV_LOITER_UNLIM: self._hold,
             mav.MAV_CMD_DO_REPOSITION: self._reposition,
             mav.MAV_CMD_DO_CHANGE_ALTITUDE: self._change_altitude,
             mav.MAV_CMD_DO_SET_ROI_LOCATION: self._look_at,
             mav.MAV_CMD_DO_SET_ROI_NONE: lambda _: self._aircraft.look_at(None),
             mav.MAV_CMD_DO_SET_ROI: self._look_at_or_ahead,
             mav.MAV_CMD_DO_CHANGE_SPEED: self._change_speed,
-            mav.MAV_CMD_CONDITION_YAW: self._turn,
+            mav.MAV_CMD_CONDITION_YAW: lambda order: demand(flight.turn(order.params)),
             mav.MAV_CMD_DO_SET_MODE: self._set_mode,
             mav.MAV_CMD_MISSION_START: self._start_mission,
             mav.MAV_CMD_DO_PAUSE_CONTINUE: self._pause,
@@ -71,7 +80,7 @@ class FlightCommands:
         flight = self._flight
         orders: dict[Mode, Callable[[], str | None]] = {
             Mode.HOLD: flight.hold,
-            Mode.TAKEOFF: lambda: flight.take_off(None),
+            Mode.TAKEOFF: flight.take_off,
             Mode.MISSION: flight.fly_mission,
             Mode.RETURN: flight.return_home,
             Mode.LAND: flight.land,
@@ -87,45 +96,51 @@ class FlightCommands:
     # --- motors and flight ----------------------------------------------------------------------
 
     def _arm(self, order: CommandOrder) -> None:
-        match order.params[0]:
-            case 1.0:
-                demand(self._flight.arm())
-            case 0.0:
-                demand(self._flight.disarm(force=order.params[1] == _FORCE))
-            case wanted:
-                raise RefusedError(f"parameter 1 = {wanted:g}: 0 disarms, 1 arms")
+        if order.params[0] == 1.0:
+            demand(self._flight.arm())
+        else:
+            demand(self._flight.disarm(force=order.params[1] == FORCE))
 
     def _take_off(self, order: CommandOrder) -> None:
-        z = order.params[6]
+        place, z = self._somewhere(order), order.params[6]
         altitude = self._altitude(z, order.frame) if math.isfinite(z) else None
-        demand(self._flight.take_off(altitude))
+        yaw_rad = _heading(order)
+        demand(self._flight.take_off(altitude, place_ned_m=place, yaw_rad=yaw_rad))
+
+    def _land(self, order: CommandOrder) -> None:
+        place = self._somewhere(order)
+        demand(self._flight.land(place_ned_m=place, yaw_rad=_heading(order)))
+
+    def _hold(self, order: CommandOrder) -> None:
+        place, yaw_rad, z = self._somewhere(order), _heading(order), order.params[6]
+        if place is None and math.isfinite(z) and z != 0.0:
+            here = replace(self._here(), alt_msl_m=self._altitude(z, order.frame))
+            place = self._ned(here)
+        if place is None:
+            demand(self._flight.hold(yaw_rad=yaw_rad))
+        else:
+            demand(self._flight.go_to(place, yaw_rad=yaw_rad))
 
     def _reposition(self, order: CommandOrder) -> None:
-        speed, _, _, yaw, *_ = order.params
-        demand_global(order)
-        place = self._place(order, here=self._here())
-        if speed > 0:
-            demand_within("speed", speed, ranges.SPEED)
-        if math.isfinite(yaw):
-            demand_within("heading", math.degrees(yaw), ranges.TURN)
-        goal = self._aircraft.frame.to_ned(place.lat_deg, place.lon_deg, place.alt_msl_m)
-        demand(self._flight.go_to(goal, yaw_rad=yaw if math.isfinite(yaw) else None))
-        if speed > 0:
-            self._flight.change_speed(speed)
+        speed, flags, _, yaw_rad, *_ = order.params
+        if not (self._flight.mode is Mode.HOLD or flags in (_CHANGE_MODE, _BOTH)):
+            raise RefusedError("parameter 2: flag 1 is needed to leave the mode, HOLD has no need")
+        goal = self._ned(self._place(order, here=self._here()))
+        if math.isnan(yaw_rad):
+            yaw_rad = math.nan
+        elif flags in (_RELATIVE_YAW, _BOTH):
+            yaw_rad += yaw_of(self._aircraft.belief.q_frd_to_ned)
+        demand(self._flight.go_to(goal, yaw_rad=yaw_rad))
+        demand(self._flight.change_speed(speed if speed > 0.0 else None))
 
     def _change_altitude(self, order: CommandOrder) -> None:
         altitude, frame = order.params[:2]
-        if frame not in GLOBAL_FRAMES:
-            raise RefusedError(f"frame {frame:g} is not a global one")
         north, east, _ = map(float, self._flight.here())
         down = self._flight.frame.origin.alt_msl_m - self._altitude(altitude, frame)
         demand(self._flight.go_to(np.array([north, east, down])))
 
     def _look_at(self, order: CommandOrder) -> None:
-        place = self._place(order)
-        self._aircraft.look_at(
-            self._aircraft.frame.to_ned(place.lat_deg, place.lon_deg, place.alt_msl_m)
-        )
+        self._aircraft.look_at(self._ned(self._place(order)))
 
     def _look_at_or_ahead(self, order: CommandOrder) -> None:
         match order.params[0]:
@@ -137,20 +152,9 @@ class FlightCommands:
                 raise UnsupportedError(f"mode {mode:g}: 0 nothing, 3 a place")
 
     def _change_speed(self, order: CommandOrder) -> None:
-        kind, speed = order.params[:2]
-        if kind not in (0.0, 1.0):
-            raise RefusedError(f"speed type {kind:g}: only horizontal speeds (0, 1)")
-        if speed == -2.0:
-            self._flight.change_speed(None)
-        elif speed != -1.0:
-            demand_within("speed", speed, ranges.SPEED)
-            self._flight.change_speed(speed)
-
-    def _turn(self, order: CommandOrder) -> None:
-        demand_within("angle", order.params[0], ranges.TURN)
-        yaw_rad, relative = turn_of(order.params)
-        now_rad = yaw_of(self._aircraft.belief.q_frd_to_ned) if relative else 0.0
-        demand(self._flight.turn_to(now_rad + yaw_rad))
+        speed = order.params[1]
+        if speed != -1.0:
+            demand(self._flight.change_speed(None if speed == -2.0 else speed))
 
     def _set_mode(self, order: CommandOrder) -> None:
         base, main, sub = order.params[:3]
@@ -168,26 +172,21 @@ class FlightCommands:
     # --- mission --------------------------------------------------------------------------------
 
     def _start_mission(self, order: CommandOrder) -> None:
-        if order.params[0] > 0:
-            self._rewind(order.params[0])
-        demand(self._flight.fly_mission())
+        first, last = order.params[:2]
+        begin = None if math.isnan(first) else int(first)
+        demand(self._flight.start_mission(begin, int(last) if last > 0.0 else None))
 
     def _pause(self, order: CommandOrder) -> None:
-        match order.params[0]:
-            case 0.0:
-                demand(self._flight.hold())
-            case 1.0:
-                demand(self._flight.fly_mission())
-            case wanted:
-                raise RefusedError(f"parameter 1 = {wanted:g}: 0 pauses, 1 continues")
+        if order.params[0] == 0.0:
+            demand(self._flight.hold())
+        else:
+            demand(self._flight.start_mission(None, self._flight.mission.last))
 
     def _set_current(self, order: CommandOrder) -> None:
-        seq = order.params[0]
-        self._rewind(seq if math.isfinite(seq) and seq != -1.0 else self._flight.mission.current)
-
-    def _rewind(self, seq: float) -> None:
-        demand_within("item", seq, ranges.ITEM)
-        if reason := self._flight.rewind_mission(int(seq)):
+        seq, reset = order.params[:2]
+        if math.isnan(seq) or seq == -1.0:
+            seq = self._flight.mission.current
+        if reason := self._flight.rewind_mission(int(seq), reset=reset == 1.0):
             raise RefusedError(reason)
 
     def _set_home(self, order: CommandOrder) -> None:
@@ -203,14 +202,25 @@ class FlightCommands:
         demand_within("altitude", altitude, ranges.ALTITUDE)
         return altitude
 
+    def _somewhere(self, order: CommandOrder) -> Vector | None:
+        """The place, (3,) NED, that an order names; None where it leaves it open.
+
+        Ground stations leave it open as NaN or as zeros; what else is open is that of the vehicle.
+        """
+        lat_deg, lon_deg = order.params[4:6]
+        if (lat_deg == lon_deg == 0.0) or (math.isnan(lat_deg) and math.isnan(lon_deg)):
+            return None
+        return self._ned(self._place(order, here=self._here()))
+
+    def _ned(self, place: GeodeticPoint) -> Vector:
+        return self._aircraft.frame.to_ned(place.lat_deg, place.lon_deg, place.alt_msl_m)
+
     def _place(self, order: CommandOrder, here: GeodeticPoint | None = None) -> GeodeticPoint:
         """The position a command names; what is left open (NaN) is taken from `here`."""
         lat_deg, lon_deg, z = order.params[4:]
         if here is not None:
             lat_deg = here.lat_deg if math.isnan(lat_deg) else lat_deg
             lon_deg = here.lon_deg if math.isnan(lon_deg) else lon_deg
-        if not (lat_deg in ranges.LATITUDE and lon_deg in ranges.LONGITUDE):
-            raise RefusedError(f"no such position: {lat_deg:g}, {lon_deg:g}")
         if here is not None and math.isnan(z):
             altitude = here.alt_msl_m
         else:

@@ -90,15 +90,40 @@ def fall(aircraft: Aircraft) -> Manoeuvre:
     return Until(aircraft, lambda: aircraft.on_ground, _FALL_TIMEOUT_S)
 
 
-def turn(aircraft: Aircraft, *, pos_ned_m: Vector, yaw_rad: float) -> Manoeuvre:
-    """Turn on the spot to a heading, to within 2 degrees or for 30 s at most."""
+class Turn(Manoeuvre):
+    """Turn on the spot by an angle, to within 2 degrees or for 30 s beyond its time at most.
 
-    def turned() -> bool:
-        error = wrap_pi(yaw_of(aircraft.belief.q_frd_to_ned) - yaw_rad)
-        return abs(error) < _TURN_TOLERANCE_RAD
+    At a rate (rad/s) the heading ordered moves with it; NaN: it is ordered at once, and the
+    vehicle turns as fast as it does, the shorter way.
+    """
 
-    aircraft.hold(pos_ned_m, yaw_rad)
-    return Until(aircraft, turned, _TURN_TIMEOUT_S)
+    def __init__(
+        self, aircraft: Aircraft, *, pos_ned_m: Vector, by_rad: float, rate_radps: float = math.nan
+    ) -> None:
+        self._aircraft, self._pos = aircraft, pos_ned_m
+        self._from, self._by = yaw_of(aircraft.belief.q_frd_to_ned), by_rad
+        self._rate, self._t_ns = math.copysign(rate_radps, by_rad), aircraft.t_ns
+        self._lasts_s = by_rad / self._rate if rate_radps > 0.0 else 0.0
+        self._patience = Timer(aircraft, self._lasts_s + _TURN_TIMEOUT_S)
+        self._turning = self._lasts_s > 0.0
+        if not self._turning:
+            aircraft.hold(pos_ned_m, self._from + by_rad)
+
+    def tick(self) -> bool:
+        if self._turning:
+            return self._sweep((self._aircraft.t_ns - self._t_ns) * 1e-9)
+        error = yaw_of(self._aircraft.belief.q_frd_to_ned) - self._from - self._by
+        return abs(wrap_pi(error)) < _TURN_TOLERANCE_RAD or self._patience.over
+
+    def _sweep(self, passed_s: float) -> bool:
+        if passed_s < self._lasts_s:
+            north, east, down = map(float, self._pos)
+            yaw = wrap_pi(self._from + self._rate * passed_s)
+            self._aircraft.pursue(Target((north, east, down), yaw=yaw, yaw_rate=self._rate))
+        else:
+            self._turning = False
+            self._aircraft.hold(self._pos, wrap_pi(self._from + self._by))
+        return False
 
 
 class Follow(Manoeuvre):
@@ -273,15 +298,12 @@ class Piloted(Manoeuvre):
 
 
 class Circle(Manoeuvre):
-    """Fly an orbit from its point at `phase_rad` on; done after `turns` turns."""
+    """Fly an orbit from its point at `phase_rad` on; done after its turns."""
 
-    def __init__(
-        self, aircraft: Aircraft, orbit: Orbit, *, phase_rad: float, turns: float = math.inf
-    ) -> None:
+    def __init__(self, aircraft: Aircraft, orbit: Orbit, *, phase_rad: float) -> None:
         self._aircraft = aircraft
         self._orbit = orbit
         self._phase = self._start = phase_rad
-        self._turns = turns
         self._heading = yaw_of(aircraft.belief.q_frd_to_ned)
         self._t_ns = aircraft.t_ns
 
@@ -289,7 +311,7 @@ class Circle(Manoeuvre):
         passed_s = (self._aircraft.t_ns - self._t_ns) * 1e-9
         self._t_ns = self._aircraft.t_ns
         self._phase += self._orbit.speed_mps / self._orbit.radius_m * passed_s
-        if abs(self._phase - self._start) >= self._turns * math.tau:
+        if abs(self._phase - self._start) >= self._orbit.turns * math.tau:
             yaw = yaw_of(self._aircraft.belief.q_frd_to_ned)
             self._aircraft.hold(self._orbit.point(self._phase), yaw)
             return True
@@ -309,6 +331,8 @@ class Circle(Manoeuvre):
         )
 
     def _yaw(self) -> float:
+        if not math.isnan(self._orbit.heading_rad):
+            return self._orbit.heading_rad
         match self._orbit.yaw:
             case mav.ORBIT_YAW_BEHAVIOUR_HOLD_FRONT_TO_CIRCLE_CENTER:
                 return self._phase + math.pi

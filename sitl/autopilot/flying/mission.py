@@ -7,7 +7,7 @@ from pymavlink.dialects.v20 import common as mav
 
 from sitl.autopilot.codec.orders import MissionItem
 from sitl.autopilot.flying.route import flown_order, repeats, speed_from
-from sitl.autopilot.protocol.item_rules import NAVIGATION
+from sitl.autopilot.protocol.order_rules import NAVIGATION
 
 
 class Mission:
@@ -15,8 +15,12 @@ class Mission:
 
     def __init__(self) -> None:
         self.items: tuple[MissionItem, ...] = ()
+        self.last: int | None = None  # the item after which it ends; None: the last of all
         self.current = 0
         self.complete = False
+        self.waiting = False  # at an item without autocontinue
+        self.over = False  # no item comes after the one that was reached last
+        self.begun = 0  # the item with which it was started last
         self.item_speed_mps: float | None = None  # of the last DO_CHANGE_SPEED carried out
         self._started = False
         self._next = 0  # in the order in which they are flown; `current` is where it leads
@@ -24,15 +28,23 @@ class Mission:
 
     def replace(self, items: tuple[MissionItem, ...]) -> None:
         """Take another mission, to be flown from its beginning."""
-        self.items = items
+        self.items, self.last = items, None
         self.rewind(0)
 
-    def rewind(self, seq: int) -> None:
-        """Go on with item `seq`; with the speed that the items before it ask for."""
+    @property
+    def flown(self) -> tuple[MissionItem, ...]:
+        """The items up to the one after which it ends."""
+        return self.items if self.last is None else self.items[: self.last + 1]
+
+    def rewind(self, seq: int, *, reset: bool = True) -> None:
+        """Go on with item `seq`, at the speed that the items before it ask for.
+
+        `reset`: jumps are counted anew; they are after its end anyway.
+        """
         self.current = self._next = seq
-        self._jumps_left = repeats(self.items)
-        self.complete = False
-        self._started = False
+        if reset or self.complete:
+            self._jumps_left = repeats(self.items)
+        self.complete = self.waiting = self._started = False
         self.item_speed_mps = None
         for item in self.items[:seq]:
             self.item_speed_mps = speed_from(item, self.item_speed_mps)
@@ -48,27 +60,30 @@ class Mission:
         """Note that the mission is being flown; a complete one begins again."""
         if self.complete:
             self.rewind(0)
-        self._started = True
+        self._started, self.waiting, self.begun = True, False, self._next
 
     def reached(self, seq: int) -> None:
         """Note that item `seq` has been reached or carried out."""
         self.item_speed_mps = speed_from(self.items[seq], self.item_speed_mps)
         # After the last item it stays the last: a hold may come before the aircraft is at rest.
-        self._next, self.current = seq, len(self.items) - 1
-        left = self._jumps_left
+        self._next, self.current = seq, len(self.flown) - 1
+        left, self.over = self._jumps_left, True
         # Jumps over items without navigation are not followed for ever.
-        ahead = islice(flown_order(self.items, seq + 1, left), len(self.items))
+        ahead = islice(flown_order(self.flown, seq + 1, left), len(self.items))
         for steps, item in enumerate(ahead):
             if steps == 0:  # jumps farther on have not been taken yet
-                self._next, self._jumps_left = item.seq, dict(left)
+                self._next, self._jumps_left, self.over = item.seq, dict(left), False
             if item.command in NAVIGATION:
                 self.current = item.seq
                 break
+        self.waiting = not self.items[seq].autocontinue
+        if self.waiting:
+            self.current = seq
 
     def finish(self) -> None:
         """Note that the last item has been reached and the aircraft has come to rest."""
-        self.complete = True
-        self.current = max(len(self.items) - 1, 0)
+        self.complete, self.waiting = True, False
+        self.current, self.last = max(len(self.flown) - 1, 0), None
 
     def message(self, *, in_mission_mode: bool) -> mav.MAVLink_message:
         """MISSION_CURRENT: current item, number of items, state, and whether it is flown."""

@@ -1,5 +1,6 @@
 """Navigation: manoeuvres such as go-to, return and landing, from parameters and positions."""
 
+import math
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from itertools import pairwise
@@ -9,7 +10,7 @@ import numpy as np
 from pymavlink.dialects.v20 import common as mav
 
 from flightdyn.aircraft import Aircraft
-from flightdyn.frames import yaw_of
+from flightdyn.frames import wrap_pi, yaw_of
 from flightdyn.guidance.path import FlightPath
 from flightdyn.state import Vector
 from sitl.autopilot.codec.orders import MissionItem
@@ -58,30 +59,59 @@ class Navigator:
         """Why a place is too far away to be flown to, in words; empty if it is not."""
         return route.too_far(pos_ned_m, farthest_m=self._parameters["MIS_DIST_1WP"])
 
-    def climb(self, start: Vector, down_m: float) -> do.Manoeuvre:
-        """A climb straight up to a height."""
-        up = np.array([start[0], start[1], down_m])
-        return do.Climb(self._aircraft, self._path([start, up], self._parameters["MPC_TKO_SPEED"]))
-
-    def stop(self) -> do.Manoeuvre:
-        """Brake, and hold where the aircraft comes to rest."""
-        return do.Stop(self._aircraft, deceleration_mps2=self._parameters["MPC_ACC_HOR"])
-
-    def turn(self, place: Vector, yaw_rad: float) -> do.Manoeuvre:
-        """A turn on the spot to a heading."""
-        return do.turn(self._aircraft, pos_ned_m=place, yaw_rad=yaw_rad)
-
-    def go_to(
-        self, start: Vector, goal: Vector, *, speed_mps: float | None, yaw_rad: float | None
+    def climb(
+        self, start: Vector, goal: Vector, *, speed_mps: float | None, yaw_rad: float
     ) -> do.Manoeuvre:
-        """Fly straight to a position (NED, m), then turn to a heading, if one is given."""
+        """A climb straight up to the height of a place, then the way there; with a heading
+        (NaN: as it is, then along the course)."""
+        up = np.array([start[0], start[1], goal[2]])
 
         def parts() -> Iterator[do.Manoeuvre]:
-            yield self._follow([start, goal], self._speed(speed_mps))
-            if yaw_rad is not None:
-                yield self.turn(goal, yaw_rad)
+            path = self._path([start, up], self._parameters["MPC_TKO_SPEED"])
+            yield self._facing(yaw_rad, do.Climb(self._aircraft, path))
+            if tuple(goal) != tuple(up):
+                yield self._facing(yaw_rad, self._follow([up, goal], self._speed(speed_mps)))
 
         return do.Sequence(parts())
+
+    def _facing(self, yaw_rad: float, manoeuvre: do.Manoeuvre) -> do.Manoeuvre:
+        """A manoeuvre along a path that has begun, with a heading; NaN: with its own."""
+        if not math.isnan(yaw_rad):
+            self._aircraft.face(yaw_rad)
+        return manoeuvre
+
+    def stop(self, yaw_rad: float = math.nan) -> do.Manoeuvre:
+        """Brake, and hold where the aircraft comes to rest; then turn to a heading, if given."""
+        stop = do.Stop(self._aircraft, deceleration_mps2=self._parameters["MPC_ACC_HOR"])
+        return stop if math.isnan(yaw_rad) else self._turned(stop, yaw_rad)
+
+    def _turned(self, first: do.Manoeuvre, yaw_rad: float) -> do.Manoeuvre:
+        def parts() -> Iterator[do.Manoeuvre]:
+            yield first
+            yield self.turn(self.here(resting=True), yaw_rad)
+
+        return do.Sequence(parts())
+
+    def turn(self, place: Vector, yaw_rad: float) -> do.Manoeuvre:
+        """A turn on the spot to a heading, the shorter way."""
+        by_rad = wrap_pi(yaw_rad - self._heading_rad)
+        return do.Turn(self._aircraft, pos_ned_m=place, by_rad=by_rad)
+
+    def turn_by(self, place: Vector, params: Sequence[float]) -> do.Manoeuvre:
+        """A turn on the spot as the parameters of a CONDITION_YAW ask for."""
+        by_rad, rate_radps = route.turn_of(params, self._heading_rad)
+        return do.Turn(self._aircraft, pos_ned_m=place, by_rad=by_rad, rate_radps=rate_radps)
+
+    @property
+    def _heading_rad(self) -> float:
+        return yaw_of(self._aircraft.belief.q_frd_to_ned)
+
+    def go_to(
+        self, start: Vector, goal: Vector, *, speed_mps: float | None, yaw_rad: float = math.nan
+    ) -> do.Manoeuvre:
+        """Fly straight to a position (NED, m), then turn to a heading, if one is given."""
+        way = self._follow([start, goal], self._speed(speed_mps))
+        return way if math.isnan(yaw_rad) else self._turned(way, yaw_rad)
 
     def return_to(self, start: Vector, goal: Vector, *, speed_mps: float | None) -> do.Manoeuvre:
         """Climb to the return height, or the goal's own if that is higher, and fly above the goal.
@@ -109,7 +139,22 @@ class Navigator:
                 name, found = f"rally point {item.seq}", place
         return name, found
 
-    def land(self, start: Vector, *, sure: bool = True) -> do.Manoeuvre:
+    def land_at(
+        self, start: Vector, goal: Vector, *, speed_mps: float | None, yaw_rad: float
+    ) -> do.Manoeuvre:
+        """Fly above a place, not lower than that, and land there with a heading (NaN: any)."""
+        above = np.array([goal[0], goal[1], min(start[2], goal[2])])
+
+        def parts() -> Iterator[do.Manoeuvre]:
+            if tuple(above) != tuple(start):
+                yield self._facing(yaw_rad, self._follow([start, above], self._speed(speed_mps)))
+            yield self.land(above, heading_rad=yaw_rad)
+
+        return do.Sequence(parts())
+
+    def land(
+        self, start: Vector, *, sure: bool = True, heading_rad: float = math.nan
+    ) -> do.Manoeuvre:
         """Land straight below; if the position is not `sure`, slower and without keeping it."""
         p = self._parameters
         terms = do.LandingTerms(
@@ -120,7 +165,8 @@ class Navigator:
             settle_s=p["COM_DISARM_LAND"],
         )
         if sure:
-            return do.Descend(self._aircraft, terms, start_ned_m=start)
+            landing = do.Descend(self._aircraft, terms, start_ned_m=start)
+            return self._facing(heading_rad, landing)
         return do.DescendUnsure(self._aircraft, terms)
 
     def stages(
@@ -129,13 +175,13 @@ class Navigator:
         """Compile the stages of the mission from the item at which it would start."""
         first, jumps_left, item_speed = mission.next_start
         return route.compile_route(
-            mission.items,
+            mission.flown,
             self._parameters,
             frame=self._aircraft.frame,
             home=self._guard.home,
             start=start,
             on_ground=self._aircraft.on_ground,
-            speed_mps=speed_mps if item_speed is None else item_speed,
+            speed_mps=item_speed if speed_mps is None else speed_mps,
             first=first,
             jumps_left=jumps_left,
         )
@@ -149,29 +195,30 @@ class Navigator:
     ) -> do.Manoeuvre:
         """Fly the stages; call `reached(seq)` at each item, `ended(command)` at the end item."""
 
-        def tell(items: Sequence[Sequence[int]], point: int) -> None:
-            for seq in items[point]:
+        def tell(flown: route.Fly, point: int) -> None:
+            for seq in flown.reached[point]:
                 reached(seq)
+            if point < len(flown.headings_rad):
+                self._aircraft.face(flown.headings_rad[point])
 
         def parts() -> Iterator[do.Manoeuvre]:
             for stage in stages:
                 match stage:
-                    case route.Fly(path, at):
-                        yield do.Follow(self._aircraft, path, passed=partial(tell, at))
+                    case route.Fly(path):
+                        yield do.Follow(self._aircraft, path, passed=partial(tell, stage))
                     case route.Wait(duration_s, seq):
                         if duration_s > 0:
                             yield do.pause(self._aircraft, duration_s)
                         reached(seq)
-                    case route.Circle(orbit, phase_rad, turns, seq):
-                        yield do.Circle(self._aircraft, orbit, phase_rad=phase_rad, turns=turns)
+                    case route.Circle(orbit, phase_rad, seq):
+                        yield do.Circle(self._aircraft, orbit, phase_rad=phase_rad)
                         reached(seq)
-                    case route.Turn(yaw_rad, relative, seq):
-                        now = yaw_of(self._aircraft.belief.q_frd_to_ned) if relative else 0.0
-                        yield self.turn(self.here(resting=True), now + yaw_rad)
+                    case route.Turn(params, seq):
+                        yield self.turn_by(self.here(resting=True), params)
                         reached(seq)
-                    case route.End(command, seq):
+                    case route.End(command, seq, heading_rad):
                         if command == mav.MAV_CMD_NAV_LAND:
-                            yield self.land(self.here(resting=True))
+                            yield self.land(self.here(resting=True), heading_rad=heading_rad)
                         if command != mav.MAV_CMD_NAV_LOITER_UNLIM:
                             reached(seq)
                         ended(command)

@@ -7,19 +7,12 @@ import numpy as np
 from pymavlink.dialects.v20 import common as mav
 
 from flightdyn.aircraft import Aircraft
-from sitl.autopilot.codec import ranges
 from sitl.autopilot.codec.orders import CommandOrder
 from sitl.autopilot.flying import manoeuvres as do
 from sitl.autopilot.flying.circle import DEFAULT_RADIUS_M, Orbit, fastest
 from sitl.autopilot.flying.flight import Flight
 from sitl.autopilot.modes import Mode, Trigger
-from sitl.autopilot.protocol.commands import (
-    Commands,
-    RefusedError,
-    demand,
-    demand_global,
-    demand_within,
-)
+from sitl.autopilot.protocol.commands import Commands, RefusedError, demand
 
 _DEFAULT_SPEED_MPS = 2.0
 
@@ -45,44 +38,49 @@ class Orbits:
         orbit, flight = self._asked(order), self._flight
         if far := flight.navigator.too_far(np.array(orbit.center_ned_m)):
             raise RefusedError(f"the orbit is {far}")
-        if forbidden := flight.guard.forbidden(orbit.points()):
+        if forbidden := flight.guard.forbidden(orbit.points(self._phase(orbit))):
             raise RefusedError(f"the orbit leads {forbidden}")
         if orbit != self.current:
             demand(flight.order(Trigger.ORDER_ORBIT, lambda: self._fly(orbit)))
             self._orbit = orbit
 
     def _asked(self, order: CommandOrder) -> Orbit:
-        demand_global(order)
-        radius, speed, yaw, _, lat_deg, lon_deg, z = order.params
-        radius = DEFAULT_RADIUS_M if math.isnan(radius) else radius
-        speed = _DEFAULT_SPEED_MPS if math.isnan(speed) else speed
-        yaw = 0.0 if math.isnan(yaw) else yaw
-        demand_within("radius", abs(radius), ranges.ORBIT_RADIUS)
-        demand_within("speed", abs(speed), ranges.ORBIT_SPEED)
-        demand_within("yaw behaviour", yaw, ranges.ORBIT_YAW)
+        """The circle that an order asks for; what it leaves open is that of the one being flown,
+        else the vehicle's default."""
+        radius, speed, yaw, arc_rad, lat_deg, lon_deg, z = order.params
+        now, frame = self.current, self._flight.frame
         north, east, down = map(float, self._aircraft.belief.pos_ned_m)
-        frame = self._flight.frame
+        if now is not None:
+            north, east, _ = now.center_ned_m
         if not (math.isnan(lat_deg) or math.isnan(lon_deg)):
-            if not (lat_deg in ranges.LATITUDE and lon_deg in ranges.LONGITUDE):
-                raise RefusedError(f"no such place: {lat_deg:g}, {lon_deg:g}")
             north, east, _ = map(float, frame.to_ned(lat_deg, lon_deg, frame.origin.alt_msl_m))
         if not math.isnan(z):
-            # Above mean sea level in every frame, as PX4 has it: MAVSDK names a relative one.
-            demand_within("altitude", z, ranges.ALTITUDE)
             down = frame.origin.alt_msl_m - z
         # The sign of the radius is the direction; a speed that would press too hard is lowered.
+        if math.isnan(radius):
+            radius = DEFAULT_RADIUS_M if now is None else math.copysign(now.radius_m, now.speed_mps)
+        if math.isnan(speed):
+            speed = _DEFAULT_SPEED_MPS if now is None else abs(now.speed_mps)
+        if math.isnan(yaw) or yaw == mav.ORBIT_YAW_BEHAVIOUR_UNCHANGED:
+            yaw = 0.0 if now is None else now.yaw
+        if math.isnan(arc_rad):
+            turns = math.inf if now is None else now.turns
+        else:
+            turns = arc_rad / math.tau or math.inf
         flown_mps = min(abs(speed), fastest(abs(radius)))
         speed_mps = math.copysign(flown_mps, radius * (speed or 1.0))
-        return Orbit((north, east, down), abs(radius), speed_mps, int(yaw))
+        return Orbit((north, east, down), abs(radius), speed_mps, int(yaw), turns)
+
+    def _phase(self, orbit: Orbit) -> float:
+        """Where the circle is nearest to the vehicle, clockwise from north (rad)."""
+        here = self._flight.navigator.here(resting=False)
+        north, east, _ = orbit.center_ned_m
+        return math.atan2(here[1] - east, here[0] - north)
 
     def _fly(self, orbit: Orbit) -> do.Manoeuvre:
         def parts() -> Iterator[do.Manoeuvre]:
-            here = self._flight.navigator.here(resting=False)
-            north, east, _ = orbit.center_ned_m
-            phase = math.atan2(here[1] - east, here[0] - north)
-            yield self._flight.navigator.go_to(
-                here, orbit.point(phase), speed_mps=None, yaw_rad=None
-            )
+            here, phase = self._flight.navigator.here(resting=False), self._phase(orbit)
+            yield self._flight.navigator.go_to(here, orbit.point(phase), speed_mps=None)
             yield do.Circle(self._aircraft, orbit, phase_rad=phase)
 
         return do.Sequence(parts())

@@ -13,29 +13,36 @@ from typing import TypeAlias
 import numpy as np
 from pymavlink.dialects.v20 import common as mav
 
-from flightdyn.frames import LocalFrame
+from flightdyn.frames import LocalFrame, wrap_pi
 from flightdyn.guidance.path import FlightPath
 from flightdyn.state import GeodeticPoint, Vector
 from sitl.autopilot.codec import ranges
 from sitl.autopilot.codec.orders import RELATIVE_FRAMES, MissionItem
 from sitl.autopilot.flying.circle import DEFAULT_RADIUS_M, Orbit, fastest
 from sitl.autopilot.parameters import Parameters
-from sitl.autopilot.protocol.item_rules import PLACES
+from sitl.autopilot.protocol.order_rules import PLACES
 
 _JUMPS = frozenset({mav.MAV_CMD_DO_JUMP})
 _ENDS = frozenset(
     {mav.MAV_CMD_NAV_LAND, mav.MAV_CMD_NAV_RETURN_TO_LAUNCH, mav.MAV_CMD_NAV_LOITER_UNLIM}
 )
+_THERE_RAD = math.radians(0.5)  # that near a heading is the one ordered
 MAX_STEPS = 10_000  # items carried out, jumps included
+# Items whose fourth parameter is a heading.
+_HEADED = PLACES - {mav.MAV_CMD_NAV_LOITER_TO_ALT}
 MAX_JUMPS = 100  # items of a mission that jump; ArduPilot's limit, too
 
 
 @dataclass(frozen=True, slots=True)
 class Fly:
-    """Fly `path` to its end; `reached[i]` are the items reached when point i is passed."""
+    """Fly `path` to its end; `reached[i]` are the items reached when point i is passed.
+
+    `headings_rad[i]` is to be kept from there on; NaN: the nose points along the course.
+    """
 
     path: FlightPath
     reached: tuple[tuple[int, ...], ...]
+    headings_rad: tuple[float, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,20 +55,18 @@ class Wait:
 
 @dataclass(frozen=True, slots=True)
 class Circle:
-    """Fly `turns` turns of an orbit, from its point at `phase_rad` (clockwise from north) on."""
+    """Fly an orbit from its point at `phase_rad` (clockwise from north) on."""
 
     orbit: Orbit
     phase_rad: float
-    turns: float
     seq: int
 
 
 @dataclass(frozen=True, slots=True)
 class Turn:
-    """Turn to a heading, or by an angle."""
+    """Turn as the parameters of a CONDITION_YAW ask for."""
 
-    yaw_rad: float
-    relative: bool
+    params: tuple[float, ...]
     seq: int
 
 
@@ -71,6 +76,7 @@ class End:
 
     command: int
     seq: int
+    heading_rad: float  # of a landing; NaN: as it is
 
 
 Stage: TypeAlias = Fly | Wait | Circle | Turn | End
@@ -79,6 +85,7 @@ Stage: TypeAlias = Fly | Wait | Circle | Turn | End
 @dataclass(slots=True)
 class _Leg:
     points: list[Vector]
+    headings: list[float] = field(default_factory=list)
     speeds: list[float] = field(default_factory=list)
     acceptance: list[float] = field(default_factory=list)
     reached: list[list[int]] = field(default_factory=list)
@@ -102,18 +109,27 @@ def points_of(stages: Sequence[Stage]) -> list[Vector]:
     return [
         stage.path.points_ned_m[1:]
         if isinstance(stage, Fly)
-        else stage.orbit.points(stage.phase_rad, stage.turns)
+        else stage.orbit.points(stage.phase_rad)
         for stage in stages
         if isinstance(stage, Fly | Circle)
     ]
 
 
-def turn_of(params: Sequence[float]) -> tuple[float, bool]:
-    """Return the heading (rad) and False, or the signed angle and True, of a CONDITION_YAW."""
-    angle_deg, _, direction, relative = params[:4]
+def turn_of(params: Sequence[float], heading_rad: float) -> tuple[float, float]:
+    """Return the signed angle (rad) of a CONDITION_YAW and its rate (rad/s; NaN: not given).
+
+    A turn the longer way needs a rate, and gets the greatest one.
+    """
+    angle_deg, rate_degps, direction, relative = params[:4]
+    by_rad = math.radians(-angle_deg if direction < 0 else angle_deg)
     if relative != 1.0:
-        return math.radians(angle_deg), False
-    return math.radians(-angle_deg if direction < 0 else angle_deg), True
+        by_rad = wrap_pi(math.radians(angle_deg) - heading_rad)
+        if direction * by_rad < 0.0 and abs(by_rad) > _THERE_RAD:
+            by_rad += math.copysign(math.tau, direction)
+    given = rate_degps if rate_degps > 0.0 else math.nan
+    if math.isnan(given) and abs(by_rad) > math.pi - _THERE_RAD:
+        given = ranges.TURN_RATE.high
+    return by_rad, math.radians(given)
 
 
 def _positive(value: float) -> float:
@@ -129,14 +145,27 @@ def speed_from(item: MissionItem, before: float | None) -> float | None:
     return speed if speed > 0 else None if speed == -2.0 else before
 
 
+def heading_of(item: MissionItem) -> float:
+    """The heading (rad) that an item asks for on the way and at its place; NaN for none."""
+    return math.radians(item.params[3]) if item.command in _HEADED else math.nan
+
+
 def item_altitude(item: MissionItem, home: GeodeticPoint) -> float:
     """Altitude above mean sea level in metres of an item with a global frame."""
     return item.z + (home.alt_msl_m if item.frame in RELATIVE_FRAMES else 0.0)
 
 
-def place_of(item: MissionItem, frame: LocalFrame, home: GeodeticPoint) -> Vector:
-    """Return the position of an item with a global frame, (3,) NED."""
-    return frame.to_ned(item.x, item.y, item_altitude(item, home))
+def place_of(
+    item: MissionItem, frame: LocalFrame, home: GeodeticPoint, here: GeodeticPoint | None = None
+) -> Vector:
+    """Return the position of an item with a global frame, (3,) NED.
+
+    What it leaves open (NaN) of latitude and longitude is that of `here`, or home's.
+    """
+    at = here or home
+    lat_deg = at.lat_deg if math.isnan(item.x) else item.x
+    lon_deg = at.lon_deg if math.isnan(item.y) else item.y
+    return frame.to_ned(lat_deg, lon_deg, item_altitude(item, home))
 
 
 def looked_at(item: MissionItem, frame: LocalFrame, home: GeodeticPoint) -> Vector | None:
@@ -175,34 +204,33 @@ class _Compiler:
             case mav.MAV_CMD_NAV_WAYPOINT:
                 hold_s = _positive(item.params[0])
                 through = hold_s == 0.0
-                self._go(self._place(item), item.seq, acceptance_m=item.params[1], report=through)
+                self._go(item, self._place(item), acceptance_m=item.params[1], report=through)
                 if not through:
                     self._then(Wait(hold_s, item.seq))
             case mav.MAV_CMD_NAV_LOITER_TIME:
-                self._go(self._place(item), item.seq, acceptance_m=math.nan, report=False)
+                self._go(item, self._place(item), report=False)
                 self._then(Wait(_positive(item.params[0]), item.seq))
             case mav.MAV_CMD_NAV_LOITER_TO_ALT:
-                self._go(self._place(item), item.seq, acceptance_m=math.nan)
+                self._go(item, self._place(item))
                 self.close()  # where it stands at the altitude
             case mav.MAV_CMD_NAV_LOITER_TURNS:
                 self._circle(item)
             case mav.MAV_CMD_NAV_LOITER_UNLIM:
-                self._go(self._place(item), item.seq, acceptance_m=math.nan)
-                self._then(End(item.command, item.seq))
+                self._go(item, self._place(item))
+                self._then(End(item.command, item.seq, math.nan))
             case mav.MAV_CMD_NAV_TAKEOFF:
                 self._takeoff(item)
             case mav.MAV_CMD_NAV_LAND:
                 place = self._place(item)
                 above = np.array([place[0], place[1], min(self.here[2], place[2])])
-                self._go(above, item.seq, acceptance_m=math.nan, report=False)
-                self._then(End(item.command, item.seq))
+                self._go(item, above, report=False)
+                self._then(End(item.command, item.seq, heading_of(item)))
             case mav.MAV_CMD_NAV_RETURN_TO_LAUNCH:
-                self._then(End(item.command, item.seq))
+                self._then(End(item.command, item.seq, math.nan))
             case mav.MAV_CMD_NAV_DELAY | mav.MAV_CMD_CONDITION_DELAY:
                 self._then(Wait(item.params[0], item.seq))
             case mav.MAV_CMD_CONDITION_YAW:
-                yaw_rad, relative = turn_of(item.params)
-                self._then(Turn(yaw_rad, relative=relative, seq=item.seq))
+                self._then(Turn(item.params, item.seq))
             case mav.MAV_CMD_DO_CHANGE_SPEED:
                 self.speed_mps = speed_from(item, self.speed_mps)
                 self.leg.reached[-1].append(item.seq)
@@ -217,6 +245,7 @@ class _Compiler:
                 leg.points.append(leg.points[0])
                 leg.speeds.append(self.parameters["MPC_XY_CRUISE"])
                 leg.acceptance.append(self.parameters["NAV_ACC_RAD"])
+                leg.headings.append(math.nan)
                 leg.reached = [[], leg.reached[0]]
             self.stages.append(
                 Fly(
@@ -224,6 +253,7 @@ class _Compiler:
                         np.array(leg.points), np.array(leg.speeds), np.array(leg.acceptance)
                     ),
                     tuple(tuple(seqs) for seqs in leg.reached),
+                    tuple(leg.headings),
                 )
             )
         self.leg = self._new_leg()
@@ -233,19 +263,20 @@ class _Compiler:
         self.stages.append(stage)
 
     def _place(self, item: MissionItem) -> Vector:
-        lat_deg, lon_deg = item.x, item.y
-        if math.isnan(lat_deg):  # "right here"
-            here = self.frame.to_geodetic(self.here)
-            lat_deg, lon_deg = here.lat_deg, here.lon_deg
-        return self.frame.to_ned(lat_deg, lon_deg, item_altitude(item, self.home))
+        return place_of(item, self.frame, self.home, here=self.frame.to_geodetic(self.here))
 
     def _takeoff(self, item: MissionItem) -> None:
         place = self._place(item)
-        up = np.array([self.here[0], self.here[1], min(place[2], self.here[2])])
         self.climb_first = False
-        self._append(up, self.parameters["MPC_TKO_SPEED"], self.parameters["NAV_ACC_RAD"], [])
-        self._go(np.array([place[0], place[1], up[2]]), item.seq, acceptance_m=item.params[1])
+        self._climb(item, place)
+        self._go(item, np.array([place[0], place[1], self.here[2]]))
         self.close()
+
+    def _climb(self, item: MissionItem, to: Vector) -> None:
+        """Straight up to the height of a place, if that is higher."""
+        up = np.array([self.here[0], self.here[1], min(to[2], self.here[2])])
+        climb_mps, radius_m = self.parameters["MPC_TKO_SPEED"], self.parameters["NAV_ACC_RAD"]
+        self._append(up, climb_mps, radius_m, [], heading_of(item))
 
     def _circle(self, item: MissionItem) -> None:
         """Add a circle from its nearest point on, clockwise unless the radius is negative."""
@@ -255,26 +286,41 @@ class _Compiler:
         speed_mps = min(self._cruise_mps(), self.parameters["MPC_XY_VEL_MAX"], fastest(radius_m))
         north, east, down = map(float, centre)
         clockwise = -1.0 if item.params[2] < 0.0 else 1.0
-        orbit = Orbit((north, east, down), radius_m, clockwise * speed_mps, yaw=0)
-        circle = Circle(orbit, phase_rad, _positive(item.params[0]), item.seq)
-        self._go(orbit.point(phase_rad), item.seq, acceptance_m=math.nan, report=False)
-        self._then(circle)
-        self.here = orbit.after(phase_rad, circle.turns)
+        turns = _positive(item.params[0])
+        orbit = Orbit(
+            (north, east, down), radius_m, clockwise * speed_mps, 0, turns, heading_of(item)
+        )
+        self._go(item, orbit.point(phase_rad), report=False)
+        self._then(Circle(orbit, phase_rad, item.seq))
+        self.here = orbit.after(phase_rad, turns)
         self.leg = self._new_leg()
 
-    def _go(self, point: Vector, seq: int, *, acceptance_m: float, report: bool = True) -> None:
+    def _go(
+        self,
+        item: MissionItem,
+        point: Vector,
+        *,
+        acceptance_m: float = math.nan,
+        report: bool = True,
+    ) -> None:
         if self.climb_first:
             # From the ground straight up first, before any leg to the side.
             self.climb_first = False
-            up = np.array([self.here[0], self.here[1], min(point[2], self.here[2])])
-            self._append(up, self.parameters["MPC_TKO_SPEED"], self.parameters["NAV_ACC_RAD"], [])
+            self._climb(item, point)
             self.close()
         radius = acceptance_m if acceptance_m > 0 else self.parameters["NAV_ACC_RAD"]
-        self._append(point, self._cruise_mps(), radius, [seq] if report else [])
+        reached = [item.seq] if report else []
+        self._append(point, self._cruise_mps(), radius, reached, heading_of(item))
 
     def _append(
-        self, point: Vector, speed_mps: float, acceptance_m: float, reached: list[int]
+        self,
+        point: Vector,
+        speed_mps: float,
+        acceptance_m: float,
+        reached: list[int],
+        heading_rad: float,
     ) -> None:
+        self.leg.headings.append(heading_rad)
         self.leg.speeds.append(leg_speed(self.here, point, speed_mps, self.parameters))
         self.leg.points.append(point)
         self.leg.acceptance.append(acceptance_m)
@@ -305,7 +351,7 @@ def compile_route(
     left = repeats(items) if jumps_left is None else dict(jumps_left)
     for item in flown_order(items, first, left):
         compiler.add(item)
-        if item.command in _ENDS:
+        if item.command in _ENDS or not item.autocontinue:
             break
     compiler.close()
     return tuple(compiler.stages)
@@ -370,7 +416,7 @@ def check_mission(
 ) -> str:
     """Return why a mission cannot be flown (an item too far away, bad jumps); empty if it can."""
     for item in items:
-        if item.command in PLACES and not math.isnan(item.x):
+        if item.command in PLACES:
             place = place_of(item, frame, home)
             if far := too_far(place, farthest_m=farthest_m):
                 return f"item {item.seq} is {far}"

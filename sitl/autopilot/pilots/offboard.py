@@ -12,7 +12,7 @@ from pymavlink.dialects.v20 import common as mav
 
 from flightdyn.frames import Triple, yaw_of
 from flightdyn.guidance.control import AttitudeOrder
-from flightdyn.guidance.pursuit import OPEN, Target
+from flightdyn.guidance.pursuit import Target
 from sitl.autopilot.codec import ranges
 from sitl.autopilot.codec.orders import GLOBAL_FRAMES, RELATIVE_FRAMES, Handlers, Peer
 from sitl.autopilot.codec.units import from_deg_e7
@@ -28,7 +28,8 @@ Setpoint: TypeAlias = _LocalTarget | _GlobalTarget | _AttitudeTarget
 # Bits of the type masks of positions and attitudes that say what to ignore.
 _POSITION, _VELOCITY, _ACCELERATION = 0, 3, 6  # the first of three
 _FORCE, _YAW, _YAW_RATE = 1 << 9, 1 << 10, 1 << 11
-_NO_THRUST, _NO_ATTITUDE = 1 << 6, 1 << 7
+_NO_THRUST, _NO_ATTITUDE, _UNKNOWN_BITS = 1 << 6, 1 << 7, 0b111000
+_KNOWN_BITS = 12
 
 
 class _InvalidError(Exception):
@@ -96,8 +97,8 @@ class Offboard(StreamPilot):
 
     def _target(self, msg: _LocalTarget | _GlobalTarget) -> Target:
         mask, frame = msg.type_mask, msg.coordinate_frame
-        if mask & _FORCE:
-            raise _InvalidError("force is not supported")
+        if mask & _FORCE or mask >> _KNOWN_BITS:
+            raise _InvalidError(f"type mask {mask:#x}: force and bits beyond 11 are not supported")
         place = _place_of(msg)
         globe = (ranges.LATITUDE, ranges.LONGITUDE, ranges.ALTITUDE)
         allowed = globe if frame in GLOBAL_FRAMES else (ranges.AWAY,)
@@ -110,7 +111,8 @@ class Offboard(StreamPilot):
         if frame in GLOBAL_FRAMES:
             pos = self._local(pos, frame)
         elif frame == mav.MAV_FRAME_BODY_NED:
-            pos = OPEN
+            if not all(map(math.isnan, pos)):
+                raise _InvalidError("frame 8 takes no position: set bits 0 to 2 of the type mask")
             nose = yaw_of(self._aircraft.belief.q_frd_to_ned)
             vel, acc = _turned(vel, nose), _turned(acc, nose)
         elif frame != mav.MAV_FRAME_LOCAL_NED:
@@ -120,15 +122,22 @@ class Offboard(StreamPilot):
         return Target(pos, vel, acc, yaw, yaw_rate, *self._flight.navigator.speed_limits)
 
     def _local(self, place: Triple, frame: int) -> Triple:
+        """The position of a setpoint, (3,) NED; a height without a place stays one, and a place
+        without a height. Raises _InvalidError for half a place, or one too far away."""
         lat_deg, lon_deg, altitude = place
-        if math.isnan(lat_deg) or math.isnan(lon_deg) or math.isnan(altitude):
-            return OPEN  # PX4: all of a global position, or nothing
+        if math.isnan(lat_deg) != math.isnan(lon_deg):
+            raise _InvalidError("latitude and longitude belong together")
+        local = self._flight.frame
         if frame in RELATIVE_FRAMES:
             altitude += self._flight.guard.home.alt_msl_m
-        north, east, down = self._flight.frame.to_ned(lat_deg, lon_deg, altitude)
+        down = local.origin.alt_msl_m - altitude
+        if math.isnan(lat_deg):
+            return math.nan, math.nan, down
+        height = local.origin.alt_msl_m if math.isnan(altitude) else altitude
+        north, east, z = map(float, local.to_ned(lat_deg, lon_deg, height))
         if math.hypot(north, east) not in ranges.AWAY:
             raise _InvalidError(f"position {math.hypot(north, east) / 1000:.0f} km away")
-        return float(north), float(east), float(down)
+        return north, east, down if math.isnan(altitude) else z
 
 
 def _place_of(msg: _LocalTarget | _GlobalTarget) -> tuple[float, float, float]:
@@ -167,6 +176,8 @@ def _three(what: str, values: Triple, mask: int, *allowed: ranges.Range) -> Trip
 def _attitude_order(msg: _AttitudeTarget) -> AttitudeOrder:
     """The attitude or body rates that a message orders. Raises _InvalidError."""
     mask = msg.type_mask
+    if mask & _UNKNOWN_BITS:
+        raise _InvalidError(f"type mask {mask:#x}: bits 3 to 5 are not supported")
     thrust = math.nan if mask & _NO_THRUST else msg.thrust
     if thrust not in ranges.THRUST:
         raise _InvalidError(f"thrust {thrust:g}: {ranges.THRUST}")
@@ -179,6 +190,8 @@ def _attitude_order(msg: _AttitudeTarget) -> AttitudeOrder:
         if math.isnan(roll) or math.isnan(pitch):
             raise _InvalidError("neither attitude nor body rates")
         return AttitudeOrder(None, (roll, pitch, spin), collective)
+    if any(abs(rate) > 0.0 for rate in (roll, pitch)):
+        raise _InvalidError("roll or pitch rate beside an attitude")
     q = np.array(msg.q)
     norm = float(np.linalg.norm(q))
     if not 0.9 < norm < 1.1:

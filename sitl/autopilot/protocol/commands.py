@@ -9,7 +9,6 @@ from pymavlink.dialects.v20 import common as mav
 
 from sitl.autopilot.codec import ranges
 from sitl.autopilot.codec.orders import (
-    GLOBAL_FRAMES,
     CommandOrder,
     Handlers,
     Outbox,
@@ -18,6 +17,7 @@ from sitl.autopilot.codec.orders import (
     command_name,
     read_order,
 )
+from sitl.autopilot.protocol.order_rules import COMMAND_RULES, rule_of
 from sitl.autopilot.reporter import Reporter
 
 _RETRANSMISSION_S = 5.0  # a repeated command gets the first one's answer for so long
@@ -57,12 +57,6 @@ def demand_within(what: str, value: float, allowed: ranges.Range) -> None:
         raise RefusedError(f"{what} {number}: {allowed}")
 
 
-def demand_global(order: CommandOrder) -> None:
-    """Raise RefusedError if the coordinates of an order are not in a global frame."""
-    if order.frame is not None and order.frame not in GLOBAL_FRAMES:
-        raise RefusedError(f"frame {order.frame} is not a global one")
-
-
 @dataclass(frozen=True, slots=True)
 class _Done:
     order: CommandOrder
@@ -84,7 +78,7 @@ def _same(a: float, b: float) -> bool:
 
 
 class CommandServer:
-    """Carries out COMMAND_LONG and COMMAND_INT by one table of `commands`."""
+    """Carries out COMMAND_LONG and COMMAND_INT: one table says how, another what they may hold."""
 
     def __init__(self, outbox: Outbox, reporter: Reporter, commands: Commands) -> None:
         self._outbox = outbox
@@ -129,8 +123,11 @@ class CommandServer:
         command = self._commands.get(order.command)
         result, reason = mav.MAV_RESULT_ACCEPTED, ""
         try:
-            if command is None:
+            rule = rule_of(COMMAND_RULES, order)
+            if command is None or rule is None:
                 raise UnsupportedError("this vehicle has nothing for that")
+            if (wrong := rule.wrong(order.params, order.frame)) is not None:
+                raise RefusedError(rule.words(wrong, order.params[wrong], order.frame))
             command(order)
         except RefusedError as refused:
             result, reason = refused.result, str(refused)

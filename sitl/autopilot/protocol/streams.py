@@ -44,7 +44,6 @@ SERVED_RATES_HZ: dict[int, float] = DEFAULT_RATES_HZ | {
     mav.MAVLINK_MSG_ID_ODOMETRY: 10.0,
     mav.MAVLINK_MSG_ID_ORBIT_EXECUTION_STATUS: 2.0,
 }
-MIN_INTERVAL_S = 0.002
 
 
 class Streams:
@@ -63,7 +62,9 @@ class Streams:
         home, version = mav.MAVLINK_MSG_ID_HOME_POSITION, mav.MAVLINK_MSG_ID_AUTOPILOT_VERSION
         return {
             mav.MAV_CMD_GET_HOME_POSITION: lambda _: self._asked.add(home),
-            mav.MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES: lambda _: self._asked.add(version),
+            mav.MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES: lambda order: self._asked.update(
+                () if order.params[0] == 0.0 else (version,)
+            ),
             mav.MAV_CMD_REQUEST_MESSAGE: self._request_message,
             mav.MAV_CMD_SET_MESSAGE_INTERVAL: self._set_interval,
             mav.MAV_CMD_GET_MESSAGE_INTERVAL: self._get_interval,
@@ -90,22 +91,17 @@ class Streams:
         self._asked.add(_telemetry(order))
 
     def _set_interval(self, order: CommandOrder) -> None:
-        """Set the interval (us) of a message: 0 for the default rate, negative stops it.
-
-        The heartbeat keeps its rate: it is how others know that the vehicle lives.
-        """
+        """Set the interval (us) of a message: 0 for the default rate, negative stops it."""
         kind, interval_s = _telemetry(order), order.params[1] * 1e-6
-        if not math.isfinite(interval_s):
-            raise RefusedError("no interval")
         if kind == mav.MAVLINK_MSG_ID_HEARTBEAT:
-            return
+            raise RefusedError("it keeps its rate: by it others know that the vehicle lives")
         if interval_s == 0.0 and kind in self._usual_hz:
             interval_s = 1.0 / self._usual_hz[kind]
         if interval_s <= 0.0:
             self._interval_s.pop(kind, None)
             self._next.pop(kind, None)
         else:
-            self._interval_s[kind] = max(interval_s, MIN_INTERVAL_S)
+            self._interval_s[kind] = interval_s
             self._next[kind] = 0.0  # at once
 
     def _get_interval(self, order: CommandOrder) -> None:

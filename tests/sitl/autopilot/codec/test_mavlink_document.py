@@ -11,7 +11,7 @@ from sitl.autopilot.failsafe import RULES
 from sitl.autopilot.injection import FAILURES
 from sitl.autopilot.modes import Mode
 from sitl.autopilot.parameters import TABLE
-from sitl.autopilot.protocol.item_rules import COMMANDS
+from sitl.autopilot.protocol.order_rules import COMMANDS
 from sitl.autopilot.protocol.streams import DEFAULT_RATES_HZ, SERVED_RATES_HZ
 
 TEXT = (Path(__file__).parents[4] / "docs" / "mavlink.md").read_text(encoding="utf-8")

@@ -16,7 +16,7 @@ from pymavlink.dialects.v20 import common as mav
 from sitl_desk import Desk, of
 
 from sitl.autopilot.codec.orders import MissionItem, Peer, read_item
-from sitl.autopilot.protocol.item_rules import check_item
+from sitl.autopilot.protocol.order_rules import check_item
 from sitl.autopilot.protocol.transfer import (
     ALL,
     ANSWERS_REPEATED,
@@ -78,7 +78,9 @@ class Vehicle:
         self.lists: dict[int, tuple[MissionItem, ...]] = {}
         self.verdict = ACCEPTED
         reporter = Reporter(self.outbox, lambda *_: None)
-        self.transfer = MissionTransfer(self.outbox, reporter, check=check_item, store=self.store)
+        self.transfer = MissionTransfer(
+            self.outbox, reporter, check=lambda item: check_item(item)[0], store=self.store
+        )
         self._handlers = self.transfer.handlers()
 
     def store(self, kind: int, items: tuple[MissionItem, ...]) -> int:
