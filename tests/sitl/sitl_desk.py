@@ -139,11 +139,16 @@ def item(
 
     from flightdyn.frames import LocalFrame
 
+    known = mav.enums["MAV_CMD"].get(command)
     place = LocalFrame(HOME).to_geodetic(np.array([north, east, 0.0]))
+    where = round(place.lat_deg * 1e7), round(place.lon_deg * 1e7), height
+    if mission_type == mav.MAV_MISSION_TYPE_FENCE:
+        where = (*where[:2], 0.0)
+    elif known is not None and not known.has_location:
+        where = (0, 0, 0.0)
     return mav.MAVLink_mission_item_int_message(
-        1, 1, seq, frame, command, 0, 1, *params,
-        round(place.lat_deg * 1e7), round(place.lon_deg * 1e7), height, mission_type,
-    )  # fmt: skip
+        1, 1, seq, frame, command, 0, 1, *params, *where, mission_type
+    )
 
 
 def speed_item(seq: int, speed_mps: float) -> Any:

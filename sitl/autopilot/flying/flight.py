@@ -40,7 +40,7 @@ Goal: TypeAlias = tuple[Triple, float]
 
 def _goal(place_ned_m: Iterable[float] | None, yaw_rad: float, down_m: float = math.nan) -> Goal:
     """What an order asks for: a place (m, NED) and a heading (rad); NaN is left open."""
-    north, east, down = place_ned_m or (math.nan, math.nan, down_m)
+    north, east, down = (math.nan, math.nan, down_m) if place_ned_m is None else place_ned_m
     return (float(north), float(east), float(down)), yaw_rad
 
 
@@ -364,8 +364,12 @@ class Flight:
         """Set the speed until the mode changes or the mission sets another; None: the default."""
         if self.mode in _PACED:
             return f"mode {self.mode.name} has a speed of its own"
-        default = self._parameters["MPC_XY_CRUISE"]
+        default, ordered = self._parameters["MPC_XY_CRUISE"], self._ordered_speed_mps
         self._ordered_speed_mps = default if speed_mps is None else speed_mps
+        if self._ordered_speed_mps == (default if ordered is None else ordered) and (
+            self.mode is not Mode.MISSION
+        ):
+            return None
         if self.mode is Mode.MISSION and self.moving:
             self._manoeuvre = self._fly_on(self._stages(self.mission))
         elif self.mode is Mode.RETURN:

@@ -143,13 +143,10 @@ class FlightCommands:
         self._aircraft.look_at(self._ned(self._place(order)))
 
     def _look_at_or_ahead(self, order: CommandOrder) -> None:
-        match order.params[0]:
-            case 0.0:
-                self._aircraft.look_at(None)
-            case 3.0:
-                self._look_at(order)
-            case mode:
-                raise UnsupportedError(f"mode {mode:g}: 0 nothing, 3 a place")
+        if order.params[0] == 0.0:
+            self._aircraft.look_at(None)
+        else:
+            self._look_at(order)
 
     def _change_speed(self, order: CommandOrder) -> None:
         speed = order.params[1]

@@ -161,7 +161,7 @@ _CHANGE_SPEED = _rule(
 _CONDITION_YAW = _rule(
     (ranges.YAW,), (ranges.TURN_RATE, *_OPEN), ((-1.0, 0.0, 1.0), *_OPEN), (*_SWITCH, *_OPEN)
 )
-_ROI_NONE = _rule()
+_ROI_NONE, _ROI_MODE = _rule(), ((0.0, 3.0),)  # nothing, or a place
 _TAKEOFF = (_AEROPLANE, UNUSED, UNUSED, _YAW)
 _LAND = (_AEROPLANE, UNUSED, UNUSED, _YAW)
 _LOITER = (UNUSED, UNUSED, _AEROPLANE, _YAW)
@@ -185,7 +185,7 @@ COMMAND_RULES: Table = {
     mav.MAV_CMD_DO_CHANGE_ALTITUDE: _rule(_ANY, (tuple(map(float, sorted(GLOBAL_FRAMES))),)),
     mav.MAV_CMD_DO_SET_ROI_LOCATION: _placed(command=True),
     mav.MAV_CMD_DO_SET_ROI_NONE: _ROI_NONE,
-    mav.MAV_CMD_DO_SET_ROI: _placed(_ANY, command=True),
+    mav.MAV_CMD_DO_SET_ROI: _placed(_ROI_MODE, command=True),
     (mav.MAV_CMD_DO_SET_ROI, mav.MAV_ROI_NONE): _ROI_NONE,
     mav.MAV_CMD_DO_CHANGE_SPEED: _CHANGE_SPEED,
     mav.MAV_CMD_CONDITION_YAW: _CONDITION_YAW,
@@ -236,7 +236,7 @@ _MISSION: Table = {
     mav.MAV_CMD_DO_CHANGE_SPEED: _CHANGE_SPEED,
     mav.MAV_CMD_DO_JUMP: _rule((ranges.ITEM,), (ranges.REPEATS,)),
     mav.MAV_CMD_DO_SET_ROI_LOCATION: _placed(),
-    mav.MAV_CMD_DO_SET_ROI: _placed(((0.0, 3.0),)),
+    mav.MAV_CMD_DO_SET_ROI: _placed(_ROI_MODE),
     (mav.MAV_CMD_DO_SET_ROI, mav.MAV_ROI_NONE): _ROI_NONE,
     mav.MAV_CMD_DO_SET_ROI_NONE: _ROI_NONE,
     **dict.fromkeys(ABSENT, Rule((_ANY,) * 7, _Any())),

@@ -284,14 +284,17 @@ def test_missions_that_cannot_be_are_refused_whole() -> None:
     assert current(desk)[:2] == (0, 1)
 
 
-@pytest.mark.parametrize("number", [NAN, math.inf, -math.inf, 1e30])
-def test_items_without_a_place_come_back_whatever_stood_there(number: float) -> None:
+@pytest.mark.parametrize("number", [0.0, NAN, math.inf, -math.inf, 1e30])
+def test_items_without_a_place_come_back_or_are_refused(number: float) -> None:
     """Parameters five and six are floats in MISSION_ITEM, but not in MISSION_ITEM_INT."""
     desk = Desk()
     speed = mav.MAVLink_mission_item_message(
         1, 1, 0, mav.MAV_FRAME_MISSION, mav.MAV_CMD_DO_CHANGE_SPEED, 0, 1,
         1.0, 5.0, -1.0, 0.0, number, number, 0.0, 0,
     )  # fmt: skip
+    if abs(number) > 0.0:
+        assert desk.upload([speed]) == mav.MAV_MISSION_INVALID_PARAM5_X
+        return
     assert desk.upload([speed]) == ACCEPTED
     heard = desk.send(mav.MAVLink_mission_request_int_message(1, 1, 0, 0))
     back = the(heard, "MISSION_ITEM_INT")
@@ -409,10 +412,10 @@ def test_a_refused_item_says_which_why_and_the_limit() -> None:
     assert desk.upload([wide]) == mav.MAV_MISSION_INVALID_PARAM3
     text = "".join(desk.texts())
     assert "Mission refused: item 1 is 30 km from home, MIS_DIST_1WP allows 20 km" in text
-    assert "item 1 NAV_WAYPOINT (16): altitude 15000 m, -500 to 10000 m above home" in text
+    assert "item 1 NAV_WAYPOINT (16): altitude 15000, -500 to 10000 m above home" in text
     assert "item 0 DO_PARACHUTE (208): is not supported" in text
     assert "frame 10 counts heights from the terrain, of which nothing is known here" in text
-    assert "parameter 3 = 1001, 1 to 1000 m, -1000 to -1 m, 0 are allowed" in text
+    assert "parameter 3 = 1001, 1 to 1000 m, -1000 to -1 m, 0, NaN are allowed" in text
 
 
 def test_what_has_no_body_is_done_as_nothing_in_its_order_and_told_once() -> None:
@@ -438,7 +441,8 @@ def test_what_has_no_body_is_done_as_nothing_in_its_order_and_told_once() -> Non
     (told,) = [text for text in desk.recorder.of_kind("status") if "not on board" in text.text]
     assert told.text == (
         "Skipped, as not on board: 1 x SET_CAMERA_MODE (camera), 2 x DO_SET_CAM_TRIGG_DIST "
-        "(camera), 1 x DO_SET_SERVO (servo), 1 x DO_SET_RELAY (relay)"
+        "(camera), 1 x DO_SET_SERVO (servo), 1 x DO_LAND_START (choice of a landing), "
+        "1 x DO_SET_RELAY (relay)"
     )
 
 

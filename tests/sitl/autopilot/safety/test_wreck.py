@@ -58,7 +58,7 @@ def test_a_wreck_takes_no_orders() -> None:
         mav.MAV_CMD_NAV_RETURN_TO_LAUNCH,
     ):
         assert desk.command(number, 0) != mav.MAV_RESULT_ACCEPTED
-    assert desk.vehicle.autopilot.flight.rewind_mission(0) is None
+    assert desk.vehicle.autopilot.flight.rewind_mission(0, reset=True) is None
     assert not desk.vehicle.moving
 
 
