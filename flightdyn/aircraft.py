@@ -211,8 +211,9 @@ class Aircraft(Plant):
             readings=self.navigation.readings(),
             setpoint=self._guidance.setpoint,
             q_wanted=attitude_along(control.thrust, yaw=control.wanted_yaw),
-            collective=control.collective,
+            throttle=math.sqrt(control.collective) if self.armed else 0.0,
             # A rotor's thrust grows with the square of its speed.
             motors=tuple(math.sqrt(min(1.0, max(0.0, thrust / full))) for thrust in thrusts),
             wind_ned_mps=self.wind_ned_mps,
+            true_force_mps2=self.vehicle.specific_force(),
         )

@@ -29,6 +29,7 @@ class Instruments:
     readings: Readings
     setpoint: Setpoint | None  # the guidance's, None while it has none
     q_wanted: Quaternion  # attitude setpoint of the outer loop
-    collective: float  # thrust that it orders, 1 = full
+    throttle: float  # speed of the rotors that it orders, 1 = full
     motors: tuple[float, ...]  # speed of each rotor, 1 = full
     wind_ned_mps: Vector  # true velocity of the air
+    true_force_mps2: Triple  # specific force without errors, FRD

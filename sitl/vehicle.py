@@ -1,6 +1,7 @@
 """The vehicle: aircraft and autopilot, step by step. It owns simulated time."""
 
 import math
+import time
 from collections.abc import Sequence
 from functools import partial
 
@@ -83,7 +84,8 @@ class Vehicle:
 
     def _boot(self, aircraft: Aircraft, parameters: Parameters) -> None:
         self.aircraft = aircraft
-        self.autopilot = self._switched_on(aircraft, parameters)
+        booted_ns = time.time_ns() - aircraft.t_ns
+        self.autopilot = self._switched_on(aircraft, parameters, booted_ns=booted_ns)
         self._tick = 0
         self._watch_every = _steps(_WATCH_HZ, "watch rate", aircraft.dt_ns, "physics")
         sample_hz = self._config.sample_rate_hz

@@ -61,6 +61,7 @@ class Autopilot:
     Call `tick` after every step of the aircraft, and `watch` a few times a simulated second.
     `receive`, `poll` and `due` run in wall time, which the caller passes as `now` (s). Silence of
     pilots and ground stations is measured in wall time or, if `in_step`, in simulated time.
+    `booted_ns` is the date of simulated time zero, since 1970.
     """
 
     def __init__(
@@ -69,6 +70,7 @@ class Autopilot:
         parameters: Parameters,
         *,
         system: int,
+        booted_ns: int,
         sink: EventSink,
         parameter_file: Path | None = None,
         logs: LogFolder | None = None,
@@ -77,7 +79,7 @@ class Autopilot:
         in_step: bool = False,
     ) -> None:
         self._in_step = in_step
-        self._aircraft, self._orders = aircraft, orders
+        self._aircraft, self._orders, self._booted_ns = aircraft, orders, booted_ns
         self.parameters = parameters
         self._outbox: Outbox = []
         self._report = report = Reporter(self._outbox, sink)
@@ -217,7 +219,8 @@ class Autopilot:
         # State first: whoever reads an answer already knows the state that it led to.
         if kinds:
             with self._telemetry_contained:
-                snapshot = self.monitor.snapshot(self.failsafes, self._orbits.current)
+                orbit = self._orbits.current
+                snapshot = self.monitor.snapshot(self.failsafes, orbit, self._booted_ns)
                 for kind in kinds:
                     message = TELEMETRY[kind](snapshot)
                     if message is not None:
@@ -249,9 +252,10 @@ class Autopilot:
     def _pong(self, peer: Peer, msg: mav.MAVLink_ping_message, _now: float) -> None:
         self._outbox.append(mav.MAVLink_ping_message(msg.time_usec, msg.seq, *peer))
 
-    def _time_sync(self, _peer: Peer, msg: mav.MAVLink_timesync_message, now: float) -> None:
+    def _time_sync(self, _peer: Peer, msg: mav.MAVLink_timesync_message, _now: float) -> None:
         if msg.tc1 == 0:  # else an answer, and nothing here asks
-            self._outbox.append(mav.MAVLink_timesync_message(int(now * 1e9), msg.ts1))
+            t_ns = max(1, self._aircraft.t_ns)  # by the clock of telemetry's stamps; 0 asks
+            self._outbox.append(mav.MAVLink_timesync_message(t_ns, msg.ts1))
 
     def _heartbeat(self, _peer: Peer, msg: mav.MAVLink_heartbeat_message, _now: float) -> None:
         if msg.type == mav.MAV_TYPE_GCS:

@@ -4,6 +4,7 @@ import math
 from collections.abc import Sequence
 
 from flightdyn.aircraft import Aircraft
+from flightdyn.frames import yaw_of
 from flightdyn.state import GnssFix, Vector
 from sitl.autopilot.codec.orders import MissionItem
 from sitl.autopilot.fence import Fence, breach_of, compile_fence
@@ -20,6 +21,7 @@ class Guard:
 
     def __init__(self, aircraft: Aircraft, parameters: Parameters) -> None:
         self.home = aircraft.frame.origin
+        self.home_yaw_rad = yaw_of(aircraft.belief.q_frd_to_ned)
         self.fence_enabled = True
         self._fence = Fence()
         self._aircraft = aircraft

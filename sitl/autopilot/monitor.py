@@ -32,6 +32,11 @@ _PRESENT = (
     | mav.MAV_SYS_STATUS_PREARM_CHECK
 )
 _POSITION_CONTROL = mav.MAV_SYS_STATUS_SENSOR_XY_POSITION_CONTROL
+_CHARGE_STATES = {
+    Cause.BATTERY_LOW: mav.MAV_BATTERY_CHARGE_STATE_LOW,
+    Cause.BATTERY_CRITICAL: mav.MAV_BATTERY_CHARGE_STATE_CRITICAL,
+    Cause.BATTERY_EMERGENCY: mav.MAV_BATTERY_CHARGE_STATE_EMERGENCY,
+}
 _NEEDS_GNSS = mav.MAV_SYS_STATUS_SENSOR_GPS | _POSITION_CONTROL
 _ALIGNED = (
     mav.MAV_SYS_STATUS_AHRS | _POSITION_CONTROL | mav.MAV_SYS_STATUS_SENSOR_Z_ALTITUDE_CONTROL
@@ -61,6 +66,10 @@ class Monitor:
         if self._flight.airborne:
             self._aircraft.happened("take-off")
         if landed != self._landed:
+            if self._flight.airborne and self._landed == mav.MAV_LANDED_STATE_ON_GROUND:
+                self._flight.took_off_t_ns = self._aircraft.t_ns
+            elif self._flight.took_off_t_ns and landed == mav.MAV_LANDED_STATE_ON_GROUND:
+                self._flight.landed_t_ns = self._aircraft.t_ns
             self._landed = landed
             self._report.nudge(mav.MAVLINK_MSG_ID_EXTENDED_SYS_STATE)
         limited = self._aircraft.progress.speed_limited
@@ -82,13 +91,15 @@ class Monitor:
                 self._report.say(f"Fault ends: {fault.kind}", kind="fault")
         self._faults = faults
 
-    def snapshot(self, failsafes: Failsafes, orbit: Orbit | None) -> Snapshot:
+    def snapshot(self, failsafes: Failsafes, orbit: Orbit | None, booted_ns: int) -> Snapshot:
         """The values that telemetry messages are made from, at this instant."""
+        low = [state for cause, state in _CHARGE_STATES.items() if failsafes.present(cause)]
         aircraft, flight = self._aircraft, self._flight
         belief, truth = aircraft.belief, aircraft.truth
         fix, fenced = self._guard.gnss(), self._guard.fenced
         return Snapshot(
             t_ns=aircraft.t_ns,
+            booted_ns=booted_ns,
             belief=belief,
             position=aircraft.frame.to_geodetic(np.asarray(belief.pos_ned_m)),
             truth=truth,
@@ -96,11 +107,11 @@ class Monitor:
             origin=aircraft.frame.origin,
             home=self._guard.home,
             home_ned_m=self._guard.home_ned_m,
+            home_yaw_rad=self._guard.home_yaw_rad,
             gnss=fix,
             gnss_position=None if fix is None else aircraft.frame.to_geodetic(fix.pos_ned_m),
             battery=aircraft.battery,
-            battery_low=failsafes.present(Cause.BATTERY_LOW),
-            battery_critical=failsafes.present(Cause.BATTERY_CRITICAL),
+            charge_state=max(low, default=mav.MAV_BATTERY_CHARGE_STATE_OK),
             custom_mode=flight.mode.custom_mode,
             armed=aircraft.armed,
             system_state=self._system_state(failsafes),
@@ -108,6 +119,8 @@ class Monitor:
             sensors_present=_PRESENT | (mav.MAV_SYS_STATUS_GEOFENCE if fenced else 0),
             sensors_healthy=self._healthy(failsafes, gnss=fix is not None),
             armed_t_ns=flight.armed_t_ns,
+            took_off_t_ns=flight.took_off_t_ns,
+            landed_t_ns=flight.landed_t_ns,
             flights=flight.flights,
             mission=flight.mission.message(in_mission_mode=flight.mode is Mode.MISSION),
             read_deferred=lambda: self._deferred_values(orbit),
@@ -146,6 +159,6 @@ class Monitor:
             healthy &= ~_ALIGNED
         if not gnss:
             healthy &= ~_NEEDS_GNSS
-        if self._flight.not_ready():
+        if not self._aircraft.armed and self._flight.not_ready():
             healthy &= ~mav.MAV_SYS_STATUS_PREARM_CHECK
         return healthy

@@ -123,8 +123,8 @@ class PointMass:
     def instruments(self) -> Instruments:
         still = (0.0, 0.0, 0.0)
         readings = Readings(still, (0.0, 0.0, -9.81), 95_000.0, (0.2, 0.0, 0.4), still, None)
-        zero = np.zeros(3)
-        return Instruments(readings, None, (1.0, 0.0, 0.0, 0.0), 0.0, (0.0,) * 4, zero)
+        level, force, zero = (1.0, 0.0, 0.0, 0.0), readings.specific_force_mps2, np.zeros(3)
+        return Instruments(readings, None, level, 0.0, (0.0,) * 4, zero, force)
 
     def advance(self, most: int) -> int:
         assert most >= 1

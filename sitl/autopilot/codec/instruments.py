@@ -10,12 +10,12 @@ from pymavlink.dialects.v20 import common as mav
 from flightdyn.frames import Triple, rotation_matrix
 from flightdyn.instruments import Instruments
 from flightdyn.physics.atmosphere import altitude_m, temperature_k
+from flightdyn.physics.power import density_ratio
 from flightdyn.state import BatteryState, GeodeticPoint, GnssFix, Kinematics, Vector
 from sitl.autopilot.codec import units as u
 
 _NAN11 = (math.nan,) * 11
 _ZERO_C_K = 273.15
-_G_MPS2 = 9.80665
 _PWM_LEAST, _PWM_SPAN = 1000, 1000
 _UNUSED = [0] * 8
 _FIELDS_WITHOUT_FIELD = 0b1101000111111  # accelerometer, gyroscope, pressures, temperature
@@ -38,6 +38,7 @@ class Snapshot:
     """Everything that telemetry messages are made from."""
 
     t_ns: int
+    booted_ns: int  # the date of simulated time zero, since 1970
     belief: Kinematics
     position: GeodeticPoint  # of `belief`
     truth: Kinematics
@@ -45,11 +46,11 @@ class Snapshot:
     origin: GeodeticPoint  # of the local frame
     home: GeodeticPoint
     home_ned_m: Vector
+    home_yaw_rad: float  # heading at take-off
     gnss: GnssFix | None  # the last solution, None where there is no current one
     gnss_position: GeodeticPoint | None
     battery: BatteryState
-    battery_low: bool
-    battery_critical: bool
+    charge_state: int  # MAV_BATTERY_CHARGE_STATE
     custom_mode: int
     armed: bool
     system_state: int  # MAV_STATE
@@ -57,6 +58,8 @@ class Snapshot:
     sensors_present: int  # bits of MAV_SYS_STATUS_SENSOR
     sensors_healthy: int
     armed_t_ns: int  # when it was armed last; 0 for never
+    took_off_t_ns: int  # after that, 0 for not yet
+    landed_t_ns: int
     flights: int  # how often it was armed
     mission: mav.MAVLink_message  # MISSION_CURRENT
     read_deferred: Callable[[], DeferredValues]
@@ -65,6 +68,12 @@ class Snapshot:
     def deferred(self) -> DeferredValues:
         """The values that only some messages need, read once."""
         return self.read_deferred()
+
+
+def airspeeds_mps(s: Snapshot, moving: Kinematics) -> tuple[float, float]:
+    """Speed through the air at a velocity over ground: true, and as a pitot tube indicates it."""
+    true = math.dist(moving.vel_ned_mps, s.deferred.instruments.wind_ned_mps)
+    return true, true * math.sqrt(density_ratio(s.position.alt_msl_m))
 
 
 def _field(i: Instruments) -> Triple:
@@ -93,11 +102,10 @@ def _highres_imu(s: Snapshot) -> mav.MAVLink_message:
 def _imu(i: Instruments) -> dict[str, int]:
     """Fields of SCALED_IMU: mG, mrad/s, mgauss and hundredths of a degree."""
     r = i.readings
-    force_g = [part / _G_MPS2 for part in r.specific_force_mps2]
     names = (f"{axis}{kind}" for kind in ("acc", "gyro", "mag") for axis in "xyz")
-    fields = zip(names, (*force_g, *r.rates_radps, *_field(i)), strict=True)
-    imu = {name: u.int16(value * 1e3) for name, value in fields}
-    return imu | {"temperature": u.int16(_temperature_c(i) * 100)}
+    others = (u.int16(value * 1e3) for value in (*r.rates_radps, *_field(i)))
+    imu = dict(zip(names, (*map(u.mg, r.specific_force_mps2), *others), strict=True))
+    return imu | {"temperature": u.int16(_temperature_c(i) * 100) or 1}  # 0: no thermometer
 
 
 def _scaled_imu(s: Snapshot) -> mav.MAVLink_message:
@@ -154,9 +162,9 @@ def _attitude_target(s: Snapshot) -> mav.MAVLink_message:
     return u.sparse(
         mav.MAVLink_attitude_target_message,
         time_boot_ms=u.ms(s.t_ns),
-        type_mask=0b111,  # the rates are the attitude loop's own
+        type_mask=0b111 if s.armed else 0b11000111,  # the rates are the attitude loop's own
         q=list(i.q_wanted),
-        thrust=math.sqrt(i.collective),  # of the rotors' speed, as it is ordered
+        thrust=i.throttle,
     )
 
 
@@ -191,7 +199,9 @@ def _servos(s: Snapshot) -> mav.MAVLink_message:
 def _actuators(s: Snapshot) -> mav.MAVLink_message:
     motors = s.deferred.instruments.motors
     return mav.MAVLink_actuator_output_status_message(
-        time_usec=u.us(s.t_ns), active=len(motors), actuator=[*motors, *[0.0] * (32 - len(motors))]
+        time_usec=u.us(s.t_ns),
+        active=(1 << len(motors)) - 1,
+        actuator=[*motors, *[0.0] * (32 - len(motors))],
     )
 
 
@@ -203,6 +213,8 @@ def _wind(s: Snapshot) -> mav.MAVLink_message:
         wind_x=north,
         wind_y=east,
         wind_z=down,
+        var_horiz=math.nan,
+        var_vert=math.nan,
         wind_alt=s.position.alt_msl_m,
     )
 
@@ -221,6 +233,8 @@ def _estimator_status(s: Snapshot) -> mav.MAVLink_message:
         flags |= mav.ESTIMATOR_POS_HORIZ_ABS | mav.ESTIMATOR_PRED_POS_HORIZ_ABS
     across, upright = _position_stds(s.deferred.instruments.readings.stds)
     ratio = s.deferred.innovation_ratios
+    if max(ratio.get("gnss position", 0.0), ratio.get("gnss velocity", 0.0)) >= 1.0:
+        flags |= mav.ESTIMATOR_GPS_GLITCH
     return u.sparse(
         mav.MAVLink_estimator_status_message,
         time_usec=u.us(s.t_ns),

@@ -6,11 +6,16 @@ from functools import cache
 
 from pymavlink.dialects.v20 import common as mav
 
-from flightdyn.frames import euler_from_quaternion
+from flightdyn.frames import euler_from_quaternion, quaternion_from_euler
+from flightdyn.physics.atmosphere import altitude_m
 from sitl.autopilot.codec import units as u
-from sitl.autopilot.codec.instruments import INSTRUMENTS, Snapshot
+from sitl.autopilot.codec.instruments import INSTRUMENTS, Snapshot, airspeeds_mps
 
-_UNKNOWN_U16 = 65535
+_UNKNOWN_U8, _UNKNOWN_U16 = 255, 65535
+_UNKNOWN_HEIGHT_M = -10_000.0  # above terrain: anything below -1000
+# Dilution of precision of satellites spread evenly over the sky from 10 degrees up, times the root
+# of their number: that of the inverse of (lines of sight, clock)' (lines of sight, clock).
+_HDOP, _VDOP, _LEAST_SATELLITES = 2.585, 4.192, 4
 _ARMED_FLAG = mav.MAV_MODE_FLAG_SAFETY_ARMED
 _STABILIZED = mav.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED | mav.MAV_MODE_FLAG_STABILIZE_ENABLED
 _AUTOMATIC = _STABILIZED | mav.MAV_MODE_FLAG_AUTO_ENABLED | mav.MAV_MODE_FLAG_GUIDED_ENABLED
@@ -62,7 +67,7 @@ def _sys_status(s: Snapshot) -> mav.MAVLink_message:
 
 
 def _system_time(s: Snapshot) -> mav.MAVLink_message:
-    return mav.MAVLink_system_time_message(time_unix_usec=0, time_boot_ms=u.ms(s.t_ns))
+    return mav.MAVLink_system_time_message(u.us(s.booted_ns + s.t_ns), u.ms(s.t_ns))
 
 
 def _gps_raw(s: Snapshot) -> mav.MAVLink_message:
@@ -72,6 +77,7 @@ def _gps_raw(s: Snapshot) -> mav.MAVLink_message:
             mav.MAVLink_gps_raw_int_message,
             time_usec=u.us(s.t_ns),
             fix_type=mav.GPS_FIX_TYPE_NO_FIX,
+            satellites_visible=_UNKNOWN_U8,
             **dict.fromkeys(("eph", "epv", "vel", "cog"), _UNKNOWN_U16),
         )
     north, east = float(fix.vel_ned_mps[0]), float(fix.vel_ned_mps[1])
@@ -81,16 +87,22 @@ def _gps_raw(s: Snapshot) -> mav.MAVLink_message:
         lat=u.deg_e7(position.lat_deg),
         lon=u.deg_e7(position.lon_deg),
         alt=u.mm(position.alt_msl_m),
-        eph=u.clamped(fix.std_horizontal_m * 100, 0, _UNKNOWN_U16 - 1),
-        epv=u.clamped(fix.std_vertical_m * 100, 0, _UNKNOWN_U16 - 1),
+        eph=_dilution(_HDOP, fix.satellites),
+        epv=_dilution(_VDOP, fix.satellites),
         vel=u.ucm_s(math.hypot(north, east)),
         cog=u.cdeg(math.atan2(east, north)),
         satellites_visible=fix.satellites,
-        alt_ellipsoid=u.mm(position.alt_msl_m),
+        alt_ellipsoid=0,  # not provided: there is no geoid that tells it from the other altitude
         h_acc=u.umm(fix.std_horizontal_m),
         v_acc=u.umm(fix.std_vertical_m),
         vel_acc=u.umm(fix.std_velocity_mps),
     )
+
+
+def _dilution(of_one: float, satellites: int) -> int:
+    """Hundredths of a dilution of precision, unknown but of a number that gives a fix."""
+    known = _LEAST_SATELLITES <= satellites < _UNKNOWN_U8
+    return round(100 * of_one / math.sqrt(satellites)) if known else _UNKNOWN_U16
 
 
 def _attitude(s: Snapshot) -> mav.MAVLink_message:
@@ -132,10 +144,10 @@ def _vfr_hud(s: Snapshot) -> mav.MAVLink_message:
     _, _, yaw = _euler(s)
     vx, vy, vz = map(float, s.belief.vel_ned_mps)
     return mav.MAVLink_vfr_hud_message(
-        airspeed=0.0,  # the aircraft has no airspeed sensor
+        airspeed=airspeeds_mps(s, s.belief)[1],
         groundspeed=math.hypot(vx, vy),
         heading=round(math.degrees(yaw)) % 360,
-        throttle=0,
+        throttle=u.percent(s.deferred.instruments.throttle),
         alt=s.position.alt_msl_m,
         climb=-vz,
     )
@@ -144,27 +156,28 @@ def _vfr_hud(s: Snapshot) -> mav.MAVLink_message:
 def _altitude(s: Snapshot) -> mav.MAVLink_message:
     return mav.MAVLink_altitude_message(
         time_usec=u.us(s.t_ns),
-        altitude_monotonic=s.position.alt_msl_m,
+        altitude_monotonic=altitude_m(s.deferred.instruments.readings.pressure_pa),
         altitude_amsl=s.position.alt_msl_m,
         altitude_local=s.belief.alt_rel_m,
         altitude_relative=s.position.alt_msl_m - s.home.alt_msl_m,
-        altitude_terrain=math.nan,
-        bottom_clearance=math.nan,
+        altitude_terrain=_UNKNOWN_HEIGHT_M,
+        bottom_clearance=-1.0,  # unknown
     )
 
 
 def _home(s: Snapshot) -> mav.MAVLink_message:
+    north, east, down = map(float, s.home_ned_m)
     return mav.MAVLink_home_position_message(
         latitude=u.deg_e7(s.home.lat_deg),
         longitude=u.deg_e7(s.home.lon_deg),
         altitude=u.mm(s.home.alt_msl_m),
-        x=float(s.home_ned_m[0]),
-        y=float(s.home_ned_m[1]),
-        z=float(s.home_ned_m[2]),
-        q=[math.nan, 0.0, 0.0, 0.0],  # NaN: the heading at take-off is not part of it
-        approach_x=math.nan,
-        approach_y=math.nan,
-        approach_z=math.nan,
+        x=north,
+        y=east,
+        z=down,
+        q=list(quaternion_from_euler(0.0, 0.0, s.home_yaw_rad)),  # the ground is level
+        approach_x=north,  # straight down
+        approach_y=east,
+        approach_z=down,
         time_usec=u.us(s.t_ns),
     )
 
@@ -183,11 +196,6 @@ def _extended_state(s: Snapshot) -> mav.MAVLink_message:
 
 
 def _battery(s: Snapshot) -> mav.MAVLink_message:
-    charge = mav.MAV_BATTERY_CHARGE_STATE_OK
-    if s.battery_critical:
-        charge = mav.MAV_BATTERY_CHARGE_STATE_CRITICAL
-    elif s.battery_low:
-        charge = mav.MAV_BATTERY_CHARGE_STATE_LOW
     return mav.MAVLink_battery_status_message(
         id=0,
         battery_function=mav.MAV_BATTERY_FUNCTION_ALL,
@@ -198,7 +206,7 @@ def _battery(s: Snapshot) -> mav.MAVLink_message:
         current_consumed=u.clamped(s.battery.consumed_mah, 0, 2**31 - 1),
         energy_consumed=-1,  # unknown
         battery_remaining=u.percent(s.battery.remaining),
-        charge_state=charge,
+        charge_state=s.charge_state,
     )
 
 
@@ -224,16 +232,18 @@ def _flight_information(s: Snapshot) -> mav.MAVLink_message:
     return mav.MAVLink_flight_information_message(
         time_boot_ms=u.ms(s.t_ns),
         arming_time_utc=u.us(s.armed_t_ns),
-        takeoff_time_utc=0,
+        takeoff_time_utc=u.us(s.took_off_t_ns),
         flight_uuid=s.flights,
+        landing_time=u.ms(s.landed_t_ns),
     )
 
 
 def _ground_truth(s: Snapshot) -> mav.MAVLink_message:
     vx, vy, vz = map(float, s.truth.vel_ned_mps)
     rollspeed, pitchspeed, yawspeed = map(float, s.truth.omega_frd_radps)
-    return u.sparse(
-        mav.MAVLink_hil_state_quaternion_message,
+    true_mps, indicated_mps = airspeeds_mps(s, s.truth)
+    xacc, yacc, zacc = map(u.mg, s.deferred.instruments.true_force_mps2)
+    return mav.MAVLink_hil_state_quaternion_message(
         time_usec=u.us(s.t_ns),
         attitude_quaternion=[float(part) for part in s.truth.q_frd_to_ned],
         rollspeed=rollspeed,
@@ -245,6 +255,11 @@ def _ground_truth(s: Snapshot) -> mav.MAVLink_message:
         vx=u.cm_s(vx),
         vy=u.cm_s(vy),
         vz=u.cm_s(vz),
+        ind_airspeed=u.ucm_s(indicated_mps),
+        true_airspeed=u.ucm_s(true_mps),
+        xacc=xacc,
+        yacc=yacc,
+        zacc=zacc,
     )
 
 

@@ -24,6 +24,7 @@ def _scaled(scale: float, low: int, high: int) -> Callable[[float], int]:
 
 
 int16 = _scaled(1, -_INT16 - 1, _INT16)
+mg = _scaled(1e3 / 9.80665, -_INT16 - 1, _INT16)  # of metres per second squared
 int32 = _scaled(1, -_INT32 - 1, _INT32)
 mm = _scaled(1e3, -_INT32 - 1, _INT32)  # of metres
 umm = _scaled(1e3, 0, 2**32 - 1)  # of metres, or metres per second

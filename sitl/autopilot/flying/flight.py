@@ -24,10 +24,6 @@ from sitl.autopilot.reporter import Reporter
 
 _LEAST_CLIMB_M = 0.5  # of a take-off
 _STARTING = "starting up"
-_LANDED_STATES = {
-    Mode.TAKEOFF: mav.MAV_LANDED_STATE_TAKEOFF,
-    Mode.LAND: mav.MAV_LANDED_STATE_LANDING,
-}
 _LIFTS = frozenset({Trigger.ORDER_TAKEOFF, Trigger.ORDER_MISSION})  # orders that take off
 # Modes in which another order for them may ask for something else.
 _ANEW = frozenset({Mode.HOLD, Mode.TAKEOFF, Mode.MISSION, Mode.LAND, Mode.ORBIT})
@@ -57,7 +53,7 @@ class Flight:
         self.mode = Mode.HOLD
         self.rally: tuple[MissionItem, ...] = ()
         self.flights = 0  # how often the motors were released
-        self.armed_t_ns = 0  # when last
+        self.armed_t_ns = self.took_off_t_ns = self.landed_t_ns = 0  # when last; 0: not since armed
         # What modes need; each pilot adds what its own mode does.
         self.needs: dict[Need, Callable[[], bool]] = {
             Need.ARMED: lambda: aircraft.armed,
@@ -112,7 +108,13 @@ class Flight:
             return mav.MAV_LANDED_STATE_UNDEFINED
         if self._aircraft.on_ground:
             return mav.MAV_LANDED_STATE_ON_GROUND
-        return _LANDED_STATES.get(self.mode, mav.MAV_LANDED_STATE_IN_AIR)
+        if self._manoeuvre is not None and self._manoeuvre.landing:
+            return mav.MAV_LANDED_STATE_LANDING
+        takes_off = self.mode is Mode.TAKEOFF
+        if self.mode is Mode.MISSION:
+            item = self.mission.items[self.mission.current]
+            takes_off = item.command == mav.MAV_CMD_NAV_TAKEOFF
+        return mav.MAV_LANDED_STATE_TAKEOFF if takes_off else mav.MAV_LANDED_STATE_IN_AIR
 
     def not_ready(self) -> str:
         """Why the aircraft cannot be armed; empty if it can."""
@@ -182,6 +184,7 @@ class Flight:
         self._released = True
         self.flights += 1
         self.armed_t_ns = self._aircraft.t_ns
+        self.took_off_t_ns = self.landed_t_ns = 0
         self._report.armed(True)
         return None
 

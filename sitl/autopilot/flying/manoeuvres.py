@@ -42,6 +42,11 @@ class Manoeuvre(Protocol):
         """Whether `tick` may be skipped until the progress of its path changes."""
         return False
 
+    @property
+    def landing(self) -> bool:
+        """Whether it sinks to the ground."""
+        return False
+
     def tick(self) -> bool:
         """Advance it; return True once it is done. Raise StuckError if it never will be."""
 
@@ -197,6 +202,8 @@ class LandingTerms:
 
 class _Landing(Manoeuvre):
     """A landing: done after a while on the ground, stuck after far more than its time."""
+
+    landing = True
 
     def __init__(self, aircraft: Aircraft, terms: LandingTerms) -> None:
         self._aircraft = aircraft
@@ -354,6 +361,10 @@ class Sequence(Manoeuvre):
     @property
     def patient(self) -> bool:
         return self._current is None or self._current.patient
+
+    @property
+    def landing(self) -> bool:
+        return self._current is not None and self._current.landing
 
     def tick(self) -> bool:
         if self._current is not None and self._current.tick():

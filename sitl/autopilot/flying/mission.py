@@ -89,7 +89,7 @@ class Mission:
         """MISSION_CURRENT: current item, number of items, state, and whether it is flown."""
         return mav.MAVLink_mission_current_message(
             self.current,
-            len(self.items),
+            len(self.items) or 65535,  # no mission
             self._state(in_mission_mode),
             1 if in_mission_mode else 2,
         )

@@ -17,7 +17,6 @@ from sitl.autopilot.protocol.burst import Burst
 from sitl.autopilot.protocol.commands import Commands, RefusedError, UnsupportedError
 from sitl.errors import SitlInputError
 
-_BY_NAME = 65535  # index of a value that nobody asked for by index
 _INDEX = {spec.name: index for index, spec in enumerate(TABLE)}
 # The types a ground station may send a value in; the value is what counts.
 _INTEGER_TYPES = frozenset(range(1, 9))
@@ -88,7 +87,7 @@ class ParameterServer:
         if not (matches and self._parameters.set(name, value)):
             self._refuse(peer, name, -1, mav.MAV_PARAM_ERROR_VALUE_OUT_OF_RANGE)
         # Older ground stations know no error: the value that stayed tells them.
-        self._outbox.append(self._value(name, _BY_NAME))
+        self._outbox.append(self._value(name, _INDEX[name]))
 
     def _refuse(self, peer: Peer, name: str, index: int, error: int) -> None:
         named = name.encode()

@@ -67,7 +67,7 @@ class Streams:
             ),
             mav.MAV_CMD_REQUEST_MESSAGE: self._request_message,
             mav.MAV_CMD_SET_MESSAGE_INTERVAL: self._set_interval,
-            mav.MAV_CMD_GET_MESSAGE_INTERVAL: self._get_interval,
+            mav.MAV_CMD_GET_MESSAGE_INTERVAL: lambda order: self._tell_interval(order.params[0]),
         }
 
     def take_due(self, now: float, extra: Iterable[int] = ()) -> list[int]:
@@ -88,7 +88,10 @@ class Streams:
         return min(self._next.values())
 
     def _request_message(self, order: CommandOrder) -> None:
-        self._asked.add(_telemetry(order))
+        if order.params[0] == mav.MAVLINK_MSG_ID_MESSAGE_INTERVAL:
+            self._tell_interval(order.params[1])
+        else:
+            self._asked.add(_telemetry(order))
 
     def _set_interval(self, order: CommandOrder) -> None:
         """Set the interval (us) of a message: 0 for the default rate, negative stops it."""
@@ -104,16 +107,19 @@ class Streams:
             self._interval_s[kind] = interval_s
             self._next[kind] = 0.0  # at once
 
-    def _get_interval(self, order: CommandOrder) -> None:
-        kind = _telemetry(order)
-        interval_s = self._interval_s.get(kind)
-        interval_us = -1 if interval_s is None else int32(interval_s * 1e6)
-        self._outbox.append(mav.MAVLink_message_interval_message(kind, interval_us))
+    def _tell_interval(self, number: float) -> None:
+        """Say the interval (us) of a message: -1 while it is not streamed, 0 if it never is."""
+        if not 0 <= number <= 65535 or number % 1:
+            raise RefusedError(f"message {number:g}: a number from 0 to 65535")
+        interval_us = -1 if number in TELEMETRY else 0
+        if number in self._interval_s:
+            interval_us = int32(self._interval_s[int(number)] * 1e6)
+        self._outbox.append(mav.MAVLink_message_interval_message(int(number), interval_us))
 
 
 def _telemetry(order: CommandOrder) -> int:
     """Return the number of the message a command names; UnsupportedError if it is not sent."""
     number = order.params[0]
-    if not math.isfinite(number) or int(number) not in TELEMETRY:
+    if number not in TELEMETRY:
         raise UnsupportedError
     return int(number)

@@ -107,7 +107,7 @@ def test_motors_and_wind(desk: Desk) -> None:
     assert np.mean(widths) == pytest.approx(1490, abs=30)
     assert servos.servo5_raw == 0
     outputs = asked(desk, mav.MAVLINK_MSG_ID_ACTUATOR_OUTPUT_STATUS)
-    assert outputs.active == 4
+    assert outputs.active == 0b1111
     assert [round(1000 + 1000 * share) for share in outputs.actuator[:4]] == widths
     wind = asked(desk, mav.MAVLINK_MSG_ID_WIND_COV)
     assert (wind.wind_x, wind.wind_y) == pytest.approx((-4.0, 0.0), abs=0.3)

@@ -11,8 +11,9 @@ from pymavlink.dialects.v20 import common as mav
 from sitl_mavsdk import HOME
 
 from flightdyn.frames import LocalFrame, quaternion_from_euler
+from flightdyn.instruments import Instruments, Readings
 from flightdyn.state import BatteryState, GnssFix, Kinematics
-from sitl.autopilot.codec.instruments import INSTRUMENTS, Snapshot
+from sitl.autopilot.codec.instruments import INSTRUMENTS, DeferredValues, Snapshot
 from sitl.autopilot.codec.orders import CommandOrder, MissionItem, Peer, read_item, read_order
 from sitl.autopilot.codec.telemetry import TELEMETRY
 from sitl.autopilot.codec.wire import Wire
@@ -27,9 +28,22 @@ TRUE_VELOCITY = np.array([3.5, -4.25, -0.5])
 ROLL, PITCH, YAW = 0.2, -0.1, -2.0
 FIX = GnssFix(11_600_000_000, np.array([320.0, -122.0, -63.0]), VELOCITY, 0.7, 1.9, 0.12, 14)
 HOME_NED = np.array([5.0, 6.0, -7.0])
+FORCE = (0.6, -0.3, -9.7)
+INSTRUMENTS_READ = Instruments(
+    # The standard atmosphere's pressure at 550 m.
+    Readings((0.0, 0.0, 0.0), FORCE, 94_890.0, None, (0.0, 0.0, 0.0), None),
+    setpoint=None,
+    q_wanted=(1.0, 0.0, 0.0, 0.0),
+    throttle=0.496,
+    motors=(0.5,) * 4,
+    wind_ned_mps=np.array([0.21, -0.56, 0.0]),
+    true_force_mps2=FORCE,
+)
+BOOTED_S = 1_767_225_600  # the first of January 2026
 
 SNAPSHOT = Snapshot(
     t_ns=12_345_000_000,
+    booted_ns=BOOTED_S * 10**9,
     belief=Kinematics(
         12_345_000_000,
         POSITION,
@@ -45,11 +59,11 @@ SNAPSHOT = Snapshot(
     origin=HOME,
     home=FRAME.to_geodetic(HOME_NED),
     home_ned_m=HOME_NED,
+    home_yaw_rad=math.pi / 2,
     gnss=FIX,
     gnss_position=FRAME.to_geodetic(FIX.pos_ned_m),
     battery=BatteryState(15.87, 11.25, 1234.0, 0.61),
-    battery_low=False,
-    battery_critical=False,
+    charge_state=mav.MAV_BATTERY_CHARGE_STATE_EMERGENCY,
     custom_mode=67371008,
     armed=True,
     system_state=mav.MAV_STATE_ACTIVE,
@@ -57,9 +71,11 @@ SNAPSHOT = Snapshot(
     sensors_present=mav.MAV_SYS_STATUS_SENSOR_3D_GYRO,
     sensors_healthy=mav.MAV_SYS_STATUS_SENSOR_3D_GYRO,
     armed_t_ns=1_500_000_000,
+    took_off_t_ns=2_750_000_000,
+    landed_t_ns=9_250_000_000,
     flights=3,
     mission=mav.MAVLink_mission_current_message(4, 9, mav.MISSION_STATE_ACTIVE, 1),
-    read_deferred=lambda: pytest.fail("needed only by instruments"),
+    read_deferred=lambda: DeferredValues(INSTRUMENTS_READ, None, {}, None),
 )
 COURSE_DEG = math.degrees(math.atan2(VELOCITY[1], VELOCITY[0])) % 360
 YAW_DEG = math.degrees(YAW) % 360
@@ -67,23 +83,27 @@ YAW_DEG = math.degrees(YAW) % 360
 UNITS = {
     "degE7": 1e-7, "mm": 1e-3, "m": 1.0, "cm/s": 1e-2, "mm/s": 1e-3, "m/s": 1.0,
     "cdeg": 1e-2, "deg": 1.0, "rad": 1.0, "rad/s": 1.0, "us": 1e-6, "ms": 1e-3,
-    "mV": 1e-3, "cA": 1e-2, "%": 1e-2, "d%": 1e-3, "c%": 1e-4, "mAh": 1.0,
+    "mV": 1e-3, "cA": 1e-2, "%": 1e-2, "d%": 1e-3, "c%": 1e-4, "mAh": 1.0, "mG": 9.80665e-3,
 }  # fmt: skip
 _ALT = SNAPSHOT.position.alt_msl_m
 _TRUE_ALT = SNAPSHOT.true_position.alt_msl_m
 _GNSS = SNAPSHOT.gnss_position
 assert _GNSS is not None
 T = 12.345
+# Of the standard atmosphere: the root of the density at the aircraft over that at sea level, and
+# the altitude of the measured pressure.
+DENSITY_ROOT = (1 - 2.25577e-5 * _ALT) ** (4.25588 / 2)
+BARO_M = 44_330.77 * (1 - (948.90 / 1013.25) ** 0.190263)
 # The physical value of every field that has a unit and that the vehicle knows.
 EXPECTED: dict[str, dict[str, float]] = {
     "SYS_STATUS": {
         "voltage_battery": 15.87, "current_battery": 11.25, "battery_remaining": 0.61,
         "load": 0.0, "drop_rate_comm": 0.0,
     },
-    "SYSTEM_TIME": {"time_boot_ms": T, "time_unix_usec": 0.0},
+    "SYSTEM_TIME": {"time_boot_ms": T, "time_unix_usec": BOOTED_S + T},
     "GPS_RAW_INT": {
         "time_usec": 11.6, "lat": _GNSS.lat_deg, "lon": _GNSS.lon_deg, "alt": _GNSS.alt_msl_m,
-        "alt_ellipsoid": _GNSS.alt_msl_m, "vel": math.hypot(3.21, 4.56), "cog": COURSE_DEG,
+        "vel": math.hypot(3.21, 4.56), "cog": COURSE_DEG,
         "h_acc": 0.7, "v_acc": 1.9, "vel_acc": 0.12,
     },
     "ATTITUDE": {
@@ -103,16 +123,18 @@ EXPECTED: dict[str, dict[str, float]] = {
         "vx": 3.21, "vy": -4.56, "vz": -0.78, "hdg": YAW_DEG,
     },
     "VFR_HUD": {
-        "airspeed": 0.0, "groundspeed": math.hypot(3.21, 4.56), "heading": round(YAW_DEG),
-        "throttle": 0.0, "alt": _ALT, "climb": 0.78,
+        "airspeed": math.sqrt(3**2 + 4**2 + 0.78**2) * DENSITY_ROOT,
+        "groundspeed": math.hypot(3.21, 4.56), "heading": round(YAW_DEG), "throttle": 0.5,
+        "alt": _ALT, "climb": 0.78,
     },
     "ALTITUDE": {
-        "time_usec": T, "altitude_monotonic": _ALT, "altitude_amsl": _ALT,
+        "time_usec": T, "altitude_monotonic": BARO_M, "altitude_amsl": _ALT,
         "altitude_local": 61.75, "altitude_relative": _ALT - SNAPSHOT.home.alt_msl_m,
     },
     "HOME_POSITION": {
         "latitude": SNAPSHOT.home.lat_deg, "longitude": SNAPSHOT.home.lon_deg,
         "altitude": SNAPSHOT.home.alt_msl_m, "x": 5.0, "y": 6.0, "z": -7.0, "time_usec": T,
+        "approach_x": 5.0, "approach_y": 6.0, "approach_z": -7.0,
     },
     "GPS_GLOBAL_ORIGIN": {
         "latitude": HOME.lat_deg, "longitude": HOME.lon_deg, "altitude": HOME.alt_msl_m,
@@ -121,25 +143,25 @@ EXPECTED: dict[str, dict[str, float]] = {
     "BATTERY_STATUS": {
         "current_battery": 11.25, "current_consumed": 1234.0, "battery_remaining": 0.61,
     },
-    "FLIGHT_INFORMATION": {"time_boot_ms": T, "arming_time_utc": 1.5},
+    "FLIGHT_INFORMATION": {
+        "time_boot_ms": T, "arming_time_utc": 1.5, "takeoff_time_utc": 2.75, "landing_time": 9.25,
+    },
     "HIL_STATE_QUATERNION": {
         "time_usec": T, "rollspeed": 0.11, "pitchspeed": -0.22, "yawspeed": 0.33,
         "lat": SNAPSHOT.true_position.lat_deg, "lon": SNAPSHOT.true_position.lon_deg,
         "alt": _TRUE_ALT, "vx": 3.5, "vy": -4.25, "vz": -0.5,
+        "true_airspeed": math.sqrt(3.29**2 + 3.69**2 + 0.5**2),
+        "ind_airspeed": math.sqrt(3.29**2 + 3.69**2 + 0.5**2) * DENSITY_ROOT,
+        "xacc": 0.6, "yacc": -0.3, "zacc": -9.7,
     },
 }  # fmt: skip
 # Fields with a unit whose value is MAVLink's "unknown" or not given: nothing here measures them.
 UNKNOWN: dict[str, dict[str, Any]] = {
-    "GPS_RAW_INT": {"hdg_acc": 0, "yaw": 0},
-    "ALTITUDE": {"altitude_terrain": math.nan, "bottom_clearance": math.nan},
-    "HOME_POSITION": {"approach_x": math.nan, "approach_y": math.nan, "approach_z": math.nan},
+    "GPS_RAW_INT": {"alt_ellipsoid": 0, "hdg_acc": 0, "yaw": 0},
+    "ALTITUDE": {"altitude_terrain": -10_000.0, "bottom_clearance": -1.0},
     "BATTERY_STATUS": {
         "temperature": 32767, "energy_consumed": -1, "time_remaining": 0,
         "voltages": [15870] + [65535] * 9, "voltages_ext": [0] * 4,
-    },
-    "FLIGHT_INFORMATION": {"takeoff_time_utc": 0, "landing_time": 0},
-    "HIL_STATE_QUATERNION": {
-        "ind_airspeed": 0, "true_airspeed": 0, "xacc": 0, "yacc": 0, "zacc": 0,
     },
 }  # fmt: skip
 
@@ -179,7 +201,11 @@ def test_fields_without_unit() -> None:
     q = np.array([attitude.q1, attitude.q2, attitude.q3, attitude.q4])
     np.testing.assert_allclose(q, SNAPSHOT.belief.q_frd_to_ned, atol=1e-7)
     gnss = over_the_wire(TELEMETRY[mav.MAVLINK_MSG_ID_GPS_RAW_INT](SNAPSHOT))
-    assert (gnss.fix_type, gnss.eph, gnss.satellites_visible) == (3, 70, 14)
+    assert (gnss.fix_type, gnss.eph, gnss.epv, gnss.satellites_visible) == (3, 69, 112, 14)
+    home = over_the_wire(TELEMETRY[mav.MAVLINK_MSG_ID_HOME_POSITION](SNAPSHOT))
+    assert home.q == pytest.approx([math.sqrt(0.5), 0.0, 0.0, math.sqrt(0.5)])  # to the east
+    battery = over_the_wire(TELEMETRY[mav.MAVLINK_MSG_ID_BATTERY_STATUS](SNAPSHOT))
+    assert battery.charge_state == mav.MAV_BATTERY_CHARGE_STATE_EMERGENCY
     version = over_the_wire(TELEMETRY[mav.MAVLINK_MSG_ID_AUTOPILOT_VERSION](SNAPSHOT))
     assert version.capabilities & mav.MAV_PROTOCOL_CAPABILITY_PARAM_ENCODE_BYTEWISE
     number = version.flight_sw_version

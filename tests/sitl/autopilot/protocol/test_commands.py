@@ -354,6 +354,13 @@ def test_messages_on_request_and_at_intervals() -> None:
     assert desk.command(mav.MAV_CMD_SET_MESSAGE_INTERVAL, 30, 0) == OK  # the default again
     assert desk.command(mav.MAV_CMD_GET_MESSAGE_INTERVAL, 30) == OK
     assert of(desk.heard, "MESSAGE_INTERVAL")[-1].interval_us == 100_000
+    # The same as a message on request; one that is never streamed is "not available".
+    for number, interval_us in ((30, 100_000), (115, -1), (253, 0), (9999, 0)):
+        assert desk.command(mav.MAV_CMD_REQUEST_MESSAGE, 244, number) == OK
+        said = of(desk.heard, "MESSAGE_INTERVAL")[-1]
+        assert (said.message_id, said.interval_us) == (number, interval_us)
+    for none in (NAN, math.inf, -1.0, 30.5, 65536.0):  # nothing that the message could hold
+        assert desk.command(mav.MAV_CMD_REQUEST_MESSAGE, 244, none) == mav.MAV_RESULT_DENIED
     # The sign of life cannot be turned off.
     assert desk.command(mav.MAV_CMD_SET_MESSAGE_INTERVAL, 0, -1) == DENIED
     assert len(of(desk.pass_wall_time(5.0), "HEARTBEAT")) in (4, 5, 6)
@@ -389,7 +396,7 @@ def test_pings_and_clock_comparisons_are_answered() -> None:
     assert (pong.time_usec, pong.seq, pong.target_system) == (123, 7, 255)
     assert not of(desk.send(mav.MAVLink_ping_message(123, 7, 255, 190)), "PING")
     reply = the(desk.send(mav.MAVLink_timesync_message(0, 42)), "TIMESYNC")
-    assert (reply.tc1, reply.ts1) == (round(desk.now * 1e9), 42)
+    assert (reply.tc1, reply.ts1) == (desk.vehicle.t_ns, 42)  # the clock of telemetry's stamps
 
 
 def test_what_arrives_in_flight_does_not_change_the_flight() -> None:

@@ -80,6 +80,8 @@ def test_writing_is_answered_with_the_value_that_stands() -> None:
     heard = set_parameter(desk, "MPC_LAND_SPEED", 0.9, REAL)
     assert the(heard, "PARAM_VALUE").param_value == pytest.approx(0.9)
     assert parameters["MPC_LAND_SPEED"] == 0.9  # not 0.899999976
+    index = the(heard, "PARAM_VALUE").param_index
+    assert TABLE[index].name == "MPC_LAND_SPEED"
     heard = set_parameter(desk, "GF_ACTION", bytewise(3), INT)
     assert parameters["GF_ACTION"] == 3.0
 
