@@ -283,3 +283,14 @@ def test_the_altitude_is_changed_on_the_spot() -> None:
     np.testing.assert_allclose(flight.position, [0.0, 0.0, -25.0], atol=0.3)
     assert flight.desk.command(command, NAN, mav.MAV_FRAME_GLOBAL) == DENIED
     assert flight.desk.command(command, 30.0, mav.MAV_FRAME_LOCAL_NED) == DENIED
+
+
+def test_a_turn_of_the_real_aircraft_has_its_direction_and_rate() -> None:
+    flight = Flight()
+    assert flight.desk.command(mav.MAV_CMD_CONDITION_YAW, 270, 20, 1, 0) == OK
+    flight.go_on(7.0)  # 0 to 270 clockwise, at 20 deg/s
+    assert math.degrees(flight.yaw) == pytest.approx(140.0, abs=8.0)
+    flight.go_on(10.0)
+    assert math.degrees(flight.yaw) % 360 == pytest.approx(270.0, abs=2.0)
+    assert flight.mode is Mode.HOLD
+    np.testing.assert_allclose(flight.position, [0.0, 0.0, -20.0], atol=0.3)
