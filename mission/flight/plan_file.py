@@ -162,11 +162,16 @@ def _row(path: Path, number: int, line: str) -> Sequence[float]:
         row = [float(cell) for cell in line.split()]
     except ValueError:
         row = []
-    if len(row) != _COLUMNS or not all(map(math.isfinite, row)):
+    if len(row) != _COLUMNS or any(map(math.isinf, row)) or any(map(math.isnan, _counts(row))):
         raise InputError(f"{path}: damaged: line {number} does not have {_COLUMNS} numbers")
-    if any(value != int(value) for value in (*row[:4], row[11])):
+    if any(value != int(value) for value in _counts(row)):
         raise InputError(f"{path}: damaged: line {number}: index, frame or command is no integer")
     return row
+
+
+def _counts(row: Sequence[float]) -> Sequence[float]:
+    """The columns of a row that are whole numbers: index, current, frame, command, autocontinue."""
+    return *row[:4], row[11]
 
 
 def checked_home(
