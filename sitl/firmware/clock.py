@@ -144,12 +144,15 @@ class FirmwareClock:
 
     @contextmanager
     def going(self) -> Iterator[None]:
-        """Context manager: time goes on inside the block and stands still after it."""
+        """Context manager: time goes on inside the block, and after it as it did before."""
+        went, until_ns = self._may_run.is_set(), self._until_ns
         self.run()
         try:
             yield
         finally:
-            self.rest()
+            self._until_ns = until_ns
+            if not went:
+                self.rest()
 
     def cap_at_wall_pace(self, seconds: float) -> None:
         """Be no faster than wall time for the next `seconds` of it: somebody is being answered."""
