@@ -44,7 +44,7 @@ def stand_in(folder: Path, text: str) -> Path:
 @pytest.mark.parametrize(
     ("keys", "said"),
     [
-        (("vehicle.autopilot=px4",), "needs firmware.path"),
+        (("vehicle.autopilot=px4",), "the firmware's binary, or AEROFED_PX4 in the environment"),
         (("vehicle.firmware.path=px4",), "autopilot = 'built-in' flies"),
         (
             ("vehicle.autopilot=px4", "vehicle.firmware.path=px4",
@@ -64,8 +64,13 @@ def stand_in(folder: Path, text: str) -> Path:
     ],
 )  # fmt: skip
 def test_settings_that_do_not_fit_are_refused(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], keys: tuple[str, ...], said: str
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+    keys: tuple[str, ...],
+    said: str,
 ) -> None:
+    monkeypatch.delenv("AEROFED_PX4", raising=False)
     assert call(["run", "--out", str(tmp_path / "out"), "--set", *keys]) == 2
     assert said in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
