@@ -15,9 +15,12 @@ from sitl_mavsdk import HOME
 
 from flightdyn.config import AircraftConfig
 from flightdyn.random import RandomStreams
+from sitl.autopilot.parameters import parameters_of
 from sitl.config import FirmwareConfig, VehicleConfig
 from sitl.errors import FirmwareSilentError
+from sitl.firmware.ardupilot_launch import airframe_parameters as of_copter
 from sitl.firmware.launch import FirmwareProcess, LaunchOptions, check_binary
+from sitl.firmware.px4_launch import airframe_parameters as of_px4
 from sitl.firmware.px4_launch import px4_launch
 from sitl.firmware.vehicle import FirmwareVehicle, plant_for
 
@@ -125,6 +128,16 @@ def test_scripts_given_to_it_are_found_first_wherever_its_folder_is(
     assert process.last_words(1) == "ours"
     process.stop()
     launch.bridge.close()
+
+
+def test_legs_without_a_speed_are_as_fast_under_a_firmware_as_they_are_planned() -> None:
+    """The mission's own speed is ordered with each mission that has one."""
+    options = LaunchOptions(VehicleConfig(), 1, 2, 20.0)
+    px4, copter = of_px4(options, plant()), of_copter(options, plant())
+    cruise_mps = parameters_of(VehicleConfig())["MPC_XY_CRUISE"]
+    assert (px4["MPC_XY_CRUISE"], px4["MPC_XY_VEL_MAX"]) == (cruise_mps, 20.0)
+    assert copter["WPNAV_SPEED"] == 100 * cruise_mps
+    assert copter["WP_SPD"] == cruise_mps
 
 
 def test_an_error_nobody_foresaw_ends_the_flight(
