@@ -27,7 +27,7 @@ _RATE_GAIN = 0.25
 # path with a space would do. The shell believes this name, which is right in every process.
 _HERE = "/proc/self/cwd"
 _STREAMS_HZ = {
-    "HEARTBEAT": 1,
+    "HEARTBEAT": 5,  # which alone tells that it holds, for the next order
     "SYS_STATUS": 2,
     "STATUSTEXT": 20,
     "ATTITUDE": 10,

@@ -29,7 +29,7 @@ from sitl.vehicle import Vehicle
 
 # Where PX4's simulators send to, and from where; a vehicle's number is added to the latter.
 _OWN_PORTS = {14540: 14580, 14550: 18570}
-_LAST_PORTS = {"14540": 14549}  # which PX4's from the tenth on share: the next is everybody's
+_LAST_COUNTED = {"14540": 9}  # PX4's after it share the port of that one: the next is everybody's
 _APART_M = 5.0  # homes, towards the east
 _MOST = 64
 _LAST_ID = 250
@@ -184,8 +184,8 @@ def _counted_up(text: str, i: int) -> str:
     """An address with its port `i` higher, over TCP `10 i`, as ArduPilot's simulators have it."""
     start, colon, port = text.rpartition(":")
     step = 10 if start.startswith("tcp") else 1
-    last = _LAST_PORTS.get(text, 1 << 16)  # which is none
-    return f"{start}{colon}{min(int(port) + i * step, last)}" if port.isdecimal() else text
+    i = min(i, _LAST_COUNTED.get(text, i))
+    return f"{start}{colon}{int(port) + i * step}" if port.isdecimal() else text
 
 
 def serve(
