@@ -13,6 +13,7 @@ from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from mission.base.arrays import Bools, Floats, Ints, given_alone
 
@@ -24,6 +25,7 @@ _TURN = math.pi / 3  # of an outline's corner that one point leads around
 _REACHES = np.linspace(0.25, 8.0, 32)  # how far around a point is looked, in margins
 _DIRECTIONS = np.linspace(0.0, 2.0 * math.pi, 32, endpoint=False)
 _RAYS = np.column_stack((np.cos(_DIRECTIONS), np.sin(_DIRECTIONS)))
+_OF_CIRCLE = 72  # corners: its outline lies within a thousandth of the radius
 _RINGS = (_REACHES[:, None, None] * _RAYS).reshape(-1, 2)
 
 
@@ -155,13 +157,36 @@ def triangles(rings_m: Sequence[Floats]) -> Floats:
     return corners
 
 
-def crossing(ring_m: Floats) -> bool:
-    """Whether an outline (n, 2) crosses itself, or has no area."""
-    # Imported here: most configurations have no areas.
+def circle(center_m: Floats, radius_m: float) -> Floats:
+    """The outline of a circle: corners (n, 2) on it."""
+    turn = np.linspace(0.0, 2 * math.pi, _OF_CIRCLE, endpoint=False)
+    return center_m + radius_m * np.column_stack((np.cos(turn), np.sin(turn)))
+
+
+def within(areas: Sequence[tuple[int, Floats]], place_m: ArrayLike) -> tuple[Floats, ...]:
+    """Return the fence that areas with their groups make (corners (n, 2) of each): what lies inside
+    all areas of one group, whichever. Its outline, and those of its holes; of several parts the
+    one about a place (2,), from which flights begin, or nearest to it. None without areas.
+
+    Raises:
+        ValueError: that is nowhere.
+    """
+    if len(areas) <= 1:
+        return tuple(ring for _, ring in areas)
     import shapely
 
-    area = shapely.polygons(ring_m)
-    return not shapely.is_valid(area) or bool(shapely.area(area) < 1e-9)
+    shapes = {group: shapely.get_parts([]) for group, _ in areas}
+    for group in shapes:
+        drawn = [shapely.polygons(ring) for other, ring in areas if other == group]
+        shapes[group] = shapely.intersection_all(drawn)
+    parts = [part for part in shapely.get_parts(shapely.union_all([*shapes.values()])) if part.area]
+    if not parts:
+        raise ValueError(
+            "the areas of no group have a place in common: flights are inside all areas of one "
+            "group; give areas of which one is enough different groups"
+        )
+    fence = min(parts, key=lambda part: float(part.distance(shapely.Point(place_m))))
+    return tuple(shapely.get_coordinates(ring)[:-1] for ring in (fence.exterior, *fence.interiors))
 
 
 def _oriented(ring_m: Floats, *, clockwise: bool) -> Floats:
