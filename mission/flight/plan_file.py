@@ -23,6 +23,7 @@ from mission.flight.flight_plan import FlightPlan
 from mission.flight.mission_items import mission_items
 from mission.flight.plan_document import SCANS, Document
 from sitl.autopilot.codec.orders import MissionItem, command_name
+from sitl.autopilot.protocol.order_rules import ABSENT, COMMANDS
 
 HEADER = "QGC WPL 110"
 _COLUMNS = 12
@@ -117,9 +118,14 @@ def _item(
     kind: int = mav.MAV_MISSION_TYPE_MISSION,
     autocontinue: bool = True,
 ) -> MissionItem:
-    """An item of seven parameters; places as exact as they travel, 1e-7 degrees."""
+    """An item of seven parameters; places as exact as they travel, 1e-7 degrees.
+
+    Planners fill the columns of a place in every row: of items without one they are dropped.
+    """
     one, two, three, four, x, y, z = params
     first = one, two, three, four
+    if command in COMMANDS - ABSENT.keys() and not mav.enums["MAV_CMD"][command].has_location:
+        x = y = z = 0.0
     return MissionItem(seq, command, frame, first, round(x, 7), round(y, 7), z, kind, autocontinue)
 
 
@@ -156,11 +162,16 @@ def _row(path: Path, number: int, line: str) -> Sequence[float]:
         row = [float(cell) for cell in line.split()]
     except ValueError:
         row = []
-    if len(row) != _COLUMNS or not all(map(math.isfinite, row)):
+    if len(row) != _COLUMNS or any(map(math.isinf, row)) or any(map(math.isnan, _counts(row))):
         raise InputError(f"{path}: damaged: line {number} does not have {_COLUMNS} numbers")
-    if any(value != int(value) for value in (*row[:4], row[11])):
+    if any(value != int(value) for value in _counts(row)):
         raise InputError(f"{path}: damaged: line {number}: index, frame or command is no integer")
     return row
+
+
+def _counts(row: Sequence[float]) -> Sequence[float]:
+    """The columns of a row that are whole numbers: index, current, frame, command, autocontinue."""
+    return *row[:4], row[11]
 
 
 def checked_home(

@@ -137,7 +137,7 @@ def test_mission_raw_with_fence_and_rally_lists() -> None:
             await take_off(system, vehicle, 20.0)
             raw = MissionRawAsync(system)
             items = [raw_item(0, 16, 0, 0, 20.0), raw_item(1, 16, 50.0, 0, 20.0)]
-            rally = raw_item(0, 5100, 5.0, 5.0, 20.0, mission_type=2, frame=3)
+            rally = raw_item(0, 5100, 5.0, 5.0, 20.0, mission_type=2, frame=3, param2=0.0)
             fence = raw_item(0, 5003, 0, 0, 0.0, mission_type=1, frame=5, param1=300.0)
             await raw.upload_mission(items)
             await raw.upload_rally_points([rally])

@@ -60,6 +60,7 @@ class MissionItem:
     z: float
     mission_type: int = mav.MAV_MISSION_TYPE_MISSION
     autocontinue: bool = True
+    current: bool = False  # the mission begins with it
 
     def message(self, to: Peer) -> mav.MAVLink_message:
         """The MISSION_ITEM_INT that carries the item to a peer."""
@@ -114,6 +115,7 @@ def read_item(
         msg.z,
         msg.mission_type,
         bool(msg.autocontinue),
+        bool(msg.current),
     )
 
 

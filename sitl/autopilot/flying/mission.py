@@ -27,9 +27,9 @@ class Mission:
         self._jumps_left: dict[int, int] = {}
 
     def replace(self, items: tuple[MissionItem, ...]) -> None:
-        """Take another mission, to be flown from its beginning."""
+        """Take another mission, to be flown from its current item on, or from its beginning."""
         self.items, self.last = items, None
-        self.rewind(0)
+        self.rewind(next((item.seq for item in items if item.current), 0))
 
     @property
     def flown(self) -> tuple[MissionItem, ...]:

@@ -213,6 +213,9 @@ COMMAND_RULES: Table = {
     mav.MAV_CMD_GET_HOME_POSITION: _rule(),
     mav.MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES: _rule((*_SWITCH, *_OPEN)),
     mav.MAV_CMD_REQUEST_MESSAGE: _rule(_ANY, seventh=_RECEIVER),
+    (mav.MAV_CMD_REQUEST_MESSAGE, mav.MAVLINK_MSG_ID_MESSAGE_INTERVAL): _rule(
+        _ANY, _ANY, seventh=_RECEIVER
+    ),
     mav.MAV_CMD_SET_MESSAGE_INTERVAL: _rule(
         _ANY, (ranges.INTERVAL, (-1.0, 0.0)), seventh=_RECEIVER
     ),

@@ -1,6 +1,5 @@
 """Telemetry scheduling in wall time: messages at their rates, and those requested once."""
 
-import math
 from collections.abc import Iterable, Mapping
 
 from pymavlink.dialects.v20 import common as mav

@@ -119,7 +119,8 @@ def test_the_same_plan_gives_the_same_flight_and_the_waypoint_file_too(tmp_path:
     plan = written(tmp_path, place(47.401, 8.5, 60), place(47.402, 8.5, 60))
     second = ROW.format(2).replace("47.401", "47.402")
     rows = tmp_path / "line.waypoints"
-    rows.write_text("QGC WPL 110\n" + HOME_ROW + (ROW.format(1) + second).replace("\t5\t", "\t3\t"))
+    lines = (ROW.format(1) + second).replace("\t0\t5\t0\t0\t", "\t0\t3\t0\tnan\t")  # any heading
+    rows.write_text("QGC WPL 110\n" + HOME_ROW + lines)
     tracks = []
     for number, source in enumerate((plan, rows)):
         out = tmp_path / str(number)
@@ -411,7 +412,7 @@ def test_the_return_leads_to_the_closest_rally_point(tmp_path: Path) -> None:
     ("point", "words"),
     [
         ([0, 0, 0], "it has no position"),
-        ([99, 8.5, 0], "latitude 99, -90 to 90 are allowed"),
+        ([99, 8.5, 0], "latitude 99, -90 to 90 deg are allowed"),
         ([48.4, 8.5, 0], "111191 m from home; MIS_DIST_1WP allows 20000"),
         ([NORTH, 8.5, 501], "501.0 m above home; 0 to 500 m are allowed"),
         ([NORTH, 8.5, -1], "-1.0 m above home; 0 to 500 m are allowed"),

@@ -301,3 +301,98 @@ def test_the_heartbeat_says_px4s_mode() -> None:
     assert heartbeat.custom_mode == 6 << 16
     assert heartbeat.base_mode & mav.MAV_MODE_FLAG_STABILIZE_ENABLED
     assert not heartbeat.base_mode & mav.MAV_MODE_FLAG_AUTO_ENABLED
+
+
+# --- every field of a setpoint ------------------------------------------------------------------
+
+_ALL: dict[str, Any] = {"vx": 1.0, "vy": 2.0, "vz": 3.0, "afx": 0.1, "afy": 0.2, "afz": 0.3}
+_LOCAL = {"x": 10.0, "y": 20.0, "z": -30.0, **_ALL, "yaw": 0.5, "yaw_rate": 0.1}
+_GLOBE = {"lat_int": 474000000, "lon_int": 85000000, "alt": 510.0, **_ALL, "yaw": 0.5}
+_GLOBAL = {**_GLOBE, "yaw_rate": 0.1}
+_ATTITUDE = {"body_yaw_rate": 0.1, "thrust": 0.5}
+# Who it is for, and when it was sent by a clock of its sender's.
+_ADDRESS = {"time_boot_ms": 0, "target_system": 1, "target_component": 1}
+_KINDS: Any = {
+    mav.MAVLink_set_position_target_local_ned_message: (_LOCAL, {"coordinate_frame": 1}),
+    mav.MAVLink_set_position_target_global_int_message: (_GLOBAL, {"coordinate_frame": 5}),
+    mav.MAVLink_set_attitude_target_message: (
+        {**_ATTITUDE, "body_roll_rate": 0.0, "body_pitch_rate": 0.0},
+        {"q": [1.0, 0.0, 0.0, 0.0]},
+    ),
+}
+
+
+def _flown_by(make: Any, fields: dict[str, Any], mask: int = 0) -> tuple[Any, str]:
+    """What the vehicle goes after, and what it says, on a setpoint with these fields."""
+    desk = Desk()
+    desk.take_off()
+    desk.send(make(**_ADDRESS, type_mask=mask, **fields))
+    offboard(desk)
+    said = "".join(text for text in desk.texts() if "Setpoint" in text)
+    return (desk.mass.target, desk.mass.attitude), said
+
+
+@pytest.mark.parametrize(
+    ("make", "name"), [(make, name) for make, (used, _) in _KINDS.items() for name in used]
+)
+def test_a_field_of_a_setpoint_is_flown_or_refused(make: Any, name: str) -> None:
+    used, rest = _KINDS[make]
+    fields = {**used, **rest}
+    before, said = _flown_by(make, fields)
+    assert not said
+    changed = fields[name] + (100_000 if isinstance(fields[name], int) else 0.25)
+    after, said = _flown_by(make, {**fields, name: changed})
+    assert repr(after) != repr(before) or said
+
+
+@pytest.mark.parametrize("make", _KINDS)
+def test_a_setpoint_has_no_other_fields(make: Any) -> None:
+    used, rest = _KINDS[make]
+    known = {*used, *rest, *_ADDRESS, "type_mask"}
+    assert set(make.fieldnames) - {"thrust_body"} == known
+
+
+@pytest.mark.parametrize("make", _KINDS)
+def test_every_bit_of_a_type_mask_leaves_something_out_or_is_refused(make: Any) -> None:
+    used, rest = _KINDS[make]
+    fields = {**used, **rest, "thrust_body": [0.0] * 3} if "q" in rest else {**used, **rest}
+    fields = {k: v for k, v in fields.items() if k in make.fieldnames}
+    whole, _ = _flown_by(make, fields)
+    for bit in range(8 if "q" in rest else 16):
+        part, said = _flown_by(make, fields, 1 << bit)
+        neutral = "q" in rest and bit in (0, 1)  # rates of 0, which an attitude has anyway
+        assert said or neutral or repr(part) != repr(whole), bit
+
+
+def test_a_height_rules_beside_a_horizontal_velocity_in_every_frame() -> None:
+    make = mav.MAVLink_set_position_target_global_int_message
+    for frame, alt in ((6, 30.0), (5, HOME.alt_msl_m + 30.0)):
+        fields = {"coordinate_frame": frame, **_GLOBAL, "alt": alt}
+        (target, _), said = _flown_by(make, fields, 0b011 | ACC | YAW | YAW_RATE)
+        assert not said
+        assert target.pos[2] == pytest.approx(-30.0)
+        assert math.isnan(target.pos[0])
+        assert target.vel == (1.0, 2.0, 3.0)
+
+
+@pytest.mark.parametrize(
+    ("fields", "mask", "words"),
+    [
+        ({"coordinate_frame": 8, **_LOCAL}, ACC, "frame 8 takes no position"),
+        ({"coordinate_frame": 5, **_GLOBAL}, 0b010, "latitude and longitude belong"),
+        ({"coordinate_frame": 1, **_LOCAL}, 1 << 12, "type mask 0x1000"),
+    ],
+)
+def test_what_a_setpoint_cannot_order_is_refused(
+    fields: dict[str, Any], mask: int, words: str
+) -> None:
+    make: Any = mav.MAVLink_set_position_target_local_ned_message
+    if "alt" in fields:
+        make = mav.MAVLink_set_position_target_global_int_message
+    assert words in _flown_by(make, fields, mask)[1]
+
+
+def test_a_roll_rate_beside_an_attitude_is_refused() -> None:
+    desk = Desk()
+    desk.send(attitude((1, 0, 0, 0), 0.5, rates=(0.2, 0.0, 0.0), mask=0))
+    assert "roll or pitch rate beside an attitude" in "".join(desk.texts())

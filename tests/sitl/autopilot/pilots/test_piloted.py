@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 from pymavlink.dialects.v20 import common as mav
-from sitl_desk import Desk
+from sitl_desk import Desk, item
 from sitl_mavsdk import HOME, make_vehicle
 
 from flightdyn.aircraft import Aircraft
@@ -283,3 +283,34 @@ def test_the_altitude_is_changed_on_the_spot() -> None:
     np.testing.assert_allclose(flight.position, [0.0, 0.0, -25.0], atol=0.3)
     assert flight.desk.command(command, NAN, mav.MAV_FRAME_GLOBAL) == DENIED
     assert flight.desk.command(command, 30.0, mav.MAV_FRAME_LOCAL_NED) == DENIED
+
+
+def test_a_turn_of_the_real_aircraft_has_its_direction_and_rate() -> None:
+    flight = Flight()
+    assert flight.desk.command(mav.MAV_CMD_CONDITION_YAW, 270, 20, 1, 0) == OK
+    flight.go_on(7.0)  # 0 to 270 clockwise, at 20 deg/s
+    assert math.degrees(flight.yaw) == pytest.approx(140.0, abs=8.0)
+    flight.go_on(10.0)
+    assert math.degrees(flight.yaw) % 360 == pytest.approx(270.0, abs=2.0)
+    assert flight.mode is Mode.HOLD
+    np.testing.assert_allclose(flight.position, [0.0, 0.0, -20.0], atol=0.3)
+
+
+def test_the_real_aircraft_keeps_the_heading_of_its_items() -> None:
+    flight = Flight()
+    hold = (5.0, 0.0, 0.0, 200.0)
+    mission = [
+        item(0, mav.MAV_CMD_NAV_WAYPOINT, north=60.0, height=20.0, params=(0.0, 0.0, 0.0, 90.0)),
+        item(1, mav.MAV_CMD_NAV_WAYPOINT, north=60.0, east=60.0, height=20.0, params=hold),
+        item(2, mav.MAV_CMD_NAV_LAND, north=60.0, east=90.0, params=(0.0, 0.0, 0.0, 300.0)),
+    ]
+    assert flight.desk.upload(mission) == mav.MAV_MISSION_ACCEPTED
+    assert flight.desk.command(mav.MAV_CMD_MISSION_START) == OK
+    flight.go_on(6.0)
+    assert math.degrees(flight.yaw) == pytest.approx(90.0, abs=3.0)
+    flight.go_on(12.0)
+    np.testing.assert_allclose(flight.position[:2], [60.0, 60.0], atol=0.5)  # it holds
+    assert math.degrees(flight.yaw) % 360 == pytest.approx(200.0, abs=3.0)
+    flight.desk.fly()
+    assert math.degrees(flight.yaw) % 360 == pytest.approx(300.0, abs=3.0)
+    np.testing.assert_allclose(flight.position[:2], [60.0, 90.0], atol=0.5)
