@@ -17,6 +17,8 @@ def flaw(corners: _Points, *, first: int = 0) -> str:
     The last joins the first. Corners are counted from `first`; one that repeats the one before it
     counts for nothing.
     """
+    if not np.isfinite(corners).all():
+        return "has a corner that is no place"
     at = np.flatnonzero((corners != corners[np.arange(len(corners)) - 1]).any(axis=1))
     ring, count = corners[at], len(at)
     index = np.arange(count)

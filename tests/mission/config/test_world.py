@@ -502,7 +502,7 @@ def test_what_two_groups_enclose_is_a_hole_and_what_is_apart_is_out_of_reach(loa
         (mav.MAV_CMD_NAV_FENCE_POLYGON_VERTEX_INCLUSION, 100.0),
         (mav.MAV_CMD_NAV_FENCE_POLYGON_VERTEX_EXCLUSION, 50.0),
     ):
-        corners = shapes.pop(command) - [0.0, 75.0]  # north and east of home
+        corners = np.array(shapes.pop(command)) - [0.0, 75.0]  # north and east of home
         np.testing.assert_allclose(corners.min(axis=0), -half_m, atol=0.02)
         np.testing.assert_allclose(corners.max(axis=0), half_m, atol=0.02)
     assert not shapes

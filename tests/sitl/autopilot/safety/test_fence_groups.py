@@ -139,7 +139,7 @@ def test_breaches_are_those_of_set_operations() -> None:
         areas = random_areas(rng)
         fence = compile_fence([item for *_, items in areas for item in items], FRAME)
         groups: dict[int, list[shapely.Geometry]] = {}
-        without = []
+        without: list[shapely.Geometry] = []
         for inside, group, items in areas:
             (groups.setdefault(group, []) if inside else without).append(shape_of(items))
         free = shapely.box(-500, -500, 500, 500)
