@@ -23,12 +23,17 @@ class Obstacles:
         self._highest = float(self._roofs.max(initial=-np.inf))
 
     def contain(self, north: float, east: float, up: float) -> bool:
-        """Whether a place (m north, east and above home) is inside one, by ray casting."""
+        """Whether a place (m north, east and above home) is inside one."""
         if up >= self._highest:
             return False
+        return bool((self.within(north, east) & (up < self._roofs)).any())
+
+    def within(self, north: float, east: float) -> NDArray[np.bool_]:
+        """(P,) whether a place is within the walls of each, at any height, by ray casting."""
         n1, e1, n2, e2 = self._walls.T
         beside = (e1 > east) != (e2 > east)
         with np.errstate(divide="ignore", invalid="ignore"):  # of walls that are not beside it
             cross = n1 + (east - e1) / (e2 - e1) * (n2 - n1)
         met = np.bincount(self._whose[beside & (cross > north)], minlength=len(self._roofs))
-        return bool(((met % 2 == 1) & (up < self._roofs)).any())
+        inside: NDArray[np.bool_] = met % 2 == 1
+        return inside

@@ -13,8 +13,11 @@ from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import ArrayLike
 
+from flightdyn.outlines import flaw
 from mission.base.arrays import Bools, Floats, Ints, given_alone
+from mission.base.errors import InputError
 
 if TYPE_CHECKING:  # which loads a library
     from mission.base.native.library import Outlines
@@ -24,18 +27,31 @@ _TURN = math.pi / 3  # of an outline's corner that one point leads around
 _REACHES = np.linspace(0.25, 8.0, 32)  # how far around a point is looked, in margins
 _DIRECTIONS = np.linspace(0.0, 2.0 * math.pi, 32, endpoint=False)
 _RAYS = np.column_stack((np.cos(_DIRECTIONS), np.sin(_DIRECTIONS)))
+_GRID_M = 2.0**-10  # of the corners of areas that are joined: exact in binary
+_OF_CIRCLE = 72  # corners: its outline lies within a thousandth of the radius
 _RINGS = (_REACHES[:, None, None] * _RAYS).reshape(-1, 2)
 
 
 @dataclass(frozen=True, eq=False)
 class Airspace:
-    """No-fly areas and a fence, in metres (x east, y north); without any, all is free to fly."""
+    """No-fly areas and a fence, in metres (x east, y north); without any, all is free to fly.
+
+    Raises:
+        InputError: an outline crosses itself or has no area.
+    """
 
     keep_out: tuple[Floats, ...] = ()  # corners (n, 2) of each; the last joins the first
     keep_in: Floats | None = None
     margin_m: float = 1.0
 
     __getstate__ = given_alone
+
+    def __post_init__(self) -> None:
+        fence = [] if self.keep_in is None else [("keep_in", self.keep_in)]
+        named = [*((f"keep_out[{n}]", ring) for n, ring in enumerate(self.keep_out)), *fence]
+        for name, ring in named:
+            if wrong := flaw(ring):
+                raise InputError(f"airspace: {name} {wrong}")
 
     @property
     def is_open(self) -> bool:
@@ -155,13 +171,41 @@ def triangles(rings_m: Sequence[Floats]) -> Floats:
     return corners
 
 
-def crossing(ring_m: Floats) -> bool:
-    """Whether an outline (n, 2) crosses itself, or has no area."""
-    # Imported here: most configurations have no areas.
+def circle(center_m: Floats, radius_m: float) -> Floats:
+    """The outline of a circle: corners (n, 2) on it."""
+    turn = np.linspace(0.0, 2 * math.pi, _OF_CIRCLE, endpoint=False)
+    return center_m + radius_m * np.column_stack((np.cos(turn), np.sin(turn)))
+
+
+def within(areas: Sequence[tuple[int, Floats]], place_m: ArrayLike) -> tuple[Floats, ...]:
+    """Return the fence that areas with their groups make (corners (n, 2) of each): what lies inside
+    all areas of one group, whichever. Its outline, and those of its holes; of several parts the
+    one about a place (2,), from which flights begin, or nearest to it. None without areas.
+
+    Raises:
+        ValueError: that is nowhere.
+    """
+    if len(areas) <= 1:
+        return tuple(ring for _, ring in areas)
     import shapely
 
-    area = shapely.polygons(ring_m)
-    return not shapely.is_valid(area) or bool(shapely.area(area) < 1e-9)
+    def parts_of(shape: "shapely.Geometry") -> "list[shapely.Polygon]":
+        return [part for part in shapely.get_parts(shape) if part.area > 0.0]  # lines have none
+
+    groups: dict[int, list[shapely.Polygon]] = {}
+    for group, ring in areas:
+        groups.setdefault(group, []).append(shapely.Polygon(ring))
+    inside = [
+        part for group in groups.values() for part in parts_of(shapely.intersection_all(group))
+    ]
+    parts = parts_of(shapely.set_precision(shapely.union_all(inside), _GRID_M))
+    if not parts:
+        raise ValueError(
+            "the areas of no group have a place in common: flights are inside all areas of one "
+            "group; give areas of which one is enough different groups"
+        )
+    fence = min(parts, key=lambda part: float(part.distance(shapely.Point(place_m))))
+    return tuple(shapely.get_coordinates(ring)[:-1] for ring in (fence.exterior, *fence.interiors))
 
 
 def _oriented(ring_m: Floats, *, clockwise: bool) -> Floats:

@@ -1,20 +1,20 @@
 """The ground of a run: its size and home, areas not to be flown, buildings, the fence."""
 
 import math
-from typing import Annotated, Self
+from typing import Self
 
 import numpy as np
 from pydantic import Field, model_validator
 
 from fl.radio.city import Building
+from flightdyn.outlines import flaw
 from flightdyn.state import GeodeticPoint
 from flightdyn.tables import Table
-from mission.base.airspace import Airspace, apart_within, crossing
+from mission.base.airspace import Airspace, apart_within, within
 from mission.base.area import Area
+from mission.base.arrays import Floats
+from mission.base.fence_area import Coordinate, Corners, FenceArea, Length
 
-Length = Annotated[float, Field(gt=0, le=100_000)]
-Coordinate = Annotated[float, Field(ge=-100_000, le=100_000)]
-Corners = Annotated[tuple[tuple[Coordinate, Coordinate], ...], Field(min_length=3, max_length=500)]
 HEIGHT_MARGIN_M = 5.0  # above and below the altitude, where an area counts
 
 
@@ -34,8 +34,8 @@ class NoFlyConfig(Table):
 
     @model_validator(mode="after")
     def _an_area(self) -> Self:
-        if crossing(np.array(self.polygon_m)):
-            raise ValueError(f"polygon_m of {self.name!r} crosses itself, or has no area")
+        if wrong := flaw(np.array(self.polygon_m)):
+            raise ValueError(f"polygon_m of {self.name!r} {wrong}")
         if self.to_m is not None and self.to_m <= self.from_m:
             raise ValueError(f"to_m = {self.to_m:g} must be above from_m = {self.from_m:g}")
         return self
@@ -55,8 +55,9 @@ class BuildingConfig(Table):
 
     @model_validator(mode="after")
     def _an_area(self) -> Self:
-        if any(crossing(np.array(ring)) for ring in (self.polygon_m, *self.holes_m)):
-            raise ValueError("its outline crosses itself, or has no area")
+        for ring in (self.polygon_m, *self.holes_m):
+            if wrong := flaw(np.array(ring)):
+                raise ValueError(f"its outline {wrong}")
         if self.holes_m and not apart_within(
             np.array(self.polygon_m), list(map(np.array, self.holes_m))
         ):
@@ -96,7 +97,12 @@ class AreaConfig(Table):
     fence_m: Corners | None = Field(
         None, description="corners of the area that flights stay within, in area coordinates"
     )
-    fence_file: str | None = Field(None, description="the same as one GeoJSON polygon")
+    fences: tuple[FenceArea, ...] | None = Field(
+        None, description="more such areas, with groups; fence_m is one of group 0"
+    )
+    fence_file: str | None = Field(
+        None, description="the same as GeoJSON polygons, with property group"
+    )
     margin_m: float = Field(
         15.0,
         ge=5,
@@ -105,18 +111,28 @@ class AreaConfig(Table):
     )
 
     @model_validator(mode="after")
-    def _one_fence(self) -> Self:
-        if self.fence_m is not None and self.fence_file is not None:
-            raise ValueError("fence_m and fence_file: one of them, not both")
-        if self.fence_m is not None and crossing(np.array(self.fence_m)):
-            raise ValueError("fence_m crosses itself, or has no area")
+    def _fenced(self) -> Self:
+        if self.fence_m is not None and (wrong := flaw(np.array(self.fence_m))):
+            raise ValueError(f"fence_m {wrong}")
+        _ = self.fence
         return self
+
+    @property
+    def fence(self) -> tuple[Floats, ...]:
+        """The outline (n, 2) that flights stay within, and its holes; empty if there is none.
+
+        Raises:
+            ValueError: the areas of no group have a place in common.
+        """
+        areas = [] if self.fence_m is None else [(0, np.array(self.fence_m))]
+        areas += [(area.group, area.outline_m) for area in self.fences or ()]
+        return within(areas, self.home_m)
 
     @property
     def zones(self) -> tuple[NoFlyConfig, ...]:
         """What must not be flown: the areas that are said to be so, and the buildings."""
         return *self.no_fly, *(
-            NoFlyConfig(
+            NoFlyConfig.model_construct(  # of a checked one
                 name=f"building {index}", polygon_m=building.polygon_m, to_m=building.height_m
             )
             for index, building in enumerate(self.buildings)
@@ -130,6 +146,6 @@ class AreaConfig(Table):
         if heights_m is None:
             return Area(self.size_m, self.home_m, home, buildings=buildings)
         rings = [np.array(zone.polygon_m) for zone in self.zones if zone.counts_at(*heights_m)]
-        fence = None if self.fence_m is None else np.array(self.fence_m)
-        space = Airspace(tuple(rings), fence, self.margin_m)
+        keep_in, *holes = self.fence or (None,)
+        space = Airspace((*rings, *holes), keep_in, self.margin_m)
         return Area(self.size_m, self.home_m, home, space, buildings)

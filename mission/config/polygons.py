@@ -7,10 +7,11 @@ from typing import TypeVar
 
 import numpy as np
 
-from mission.base.airspace import Airspace, crossing
+from mission.base.airspace import Airspace
 from mission.base.arrays import Floats
 from mission.base.errors import InputError
-from mission.base.explain import Blame, explained, refusal, shown
+from mission.base.explain import Blame, explained, shown
+from mission.base.fence_area import FenceArea
 from mission.base.geo_file import MOST_CORNERS, Pair, Place, Ring, read_buildings, read_rings
 from mission.base.tables import count
 from mission.base.user_files import whole_path
@@ -22,6 +23,7 @@ _LEVEL_M = 3.0  # of a building that tells its levels only
 _HOME = ("area.home_m", "area.home_lat_deg", "area.home_lon_deg")
 
 _Found = TypeVar("_Found")
+_Zone = TypeVar("_Zone", NoFlyConfig, FenceArea)
 
 
 def with_polygons(area: AreaConfig, blame: Blame, heights_m: tuple[float, float]) -> AreaConfig:
@@ -29,7 +31,7 @@ def with_polygons(area: AreaConfig, blame: Blame, heights_m: tuple[float, float]
     known: dict[str, object] = {}
     if area.no_fly_file is not None:
         rings = _rings(area, "no_fly_file", blame)
-        zones = tuple(_zone(area, ring, blame) for ring in rings)
+        zones = tuple(_zone(area, ring, blame, NoFlyConfig) for ring in rings)
         known |= {"no_fly": (*area.no_fly, *zones), "no_fly_file": None}
     if area.buildings_file is not None:
         key = "area.buildings_file"
@@ -43,17 +45,16 @@ def with_polygons(area: AreaConfig, blame: Blame, heights_m: tuple[float, float]
         known |= {"buildings": (*area.buildings, *buildings), "buildings_file": None}
     if area.fence_file is not None:
         rings = _rings(area, "fence_file", blame)
-        if len(rings) > 1:
-            reason = f"holds {len(rings)} polygons; a fence is one"
-            raise InputError(refusal("area.fence_file", area.fence_file, reason, blame))
-        corners = _corners(area, rings[0], blame)
-        if crossing(np.array(corners)):
-            raise InputError(f"{blame.source}: {rings[0].where}: crosses itself, or has no area")
-        known |= {"fence_m": corners, "fence_file": None}
+        fences = tuple(_zone(area, ring, blame, FenceArea) for ring in rings)
+        known |= {"fences": (*(area.fences or ()), *fences), "fence_file": None}
     whole = area.model_copy(update=known) if known else area
     _check_beside(area, whole.buildings, blame)
+    try:
+        fence = whole.fence
+    except ValueError as error:
+        raise InputError(f"{blame.on('area.fence_file')}: area.fence_file: {error}") from None
     tall = [zone for zone in whole.zones[len(whole.no_fly) :] if zone.counts_at(*heights_m)]
-    outlines = [*(zone.polygon_m for zone in (*whole.no_fly, *tall)), whole.fence_m or ()]
+    outlines = [*(zone.polygon_m for zone in (*whole.no_fly, *tall)), *fence]
     corners_in_all = sum(map(len, outlines))
     if corners_in_all > MOST_CORNERS:
         raise InputError(
@@ -96,7 +97,7 @@ def check_start(config: RunConfig) -> None:
     if not space.free(home)[0]:
         where = "lies outside" if not space.allows(home)[0] else _nearer(area)
         raise config.contradiction(
-            (*_HOME, "area.fence_m", "area.fence_file", "area.margin_m"),
+            (*_HOME, "area.fence_m", "area.fences", "area.fence_file", "area.margin_m"),
             f"{start} {where} the fence (area.fence_m); {way_out}",
         )
 
@@ -118,12 +119,12 @@ def read_of(read: Callable[[Path], _Found], key: str, name: str, blame: Blame) -
         raise InputError(f"{blame.on(key)}: {key}: {error}") from None
 
 
-def _zone(area: AreaConfig, ring: Ring, blame: Blame) -> NoFlyConfig:
-    known = {k: ring.properties[k] for k in ("name", "from_m", "to_m") if k in ring.properties}
-    values = {key: value for key, value in known.items() if value is not None}
+def _zone(area: AreaConfig, ring: Ring, blame: Blame, model: type[_Zone]) -> _Zone:
+    keys = [key for key in ("name", "from_m", "to_m", "group") if key in model.model_fields]
+    values = {key: ring.properties[key] for key in keys if ring.properties.get(key) is not None}
     values |= {"polygon_m": _corners(area, ring, blame)}
-    with explained(NoFlyConfig, values, Blame(f"{blame.source}: {ring.where}")):
-        return NoFlyConfig.model_validate(values, strict=True)
+    with explained(model, values, Blame(f"{blame.source}: {ring.where}")):
+        return model.model_validate(values, strict=True)
 
 
 def _check_beside(area: AreaConfig, buildings: Sequence[BuildingConfig], blame: Blame) -> None:

@@ -1,16 +1,16 @@
 """Geofences: from the airspace to MAVLink fence items, and from those to zones for log and maps."""
 
-import math
 from collections.abc import Iterable, Sequence
 
 import numpy as np
 from pymavlink.dialects.v20 import common as mav
 
+from mission.base.airspace import circle
 from mission.base.area import Area, on_globe
 from mission.base.arrays import Floats
 from mission.log.values import Zone
 from sitl.autopilot.codec.orders import MissionItem
-from sitl.autopilot.fence import Circle, Shape, compile_fence
+from sitl.autopilot.fence import INCLUSIONS, Circle, Shape, fence_areas
 from sitl.autopilot.parameters import Parameters
 
 _RINGS = (
@@ -53,9 +53,6 @@ def airspace_zones(area: Area) -> tuple[Zone, ...]:
     return (*zones, *(() if space.keep_in is None else (Zone(space.keep_in, keep_in=True),)))
 
 
-_CORNERS = 72  # of a circle: its outline lies within a thousandth of the radius
-
-
 def fence_of(items: Sequence[MissionItem], parameters: Parameters, area: Area) -> tuple[Zone, ...]:
     """What the vehicle keeps to: the fence drawn by `items`, and the circle about home that
     `GF_MAX_HOR_DIST` makes; nothing where `GF_ACTION` switches the fence off.
@@ -79,18 +76,14 @@ def item_zones(items: Sequence[MissionItem], area: Area) -> tuple[Zone, ...]:
         SitlInputError: the items make no fence.
     """
     corners = [i for i in items if i.command in _CIRCLES or (i.command in _RINGS and i.params[0])]
-    fence = compile_fence(corners, area.frame)
-    return (
-        *(Zone(_outline(shape, area), keep_in=True) for shape in fence.inclusions),
-        *(Zone(_outline(shape, area), keep_in=False) for shape in fence.exclusions),
+    zones = (
+        Zone(_outline(shape, area), keep_in=drawn[0].command in INCLUSIONS)
+        for drawn, shape in fence_areas(corners, area.frame)
     )
+    return tuple(sorted(zones, key=lambda zone: not zone.keep_in))
 
 
 def _outline(shape: Shape, area: Area) -> Floats:
     if isinstance(shape, Circle):
-        turn = np.linspace(0.0, 2 * math.pi, _CORNERS, endpoint=False)
-        north = shape.north_m + shape.radius_m * np.cos(turn)
-        east = shape.east_m + shape.radius_m * np.sin(turn)
-    else:
-        north, east = shape.T
-    return area.from_ned(np.column_stack((north, east, np.zeros(len(north)))))
+        shape = circle(np.array([shape.north_m, shape.east_m]), shape.radius_m)
+    return area.from_ned(np.column_stack((shape, np.zeros(len(shape)))))

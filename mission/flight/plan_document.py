@@ -141,7 +141,7 @@ class _Mission(_Part):
 
 class _Polygon(_Part):
     inclusion: bool
-    polygon: list[_Place]
+    polygon: Annotated[list[_Place], Field(min_length=3)]
 
 
 class _Disc(_Part):

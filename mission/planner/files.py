@@ -9,18 +9,28 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, ValidationInfo, field_validator
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Field,
+    ValidationError,
+    ValidationInfo,
+    field_validator,
+    model_validator,
+)
 
 from fl.radio.channel import Channel, constants_model
 from flightdyn.config import LimitsConfig
+from flightdyn.outlines import flaw
 from flightdyn.tables import Table
-from mission.base.airspace import Airspace, crossing
+from mission.base.airspace import Airspace, within
 from mission.base.arrays import Floats
 from mission.base.explain import Blame, explain, shown
+from mission.base.fence_area import FenceArea
 from mission.base.run_folder import write_atomically
 from mission.base.user_files import read_json
 from mission.planner.errors import PlanInputError
@@ -76,6 +86,7 @@ class ProblemEntry(Table):
     altitudes_m: tuple[Height, Height] | None = None
     areas: tuple[Ring, ...] = ()  # corners of what must not be flown
     fence: Ring | None = None  # of what flights stay within
+    fences: tuple[FenceArea, ...] = ()  # more such areas, with groups
     margin_m: float = Field(15.0, strict=True, ge=0.1, le=500)
     deadline_s: Positive | None = None
     energy_j: Positive | None = None
@@ -88,9 +99,20 @@ class ProblemEntry(Table):
     def _outlines(cls, given: "tuple[Ring, ...] | Ring | None", info: ValidationInfo) -> object:
         rings = given if info.field_name == "areas" else (given,) if given else ()
         for number, ring in enumerate(rings or ()):
-            if crossing(np.array(ring)):
-                raise ValueError(f"outline {number} crosses itself, or has no area")
+            if wrong := flaw(np.array(ring)):
+                raise ValueError(f"outline {number} {wrong}")
         return given
+
+    @model_validator(mode="after")
+    def _fenced(self) -> Self:
+        _ = self.fence_m
+        return self
+
+    @property
+    def fence_m(self) -> tuple[Floats, ...]:
+        """The outline (n, 2) that flights stay within, and its holes; empty if there is none."""
+        areas = [] if self.fence is None else [(0, np.array(self.fence))]
+        return within([*areas, *((f.group, f.outline_m) for f in self.fences)], self.start)
 
     @field_validator("altitudes_m")
     @classmethod
@@ -205,7 +227,8 @@ def _problem(entry: ProblemEntry) -> RoundProblem:
         flight.wind_mps,
     )  # fmt: skip
     limited = [entry.deadline_s, entry.energy_j, entry.ready_in_s] != [None, None, None]
-    fence = None if entry.fence is None else _frozen(entry.fence, (-1, 2))
+    fence = [_frozen(ring, (-1, 2)) for ring in entry.fence_m]
+    areas = [_frozen(ring, (-1, 2)) for ring in entry.areas]
     return RoundProblem(
         devices_m=_frozen(entry.devices, (len(entry.devices), 2)),
         importance=_frozen(entry.importance, several),
@@ -215,9 +238,7 @@ def _problem(entry: ProblemEntry) -> RoundProblem:
         path_budget_m=entry.path_budget_m,
         channel=Channel(**entry.channel.model_dump()),
         altitudes_m=entry.altitudes_m,
-        airspace=Airspace(
-            tuple(_frozen(ring, (-1, 2)) for ring in entry.areas), fence, entry.margin_m
-        ),
+        airspace=Airspace((*areas, *fence[1:]), fence[0] if fence else None, entry.margin_m),
         limits=RoundLimits(performance, entry.deadline_s or math.inf, entry.energy_j or math.inf)
         if limited
         else None,

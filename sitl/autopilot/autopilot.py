@@ -18,6 +18,7 @@ from sitl.autopilot.codec.orders import (
 from sitl.autopilot.codec.telemetry import TELEMETRY
 from sitl.autopilot.codec.wire import Wire
 from sitl.autopilot.failsafe import Failsafes
+from sitl.autopilot.fence import FenceError
 from sitl.autopilot.flying.flight import Flight
 from sitl.autopilot.flying.flight_commands import FlightCommands
 from sitl.autopilot.flying.orbit import Orbits
@@ -43,7 +44,6 @@ from sitl.autopilot.protocol.payload import NoPayload
 from sitl.autopilot.protocol.streams import DEFAULT_RATES_HZ, SERVED_RATES_HZ, Streams
 from sitl.autopilot.protocol.transfer import MissionTransfer
 from sitl.autopilot.reporter import EventSink, Reporter
-from sitl.errors import SitlInputError
 from sitl.logfolder import LogFolder
 
 COMPONENT = mav.MAV_COMP_ID_AUTOPILOT1
@@ -293,9 +293,9 @@ class Autopilot:
         if kind == mav.MAV_MISSION_TYPE_FENCE:
             try:
                 self._guard.draw_fence(items)
-            except SitlInputError as error:
+            except FenceError as error:
                 self._report.say(str(error))
-                return mav.MAV_MISSION_INVALID_PARAM1
+                return error.result
             return mav.MAV_MISSION_ACCEPTED
         if trouble := self.flight.navigator.trouble(items):
             self._report.say(f"{_LISTS[kind]} refused: {trouble}")

@@ -73,7 +73,7 @@ class Guard:
         """Replace the fence by the one that these items describe; no items remove it.
 
         Raises:
-            SitlInputError: the items do not make a fence.
+            FenceError: the items do not make a fence.
         """
         self._fence = compile_fence(items, self._aircraft.frame)
 

@@ -1,15 +1,20 @@
 """Ways around areas: shortest, at the margin, within the fence."""
 
 import math
+from collections import Counter
+from contextlib import suppress
 from itertools import pairwise
 
 import numpy as np
 import pytest
+import shapely
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
+from flightdyn.outlines import flaw
 from mission.base import polyline
-from mission.base.airspace import OPEN, Airspace, crossing
+from mission.base.airspace import OPEN, Airspace, circle, within
+from mission.base.errors import InputError
 
 SQUARE = np.array([[100.0, 100], [200, 100], [200, 200], [100, 200]])
 ELL = np.array([[300.0, 300], [500, 300], [500, 380], [380, 380], [380, 500], [300, 500]])
@@ -203,18 +208,103 @@ def test_how_far_away_anybody_must_stay() -> None:
 
 
 @pytest.mark.parametrize(
-    ("ring", "crosses"),
+    ("keep_out", "keep_in", "words"),
     [
-        (SQUARE, False),
-        (ELL, False),
-        (SQUARE[[0, 2, 1, 3]], True),
-        (np.array([[0.0, 0], [1, 1], [2, 2]]), True),
-        # Through the corner at (2, 2) twice, and to its other side.
-        (np.array([[0.0, 0], [2, 2], [4, 0], [4, 4], [2, 2], [0, 4]]), True),
+        ((SQUARE, SQUARE[[0, 2, 1, 3]]), None, "keep_out.1. crosses itself: its edges 0-1 and 2-3"),
+        ((), SQUARE[:2], "keep_in has no area: its corners lie on one line"),
+        ((), SQUARE * [1.0, math.nan], "keep_in has a corner that is no place"),
     ],
 )
-def test_outlines_that_cross_themselves_are_found(ring: np.ndarray, crosses: bool) -> None:
-    assert crossing(ring) is crosses
+def test_outlines_that_enclose_nothing_are_refused(
+    keep_out: tuple[np.ndarray, ...], keep_in: np.ndarray | None, words: str
+) -> None:
+    with pytest.raises(InputError, match=f"^airspace: {words}"):
+        Airspace(keep_out, keep_in)
+
+
+def test_joined_areas_enclose_something_however_they_touch() -> None:
+    """Of corners on coarse grids, where edges lie on each other and meet in corners."""
+    rng, joined = np.random.default_rng(6), 0
+    for _ in range(600):
+        drawn = [10.1 * rng.integers(0, 8, (4, 2)).astype(np.float64) for _ in range(4)]
+        areas = [(int(rng.integers(3)), ring) for ring in drawn if not flaw(ring)]
+        with suppress(ValueError):
+            for ring in within(areas, (40.0, 40.0)):
+                assert flaw(ring) == ""
+                joined += 1
+    assert joined > 400
+
+
+Shape = np.ndarray | tuple[float, float, float]  # corners, or a circle: x, y, radius
+
+
+def fence_shapes(rng: np.random.Generator) -> list[tuple[int, Shape]]:
+    """One to five areas in up to three groups."""
+    shapes: list[tuple[int, Shape]] = []
+    while len(shapes) < rng.integers(1, 6):
+        (x, y), group = rng.uniform(20, 80, 2), int(rng.integers(0, 3))
+        turn = np.sort(rng.uniform(0, 2 * math.pi, 7))
+        rays = rng.uniform(5, 60, 7)[:, None] * np.column_stack((np.cos(turn), np.sin(turn)))
+        if rng.random() < 0.3:
+            shapes.append((group, (x, y, rng.uniform(10, 50))))
+        elif shapely.Polygon(rays).is_valid:
+            shapes.append((group, np.array([x, y]) + rays))
+    return shapes
+
+
+def is_inside(shape: Shape, points: np.ndarray) -> np.ndarray:
+    """(P,) whether points lie in one area."""
+    if isinstance(shape, tuple):
+        return np.hypot(*(points - shape[:2]).T) <= shape[2]
+    return shapely.contains_xy(shapely.Polygon(shape), points)
+
+
+def is_edge(shape: Shape, points: np.ndarray) -> np.ndarray:
+    """(P,) whether points lie on an outline, or between a circle's and its corners'."""
+    if isinstance(shape, tuple):
+        return np.abs(np.hypot(*(points - shape[:2]).T) - shape[2]) < 0.002 * shape[2]
+    return shapely.distance(shapely.points(points), shapely.LinearRing(shape)) < 2e-3
+
+
+@pytest.mark.slow
+def test_a_fence_is_all_areas_of_a_group_whichever() -> None:
+    """Against each area alone, on a grid of metres; parts apart from the start's are none of it."""
+    cells = np.stack(np.meshgrid(*[np.arange(-40.5, 141, 3)] * 2), axis=-1)
+    start, seen = np.array([50.0, 50.0]), Counter[str]()
+    points = np.vstack((start, cells.reshape(-1, 2)))
+    for seed in range(300):
+        shapes = fence_shapes(np.random.default_rng(seed))
+        groups = {group for group, _ in shapes}
+        expected = np.any(
+            [
+                np.all([is_inside(shape, points) for g, shape in shapes if g == group], axis=0)
+                for group in groups
+            ],
+            axis=0,
+        )
+        sure = ~np.any([is_edge(shape, points) for _, shape in shapes], axis=0)
+        drawn = [
+            (group, circle(np.array(shape[:2]), shape[2]) if isinstance(shape, tuple) else shape)
+            for group, shape in shapes
+        ]
+        try:
+            outline, *holes = within(drawn, start)
+        except ValueError:
+            assert not (expected & sure).any(), seed
+            seen["nowhere"] += 1
+            continue
+        allowed = Airspace(tuple(holes), outline).allows(points)
+        assert not (allowed & ~expected & sure).any(), seed
+        assert allowed[0] == expected[0] or not sure[0], seed
+        left = (expected & ~allowed & sure)[1:].reshape(cells.shape[:2])
+        whole = (allowed & sure)[1:].reshape(cells.shape[:2])
+        for axis in (0, 1):  # nothing of what is left out is beside what is not
+            for step in (-1, 1):
+                assert not (np.roll(left, step, axis=axis) & whole).any(), seed
+        seen["several groups"] += len(groups) > 1
+        seen["holes"] += bool(holes)
+        seen["parts"] += bool(left.any())
+    assert min(seen[kind] for kind in ("nowhere", "several groups", "holes", "parts")) > 3, seen
 
 
 @pytest.mark.filterwarnings("error")

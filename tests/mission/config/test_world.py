@@ -8,11 +8,14 @@ from typing import Any
 import numpy as np
 import pymap3d
 import pytest
+from pymavlink.dialects.v20 import common as mav
 
 from mission.base.errors import InputError
 from mission.config.loading import load_config
 from mission.config.models import RunConfig
+from mission.flight.fence_zones import airspace_rings, fence_items
 from mission.scenario.scenario import build_scenario
+from sitl.autopilot.fence import fence_areas
 
 BASE = """
 [[communities]]
@@ -314,7 +317,8 @@ def test_areas_out_of_a_file_lie_where_they_are_on_the_globe(load, tmp_path: Pat
         east, north, _ = pymap3d.geodetic2enu(lat, lon, 130.0, 43.580, 7.127, 130.0)
         home = config.area.home_m
         assert (x, y) == pytest.approx((home[0] + east, home[1] + north), abs=1e-3)
-    assert config.area.fence_m == zone.polygon_m
+    assert config.area.fences is not None
+    assert [(one.polygon_m, one.group) for one in config.area.fences] == [(zone.polygon_m, 0)]
     assert load(config.to_toml()) == config
 
 
@@ -402,10 +406,23 @@ def test_a_start_below_an_area_overhead_is_fine(load) -> None:
 
 BAD_AREAS = {
     "no_fly = [{polygon_m = [[0,0],[1,1]]}]": "area.no_fly.0.polygon_m",
-    "no_fly = [{polygon_m = [[0,0],[9,9],[9,0],[0,9]]}]": "crosses itself, or has no area",
+    "no_fly = [{polygon_m = [[0,0],[9,9],[9,0],[0,9]]}]": (
+        "polygon_m of 'no-fly area' crosses itself: its edges 0-1 and 2-3 meet"
+    ),
+    "buildings = [{height_m = 9, polygon_m = [[0,0],[9,9],[9,9]]}]": (
+        "area.buildings.0: its outline has no area: its corners lie on one line"
+    ),
     "no_fly = [{polygon_m = [[0,0],[9,9],[9,0]], to_m = 0}]": "to_m = 0 must be above from_m = 0",
-    "fence_m = [[0,0],[9,9],[9,0],[0,9]]": "fence_m crosses itself",
-    "fence_m = [[0,0],[9,9],[9,0]]\nfence_file = 'x'": "fence_m and fence_file: one of them",
+    "fence_m = [[0,0],[9,9],[9,0],[0,9]]": "fence_m crosses itself: its edges 0-1 and 2-3 meet",
+    "fences = [{polygon_m = [[0,0],[9,9],[9,0],[0,9]]}]": "fences.0: its outline crosses itself",
+    "fences = [{radius_m = 9}]": "fences.0: must have polygon_m, or center_m and radius_m",
+    "fences = [{center_m = [0, 0], radius_m = 0}]": "radius_m = 0: must be greater than 0",
+    "fences = [{center_m = [0, 0], radius_m = nan}]": "radius_m = nan: must be",
+    "fences = [{center_m = [0, 0], radius_m = 9, group = -1}]": "group = -1: must be greater than",
+    "fences = [{center_m = [0, 0], radius_m = 9, group = 0.5}]": "group = 0.5: must be a whole",
+    "fence_m = [[0,0],[9,9],[9,0]]\nfences = [{center_m = [50, 0], radius_m = 9}]": (
+        "the areas of no group have a place in common"
+    ),
     "margin_m = 1": "margin_m = 1: must be greater than or equal to 5",
     "no_fly_file = 'none.geojson'": "none.geojson: cannot be read",
 }
@@ -441,10 +458,81 @@ def test_wrong_areas_in_a_file_are_one_line(load, tmp_path: Path, text: str) -> 
     assert "z.geojson" in str(error.value)
 
 
-def test_a_fence_is_one_polygon(load, tmp_path: Path) -> None:
-    (tmp_path / "z.geojson").write_text(zones(({}, SCHOOL), ({}, SCHOOL)))
-    with pytest.raises(InputError, match="holds 2 polygons; a fence is one"):
-        load(BASE + AREA + 'fence_file = "z.geojson"\n')
+def fenced_ground(load, text: str, *places: tuple[float, float]) -> list[bool]:
+    config = load(BASE + text)
+    space = config.area.build(config.mission.heights_m).airspace
+    assert load(config.to_toml()) == config
+    return space.allows(np.array(places, dtype=float)).tolist()
+
+
+# About home at (400, 400): in both, in the circle, in the square, in neither.
+TWO = """[area]
+fence_m = [[300, 300], [500, 300], [500, 500], [300, 500]]
+[[area.fences]]
+center_m = [400, 350]
+radius_m = 120
+group = %d
+"""
+PLACES = ((400.0, 400.0), (400.0, 240.0), (310.0, 490.0), (600.0, 600.0))
+
+
+@pytest.mark.parametrize(
+    ("group", "allowed"),
+    [(0, [True, False, False, False]), (1, [True, True, True, False])],
+)
+def test_flights_are_within_all_areas_of_a_group(load, group: int, allowed: list[bool]) -> None:
+    assert fenced_ground(load, TWO % group, *PLACES) == allowed
+
+
+def test_what_two_groups_enclose_is_a_hole_and_what_is_apart_is_out_of_reach(load) -> None:
+    """Four bars about home, and an island: the vehicle gets one outline and one hole."""
+    bars = [(300, 300, 500, 350), (300, 450, 500, 500), (300, 300, 350, 500), (450, 300, 500, 500)]
+    bars.append((700, 700, 780, 780))
+    text = "".join(
+        f"[[area.fences]]\ngroup = {n}\npolygon_m = [[{a},{b}],[{c},{b}],[{c},{d}],[{a},{d}]]\n"
+        for n, (a, b, c, d) in enumerate(bars)
+    )
+    text = "[area]\nhome_m = [325, 400]\n" + text
+    places = (325.0, 400.0), (400.0, 400.0), (475.0, 400.0), (740.0, 740.0)
+    assert fenced_ground(load, text, *places) == [True, False, True, False]
+    items = fence_items(airspace_rings(load(BASE + text).area.build((60.0, 60.0))))
+    frame = load(BASE + text).area.build().frame
+    shapes = {drawn[0].command: shape for drawn, shape in fence_areas(items, frame)}
+    for command, half_m in (
+        (mav.MAV_CMD_NAV_FENCE_POLYGON_VERTEX_INCLUSION, 100.0),
+        (mav.MAV_CMD_NAV_FENCE_POLYGON_VERTEX_EXCLUSION, 50.0),
+    ):
+        corners = np.array(shapes.pop(command)) - [0.0, 75.0]  # north and east of home
+        np.testing.assert_allclose(corners.min(axis=0), -half_m, atol=0.02)
+        np.testing.assert_allclose(corners.max(axis=0), half_m, atol=0.02)
+    assert not shapes
+
+
+def test_polygons_of_a_fence_file_have_groups(load, tmp_path: Path) -> None:
+    def moved(east_deg: float) -> tuple[tuple[float, float], ...]:
+        return tuple((lat, lon + east_deg) for lat, lon in SCHOOL)
+
+    home = "[area]\nhome_lat_deg = 43.582\nhome_lon_deg = 7.122\n"
+    text = from_file(tmp_path, "d.geojson", points(*TOWN)) + home + 'fence_file = "z.geojson"\n'
+    east_m = 80.0  # about 0.001 deg
+    for told, allowed in (({}, [True, False, False]), ({"group": 4}, [True, True, True])):
+        (tmp_path / "z.geojson").write_text(zones((told, moved(0.0)), ({}, moved(-0.0007))))
+        area = load(text).area
+        at = np.add(area.home_m, [[-40.0, 0.0], [0.75 * east_m, 0.0], [-1.25 * east_m, 0.0]])
+        assert area.build((60.0, 60.0)).airspace.allows(at).tolist() == allowed
+    wrong = {
+        zones(({}, SCHOOL), ({}, moved(0.01))): "area.fence_file: the areas of no group have a",
+        zones(({"group": 1.5}, SCHOOL)): "features[0]: group = 1.5: must be a whole number",
+        zones(({}, SCHOOL), ({}, (SCHOOL[0], SCHOOL[2], SCHOOL[1], SCHOOL[3]))): (
+            "features[1]: its outline crosses itself: its edges 0-1 and 2-3 meet"
+        ),
+    }
+    for content, words in wrong.items():
+        (tmp_path / "z.geojson").write_text(content)
+        with pytest.raises(InputError) as error:
+            load(text)
+        assert words in str(error.value)
+        assert "\n" not in str(error.value)
 
 
 def test_home_given_as_a_place_in_the_area_of_devices_in_degrees(load, tmp_path: Path) -> None:

@@ -41,6 +41,7 @@ LIMITED: dict[str, Any] = {
     "altitudes_m": [40, 120],
     "areas": [[[150, 50], [200, 50], [200, 300], [150, 300]]],
     "fence": [[-200, -200], [900, -200], [900, 900], [-200, 900]],
+    "fences": [{"center_m": [350, 350], "radius_m": 770, "group": 0}],
     "margin_m": 10,
     "deadline_s": 60,
     "energy_j": 15000,
@@ -81,8 +82,12 @@ def test_all_that_a_round_may_have_is_read_and_kept_to(tmp_path):
     np.testing.assert_array_equal(given.ready_in_s, [0.0, 5.0, 25.0])
     assert given.altitudes_m == (40.0, 120.0)
     assert given.airspace.margin_m == 10.0
-    inside = np.array([[175.0, 100], [160, 310], [-250, 0], [500, 500]])
-    assert given.airspace.allows(inside).tolist() == [False, True, False, True]
+    inside = np.array([[175.0, 100], [160, 310], [-250, 0], [500, 500], [-195, -195]])
+    assert given.airspace.allows(inside).tolist() == [False, True, False, True, False]
+    other = {**LIMITED, "fences": [{**LIMITED["fences"][0], "group": 1}]}
+    (either,) = read_problems(write(tmp_path, [other]))
+    inside = np.array([[-195.0, -195], [-250, 350], [-410, 350], [-500, 350]])
+    assert either.problem.airspace.allows(inside).tolist() == [True, True, True, False]
     _, failure = plan_problems([entry], method=method("certified"), out=tmp_path / "plans.json")
     (made,) = json.loads((tmp_path / "plans.json").read_text()).values()
     assert made["value"] > 0.0
@@ -167,11 +172,15 @@ def test_no_devices_and_no_problems_are_fine(tmp_path):
         ([{**GOOD, "deadline_s": 0}], "deadline_s = 0: must be greater than 0"),
         (
             [{**GOOD, "areas": [[[0, 0], [9, 9], [9, 0], [0, 9]]]}],
-            "areas = [[[0, 0], [9, 9], [9, 0], [0, 9]]]: outline 0 crosses itself, or has no area",
+            "[9, 0], [0, 9]]]: outline 0 crosses itself: its edges 0-1 and 2-3 meet",
         ),
         (
             [{**GOOD, "fence": [[0, 0], [9, 9], [9, 9]]}],
-            "fence = [[0, 0], [9, 9], [9, 9]]: outline 0 crosses itself, or has no area",
+            "fence = [[0, 0], [9, 9], [9, 9]]: outline 0 has no area: its corners lie on one line",
+        ),
+        (
+            [{**LIMITED, "fences": [{"center_m": [5000, 0], "radius_m": 9}]}],
+            "the areas of no group have a place in common",
         ),
         ([{**GOOD, "flight": {"guidance": {"tilt": 3}}}], "flight.guidance.tilt: unknown key"),
         ([GOOD, GOOD], "[1].id = 'a': already used by [0]"),

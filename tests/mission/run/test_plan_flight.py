@@ -329,17 +329,51 @@ def test_a_way_against_the_plans_own_fence_is_refused_before_anything_is_written
     assert not out.exists()
 
 
-def test_a_fence_that_is_none_is_refused_before_anything_is_written(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    document = plan_document(TAKE_OFF, place(NORTH, 8.5), RETURN)
-    corners = [[47.39, 8.49], [47.41, 8.49]]
-    document["geoFence"]["polygons"] = [{"inclusion": True, "version": 1, "polygon": corners}]
-    plan = tmp_path / "flat.plan"
+WEST = [[47.398, 8.498], [47.403, 8.498], [47.403, 8.501], [47.398, 8.501]]  # of the second place
+AROUND = [[47.398, 8.498], [47.403, 8.498], [47.403, 8.504], [47.398, 8.504]]
+BOW = [AROUND[0], AROUND[2], AROUND[1], AROUND[3]]
+BAD_FENCES: dict[str, tuple[list[list[list[float]]], str]] = {
+    # A .plan has no groups: all are of one, whose areas all count.
+    "inside one of two": (
+        [AROUND, WEST], "item 2, NAV_WAYPOINT (16): the way there is partly outside the fence"
+    ),
+    "bow-tie": (
+        [AROUND, BOW],
+        ": fence area 1 (points 4 to 7) crosses itself: its edges 4-5 and 6-7 meet",
+    ),
+    "on one parallel": (
+        [[[47.4, 8.4], [47.4, 8.5], [47.4, 8.6]]], "(points 0 to 2) has no area: its corners lie on"
+    ),
+    "two corners": ([AROUND[:2]], "geoFence.polygons[0].polygon"),
+    "no corners": ([AROUND, []], "geoFence.polygons[1].polygon"),
+}  # fmt: skip
+
+
+def within(tmp_path: Path, *polygons: list[list[float]]) -> Path:
+    """To the north and on to the east, and areas to stay in."""
+    document = plan_document(TAKE_OFF, place(NORTH, 8.5), place(NORTH, EAST), RETURN)
+    document["geoFence"]["polygons"] = [
+        {"inclusion": True, "version": 1, "polygon": polygon} for polygon in polygons
+    ]
+    plan = tmp_path / "within.plan"
     plan.write_text(json.dumps(document))
-    assert call(["fly", str(plan), "--out", str(tmp_path / "out")]) == 2
-    assert "fence" in capsys.readouterr().err
-    assert not (tmp_path / "out").exists()
+    return plan
+
+
+@pytest.mark.parametrize("case", BAD_FENCES)
+def test_areas_to_stay_in_that_are_none_or_left_are_refused_before_anything_is_written(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], case: str
+) -> None:
+    polygons, words = BAD_FENCES[case]
+    plan, out = within(tmp_path, *polygons), tmp_path / "out"
+    assert call(["fly", str(plan), "--out", str(out), *QUIET]) == 2
+    refused(capsys, str(plan), words)
+    assert not out.exists()
+
+
+def test_a_plan_within_all_of_its_areas_is_taken(tmp_path: Path) -> None:
+    order = plan_flight._order(load(None, ()), read_plan_file(within(tmp_path, AROUND, AROUND)))
+    assert [seq for seq, _ in order.path.places] == [0, 1, 2]
 
 
 def with_rally(folder: Path, *points: list[float], circle_m: float = 0.0) -> Path:
