@@ -67,8 +67,8 @@ async def heard(pilot: Pilot, text: str) -> None:
 @pytest.mark.parametrize(
     ("delay_s", "words"),
     [
-        (0.0, " (it said: DO_SET_MODE refused: not armed)"),
-        (0.3, " (it said: DO_SET_MODE refused: not armed)"),
+        (0.0, " (it said: DO_SET_MODE refused: on the ground)"),
+        (0.3, " (it said: DO_SET_MODE refused: on the ground)"),
         (None, ""),
     ],
 )
@@ -81,6 +81,7 @@ def test_a_refusal_is_not_blamed_on_an_older_warning(delay_s: float | None, word
             station = mav.MAVLink(None, srcSystem=250, srcComponent=190)
             link.feed(bytes(mav.MAVLink_mission_set_current_message(1, 1, 99).pack(station)))
             await heard(pilot, OLDER)
+            await pilot.arm()
             link.delay_s = delay_s
             with pytest.raises(FlightError) as refusal:
                 await pilot.land()
