@@ -47,11 +47,9 @@ class Airspace:
     __getstate__ = given_alone
 
     def __post_init__(self) -> None:
-        fence = [] if self.keep_in is None else [("keep_in", self.keep_in)]
-        named = [*((f"keep_out[{n}]", ring) for n, ring in enumerate(self.keep_out)), *fence]
-        for name, ring in named:
-            if wrong := flaw(ring):
-                raise InputError(f"airspace: {name} {wrong}")
+        for number, ring in enumerate((*self.keep_out, self.keep_in)):
+            if ring is not None and (wrong := flaw(ring)):
+                raise InputError(f"airspace: outline {number} {wrong}")
 
     @property
     def is_open(self) -> bool:
@@ -178,9 +176,8 @@ def circle(center_m: Floats, radius_m: float) -> Floats:
 
 
 def within(areas: Sequence[tuple[int, Floats]], place_m: ArrayLike) -> tuple[Floats, ...]:
-    """Return the fence that areas with their groups make (corners (n, 2) of each): what lies inside
-    all areas of one group, whichever. Its outline, and those of its holes; of several parts the
-    one about a place (2,), from which flights begin, or nearest to it. None without areas.
+    """Return the outline (n, 2), and its holes', of what lies inside all areas of one group,
+    whichever (areas: group, corners); of several parts the nearest to a place (2,) or about it.
 
     Raises:
         ValueError: that is nowhere.
@@ -189,23 +186,21 @@ def within(areas: Sequence[tuple[int, Floats]], place_m: ArrayLike) -> tuple[Flo
         return tuple(ring for _, ring in areas)
     import shapely
 
-    def parts_of(shape: "shapely.Geometry") -> "list[shapely.Polygon]":
-        return [part for part in shapely.get_parts(shape) if part.area > 0.0]  # lines have none
-
     groups: dict[int, list[shapely.Polygon]] = {}
     for group, ring in areas:
         groups.setdefault(group, []).append(shapely.Polygon(ring))
-    inside = [
-        part for group in groups.values() for part in parts_of(shapely.intersection_all(group))
-    ]
-    parts = parts_of(shapely.set_precision(shapely.union_all(inside), _GRID_M))
-    if not parts:
+    shared = shapely.get_parts([shapely.intersection_all(group) for group in groups.values()])
+    whole = shapely.union_all(shared[shapely.area(shared) > 0.0])  # without lines and points
+    parts = shapely.get_parts(shapely.set_precision(whole, _GRID_M))
+    parts = parts[shapely.area(parts) > 0.0]
+    if not len(parts):
         raise ValueError(
-            "the areas of no group have a place in common: flights are inside all areas of one "
-            "group; give areas of which one is enough different groups"
+            "the areas of no group have a place in common; areas of which one is enough need "
+            "different groups"
         )
-    fence = min(parts, key=lambda part: float(part.distance(shapely.Point(place_m))))
-    return tuple(shapely.get_coordinates(ring)[:-1] for ring in (fence.exterior, *fence.interiors))
+    nearest = parts[shapely.distance(parts, shapely.Point(place_m)).argmin()]
+    rings = nearest.exterior, *nearest.interiors
+    return tuple(shapely.get_coordinates(ring)[:-1] for ring in rings)
 
 
 def _oriented(ring_m: Floats, *, clockwise: bool) -> Floats:

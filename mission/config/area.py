@@ -10,10 +10,10 @@ from fl.radio.city import Building
 from flightdyn.outlines import flaw
 from flightdyn.state import GeodeticPoint
 from flightdyn.tables import Table
-from mission.base.airspace import Airspace, apart_within, within
+from mission.base.airspace import Airspace, apart_within
 from mission.base.area import Area
 from mission.base.arrays import Floats
-from mission.base.fence_area import Coordinate, Corners, FenceArea, Length
+from mission.base.fence_area import Coordinate, Corners, FenceArea, Length, joined
 
 HEIGHT_MARGIN_M = 5.0  # above and below the altitude, where an area counts
 
@@ -114,7 +114,6 @@ class AreaConfig(Table):
     def _fenced(self) -> Self:
         if self.fence_m is not None and (wrong := flaw(np.array(self.fence_m))):
             raise ValueError(f"fence_m {wrong}")
-        _ = self.fence
         return self
 
     @property
@@ -124,9 +123,7 @@ class AreaConfig(Table):
         Raises:
             ValueError: the areas of no group have a place in common.
         """
-        areas = [] if self.fence_m is None else [(0, np.array(self.fence_m))]
-        areas += [(area.group, area.outline_m) for area in self.fences or ()]
-        return within(areas, self.home_m)
+        return joined(self.fence_m, self.fences or (), self.home_m)
 
     @property
     def zones(self) -> tuple[NoFlyConfig, ...]:

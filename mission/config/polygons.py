@@ -52,7 +52,8 @@ def with_polygons(area: AreaConfig, blame: Blame, heights_m: tuple[float, float]
     try:
         fence = whole.fence
     except ValueError as error:
-        raise InputError(f"{blame.on('area.fence_file')}: area.fence_file: {error}") from None
+        name = "area.fences" if area.fence_file is None else "area.fence_file"
+        raise InputError(f"{blame.on(name)}: {name}: {error}") from None
     tall = [zone for zone in whole.zones[len(whole.no_fly) :] if zone.counts_at(*heights_m)]
     outlines = [*(zone.polygon_m for zone in (*whole.no_fly, *tall)), *fence]
     corners_in_all = sum(map(len, outlines))

@@ -10,7 +10,7 @@ from mission.base.area import Area, on_globe
 from mission.base.arrays import Floats
 from mission.log.values import Zone
 from sitl.autopilot.codec.orders import MissionItem
-from sitl.autopilot.fence import INCLUSIONS, Circle, Shape, fence_areas
+from sitl.autopilot.fence import Circle, Shape, compile_fence
 from sitl.autopilot.parameters import Parameters
 
 _RINGS = (
@@ -76,11 +76,11 @@ def item_zones(items: Sequence[MissionItem], area: Area) -> tuple[Zone, ...]:
         SitlInputError: the items make no fence.
     """
     corners = [i for i in items if i.command in _CIRCLES or (i.command in _RINGS and i.params[0])]
-    zones = (
-        Zone(_outline(shape, area), keep_in=drawn[0].command in INCLUSIONS)
-        for drawn, shape in fence_areas(corners, area.frame)
+    fence = compile_fence(corners, area.frame, checked=False)
+    return (
+        *(Zone(_outline(shape, area), keep_in=True) for shape in fence.inclusions),
+        *(Zone(_outline(shape, area), keep_in=False) for shape in fence.exclusions),
     )
-    return tuple(sorted(zones, key=lambda zone: not zone.keep_in))
 
 
 def _outline(shape: Shape, area: Area) -> Floats:

@@ -27,10 +27,10 @@ from fl.radio.channel import Channel, constants_model
 from flightdyn.config import LimitsConfig
 from flightdyn.outlines import flaw
 from flightdyn.tables import Table
-from mission.base.airspace import Airspace, within
+from mission.base.airspace import Airspace
 from mission.base.arrays import Floats
 from mission.base.explain import Blame, explain, shown
-from mission.base.fence_area import FenceArea
+from mission.base.fence_area import FenceArea, joined
 from mission.base.run_folder import write_atomically
 from mission.base.user_files import read_json
 from mission.planner.errors import PlanInputError
@@ -105,14 +105,8 @@ class ProblemEntry(Table):
 
     @model_validator(mode="after")
     def _fenced(self) -> Self:
-        _ = self.fence_m
+        joined(self.fence, self.fences, self.start)
         return self
-
-    @property
-    def fence_m(self) -> tuple[Floats, ...]:
-        """The outline (n, 2) that flights stay within, and its holes; empty if there is none."""
-        areas = [] if self.fence is None else [(0, np.array(self.fence))]
-        return within([*areas, *((f.group, f.outline_m) for f in self.fences)], self.start)
 
     @field_validator("altitudes_m")
     @classmethod
@@ -227,7 +221,7 @@ def _problem(entry: ProblemEntry) -> RoundProblem:
         flight.wind_mps,
     )  # fmt: skip
     limited = [entry.deadline_s, entry.energy_j, entry.ready_in_s] != [None, None, None]
-    fence = [_frozen(ring, (-1, 2)) for ring in entry.fence_m]
+    fence = [_frozen(ring, (-1, 2)) for ring in joined(entry.fence, entry.fences, entry.start)]
     areas = [_frozen(ring, (-1, 2)) for ring in entry.areas]
     return RoundProblem(
         devices_m=_frozen(entry.devices, (len(entry.devices), 2)),

@@ -1,7 +1,7 @@
 """The geofence: polygons and circles to stay in or out of, and the cylinder about home."""
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TypeAlias
@@ -19,7 +19,7 @@ from sitl.autopilot.codec.orders import MissionItem
 from sitl.autopilot.parameters import Parameters
 from sitl.errors import SitlInputError
 
-INCLUSIONS = frozenset(
+_INCLUSIONS = frozenset(
     {mav.MAV_CMD_NAV_FENCE_POLYGON_VERTEX_INCLUSION, mav.MAV_CMD_NAV_FENCE_CIRCLE_INCLUSION}
 )
 _CIRCLES = frozenset(
@@ -40,7 +40,7 @@ Shape: TypeAlias = Circle | Vector  # of a polygon the corners (M, 2), either wa
 
 
 class FenceError(SitlInputError):
-    """Items do not make a fence; `result` is their MAV_MISSION_RESULT."""
+    """Items make no fence; `result` is their MAV_MISSION_RESULT."""
 
     def __init__(self, text: str, result: int) -> None:
         super().__init__(text)
@@ -57,8 +57,8 @@ class _Areas:
         rings = [shape for shape in shapes if not isinstance(shape, Circle)]
         self._polygons = Obstacles([((ring,), np.inf) for ring in rings])  # of any height
 
-    def containing(self, north: float, east: float) -> NDArray[np.bool_]:
-        """(S,) whether a point lies in each."""
+    def contain(self, north: float, east: float) -> NDArray[np.bool_]:
+        """(S,) whether each contains a point."""
         inside, (n, e, radius) = np.empty_like(self._round), self._circles
         inside[self._round] = np.hypot(north - n, east - e) <= radius
         inside[~self._round] = self._polygons.within(north, east)
@@ -67,28 +67,27 @@ class _Areas:
 
 @dataclass(frozen=True)
 class Fence:
-    """A geofence: be inside all `inclusions` of one group, if there are any (by group), and
-    outside all `exclusions`."""
+    """A geofence: be inside all `inclusions` of a group, of one group at least if there are any,
+    and outside all `exclusions`."""
 
-    inclusions: tuple[tuple[Shape, ...], ...] = ()
+    inclusions: tuple[Shape, ...] = ()
     exclusions: tuple[Shape, ...] = ()
+    groups: tuple[float, ...] = ()  # of each inclusion
 
     @cached_property
     def _prepared(self) -> tuple[_Areas, _Areas, NDArray[np.intp]]:
-        """Inclusions, exclusions, the group of each inclusion."""
-        keep_in = _Areas([shape for group in self.inclusions for shape in group])
-        groups = np.repeat(np.arange(len(self.inclusions)), list(map(len, self.inclusions)))
-        return keep_in, _Areas(self.exclusions), groups
+        _, groups = np.unique(self.groups, return_inverse=True)
+        return _Areas(self.inclusions), _Areas(self.exclusions), groups
 
     def breach(self, pos_ned_m: Vector) -> str:
         """Describe the breach at one (3,) or any of (P, 3) points; empty if there is none."""
         points = np.atleast_2d(pos_ned_m)[:, :2]
         keep_in, keep_out, groups = self._prepared
         for point in points if self.inclusions else ():
-            left = groups[~keep_in.containing(*point)]
-            if np.bincount(left, minlength=len(self.inclusions)).all():
+            left = groups[~keep_in.contain(*point)]
+            if np.bincount(left, minlength=groups.max() + 1).all():
                 return "outside the fence"
-        if self.exclusions and any(keep_out.containing(*point).any() for point in points):
+        if self.exclusions and any(keep_out.contain(*point).any() for point in points):
             return "inside an excluded area"
         return ""
 
@@ -114,55 +113,37 @@ def _cylinder_breach(pos_ned_m: Vector, home_ned_m: Vector, parameters: Paramete
     return ""
 
 
-def compile_fence(items: Sequence[MissionItem], frame: LocalFrame) -> Fence:
-    """Build the fence that uploaded items describe.
+def compile_fence(
+    items: Sequence[MissionItem], frame: LocalFrame, *, checked: bool = True
+) -> Fence:
+    """Build the fence that items describe; not `checked`, whatever its outlines and groups are.
 
     Raises:
-        FenceError: a polygon crosses itself, or its vertices disagree or are too few.
+        FenceError: a polygon has fewer vertices than its items say, they disagree, or it crosses
+            itself.
     """
-    groups: dict[float, list[Shape]] = {}
-    exclusions: list[Shape] = []
-    for number, (drawn, shape) in enumerate(fence_areas(items, frame)):
-        first, last = drawn[0], drawn[-1]
-        words = f"fence area {number} (points {first.seq} to {last.seq})"
-        if not isinstance(shape, Circle) and (wrong := flaw(_grid(drawn), first=first.seq)):
-            raise FenceError(f"{words} {wrong}", mav.MAV_MISSION_INVALID)
-        if first.command not in INCLUSIONS:
-            exclusions.append(shape)
-            continue
-        group, *others = {0.0 if math.isnan(i.params[1]) else i.params[1] for i in drawn}
-        if others:
-            reason = "has points of several groups (parameter 2): must be one"
-            raise FenceError(f"{words} {reason}", mav.MAV_MISSION_INVALID_PARAM2)
-        groups.setdefault(group, []).append(shape)
-    return Fence(tuple(map(tuple, groups.values())), tuple(exclusions))
-
-
-def fence_areas(
-    items: Sequence[MissionItem], frame: LocalFrame
-) -> Iterator[tuple[Sequence[MissionItem], Shape]]:
-    """Yield the items and the shape of each area that uploaded items describe.
-
-    Raises:
-        FenceError: the vertices of a polygon disagree or are too few.
-    """
+    areas: dict[bool, list[Shape]] = {True: [], False: []}
+    groups: list[float] = []
     index = 0
     while index < len(items):
         item, size = items[index], items[index].params[0]
         count = 1 if item.command in _CIRCLES else int(size) if size in ranges.CORNERS else 0
-        drawn = items[index : index + count]
-        same = all((i.command, i.params[0]) == (item.command, size) for i in drawn)
-        if not drawn or len(drawn) < count or not same:
+        drawn, inside = items[index : index + count], item.command in _INCLUSIONS
+        if not drawn or [(i.command, i.params[0]) for i in drawn] != [(item.command, size)] * count:
             words = f"fence item {index}: a polygon of {size:g} corners is needed"
             raise FenceError(words, mav.MAV_MISSION_INVALID_PARAM1)
-        points = np.array([frame.to_ned(i.x, i.y, frame.origin.alt_msl_m)[:2] for i in drawn])
-        north, east = points[0].tolist()
-        yield drawn, Circle(north, east, size) if item.command in _CIRCLES else points
+        corners = np.array([frame.to_ned(i.x, i.y, frame.origin.alt_msl_m)[:2] for i in drawn])
+        group, *others = {0.0 if math.isnan(i.params[1]) else i.params[1] for i in drawn}
+        if checked and item.command not in _CIRCLES:
+            number, last = len(areas[True] + areas[False]), index + count - 1
+            words = f"fence area {number} (points {index} to {last})"
+            if wrong := flaw(corners, first=index):
+                raise FenceError(f"{words} {wrong}", mav.MAV_MISSION_INVALID)
+            if inside and others:
+                reason = "has points of several groups (parameter 2): must be one"
+                raise FenceError(f"{words} {reason}", mav.MAV_MISSION_INVALID_PARAM2)
+        north, east = corners[0].tolist()
+        areas[inside].append(Circle(north, east, size) if item.command in _CIRCLES else corners)
+        groups += [group] * inside
         index += count
-
-
-def _grid(items: Sequence[MissionItem]) -> Vector:
-    """Places (n, 2) in the whole numbers that they travel as, where corners on one line are
-    exactly so."""
-    lat, lon = np.rint(np.array([(i.x, i.y) for i in items]).T * 1e7)
-    return np.column_stack((lat, (lon - lon[0] + 1.8e9) % 3.6e9))  # about longitude 180, too
+    return Fence(tuple(areas[True]), tuple(areas[False]), tuple(groups))

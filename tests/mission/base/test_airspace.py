@@ -210,9 +210,9 @@ def test_how_far_away_anybody_must_stay() -> None:
 @pytest.mark.parametrize(
     ("keep_out", "keep_in", "words"),
     [
-        ((SQUARE, SQUARE[[0, 2, 1, 3]]), None, "keep_out.1. crosses itself: its edges 0-1 and 2-3"),
-        ((), SQUARE[:2], "keep_in has no area: its corners lie on one line"),
-        ((), SQUARE * [1.0, math.nan], "keep_in has a corner that is no place"),
+        ((SQUARE, SQUARE[[0, 2, 1, 3]]), None, "outline 1 crosses itself: its edges 0-1 and 2-3"),
+        ((SQUARE,), SQUARE[:2], "outline 1 has no area: its corners lie on one line"),
+        ((), SQUARE * [1.0, math.nan], "outline 0 has no area"),
     ],
 )
 def test_outlines_that_enclose_nothing_are_refused(

@@ -8,14 +8,13 @@ from typing import Any
 import numpy as np
 import pymap3d
 import pytest
-from pymavlink.dialects.v20 import common as mav
 
 from mission.base.errors import InputError
 from mission.config.loading import load_config
 from mission.config.models import RunConfig
 from mission.flight.fence_zones import airspace_rings, fence_items
 from mission.scenario.scenario import build_scenario
-from sitl.autopilot.fence import fence_areas
+from sitl.autopilot.fence import compile_fence
 
 BASE = """
 [[communities]]
@@ -497,15 +496,12 @@ def test_what_two_groups_enclose_is_a_hole_and_what_is_apart_is_out_of_reach(loa
     assert fenced_ground(load, text, *places) == [True, False, True, False]
     items = fence_items(airspace_rings(load(BASE + text).area.build((60.0, 60.0))))
     frame = load(BASE + text).area.build().frame
-    shapes = {drawn[0].command: shape for drawn, shape in fence_areas(items, frame)}
-    for command, half_m in (
-        (mav.MAV_CMD_NAV_FENCE_POLYGON_VERTEX_INCLUSION, 100.0),
-        (mav.MAV_CMD_NAV_FENCE_POLYGON_VERTEX_EXCLUSION, 50.0),
-    ):
-        corners = np.array(shapes.pop(command)) - [0.0, 75.0]  # north and east of home
+    fence = compile_fence(items, frame)
+    assert [len(fence.inclusions), len(fence.exclusions)] == [1, 1]
+    for shape, half_m in ((fence.inclusions[0], 100.0), (fence.exclusions[0], 50.0)):
+        corners = np.array(shape) - [0.0, 75.0]  # north and east of home
         np.testing.assert_allclose(corners.min(axis=0), -half_m, atol=0.02)
         np.testing.assert_allclose(corners.max(axis=0), half_m, atol=0.02)
-    assert not shapes
 
 
 def test_polygons_of_a_fence_file_have_groups(load, tmp_path: Path) -> None:

@@ -297,7 +297,7 @@ def test_polygons_may_be_concave_and_turn_either_way() -> None:
     inside = [(1, 1), (39, 1), (39, 39), (21, 39), (1, 19), (19, 19)]
     outside = [(-1, 1), (41, 1), (-30, 10), (1, 21), (19, 21), (19, 39), (60, 39), (1, -1), (1, 50)]
     for shape in (corners, corners[::-1]):
-        fence = Fence(((shape,),))
+        fence = Fence((shape,), groups=(0,))
         assert fence.breach(np.array([(*place, -9.0) for place in inside])) == ""
         assert all(fence.breach(np.array([*place, -9.0])) for place in outside)
 

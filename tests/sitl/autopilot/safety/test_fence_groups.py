@@ -159,7 +159,7 @@ def test_breaches_are_those_of_set_operations() -> None:
 
 
 def test_of_many_points_one_is_enough() -> None:
-    fence = Fence(((np.array(WEST, dtype=float),), (np.array(EAST, dtype=float),)))
+    fence = Fence((np.array(WEST, dtype=float), np.array(EAST, dtype=float)), groups=(1, 0))
     way = np.array([(*WEST_ALONE, 0.0), (*EAST_ALONE, 0.0)])
     assert fence.breach(way) == ""
     assert fence.breach(np.vstack((way, [(*NEITHER, 0.0)]))) == "outside the fence"
