@@ -8,6 +8,9 @@ from pydantic import Field, model_validator
 from flightdyn.config import AircraftConfig
 from flightdyn.tables import Table
 
+# The environment variable that names a firmware's binary where the configuration does not.
+BINARIES = {"px4": "AEROFED_PX4", "ardupilot": "AEROFED_ARDUCOPTER"}
+
 
 class FirmwareConfig(Table):
     """A real autopilot's firmware, which flies the aircraft instead of the built-in autopilot."""
@@ -15,7 +18,7 @@ class FirmwareConfig(Table):
     path: Path | None = Field(
         default=None,
         description="the binary: PX4's bin/px4, with its etc folder beside bin, or ArduPilot's "
-        "arducopter; needed where vehicle.autopilot is px4 or ardupilot",
+        "arducopter; not given: the one that AEROFED_PX4 or AEROFED_ARDUCOPTER names",
     )
     parameters: dict[str, float] = Field(
         default_factory=dict,
@@ -67,7 +70,8 @@ class VehicleConfig(Table):
             return self
         if self.firmware.path is None:
             raise ValueError(
-                f"autopilot = {self.autopilot!r} needs firmware.path, the firmware's binary"
+                f"autopilot = {self.autopilot!r} needs firmware.path, the firmware's binary, or "
+                f"{BINARIES[self.autopilot]} in the environment, which names it"
             )
         if self.parameters or self.parameter_file:
             raise ValueError(

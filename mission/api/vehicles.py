@@ -22,10 +22,7 @@ Pace: TypeAlias = Literal["steps", "moving"] | float
 Home: TypeAlias = tuple[float, float, float] | Path | str
 Firmware: TypeAlias = Literal["px4", "arducopter"]
 
-_FIRMWARES = {
-    "px4": ("px4", "AEROFED_PX4"),
-    "arducopter": ("ardupilot", "AEROFED_ARDUCOPTER"),
-}
+_FIRMWARES = {"px4": "px4", "arducopter": "ardupilot"}  # as vehicle.autopilot calls them
 
 
 class NoFirmwareError(InputError):
@@ -123,7 +120,10 @@ def _firmware_keys(firmware: Firmware) -> dict[str, object]:
     """Return the overrides that let a firmware fly the vehicle."""
     if firmware not in _FIRMWARES:
         raise InputError(f"firmware = {firmware!r}: must be 'px4' or 'arducopter'")
-    autopilot, variable = _FIRMWARES[firmware]
+    from sitl.config import BINARIES
+
+    autopilot = _FIRMWARES[firmware]
+    variable = BINARIES[autopilot]
     if not (path := os.environ.get(variable)):
         raise NoFirmwareError(f"firmware = {firmware!r}: {variable} names no binary")
     return {"vehicle.autopilot": autopilot, "vehicle.firmware.path": path}

@@ -49,8 +49,8 @@ def sitl(
         and without a file PX4_HOME_LAT, PX4_HOME_LON and PX4_HOME_ALT count, as with PX4.
     count
         Number of vehicles, side by side in one process, with system ids 1, 2, ... Their ports count
-        up from the first --udp (14540, 14541, ...) and from those that listen (over TCP 5760, 5770,
-        ...); they share the other --udp.
+        up from the first --udp (14540, 14541, ... up to 14549) and from those that listen (over TCP
+        5760, 5770, ...); they share the other --udp.
     instance
         Number of the first vehicle, from 0, where others are served already: it has ports and
         system id as if it were counted up to.

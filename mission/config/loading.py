@@ -4,6 +4,7 @@ Anything wrong becomes one line per key: file, dotted path, value, what is allow
 """
 
 import json
+import os
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -19,6 +20,7 @@ from mission.config.models import RunConfig
 from mission.config.overrides import override
 from mission.config.preflight import problems
 from mission.config.world import with_world
+from sitl.config import BINARIES
 
 _PATHS = (
     ("vehicle", "firmware", "path"),
@@ -95,6 +97,7 @@ def load_config(
         override(data, dotted, value, giver=giver)
     if "radio.map_file" in (overrides or {}) and "radio.map_sha256" not in (overrides or {}):
         data["radio"].pop("map_sha256", None)  # of another file
+    _find_firmware(data)
     _make_absolute(data, Path())
     named = options or {}
     blame = Blame(name, {key: named.get(key, "") for key in overrides or {}}, giver)
@@ -106,6 +109,16 @@ def load_config(
     if lines:
         raise InputError("\n".join(lines))
     return config
+
+
+def _find_firmware(data: Mapping[str, Any]) -> None:
+    """Name the binary of the firmware that is to fly as the environment does, where nobody has."""
+    vehicle = data.get("vehicle")
+    autopilot = vehicle.get("autopilot") if isinstance(vehicle, dict) else None
+    if named := os.environ.get(BINARIES.get(str(autopilot), "")):
+        firmware = data["vehicle"].setdefault("firmware", {})
+        if isinstance(firmware, dict):
+            firmware.setdefault("path", named)
 
 
 def _make_absolute(data: Mapping[str, Any], folder: Path) -> None:

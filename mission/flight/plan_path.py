@@ -141,8 +141,7 @@ def planned_path(
     for item in plan.rally:
         refuse(item, "it has no position" if item.x == item.y == 0.0 else _refused(item))
         place = route.place_of(item, frame, home)
-        if (away_m := float(np.hypot(place[0], place[1]))) > p["MIS_DIST_1WP"]:
-            refuse(item, f"{away_m:.0f} m from home; MIS_DIST_1WP allows {p['MIS_DIST_1WP']:g}")
+        refuse(item, route.too_far(place, np.zeros(3), farthest_m=p["MIS_DIST_1WP"]))
         refuse(item, bad_height(item, least_m=0.0))
         if breach := breach_of(fence, place, home_ned_m=np.zeros(3), parameters=p):
             refuse(item, f"it is {breach}")

@@ -22,7 +22,6 @@ from sitl.autopilot.fence import FenceError
 from sitl.autopilot.flying.flight import Flight
 from sitl.autopilot.flying.flight_commands import FlightCommands
 from sitl.autopilot.flying.orbit import Orbits
-from sitl.autopilot.flying.route import check_mission
 from sitl.autopilot.guard import Guard
 from sitl.autopilot.injection import Injector
 from sitl.autopilot.modes import Mode
@@ -215,8 +214,9 @@ class Autopilot:
             self._listen(now)
         kinds = self._streams.take_due(now, report.nudged)
         report.nudged.clear()
-        frames: list[bytes] = []
-        # State first: whoever reads an answer already knows the state that it led to.
+        # Items reached first: the state may say that they were the last. Answers last: whoever
+        # reads one already knows the state that it led to.
+        frames = self._packed(report.items_reached)
         if kinds:
             with self._telemetry_contained:
                 orbit = self._orbits.current
@@ -225,10 +225,15 @@ class Autopilot:
                     message = TELEMETRY[kind](snapshot)
                     if message is not None:
                         frames.append(self._wire.pack(message))
-        answers, self._outbox[:] = list(self._outbox), ()
-        for answer in answers:
-            with report.contain(answer.get_type()):
-                frames.append(self._wire.pack(answer))
+        return frames + self._packed(self._outbox)
+
+    def _packed(self, outbox: Outbox) -> list[bytes]:
+        """The frames of the messages that wait in an outbox, which is empty then."""
+        frames: list[bytes] = []
+        waiting, outbox[:] = list(outbox), ()
+        for message in waiting:
+            with self._report.contain(message.get_type()):
+                frames.append(self._wire.pack(message))
         return frames
 
     def due(self) -> float:
@@ -245,7 +250,7 @@ class Autopilot:
 
     def _set_mode(self, _peer: Peer, msg: mav.MAVLink_set_mode_message, _now: float) -> None:
         try:
-            self._flight_commands.set_mode(msg.custom_mode)
+            self._flight_commands.set_mode(msg.base_mode, msg.custom_mode)
         except RefusedError as refused:
             self._report.say(f"Set mode refused: {refused}")
 
@@ -291,18 +296,14 @@ class Autopilot:
             except FenceError as error:
                 self._report.say(str(error))
                 return error.result
+            return mav.MAV_MISSION_ACCEPTED
+        if trouble := self.flight.navigator.trouble(items):
+            self._report.say(f"{_LISTS[kind]} refused: {trouble}")
+            return mav.MAV_MISSION_INVALID
         if kind == mav.MAV_MISSION_TYPE_RALLY:
             self.flight.rally = items
-        if kind != mav.MAV_MISSION_TYPE_MISSION:
             return mav.MAV_MISSION_ACCEPTED
-        flight, farthest_m = self.flight, self.parameters["MIS_DIST_1WP"]
-        reason = check_mission(
-            items, frame=flight.frame, home=self._guard.home, farthest_m=farthest_m
-        )
-        if reason:
-            self._report.say(f"Mission refused: {reason}")
-            return mav.MAV_MISSION_INVALID
-        being_flown = flight.replace_mission(items)
+        being_flown = self.flight.replace_mission(items)
         if being_flown is not None:
             self._report.say(being_flown)
             return mav.MAV_MISSION_DENIED

@@ -33,7 +33,7 @@ class Mode(Enum):
 
 def mode_of_custom(custom_mode: int) -> Mode | None:
     """The mode that a ground station means, or None where the vehicle has no such mode."""
-    by_number = {mode.custom_mode: mode for mode in Mode}
+    by_number = {4 << 16: Mode.MISSION} | {mode.custom_mode: mode for mode in Mode}
     return by_number.get(custom_mode)
 
 
@@ -88,6 +88,13 @@ ORDERS: Mapping[Trigger, tuple[Mode, tuple[Need, ...]]] = {
     Trigger.ORDER_MANUAL: (Mode.MANUAL, (Need.STICKS,)),
     Trigger.ORDER_ORBIT: (Mode.ORBIT, (*_IN_AIR, Need.POSITION)),
     Trigger.ORDER_FOLLOW: (Mode.FOLLOW, (*_IN_AIR, Need.POSITION)),
+}
+# What a mode that was chosen before needs when the motors are released. As with PX4, any may be
+# chosen, and those of the air keep the vehicle from being armed.
+NEEDS_TO_ARM: Mapping[Mode, tuple[Need, ...]] = {
+    mode: tuple(need for need in needs if need is not Need.ARMED)
+    for trigger, (mode, needs) in ORDERS.items()
+    if trigger is not Trigger.ORDER_GOTO
 }
 
 

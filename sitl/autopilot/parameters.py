@@ -27,15 +27,19 @@ class Spec:
 
     def allows(self, value: float) -> bool:
         """Whether the parameter can take a value."""
-        return math.isfinite(value) and self.low <= self.stored(value) <= self.high
+        return (
+            math.isfinite(value)
+            and not (self.whole and value % 1)
+            and self.low <= self.stored(value) <= self.high
+        )
 
     def stored(self, value: float) -> float:
-        """Return a finite value as it is stored: a whole number, or six significant digits.
+        """Return a value that is allowed as it is stored: of a real one six significant digits.
 
         MAVLink carries 32-bit floats: 0.7 arrives as 0.699999988. Rounded to six significant
         digits it is 0.7 again, and stays the same however often it is read and written.
         """
-        return float(round(value)) if self.whole else float(f"{value:.6g}")
+        return value if self.whole else float(f"{value:.6g}")
 
 
 def _choice(name: str, default: int, high: int, text: str) -> Spec:
@@ -166,7 +170,8 @@ def refusal(name: str, value: float) -> str:
         hint = f"; did you mean {close[0]}?" if close else ""
         return f"no such parameter{hint} (known: {', '.join(SPECS)})"
     unit = f", in {spec.unit}" if spec.unit else ""
-    allowed = f"must be a number from {spec.low:g} to {spec.high:g}{unit}"
+    number = "whole number" if spec.whole else "number"
+    allowed = f"must be a {number} from {spec.low:g} to {spec.high:g}{unit}"
     return "" if spec.allows(value) else allowed
 
 

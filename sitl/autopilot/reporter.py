@@ -19,7 +19,10 @@ EventSink = Callable[[EventKind, str, int | None, int], None]
 
 
 class Reporter:
-    """Sends reports at once; `nudged` holds the telemetry messages to send out of turn."""
+    """Sends reports at once; `nudged` holds the telemetry messages to send out of turn.
+
+    `items_reached` go out before those.
+    """
 
     def __init__(self, outbox: Outbox, sink: EventSink) -> None:
         self._outbox = outbox
@@ -28,6 +31,7 @@ class Reporter:
         self._told: set[tuple[str, str]] = set()
         self._last_text = 0  # number of the last text that took more than one message
         self.nudged: set[int] = set()
+        self.items_reached: Outbox = []
 
     def contain(self, what: str, otherwise: Callable[[], object] | None = None) -> "_Contained":
         """Return a context manager for the handling of a message, an order or a periodic check.
@@ -89,7 +93,7 @@ class Reporter:
 
     def reached(self, seq: int, *, place: bool) -> None:
         """Tell that a mission item was reached (`place`) or carried out."""
-        self._outbox.append(mav.MAVLink_mission_item_reached_message(seq))
+        self.items_reached.append(mav.MAVLink_mission_item_reached_message(seq))
         self.nudged.add(mav.MAVLINK_MSG_ID_MISSION_CURRENT)
         if place:
             self._sink("reached", f"item {seq}", seq, mav.MAV_SEVERITY_INFO)

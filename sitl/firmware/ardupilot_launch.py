@@ -72,7 +72,6 @@ def airframe_parameters(options: LaunchOptions, plant: Plant) -> dict[str, float
     """
     aircraft = options.vehicle.aircraft
     limits, sensors = aircraft.limits, aircraft.sensors
-    fast_cmps = 100 * max(options.speed_mps, 1.0)
     values = {
         "FRAME_CLASS": 1,  # four rotors
         "FRAME_TYPE": 1,  # X
@@ -85,7 +84,8 @@ def airframe_parameters(options: LaunchOptions, plant: Plant) -> dict[str, float
         "FS_GCS_ENABLE": 0,
         "BATT_MONITOR": 0,  # JSON carries no battery: the mission's own reserve watches it
         "ANGLE_MAX": 100 * min(limits.tilt_deg, 80.0),
-        "WPNAV_SPEED": min(fast_cmps, 2000),
+        "WPNAV_SPEED": min(100 * options.cruise_mps, 2000),
+        "WP_SPD": options.cruise_mps,
         "WPNAV_ACCEL": min(100 * limits.acceleration_mps2, 500),
         "WPNAV_JERK": min(limits.acceleration_mps2 / max(limits.smoothing_s, 0.1), 20),
         "WPNAV_SPEED_UP": min(100 * limits.climb_mps, 1000),

@@ -143,13 +143,18 @@ class FirmwareClock:
         self._may_run.clear()
 
     @contextmanager
-    def going(self) -> Iterator[None]:
-        """Context manager: time goes on inside the block and stands still after it."""
-        self.run()
+    def going(self, until_ns: float = math.inf, *, speed: float = math.inf) -> Iterator[None]:
+        """Context manager: time goes on inside the block, up to an instant and no faster than
+        `speed`, and after it as it did before."""
+        went, before = self._may_run.is_set(), (self._until_ns, self._speed)
+        self._speed = min(self._speed, speed)
+        self.run(until_ns)
         try:
             yield
         finally:
-            self.rest()
+            self._until_ns, self._speed = before
+            if not went:
+                self.rest()
 
     def cap_at_wall_pace(self, seconds: float) -> None:
         """Be no faster than wall time for the next `seconds` of it: somebody is being answered."""

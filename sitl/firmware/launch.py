@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from sitl.autopilot.parameters import parameters_of
 from sitl.config import VehicleConfig
 from sitl.errors import FirmwareSilentError
 from sitl.firmware import supervisor
@@ -110,6 +111,11 @@ class LaunchOptions:
     our_port: int  # where it is heard
     its_port: int  # where it listens
     speed_mps: float  # the fastest of the mission
+
+    @property
+    def cruise_mps(self) -> float:
+        """Speed of legs for which none is ordered: whoever flies, a plan is timed by it."""
+        return parameters_of(self.vehicle)["MPC_XY_CRUISE"]
 
 
 @dataclass(frozen=True)

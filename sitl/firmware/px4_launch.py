@@ -27,7 +27,7 @@ _RATE_GAIN = 0.25
 # path with a space would do. The shell believes this name, which is right in every process.
 _HERE = "/proc/self/cwd"
 _STREAMS_HZ = {
-    "HEARTBEAT": 1,
+    "HEARTBEAT": 5,  # which alone tells that it holds, for the next order
     "SYS_STATUS": 2,
     "STATUSTEXT": 20,
     "ATTITUDE": 10,
@@ -158,7 +158,7 @@ def airframe_parameters(options: LaunchOptions, plant: Plant) -> dict[str, float
         # of satellites, accuracy and speed stay.
         "EKF2_GPS_CHECK": 0b0000011111,
         "MPC_XY_VEL_MAX": fast,
-        "MPC_XY_CRUISE": min(fast, options.speed_mps),
+        "MPC_XY_CRUISE": min(fast, options.cruise_mps),
         "MPC_ACC_HOR": min(max(limits.acceleration_mps2, 2.0), 15.0),
         "MPC_JERK_AUTO": _jerk(limits),
         "MPC_TILTMAX_AIR": min(max(limits.tilt_deg, 20.0), 89.0),

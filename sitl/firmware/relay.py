@@ -63,8 +63,10 @@ EACH_COUNTS = frozenset(
     }
 )
 # Wall time between looks at what has come. To wake up for each datagram would cost more than all
-# that is done with it; while a station waits for an answer it is worth that.
-_FLUSH_S, _ANSWER_FLUSH_S = 0.02, 0.002
+# that is done with it; while a station waits for an answer it is worth that. And the time after
+# which stations hear what is newest.
+_LOOK_S, _ANSWER_LOOK_S = 0.005, 0.002
+_FLUSH_S = 0.02
 _LEAST_A = 0.1  # that electronics take while the motors are off
 _HEARTBEAT_S = 0.8  # wall time after which the last heartbeat is said again
 _ANSWER_S = 0.1  # wall time after a ground station's message that the vehicle answers in
@@ -251,17 +253,24 @@ class Relay:
             link.send(data)
 
     async def _flush_for_ever(self) -> None:
-        loop = asyncio.get_running_loop()
+        loop, due = asyncio.get_running_loop(), 0.0
         while True:
             self.take_orders()
             self._from_firmware()
-            newest, self._newest = list(self._newest.values()), {}
             now = loop.time()
-            if any(data == self._vehicle_heartbeat for data in newest):
-                self._beat_at = now
-            elif self._vehicle_heartbeat and now - self._beat_at > _HEARTBEAT_S:
-                newest.append(self._vehicle_heartbeat)
-                self._beat_at = now
-            if newest:
-                self._to_stations(newest)
-            await asyncio.sleep(_ANSWER_FLUSH_S if now < self._answer_until else _FLUSH_S)
+            answers = now < self._answer_until
+            if answers or now >= due:
+                due = now + _FLUSH_S
+                self._flush(now)
+            await asyncio.sleep(_ANSWER_LOOK_S if answers else _LOOK_S)
+
+    def _flush(self, now: float) -> None:
+        """Tell stations the newest of each message."""
+        newest, self._newest = list(self._newest.values()), {}
+        if any(data == self._vehicle_heartbeat for data in newest):
+            self._beat_at = now
+        elif self._vehicle_heartbeat and now - self._beat_at > _HEARTBEAT_S:
+            newest.append(self._vehicle_heartbeat)
+            self._beat_at = now
+        if newest:
+            self._to_stations(newest)

@@ -160,17 +160,17 @@ class FirmwareVehicle:
         """Hand on a message; one with a time stamp lets time go on."""
         if "time_boot_ms" in fields:
             self.clock.heard(fields["time_boot_ms"] * 1_000_000)
+        if self._vehicle.autopilot == "ardupilot":
+            self._switch_gnss()
         self._hear(name, fields)
 
     async def _watch(self) -> None:
-        """Raise what goes wrong with the firmware; switch ArduPilot's GNSS off and on with ours."""
+        """Raise what goes wrong with the firmware."""
         while True:
             await asyncio.sleep(_LOOK_S)
             error = self._failure()
             if error is not None:
                 raise error
-            if self._vehicle.autopilot == "ardupilot":
-                self._switch_gnss()
 
     def _battery(self) -> bytes:
         """Return the BATTERY_STATUS that PX4 takes for its own; empty for ArduPilot."""
@@ -180,6 +180,7 @@ class FirmwareVehicle:
         return self._writer.battery(self.clock.truth.newest.battery, capacity_mah)
 
     def _switch_gnss(self) -> None:
+        """Switch ArduPilot's GNSS off and on with ours."""
         sensors = self.plant.sensors
         if sensors is not None and sensors.receiver.on != self._gnss_on:
             self._gnss_on = sensors.receiver.on

@@ -67,6 +67,7 @@ async def located(
         timeout_s=link.connect_timeout_s,
     ) as pilot:
         feed = TelemetryFeed(pilot, area=area, observers=observers, known=known)
+        pilot.clock = lambda: feed.now_s
         async with following(feed.watch(), name="telemetry feed"):
             await feed.ask()
             await _locate(feed, area, timeout_s=link.ready_timeout_s, say=say)

@@ -37,7 +37,7 @@ from sitl.autopilot.codec.orders import MissionItem
 
 LAST_SAMPLE_S = 2.0  # wall time
 ASK_AGAIN_S = 10.0  # wall time; a vehicle that started anew has forgotten the streams
-_FIRST_READING_S = 3.0  # wall time, of the battery
+_FIRST_READING_S = 3.0  # the vehicle's time, of the battery
 _SHORT_M = 20.0  # braking at the end may take it beyond the acceptance radius
 _SLOW = 0.95  # of the planned speed: the rest is how a leg is flown
 _LEAST_PACE, _MOST_PACE = 0.5, 3.0  # of flights against what was foreseen of them
@@ -122,10 +122,7 @@ class ExternalFlyer(Flyer):
             return Flight.standing(here, self.battery_remaining)
         if plan.waits:  # a mission that is over at once takes some autopilots long to tell
             end_ns = self.t_ns + round(1e9 * plan.stops[0].hold_s)
-            flight = await self.record(
-                lambda: self.pilot.until(lambda: self.here().t_ns >= end_ns, "hover"),
-                goes_on=plan.goes_on,
-            )
+            flight = await self.record(lambda: self.wait(end_ns), goes_on=plan.goes_on)
             return replace(flight, passages=(flight.at(int(flight.t_ns[0])),))
         stops = self.area.to_ned(plan.points_m, plan.alt_rel_m)
         flight = await self.record(self.pilot.fly, goes_on=plan.goes_on)
@@ -136,6 +133,10 @@ class ExternalFlyer(Flyer):
         self._believe_speed(plan, flight)
         self._believe_pace(plan, flight)
         return replace(flight, passages=found)
+
+    async def wait(self, until_ns: int) -> None:
+        """Hover up to an instant of the vehicle's time."""
+        await self.pilot.until(lambda: self.here().t_ns >= until_ns, "hover")
 
     async def carry_out(
         self, plan: PlanFile, path: PlannedPath, *, begins: Callable[[], None]
@@ -194,10 +195,10 @@ class ExternalFlyer(Flyer):
 
     async def seen_down(self) -> None:
         """Wait for the sample that shows the motors off, so that track and log have it."""
-        landed_ns = self.t_ns
+        landed_ns = self.here().t_ns
         with suppress(TimeoutError):
             async with asyncio.timeout(LAST_SAMPLE_S):
-                await until(lambda: self.t_ns > landed_ns)
+                await until(lambda: self.here().t_ns > landed_ns)
 
     async def refresh(self, needed: float) -> bool:
         """See `Flyer`; people are told, because somebody has to charge or change the battery."""
@@ -208,9 +209,11 @@ class ExternalFlyer(Flyer):
 
     async def _battery_told(self) -> None:
         """Wait a few seconds for the first battery reading; a vehicle may fly without one."""
-        with suppress(TimeoutError):
-            async with asyncio.timeout(_FIRST_READING_S):
-                await until(lambda: not math.isnan(self.battery_remaining))
+        end_s = self.pilot.clock() + _FIRST_READING_S
+        await self.pilot.until(
+            lambda: not math.isnan(self.battery_remaining) or self.pilot.clock() > end_s,
+            "tell how full its battery is",
+        )
 
     async def _change_battery(self, needed: float) -> None:
         """Wait for a charge halfway from `needed` to full, at most `CHARGED`: more than a battery

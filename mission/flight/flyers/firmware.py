@@ -10,6 +10,7 @@ import math
 from collections.abc import AsyncIterator, Callable, Sequence
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
+from functools import partial
 from typing import Self
 
 from flightdyn.plant import Plant
@@ -36,6 +37,7 @@ from sitl.links import RawLink
 NAMES = {"px4": "PX4", "ardupilot": "ArduPilot"}
 FOLDER = "firmware"  # of a run, where the firmware lives
 _HEARD = frozenset({31, 33, 46, 83, 85, 147, 242})  # what the feed takes from the relay
+_TOLD_NS = 100_000_000  # after an instant, in which a position is told: two of its intervals
 _SAME_PARAMETER = 1e-4  # relative: parameters travel as 32-bit floats
 
 
@@ -65,6 +67,10 @@ class FirmwareFlyer(ExternalFlyer):
     async def fly(self, plan: FlightPlan) -> Flight:
         with self.vehicle.clock.going():
             return await super().fly(plan)
+
+    async def wait(self, until_ns: int) -> None:
+        with self.vehicle.clock.going(until_ns + _TOLD_NS):
+            await super().wait(until_ns)
 
     async def carry_out(
         self, plan: PlanFile, path: PlannedPath, *, begins: Callable[[], None]
@@ -168,6 +174,7 @@ class FirmwareFlyers(Flyers):
                             config.vehicle.control_rate_hz,
                         ),
                     ) as (pilot, feed):
+                        pilot.giving = partial(vehicle.clock.going, speed=1.0)
                         await _check_program(pilot, config)
                         limits = await limits_of(
                             pilot, feed, self.task.demand, adjusted=False, say=attached.say

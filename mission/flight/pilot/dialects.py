@@ -13,6 +13,7 @@ class Dialect:
     first_item: int  # number of the first item that we give: 1 where item 0 is the home position
     finite: bool  # parameters may not be NaN
     whole_holds: bool  # a hover lasts whole seconds: of others the rest is cut off
+    rewinds: bool  # another mission begins at its first item only where that is ordered
     keeps_radius: bool  # a downloaded waypoint still has its acceptance radius
     resting: frozenset[str]  # modes in which the vehicle holds its position
     # To arm in: number and MAVSDK's name of one that none takes without a position. None: any.
@@ -29,6 +30,7 @@ PX4 = Dialect(
     first_item=0,
     finite=False,
     whole_holds=False,
+    rewinds=False,  # and an order is answered by MISSION_CURRENT, which PX4 tells once a second
     keeps_radius=True,
     resting=frozenset({"HOLD"}),
     arming_mode=None,
@@ -44,6 +46,7 @@ ARDUPILOT = Dialect(
     first_item=1,
     finite=True,
     whole_holds=True,
+    rewinds=True,
     keeps_radius=False,
     resting=frozenset({"HOLD", "OFFBOARD", "MISSION"}),
     arming_mode=(4, "OFFBOARD"),

@@ -108,6 +108,11 @@ class TelemetryFeed:
         return Passage(belief.t_ns, truth.pos_ned_m, belief.pos_ned_m)
 
     @property
+    def now_s(self) -> float:
+        """The vehicle's time at the newest position; 0 before the first."""
+        return 0.0 if self._moment is None else self._moment[1].t_ns / 1e9
+
+    @property
     def battery_remaining(self) -> float:
         """Charge of the battery, 0..1; NaN where the vehicle does not know."""
         return self._battery.remaining

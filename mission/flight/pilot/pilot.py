@@ -3,6 +3,7 @@
 import asyncio
 import logging
 from collections.abc import Awaitable, Callable, Sequence
+from contextlib import AbstractContextManager, nullcontext
 
 from mavsdk.asyncio import System
 from mavsdk.asyncio.plugins.action import ActionAsync
@@ -32,9 +33,9 @@ logger = logging.getLogger(__name__)
 
 POLL_S = 0.01  # wall time between looks at a condition that telemetry may have met
 UPLOAD_ATTEMPTS = 3
-# After the vehicle leaves mission mode its last MISSION_CURRENT may still be under way.
+# By the vehicle's clock. After it leaves mission mode its last MISSION_CURRENT may still be under
+# way; PX4 refuses to start a mission that it has just taken until its next checks have seen it.
 MODE_GRACE_S = 2.0
-# PX4 refuses to start a mission that it has just taken until its next checks have seen it.
 START_PAUSES_S = (0.1, 0.3, 0.6)
 REASON_POLLS = 100  # a second
 TAKE_OFF_TOLERANCE_M = 2.0
@@ -52,6 +53,11 @@ class Pilot:
         self._action = ActionAsync(system)
         self._mission = MissionRawAsync(system)
         self._stall_timeout_s = stall_timeout_s
+        # Seconds, by which it is judged what the vehicle does: its own, where they are told, so
+        # that a simulated flight does not depend on how fast its time goes.
+        self.clock: Callable[[], float] = asyncio.get_running_loop().time
+        # Around each order: a vehicle whose time goes faster than ours waits for us here.
+        self.giving: Callable[[], AbstractContextManager[None]] = nullcontext
 
     @property
     def mode(self) -> str:
@@ -104,7 +110,9 @@ class Pilot:
         if self.dialect.arming_mode is not None:
             number, shown = self.dialect.arming_mode
             self.watch.order_given()
-            if await self.messages.command(DO_SET_MODE, CUSTOM_MODE, number) != ACCEPTED:
+            with self.giving():
+                answer = await self.messages.command(DO_SET_MODE, CUSTOM_MODE, number)
+            if answer != ACCEPTED:
                 raise await self._refused("take the mode to arm in")
             # Before it is seen MAVSDK may order a hold, in whose mode ArduCopter cannot be armed.
             await self.until(lambda: self.mode == shown, "take the mode to arm in")
@@ -145,24 +153,25 @@ class Pilot:
         Raises:
             FlightError: the vehicle leaves it, or misses its end.
         """
-        await self._start()
+        with self.giving():
+            await self._start()
         loop = asyncio.get_running_loop()
         # That the mission before is finished may still be under way; once the vehicle has been in
         # mission mode, its word counts. One that is over at once may never be seen in that mode.
-        entered, left_at = False, None
+        entered, since = False, None
         while True:
             self._check_alive("finish the mission")
             if lands and self._landed:
                 return
-            now = loop.time()
             if self.watch.mode == FlightMode.MISSION:
-                entered, left_at = True, None
-            elif left_at is None:
-                left_at = now
-            left = left_at is not None and now - left_at > MODE_GRACE_S
+                entered, since = True, None
+            elif since is None:
+                since = self.clock(), loop.time()
+            left = since is not None and self.clock() - since[0] > MODE_GRACE_S
             if (entered or left) and await self._mission_finished():
                 return
-            if left:
+            # An error ends the flight: it waits for what is under way on the link, too.
+            if left and since is not None and loop.time() - since[1] > MODE_GRACE_S:
                 mode, said = self.watch.left_mission or (self.watch.mode, "")
                 because = _because(said or self.watch.why)
                 raise FlightError(f"the vehicle left the mission for {mode.name}{because}")
@@ -177,11 +186,14 @@ class Pilot:
                 if "DENIED" not in reason(error):
                     raise await self._refused("start the mission", error) from None
                 logger.info("mission start: %s", error)
-                self._check_alive("start the mission")
-                await asyncio.sleep(pause_s)
+                await self._pause(pause_s, "start the mission")
             else:
                 return
         await self._order("start the mission", self._mission.start_mission())
+
+    async def _pause(self, seconds: float, what: str) -> None:
+        end_s = self.clock() + seconds
+        await self.until(lambda: self.clock() >= end_s, what)
 
     async def _mission_finished(self) -> bool:
         # MAVSDK knows it; the asyncio wrapper asks in a thread, at forty times the cost, and has no
@@ -266,16 +278,18 @@ class Pilot:
         refusal: MavsdkError | None = None
         for attempt in range(1, UPLOAD_ATTEMPTS + 1):
             try:
-                await settled(self._mission.upload_mission(sent))
-                back = await settled(self._mission.download_mission())
+                with self.giving():
+                    await settled(self._mission.upload_mission(sent))
+                    back = await settled(self._mission.download_mission())
             except MavsdkError as error:
                 logger.info("mission upload, attempt %d: %s", attempt, error)
                 self._check_alive("take a mission")
                 refusal = error
                 continue
             if same_mission(sent, back, self.dialect):
-                rewind = self._mission.set_current_mission_item(self.dialect.first_item)
-                await self._order("rewind the mission", rewind)
+                if self.dialect.rewinds:
+                    rewind = self._mission.set_current_mission_item(self.dialect.first_item)
+                    await self._order("rewind the mission", rewind)
                 return
             refusal = None
         if refusal is not None:
@@ -286,7 +300,8 @@ class Pilot:
         """Give an order: a refusal is explained by the first warning after it."""
         self.watch.order_given()
         try:
-            return await settled(call)
+            with self.giving():
+                return await settled(call)
         except MavsdkError as error:
             raise await self._refused(what, error) from None
 

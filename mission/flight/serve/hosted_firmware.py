@@ -70,12 +70,9 @@ class FirmwareHost(Host):
                 with clock.going():
                     await self._flyer.ready()
                 clock.answers = self.runs == "ordered"
-                self._go_on()
+                if self.runs == "always":
+                    clock.run()
                 yield
-
-    def _go_on(self) -> None:
-        if self.runs == "always":
-            self._flyer.vehicle.clock.run()
 
     @property
     def state(self) -> State:
@@ -94,7 +91,4 @@ class FirmwareHost(Host):
     async def fly(self, plan: PlanFile, path: PlannedPath) -> None:
         if self.logs is not None:
             self.logs.took(self._flyer.t_ns, mav.MAV_MISSION_TYPE_MISSION, plan.items)
-        try:
-            await self._flyer.carry_out(plan, path, begins=lambda: None)
-        finally:
-            self._go_on()
+        await self._flyer.carry_out(plan, path, begins=lambda: None)

@@ -29,6 +29,7 @@ from sitl.vehicle import Vehicle
 
 # Where PX4's simulators send to, and from where; a vehicle's number is added to the latter.
 _OWN_PORTS = {14540: 14580, 14550: 18570}
+_LAST_COUNTED = {"14540": 9}  # PX4's after it share the port of that one: the next is everybody's
 _APART_M = 5.0  # homes, towards the east
 _MOST = 64
 _LAST_ID = 250
@@ -183,6 +184,7 @@ def _counted_up(text: str, i: int) -> str:
     """An address with its port `i` higher, over TCP `10 i`, as ArduPilot's simulators have it."""
     start, colon, port = text.rpartition(":")
     step = 10 if start.startswith("tcp") else 1
+    i = min(i, _LAST_COUNTED.get(text, i))
     return f"{start}{colon}{int(port) + i * step}" if port.isdecimal() else text
 
 

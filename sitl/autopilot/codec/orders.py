@@ -16,6 +16,10 @@ RELATIVE_FRAMES = frozenset(
     {mav.MAV_FRAME_GLOBAL_RELATIVE_ALT, mav.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT}
 )
 GLOBAL_FRAMES = ABSOLUTE_FRAMES | RELATIVE_FRAMES
+_OF_DEGREES = {  # what they are called in messages with degrees, not degE7
+    mav.MAV_FRAME_GLOBAL_INT: mav.MAV_FRAME_GLOBAL,
+    mav.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT: mav.MAV_FRAME_GLOBAL_RELATIVE_ALT,
+}
 
 
 class Peer(NamedTuple):
@@ -62,14 +66,16 @@ class MissionItem:
     autocontinue: bool = True
     current: bool = False  # the mission begins with it
 
-    def message(self, to: Peer) -> mav.MAVLink_message:
-        """The MISSION_ITEM_INT that carries the item to a peer."""
-        coordinate = deg_e7 if self.frame in GLOBAL_FRAMES else int32
+    def message(self, to: Peer, *, old: bool = False) -> mav.MAVLink_message:
+        """The MISSION_ITEM_INT that carries the item to a peer, or the `old` MISSION_ITEM."""
+        frame = _OF_DEGREES.get(self.frame, self.frame) if old else self.frame
+        head = (*to, self.seq, frame, self.command, 0, int(self.autocontinue), *self.params)
+        if old:
+            place = (self.x, self.y, self.z)
+            return mav.MAVLink_mission_item_message(*head, *place, self.mission_type)
+        coordinate = deg_e7 if frame in GLOBAL_FRAMES else int32
         x, y = coordinate(self.x), coordinate(self.y)
-        head = (*to, self.seq, self.frame, self.command, 0, int(self.autocontinue))
-        return mav.MAVLink_mission_item_int_message(
-            *head, *self.params, x, y, self.z, self.mission_type
-        )
+        return mav.MAVLink_mission_item_int_message(*head, x, y, self.z, self.mission_type)
 
 
 class OrderObserver(Protocol):

@@ -17,7 +17,7 @@ from sitl.autopilot.flying import route
 from sitl.autopilot.flying.mission import Mission
 from sitl.autopilot.flying.navigator import Navigator
 from sitl.autopilot.guard import Guard
-from sitl.autopilot.modes import ORDERS, PILOTED, Mode, Need, Trigger, possible
+from sitl.autopilot.modes import NEEDS_TO_ARM, ORDERS, PILOTED, Mode, Need, Trigger, possible
 from sitl.autopilot.parameters import Parameters
 from sitl.autopilot.protocol.order_rules import LOOKS, NAVIGATION
 from sitl.autopilot.reporter import Reporter
@@ -73,6 +73,8 @@ class Flight:
         # What the order under way asks for: place (m, NED) and heading (rad; NaN: as it is).
         self._goal: Goal | None = None
         self._ended_by: int | None = None  # the command of the mission's last stage
+        # The order of a mode that was chosen before arming, to be given when the motors turn.
+        self._chosen: Callable[[], str | None] | None = None
         self._manoeuvre: do.Manoeuvre | None = do.settle(aircraft)
         self._settling = True
         self._released = False  # the motors, by an order; a crash stops them without one
@@ -101,6 +103,11 @@ class Flight:
         return self.mode is Mode.LAND and self._goal is not None
 
     @property
+    def _on_mission(self) -> bool:
+        """Whether the mission has begun, and the mode is still its own."""
+        return self.mode is Mode.MISSION and self._chosen is None
+
+    @property
     def landed_state(self) -> int:
         """MAV_LANDED_STATE: on ground, taking off, landing or in air; undefined for a wreck."""
         if self._aircraft.crashed:
@@ -111,7 +118,7 @@ class Flight:
         if self._manoeuvre is not None and self._manoeuvre.landing:
             return mav.MAV_LANDED_STATE_LANDING
         takes_off = self.mode is Mode.TAKEOFF
-        if self.mode is Mode.MISSION:
+        if self._on_mission:
             item = self.mission.items[self.mission.current]
             takes_off = item.command == mav.MAV_CMD_NAV_TAKEOFF
         return mav.MAV_LANDED_STATE_TAKEOFF if takes_off else mav.MAV_LANDED_STATE_IN_AIR
@@ -124,6 +131,10 @@ class Flight:
             return "flight was terminated"
         if self._settling:
             return _STARTING
+        if not self._aircraft.armed:
+            for need in NEEDS_TO_ARM[self.mode]:
+                if not self.needs[need]():
+                    return f"in mode {self.mode.name}: {need.value}"
         return self.guard.arming_denied()
 
     def here(self) -> Vector:
@@ -173,13 +184,27 @@ class Flight:
 
     # --- orders ---------------------------------------------------------------------------------
 
-    def arm(self) -> str | None:
-        """Arm: let the motors turn."""
+    def choose(self, mode: Mode, order: Callable[[], str | None]) -> str | None:
+        """Give an order that leads to a mode; before arming show the mode, and order it then."""
+        if self._aircraft.armed or self._settling or self.mode is Mode.TERMINATED:
+            return order()
+        self._aircraft.idle()
+        self._enter(mode, "chosen before arming", None)
+        self._chosen = order
+        return None
+
+    def arm(self, begin: Callable[[], str | None] | None = None) -> str | None:
+        """Arm: let the motors turn, and `begin` an order, or what was chosen before."""
         if self._aircraft.armed:
             return None
         if reason := self.not_ready():
             return reason
+        begin = begin or self._chosen
         self._aircraft.arm()
+        if begin is not None and (refused := begin()):
+            self._aircraft.disarm()
+            return refused
+        self._chosen = None
         self._aircraft.happened("arming")
         self._released = True
         self.flights += 1
@@ -254,7 +279,7 @@ class Flight:
 
     def fly_mission(self) -> str | None:
         """Start the mission, or go on with it."""
-        if self.mode is Mode.MISSION:
+        if self._on_mission:
             return None
         return self._fly_mission(self.mission)
 
@@ -271,7 +296,7 @@ class Flight:
             mission.rewind(first)
         if last is not None and not mission.next_start[0] <= last < count:
             return f"mission has {count} items, and ends after {last} only if it begins before"
-        if self.mode is Mode.MISSION and not mission.waiting:
+        if self._on_mission and not mission.waiting:
             begun = self.mission.begun, self.mission.last
             if begun == (first, last) or (first is None and begun[1] == last):
                 return None
@@ -293,7 +318,7 @@ class Flight:
 
     def replace_mission(self, items: tuple[MissionItem, ...]) -> str | None:
         """Replace the mission by one to be started later; refuse that while it is being flown."""
-        if self.mode is Mode.MISSION:
+        if self._on_mission:
             if self.moving:
                 return "Mission is being flown: hold before a new one"
             self._enter(Mode.HOLD, "mission replaced at its end", None)  # it was loitering there
@@ -307,7 +332,7 @@ class Flight:
             return f"mission has {len(self.mission.items)} items, no item {seq}"
         rewound = copy(self.mission)
         rewound.rewind(seq, reset=reset)
-        if self.mode is not Mode.MISSION:
+        if not self._on_mission:
             self.mission = rewound
         elif (seq != self.mission.current or reset or self.mission.waiting) and (
             reason := self._fly_mission(rewound)
@@ -375,7 +400,7 @@ class Flight:
             return None
         if self.mode is Mode.MISSION and self.moving:
             self._manoeuvre = self._fly_on(self._stages(self.mission))
-        elif self.mode is Mode.RETURN:
+        elif self.mode is Mode.RETURN and self.moving:
             self._manoeuvre = self._return()
         elif self._goal is not None:
             self._manoeuvre = self._go(*self._goal)
@@ -400,7 +425,7 @@ class Flight:
         if self._settling:
             return _STARTING
         target, needs = ORDERS[trigger]
-        if target is self.mode and target not in _ANEW:
+        if target is self.mode and target not in _ANEW and self._chosen is None:
             return None
         if not possible(self.mode, trigger):
             return f"not possible in mode {self.mode.name}"
@@ -420,7 +445,7 @@ class Flight:
 
     def _enter(self, mode: Mode, why: str, manoeuvre: do.Manoeuvre | None) -> None:
         self._manoeuvre = manoeuvre
-        self._goal = None
+        self._goal = self._chosen = None
         self._report.nudge(mav.MAVLINK_MSG_ID_EXTENDED_SYS_STATE)
         if mode is not self.mode:
             self.mode = mode
@@ -499,6 +524,8 @@ class Flight:
         """Why the stages of a mission may not be flown; empty if they may."""
         if mission.items and not stages:
             return f"from item {mission.next_start[0]} on the mission holds nothing to fly"
+        if trouble := self.navigator.trouble(mission.items):  # home may have moved since
+            return trouble
         paths = route.points_of(stages)
         forbidden = self.guard.forbidden(np.vstack(paths)) if paths else ""
         return f"the mission leads {forbidden}" if forbidden else ""

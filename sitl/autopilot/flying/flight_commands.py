@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from pymavlink.dialects.v20 import common as mav
@@ -23,7 +24,7 @@ from sitl.autopilot.protocol.commands import (
 )
 from sitl.autopilot.protocol.order_rules import FORCE
 
-_MODES = ranges.Range(0, 255, "")
+_MODES = ranges.Range(0, 255, whole=True)
 
 
 # Flags of DO_REPOSITION.
@@ -75,8 +76,10 @@ class FlightCommands:
             mav.MAV_CMD_DO_FLIGHTTERMINATION: self._terminate,
         }
 
-    def set_mode(self, custom_mode: int) -> None:
+    def set_mode(self, base_mode: int, custom_mode: int) -> None:
         """Change to the mode with this PX4 number; raise RefusedError if that is not possible."""
+        if not base_mode & mav.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED:
+            raise UnsupportedError("only custom modes")
         flight = self._flight
         orders: dict[Mode, Callable[[], str | None]] = {
             Mode.HOLD: flight.hold,
@@ -88,10 +91,10 @@ class FlightCommands:
         }
         mode = mode_of_custom(custom_mode)
         order = None if mode is None else orders.get(mode)
-        if order is None:
+        if mode is None or order is None:
             names = ", ".join(mode.name for mode in orders)
             raise UnsupportedError(f"no such mode; there are {names}")
-        demand(order())
+        demand(flight.choose(mode, order))
 
     # --- motors and flight ----------------------------------------------------------------------
 
@@ -105,7 +108,8 @@ class FlightCommands:
         place, z = self._somewhere(order), order.params[6]
         altitude = self._altitude(z, order.frame) if math.isfinite(z) else None
         yaw_rad = _heading(order)
-        demand(self._flight.take_off(altitude, place_ned_m=place, yaw_rad=yaw_rad))
+        order_it = partial(self._flight.take_off, altitude, place_ned_m=place, yaw_rad=yaw_rad)
+        demand(self._flight.choose(Mode.TAKEOFF, order_it))
 
     def _land(self, order: CommandOrder) -> None:
         place = self._somewhere(order)
@@ -155,11 +159,9 @@ class FlightCommands:
 
     def _set_mode(self, order: CommandOrder) -> None:
         base, main, sub = order.params[:3]
-        if not (math.isfinite(base) and int(base) & 1):
-            raise UnsupportedError("only custom modes")
-        if not (main in _MODES and sub in _MODES):
+        if not all(number in _MODES for number in (base, main, sub)):
             raise UnsupportedError("no such mode")
-        self.set_mode(int(main) << 16 | int(sub) << 24)
+        self.set_mode(int(base), int(main) << 16 | int(sub) << 24)
 
     def _terminate(self, order: CommandOrder) -> None:
         if not order.params[0] > 0.5:
@@ -170,8 +172,9 @@ class FlightCommands:
 
     def _start_mission(self, order: CommandOrder) -> None:
         first, last = order.params[:2]
-        begin = None if math.isnan(first) else int(first)
-        demand(self._flight.start_mission(begin, int(last) if last > 0.0 else None))
+        begin, end = None if math.isnan(first) else int(first), int(last) if last > 0.0 else None
+        start = partial(self._flight.start_mission, begin, end)
+        demand(start() if self._aircraft.armed else self._flight.arm(start))  # as PX4 does
 
     def _pause(self, order: CommandOrder) -> None:
         if order.params[0] == 0.0:
@@ -188,7 +191,7 @@ class FlightCommands:
 
     def _set_home(self, order: CommandOrder) -> None:
         here = order.params[0] == 1.0
-        self._flight.set_home(self._here() if here else self._place(order))
+        self._flight.set_home(self._here() if here else self._place(order, as_home=True))
 
     def _here(self) -> GeodeticPoint:
         return self._aircraft.frame.to_geodetic(np.asarray(self._aircraft.belief.pos_ned_m))
@@ -212,8 +215,13 @@ class FlightCommands:
     def _ned(self, place: GeodeticPoint) -> Vector:
         return self._aircraft.frame.to_ned(place.lat_deg, place.lon_deg, place.alt_msl_m)
 
-    def _place(self, order: CommandOrder, here: GeodeticPoint | None = None) -> GeodeticPoint:
-        """The position a command names; what is left open (NaN) is taken from `here`."""
+    def _place(
+        self, order: CommandOrder, here: GeodeticPoint | None = None, *, as_home: bool = False
+    ) -> GeodeticPoint:
+        """The position a command names; what is left open (NaN) is taken from `here`.
+
+        One that home moves to (`as_home`) may be far from where home is now.
+        """
         lat_deg, lon_deg, z = order.params[4:]
         if here is not None:
             lat_deg = here.lat_deg if math.isnan(lat_deg) else lat_deg
@@ -223,8 +231,7 @@ class FlightCommands:
         else:
             altitude = self._altitude(z, order.frame)
         place = GeodeticPoint(lat_deg, lon_deg, altitude)
-        if far := self._flight.navigator.too_far(
-            self._aircraft.frame.to_ned(lat_deg, lon_deg, altitude)
-        ):
+        there = self._aircraft.frame.to_ned(lat_deg, lon_deg, altitude)
+        if far := self._flight.navigator.too_far(there, there if as_home else None):
             raise RefusedError(far)
         return place

@@ -36,6 +36,14 @@ class Mission:
         """The items up to the one after which it ends."""
         return self.items if self.last is None else self.items[: self.last + 1]
 
+    @property
+    def _end(self) -> int:
+        """The last item that is carried out, which a jump is not."""
+        end = len(self.flown) - 1
+        while end > 0 and self.items[end].command == mav.MAV_CMD_DO_JUMP:
+            end -= 1
+        return max(end, 0)
+
     def rewind(self, seq: int, *, reset: bool = True) -> None:
         """Go on with item `seq`, at the speed that the items before it ask for.
 
@@ -61,12 +69,15 @@ class Mission:
         if self.complete:
             self.rewind(0)
         self._started, self.waiting, self.begun = True, False, self._next
+        first = next(flown_order(self.flown, self._next, self._jumps_left), None)
+        if first is not None and first.seq != self._next:  # it was to go on with a jump
+            self.current = self._next = first.seq
 
     def reached(self, seq: int) -> None:
         """Note that item `seq` has been reached or carried out."""
         self.item_speed_mps = speed_from(self.items[seq], self.item_speed_mps)
         # After the last item it stays the last: a hold may come before the aircraft is at rest.
-        self._next, self.current = seq, len(self.flown) - 1
+        self._next, self.current = seq, self._end
         left, self.over = self._jumps_left, True
         # Jumps over items without navigation are not followed for ever.
         ahead = islice(flown_order(self.flown, seq + 1, left), len(self.items))
@@ -83,7 +94,7 @@ class Mission:
     def finish(self) -> None:
         """Note that the last item has been reached and the aircraft has come to rest."""
         self.complete, self.waiting = True, False
-        self.current, self.last = max(len(self.flown) - 1, 0), None
+        self.current, self.last = self._end, None
 
     def message(self, *, in_mission_mode: bool) -> mav.MAVLink_message:
         """MISSION_CURRENT: current item, number of items, state, and whether it is flown."""
@@ -99,6 +110,6 @@ class Mission:
             return mav.MISSION_STATE_NO_MISSION
         if self.complete:
             return mav.MISSION_STATE_COMPLETE
-        if in_mission_mode:
-            return mav.MISSION_STATE_ACTIVE
-        return mav.MISSION_STATE_PAUSED if self._started else mav.MISSION_STATE_NOT_STARTED
+        if not self._started:
+            return mav.MISSION_STATE_NOT_STARTED
+        return mav.MISSION_STATE_ACTIVE if in_mission_mode else mav.MISSION_STATE_PAUSED

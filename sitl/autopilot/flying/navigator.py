@@ -55,9 +55,19 @@ class Navigator:
         near = float(np.linalg.norm(held - belief)) < _SAME_PLACE_M
         return np.array(held if near else belief)
 
-    def too_far(self, pos_ned_m: Vector) -> str:
-        """Why a place is too far away to be flown to, in words; empty if it is not."""
-        return route.too_far(pos_ned_m, farthest_m=self._parameters["MIS_DIST_1WP"])
+    def too_far(self, pos_ned_m: Vector, home_ned_m: Vector | None = None) -> str:
+        """Why a place is too far away to be flown to, in words; empty if it is not.
+
+        `home_ned_m`: where home will be, if not where it is.
+        """
+        home = self._guard.home_ned_m if home_ned_m is None else home_ned_m
+        return route.too_far(pos_ned_m, home, farthest_m=self._parameters["MIS_DIST_1WP"])
+
+    def trouble(self, items: Sequence[MissionItem]) -> str:
+        """Why a mission cannot be flown, or rally points not be landed at; empty if they can."""
+        frame, home = self._aircraft.frame, self._guard.home
+        farthest_m = self._parameters["MIS_DIST_1WP"]
+        return route.check_mission(items, frame=frame, home=home, farthest_m=farthest_m)
 
     def climb(
         self, start: Vector, goal: Vector, *, speed_mps: float | None, yaw_rad: float

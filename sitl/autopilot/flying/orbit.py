@@ -3,7 +3,6 @@
 import math
 from collections.abc import Iterator
 
-import numpy as np
 from pymavlink.dialects.v20 import common as mav
 
 from flightdyn.aircraft import Aircraft
@@ -36,8 +35,6 @@ class Orbits:
 
     def _command(self, order: CommandOrder) -> None:
         orbit, flight = self._asked(order), self._flight
-        if far := flight.navigator.too_far(np.array(orbit.center_ned_m)):
-            raise RefusedError(f"the orbit is {far}")
         if forbidden := flight.guard.forbidden(orbit.points(self._phase(orbit))):
             raise RefusedError(f"the orbit leads {forbidden}")
         if orbit != self.current:
@@ -53,7 +50,10 @@ class Orbits:
         if now is not None:
             north, east, _ = now.center_ned_m
         if not (math.isnan(lat_deg) or math.isnan(lon_deg)):
-            north, east, _ = map(float, frame.to_ned(lat_deg, lon_deg, frame.origin.alt_msl_m))
+            there = frame.to_ned(lat_deg, lon_deg, frame.origin.alt_msl_m)
+            if far := self._flight.navigator.too_far(there):
+                raise RefusedError(f"the orbit is {far}")
+            north, east, _ = map(float, there)
         if not math.isnan(z):
             down = frame.origin.alt_msl_m - z
         # The sign of the radius is the direction; a speed that would press too hard is lowered.

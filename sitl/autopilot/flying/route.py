@@ -23,6 +23,7 @@ from sitl.autopilot.parameters import Parameters
 from sitl.autopilot.protocol.order_rules import PLACES
 
 _JUMPS = frozenset({mav.MAV_CMD_DO_JUMP})
+_FLOWN_TO = PLACES | {mav.MAV_CMD_NAV_RALLY_POINT}
 _ENDS = frozenset(
     {mav.MAV_CMD_NAV_LAND, mav.MAV_CMD_NAV_RETURN_TO_LAUNCH, mav.MAV_CMD_NAV_LOITER_UNLIM}
 )
@@ -414,21 +415,30 @@ def _steps(first: int, jumps: Mapping[int, MissionItem], stops: Sequence[int]) -
 def check_mission(
     items: Sequence[MissionItem], *, frame: LocalFrame, home: GeodeticPoint, farthest_m: float
 ) -> str:
-    """Return why a mission cannot be flown (an item too far away, bad jumps); empty if it can."""
+    """Return why a mission cannot be flown (an item too far away, bad jumps); empty if it can.
+
+    Of rally points, too, whether one is too far away.
+    """
+    home_ned_m = frame.to_ned(home.lat_deg, home.lon_deg, home.alt_msl_m)
     for item in items:
-        if item.command in PLACES:
+        if item.command in _FLOWN_TO:
             place = place_of(item, frame, home)
-            if far := too_far(place, farthest_m=farthest_m):
+            if far := too_far(place, home_ned_m, farthest_m=farthest_m):
                 return f"item {item.seq} is {far}"
     return _jump_trouble(items)
 
 
-def too_far(place_ned_m: Vector, *, farthest_m: float) -> str:
-    """Describe how a place is too far from the frame's origin; empty if it is not."""
-    distance_m = float(np.hypot(place_ned_m[0], place_ned_m[1]))
-    if distance_m <= farthest_m:
-        return ""
-    return f"{_distance(distance_m)} from home, MIS_DIST_1WP allows {_distance(farthest_m)}"
+def too_far(place_ned_m: Vector, home_ned_m: Vector, *, farthest_m: float) -> str:
+    """Describe how a place is too far from home, or from the frame's origin; empty if it is not."""
+    north_m, east_m, _ = np.subtract(place_ned_m, home_ned_m)
+    reach_m = ranges.AWAY.high  # the far side of the earth lies below the origin, not beside it
+    for distance_m, most_m, words in (
+        (math.hypot(north_m, east_m), farthest_m, "home, MIS_DIST_1WP allows"),
+        (math.hypot(*place_ned_m), reach_m, "where the vehicle started, the most is"),
+    ):
+        if distance_m > most_m:
+            return f"{_distance(distance_m)} from {words} {_distance(most_m)}"
+    return ""
 
 
 def _distance(metres: float) -> str:

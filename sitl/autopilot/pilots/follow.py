@@ -47,7 +47,7 @@ class Follower:
         if not possible:
             return
         x, y, z = map(float, self._flight.frame.to_ned(lat_deg, lon_deg, msg.alt))
-        if math.hypot(x, y) not in ranges.AWAY:
+        if math.hypot(x, y, z) not in ranges.AWAY:
             return
         self._heard_at = self._cockpit.now
         self._pos, self._vel = (x, y, z), (vx, vy, vz)

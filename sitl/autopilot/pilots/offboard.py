@@ -135,8 +135,8 @@ class Offboard(StreamPilot):
             return math.nan, math.nan, down
         height = local.origin.alt_msl_m if math.isnan(altitude) else altitude
         north, east, z = map(float, local.to_ned(lat_deg, lon_deg, height))
-        if math.hypot(north, east) not in ranges.AWAY:
-            raise _InvalidError(f"position {math.hypot(north, east) / 1000:.0f} km away")
+        if (away_m := math.hypot(north, east, z)) not in ranges.AWAY:
+            raise _InvalidError(f"position {away_m / 1000:.0f} km away")
         return north, east, down if math.isnan(altitude) else z
 
 

@@ -150,28 +150,27 @@ _AEROPLANE = _ANY
 _HOLD: Allowed = (ranges.HOLD, *_OPEN)
 _YAW: Allowed = (ranges.YAW, *_OPEN)
 _SWITCH: Allowed = ((0.0, 1.0),)
+_SWITCH_OR_OPEN: Allowed = (*_SWITCH, *_OPEN)
+_ITEM: Allowed = (ranges.ITEM, *_OPEN)
 _RADIUS: Allowed = (ranges.ORBIT_RADIUS, ranges.COUNTER_CLOCKWISE)
 _NO_TIME: Allowed = ((0.0, -1.0), *_OPEN)
 _RECEIVER: Allowed = ((0.0, 1.0, 2.0), *_OPEN)  # for messages that name one; none here does
 # A multirotor that measures neither air nor ground speed takes both for the same; -1 keeps the
 # speed, -2 returns to the default. It has no throttle to be set beside its height.
-_CHANGE_SPEED = _rule(
-    _SWITCH, (ranges.SPEED, (-1.0, -2.0)), ((0.0, -1.0, -2.0), *_OPEN)
-)  # fmt: skip
+_CHANGE_SPEED = _rule(_SWITCH, (ranges.SPEED, (-1.0, -2.0)), ((0.0, -1.0, -2.0), *_OPEN))
 _CONDITION_YAW = _rule(
-    (ranges.YAW,), (ranges.TURN_RATE, *_OPEN), ((-1.0, 0.0, 1.0), *_OPEN), (*_SWITCH, *_OPEN)
+    (ranges.YAW,), (ranges.TURN_RATE, *_OPEN), ((-1.0, 0.0, 1.0), *_OPEN), _SWITCH_OR_OPEN
 )
 _ROI_NONE, _ROI_MODE = _rule(), ((0.0, 3.0),)  # nothing, or a place
-_TAKEOFF = (_AEROPLANE, UNUSED, UNUSED, _YAW)
-_LAND = (_AEROPLANE, UNUSED, UNUSED, _YAW)
+_UP_OR_DOWN = (_AEROPLANE, UNUSED, UNUSED, _YAW)
 _LOITER = (UNUSED, UNUSED, _AEROPLANE, _YAW)
 
 # By the command, or by the command and its first parameter where that decides what the others are.
 Table: TypeAlias = Mapping[int | tuple[int, float], Rule]
 COMMAND_RULES: Table = {
     mav.MAV_CMD_COMPONENT_ARM_DISARM: _rule(_SWITCH, ((0.0, FORCE), *_OPEN)),
-    mav.MAV_CMD_NAV_TAKEOFF: _placed(*_TAKEOFF, here=_OPEN, command=True),
-    mav.MAV_CMD_NAV_LAND: _placed(*_LAND, here=_OPEN, command=True),
+    mav.MAV_CMD_NAV_TAKEOFF: _placed(*_UP_OR_DOWN, here=_OPEN, command=True),
+    mav.MAV_CMD_NAV_LAND: _placed(*_UP_OR_DOWN, here=_OPEN, command=True),
     mav.MAV_CMD_NAV_RETURN_TO_LAUNCH: _rule(),
     mav.MAV_CMD_NAV_LOITER_UNLIM: _placed(*_LOITER, here=_OPEN, command=True),
     mav.MAV_CMD_DO_REPOSITION: _placed(
@@ -190,9 +189,9 @@ COMMAND_RULES: Table = {
     mav.MAV_CMD_DO_CHANGE_SPEED: _CHANGE_SPEED,
     mav.MAV_CMD_CONDITION_YAW: _CONDITION_YAW,
     mav.MAV_CMD_DO_SET_MODE: _rule(_ANY, _ANY, _ANY),
-    mav.MAV_CMD_MISSION_START: _rule((ranges.ITEM, *_OPEN), (ranges.ITEM, *_OPEN)),
+    mav.MAV_CMD_MISSION_START: _rule(_ITEM, _ITEM),
     mav.MAV_CMD_DO_PAUSE_CONTINUE: _rule(_SWITCH),
-    mav.MAV_CMD_DO_SET_MISSION_CURRENT: _rule((ranges.ITEM, (-1.0,), *_OPEN), (*_SWITCH, *_OPEN)),
+    mav.MAV_CMD_DO_SET_MISSION_CURRENT: _rule((*_ITEM, (-1.0,)), _SWITCH_OR_OPEN),
     mav.MAV_CMD_DO_SET_HOME: _placed(_SWITCH, command=True),
     (mav.MAV_CMD_DO_SET_HOME, 1.0): _rule(_SWITCH),
     mav.MAV_CMD_DO_FLIGHTTERMINATION: _rule(_ANY),
@@ -211,7 +210,7 @@ COMMAND_RULES: Table = {
     mav.MAV_CMD_PREFLIGHT_STORAGE: _rule(_ANY, ((0.0, -1.0), *_OPEN)),
     mav.MAV_CMD_INJECT_FAILURE: _rule(_ANY, _ANY, _ANY),
     mav.MAV_CMD_GET_HOME_POSITION: _rule(),
-    mav.MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES: _rule((*_SWITCH, *_OPEN)),
+    mav.MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES: _rule(_SWITCH_OR_OPEN),
     mav.MAV_CMD_REQUEST_MESSAGE: _rule(_ANY, seventh=_RECEIVER),
     (mav.MAV_CMD_REQUEST_MESSAGE, mav.MAVLINK_MSG_ID_MESSAGE_INTERVAL): _rule(
         _ANY, _ANY, seventh=_RECEIVER
@@ -230,8 +229,8 @@ _MISSION: Table = {
     mav.MAV_CMD_NAV_LOITER_TURNS: _placed(
         (ranges.TURNS, *_OPEN), UNUSED, (*_RADIUS, (0.0,), *_OPEN), _YAW
     ),
-    mav.MAV_CMD_NAV_TAKEOFF: _placed(*_TAKEOFF, here=_OPEN),
-    mav.MAV_CMD_NAV_LAND: _placed(*_LAND, here=_OPEN),
+    mav.MAV_CMD_NAV_TAKEOFF: _placed(*_UP_OR_DOWN, here=_OPEN),
+    mav.MAV_CMD_NAV_LAND: _placed(*_UP_OR_DOWN, here=_OPEN),
     mav.MAV_CMD_NAV_RETURN_TO_LAUNCH: _rule(),
     mav.MAV_CMD_NAV_DELAY: _rule((ranges.HOLD,), _NO_TIME, _NO_TIME, _NO_TIME),
     mav.MAV_CMD_CONDITION_DELAY: _rule((ranges.HOLD,)),

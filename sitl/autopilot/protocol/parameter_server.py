@@ -1,5 +1,6 @@
 """The MAVLink parameter protocol from the vehicle's side."""
 
+import math
 import struct
 from pathlib import Path
 
@@ -18,10 +19,18 @@ from sitl.autopilot.protocol.commands import Commands, RefusedError, Unsupported
 from sitl.errors import SitlInputError
 
 _INDEX = {spec.name: index for index, spec in enumerate(TABLE)}
-# The types a ground station may send a value in; the value is what counts.
-_INTEGER_TYPES = frozenset(range(1, 9))
-# PX4's bytewise encoding: integers travel as their bytes in the float field.
+# Values travel bytewise, as with PX4: the field, a float, begins with the bytes of the number.
+# Types of 64 bits do not fit into it.
 _INT, _FLOAT = struct.Struct("<i"), struct.Struct("<f")
+_TYPES = {
+    mav.MAV_PARAM_TYPE_REAL32: _FLOAT,
+    mav.MAV_PARAM_TYPE_INT32: _INT,
+    mav.MAV_PARAM_TYPE_UINT32: struct.Struct("<I"),
+    mav.MAV_PARAM_TYPE_INT16: struct.Struct("<h"),
+    mav.MAV_PARAM_TYPE_UINT16: struct.Struct("<H"),
+    mav.MAV_PARAM_TYPE_INT8: struct.Struct("<b"),
+    mav.MAV_PARAM_TYPE_UINT8: struct.Struct("<B"),
+}
 
 
 class ParameterServer:
@@ -76,15 +85,12 @@ class ParameterServer:
             self._refuse(peer, msg.param_id, msg.param_index, error)
 
     def _set(self, peer: Peer, msg: mav.MAVLink_param_set_message, _now: float) -> None:
-        name, value = msg.param_id, msg.param_value
-        spec = SPECS.get(name)
+        name, spec = msg.param_id, SPECS.get(msg.param_id)
         if spec is None:
             self._refuse(peer, name, -1, mav.MAV_PARAM_ERROR_DOES_NOT_EXIST)
             return
-        if msg.param_type == mav.MAV_PARAM_TYPE_INT32:
-            value = float(_INT.unpack(_FLOAT.pack(value))[0])
-        matches = spec.whole == (msg.param_type in _INTEGER_TYPES)
-        if not (matches and self._parameters.set(name, value)):
+        matches = spec.whole == (msg.param_type != mav.MAV_PARAM_TYPE_REAL32)
+        if not (matches and self._parameters.set(name, _number(msg))):
             self._refuse(peer, name, -1, mav.MAV_PARAM_ERROR_VALUE_OUT_OF_RANGE)
         # Older ground stations know no error: the value that stayed tells them.
         self._outbox.append(self._value(name, _INDEX[name]))
@@ -98,3 +104,15 @@ class ParameterServer:
         if SPECS[name].whole:
             value, kind = _FLOAT.unpack(_INT.pack(int(value)))[0], mav.MAV_PARAM_TYPE_INT32
         return mav.MAVLink_param_value_message(name.encode(), value, kind, len(TABLE), index)
+
+
+def _number(msg: mav.MAVLink_param_set_message) -> float:
+    """The number that a PARAM_SET means; NaN if its field holds none of the type that it names."""
+    kind = _TYPES.get(msg.param_type)
+    if kind is None:
+        return math.nan
+    field = _FLOAT.pack(msg.param_value)
+    value = float(kind.unpack_from(field)[0])
+    # Bytes behind a narrow number belong to another encoding: 4.0 as a float begins with a 0.
+    rest = set(field[kind.size :])
+    return value if rest in (set(), {0}) or (value < 0 and rest == {255}) else math.nan

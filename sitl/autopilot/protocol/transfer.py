@@ -90,7 +90,7 @@ class MissionTransfer:
             self._take(kind, items)
 
     def handlers(self) -> Handlers:
-        """The handler of each message class; messages about unknown lists are dropped."""
+        """The handler of each message class; one about an unknown list is refused."""
         handlers: Handlers = {
             mav.MAVLink_mission_count_message: self._count,
             mav.MAVLink_mission_item_message: self._item,
@@ -105,10 +105,13 @@ class MissionTransfer:
         }
 
         def handle(peer: Peer, msg: Any, now: float) -> None:
-            if msg.mission_type in (*self.lists, ALL):
-                # Whatever the peer waits for now, it is not the answer before.
-                self._repeated.pop(peer, None)
+            # Whatever the peer waits for now, it is not the answer before.
+            self._repeated.pop(peer, None)
+            cleared = isinstance(msg, mav.MAVLink_mission_clear_all_message)
+            if msg.mission_type in self.lists or (cleared and msg.mission_type == ALL):
                 handlers[type(msg)](peer, msg, now)
+            elif not isinstance(msg, mav.MAVLink_mission_ack_message):
+                self._ack(peer, msg.mission_type, mav.MAV_MISSION_UNSUPPORTED)
 
         return dict.fromkeys(handlers, handle)
 
@@ -146,9 +149,7 @@ class MissionTransfer:
 
     def _count(self, peer: Peer, msg: mav.MAVLink_mission_count_message, now: float) -> None:
         kind = msg.mission_type
-        if kind not in self.lists:
-            self._ack(peer, kind, mav.MAV_MISSION_UNSUPPORTED)
-        elif self._upload is not None and self._upload.peer != peer:
+        if self._upload is not None and self._upload.peer != peer:
             self._ack(peer, kind, mav.MAV_MISSION_DENIED)
         elif msg.count > MAX_ITEMS:
             self._upload = None
@@ -204,10 +205,7 @@ class MissionTransfer:
 
     def _list(self, peer: Peer, msg: mav.MAVLink_mission_request_list_message, now: float) -> None:
         kind = msg.mission_type
-        items = self.lists.get(kind)
-        if items is None:
-            self._ack(peer, kind, mav.MAV_MISSION_UNSUPPORTED)
-            return
+        items = self.lists[kind]
         # What was announced is what will be sent, even if somebody replaces the list meanwhile.
         self._downloads[peer, kind] = _Download(items, now + DOWNLOAD_KEPT_S)
         self._outbox.append(mav.MAVLink_mission_count_message(*peer, len(items), kind))
@@ -223,11 +221,12 @@ class MissionTransfer:
             download.until = now + DOWNLOAD_KEPT_S
             items = download.items
         else:
-            items = self.lists.get(msg.mission_type, ())
+            items = self.lists[msg.mission_type]
         if msg.seq >= len(items):
             self._ack(peer, msg.mission_type, mav.MAV_MISSION_INVALID_SEQUENCE)
             return
-        answer = items[msg.seq].message(peer)
+        old = isinstance(msg, mav.MAVLink_mission_request_message)
+        answer = items[msg.seq].message(peer, old=old)
         self._outbox.append(answer)
         if download is not None:
             download.lossy = download.lossy or msg.seq == download.asked

@@ -44,7 +44,7 @@ def stand_in(folder: Path, text: str) -> Path:
 @pytest.mark.parametrize(
     ("keys", "said"),
     [
-        (("vehicle.autopilot=px4",), "needs firmware.path"),
+        (("vehicle.autopilot=px4",), "the firmware's binary, or AEROFED_PX4 in the environment"),
         (("vehicle.firmware.path=px4",), "autopilot = 'built-in' flies"),
         (
             ("vehicle.autopilot=px4", "vehicle.firmware.path=px4",
@@ -64,8 +64,13 @@ def stand_in(folder: Path, text: str) -> Path:
     ],
 )  # fmt: skip
 def test_settings_that_do_not_fit_are_refused(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], keys: tuple[str, ...], said: str
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+    keys: tuple[str, ...],
+    said: str,
 ) -> None:
+    monkeypatch.delenv("AEROFED_PX4", raising=False)
     assert call(["run", "--out", str(tmp_path / "out"), "--set", *keys]) == 2
     assert said in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
@@ -273,6 +278,45 @@ def test_a_real_firmware_takes_about_the_energy_that_was_planned(
     assert fly(out, autopilot, real(autopilot), "--rounds", "1", *words) == 0
     (flown,) = small_runs.rows(out / "rounds.csv")
     assert 0.7 < float(flown["energy_j"]) / float(flown["plan_energy_j"]) < 1.4
+
+
+@pytest.mark.real
+@pytest.mark.parametrize("autopilot", sorted(REAL))
+@pytest.mark.parametrize("config", ["city", "town"])
+def test_a_real_firmware_lands_where_areas_have_to_be_flown_around(
+    tmp_path: Path, config: str, autopilot: str
+) -> None:
+    """With buildings, and with a fence and no-fly areas, in wind; the battery is changed once."""
+    out = tmp_path / "out"
+    keys = (
+        *(f"vehicle.autopilot={autopilot}", f"vehicle.firmware.path={real(autopilot)}"),
+        *("mission.rounds=3", "mission.battery_reserve=0.9"),
+    )
+    assert call(["run", config, "--out", str(out), "--no-report", "--set", *keys]) == 0
+    flown = small_runs.rows(out / "rounds.csv")
+    charges = [float(row["battery_remaining"]) for row in flown]
+    assert len(charges) == 3
+    assert max(np.diff(charges)) > 0.0, charges
+
+
+@pytest.mark.real
+def test_where_px4_is_planned_for_again_it_hovers_no_longer_than_the_order_takes(
+    tmp_path: Path,
+) -> None:
+    """It was several seconds, and on a busy machine up to a minute."""
+    out = tmp_path / "out"
+    keys = (
+        *("vehicle.autopilot=px4", f"vehicle.firmware.path={real('px4')}"),
+        *("mission.rounds=1", "mission.replan=stop"),
+    )
+    assert call(["run", "city", "--out", str(out), "--no-report", "--set", *keys]) == 0
+    log = read_log(out / "flight.mcap")
+    texts = [(event.t_ns, event.text) for event in log.events]
+    begins = [t_ns for t_ns, text in texts if text == "MISSION"]
+    ends = [t_ns for t_ns, text in texts if text == "HOLD" and t_ns > begins[0]]
+    pauses_s = [(begin - end) / 1e9 for end, begin in zip(ends, begins[1:], strict=False)]
+    assert len(pauses_s) > 3
+    assert max(pauses_s) < 3.0, pauses_s
 
 
 def _cwd(process: Path) -> str:

@@ -2,7 +2,8 @@
 
 import asyncio
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from copy import copy
 from pathlib import Path
 from typing import cast
@@ -26,7 +27,7 @@ from mission.flight.flyers.external import left_holding
 from mission.flight.mission_items import mission_items
 from mission.flight.pilot.connection import connect
 from mission.flight.pilot.dialects import ARDUPILOT, PX4, Dialect
-from mission.flight.pilot.pilot import Pilot
+from mission.flight.pilot.pilot import MODE_GRACE_S, Pilot
 from mission.flight.pilot.raw_items import as_dialect, raw_items, same_mission
 from mission.flight.pilot.watch import Watch
 from mission.log import LogError
@@ -67,8 +68,8 @@ async def heard(pilot: Pilot, text: str) -> None:
 @pytest.mark.parametrize(
     ("delay_s", "words"),
     [
-        (0.0, " (it said: DO_SET_MODE refused: not armed)"),
-        (0.3, " (it said: DO_SET_MODE refused: not armed)"),
+        (0.0, " (it said: DO_SET_MODE refused: on the ground)"),
+        (0.3, " (it said: DO_SET_MODE refused: on the ground)"),
         (None, ""),
     ],
 )
@@ -81,6 +82,7 @@ def test_a_refusal_is_not_blamed_on_an_older_warning(delay_s: float | None, word
             station = mav.MAVLink(None, srcSystem=250, srcComponent=190)
             link.feed(bytes(mav.MAVLink_mission_set_current_message(1, 1, 99).pack(station)))
             await heard(pilot, OLDER)
+            await pilot.arm()
             link.delay_s = delay_s
             with pytest.raises(FlightError) as refusal:
                 await pilot.land()
@@ -187,6 +189,89 @@ def test_a_mission_is_flown_to_its_end(worse: Worse) -> None:
             return float(vehicle.aircraft.truth.pos_ned_m[1])
 
     assert asyncio.run(east_m()) == pytest.approx(100.0, abs=5.0)
+
+
+class Ticks:
+    """A clock that goes on by a second each time that somebody looks."""
+
+    now_s = 0.0
+
+    def __call__(self) -> float:
+        self.now_s += 1.0
+        return self.now_s
+
+
+def test_a_mission_that_was_over_at_once_costs_two_seconds_of_the_vehicles_own(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """And as many hovers, however fast its time goes: nobody saw it in mission mode."""
+
+    async def at_once(_: Pilot) -> bool:
+        return True
+
+    async def taken(_: Pilot) -> None: ...
+
+    monkeypatch.setattr(Pilot, "_mission_finished", at_once)
+    monkeypatch.setattr(Pilot, "_start", taken)
+
+    async def run() -> float:
+        link, clock = RawLink(), Ticks()
+        vehicle = Vehicle(VehicleConfig(), home=HOME, streams=RandomStreams(1))
+        async with Simulation(vehicle, link), connect(link) as pilot:
+            pilot.clock = clock
+            await pilot.carry_out()
+        return clock.now_s
+
+    assert asyncio.run(run()) == MODE_GRACE_S + 2.0  # the first look, and the first beyond
+
+
+class Orders(RawLink):
+    """What MAVSDK sends, with whether somebody waits meanwhile."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.waits = False
+        self.heard: list[tuple[str, bool]] = []
+        self._parser = mav.MAVLink(None)
+
+    def feed(self, data: bytes) -> None:
+        for message in self._parser.parse_buffer(data) or ():
+            self.heard.append((str(getattr(message, "command", message.get_type())), self.waits))
+        super().feed(data)
+
+    @contextmanager
+    def giving(self) -> Iterator[None]:
+        self.waits = True
+        try:
+            yield
+        finally:
+            self.waits = False
+
+
+@pytest.mark.slow
+def test_a_vehicle_whose_time_is_ours_may_wait_for_each_order() -> None:
+    async def heard() -> list[tuple[str, bool]]:
+        vehicle = Vehicle(VehicleConfig(), home=HOME, streams=RandomStreams(1))
+        stops = (Stop(np.array([400.0, 400.0]), ()), Stop(np.array([410.0, 400.0]), ()))
+        plan = FlightPlan(stops, 20.0, 15.0, 5.0)
+        link = Orders()
+        async with Simulation(vehicle, link), connect(link) as pilot:
+            await pilot.ready()
+            pilot.giving = link.giving
+            await pilot.take_off(plan.alt_rel_m)
+            await pilot.upload_items(mission_items(plan, AREA))
+            await pilot.fly()
+            await pilot.hold()
+            await pilot.land()
+        return link.heard
+
+    orders = {
+        *(mav.MAV_CMD_COMPONENT_ARM_DISARM, mav.MAV_CMD_NAV_TAKEOFF, mav.MAV_CMD_DO_SET_MODE),
+        *("MISSION_COUNT", "MISSION_REQUEST_LIST"),
+    }
+    found = [one for one in asyncio.run(heard()) if one[0] in set(map(str, orders))]
+    assert {name for name, _ in found} == set(map(str, orders))
+    assert all(waits for _, waits in found), found
 
 
 class FullDisk:

@@ -226,6 +226,19 @@ def test_an_instance_is_the_vehicle_of_that_number() -> None:
     assert alone.vehicle.aircraft.frame.origin == third.vehicle.aircraft.frame.origin
 
 
+def test_from_the_tenth_on_vehicles_share_a_port_as_with_px4() -> None:
+    """px4-rc.mavlink: 14540 + instance, and 14549 above 9; its own ports count on."""
+    config = load_config(builtin_config("quickstart.toml"))
+    ports = [list(one.urls.items()) for one in make_vehicles(
+        config, count=12, udp=("14540", "14550"), logs=None
+    )]  # fmt: skip
+    assert ports == [
+        [(f"udpout://127.0.0.1:{14540 + min(i, 9)}", 14580 + i),
+         ("udpout://127.0.0.1:14550", 18570 + i)]
+        for i in range(12)
+    ]  # fmt: skip
+
+
 def test_vehicles_are_called_by_their_numbers_as_their_folders_are(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

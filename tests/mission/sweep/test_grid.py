@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from mission.base.errors import InputError
-from mission.config.loading import builtin_config
+from mission.config.loading import builtin_config, load_config
 from mission.scenario.custom_strategies import CustomStrategy
 from mission.scenario.scenario import build_scenario
 from mission.sweep.folder import SweepFolder, points_of, read_manifest
@@ -203,6 +203,21 @@ def test_what_fails_under_the_lock_is_not_blamed_on_the_folder(tmp_path: Path) -
     ):
         raise failure
     assert caught.value is failure
+
+
+def test_each_autopilot_of_a_sweep_has_the_binary_that_the_environment_names(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("AEROFED_PX4", "bin/px4")
+    monkeypatch.setenv("AEROFED_ARDUCOPTER", "/opt/arducopter")
+    swept = [Axis("vehicle.autopilot", ("built-in", "px4", "ardupilot"))]
+    found = make_grid(builtin_config("quickstart.toml"), strategies=["cov"], seeds=1, axes=swept)
+    paths = [run.config.vehicle.firmware.path for run in found.runs]
+    assert paths == [None, tmp_path / "bin" / "px4", Path("/opt/arducopter")]
+    # As the resolved configuration of a run says, whatever the environment does later.
+    monkeypatch.setenv("AEROFED_PX4", "elsewhere")
+    assert load_config(found.runs[1].config).vehicle.firmware.path == paths[1]
 
 
 def test_what_all_runs_have_is_set_together_with_what_one_has(tmp_path: Path) -> None:

@@ -21,12 +21,14 @@ class Eager:
     def __init__(self) -> None:
         self.plant: Plant = plant()
         self.truths = TruthRing(self.plant)
+        self.rests = 0
 
     def run(self, ticks: int) -> int:
         self.plant.clock.tick += ticks
         return ticks
 
     def rest(self) -> None:
+        self.rests += 1
         time.sleep(0.001)
 
     def close(self) -> None: ...
@@ -76,3 +78,38 @@ def test_time_goes_as_far_as_ordered_and_beyond_only_to_answer() -> None:
     clock.stop()
     assert clock.error is None
     assert clock.plant.t_ns < ordered_ns + 500_000_000
+
+
+def test_a_block_may_let_time_go_so_far_and_so_fast() -> None:
+    clock = eager(patience_s=60.0)
+    with clock.going(50_000_000, speed=0.1):
+        time.sleep(0.1)
+        assert clock.plant.t_ns < 50_000_000
+    assert clock.plant.t_ns < 50_000_000
+    with clock.going(50_000_000):
+        until(lambda: clock.plant.t_ns >= 50_000_000)
+        time.sleep(0.02)
+    assert clock.plant.t_ns < 50_000_000 + clock.plant.dt_ns
+    clock.stop()
+    assert clock.error is None
+
+
+def test_a_block_in_which_time_goes_on_may_lie_in_another() -> None:
+    """A landing whose way home is a flight of its own, as with buildings or a fence."""
+    bridge = Eager()
+    clock = FirmwareClock(cast(Bridge, bridge), speed=math.inf)
+    clock.start()
+    with clock.going():
+        until(lambda: clock.plant.t_ns > 0)
+        with clock.going():
+            pass
+        rests, now_ns = bridge.rests, clock.plant.t_ns
+        until(lambda: clock.plant.t_ns > now_ns + 10**10 or bridge.rests > rests + 2)
+        assert bridge.rests == rests
+    rests = bridge.rests
+    until(lambda: bridge.rests > rests + 2)
+    now_ns = clock.plant.t_ns
+    time.sleep(0.02)
+    assert clock.plant.t_ns == now_ns
+    clock.stop()
+    assert clock.error is None

@@ -7,19 +7,28 @@ import signal
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, cast
 
 import pytest
 from firmware_stand_ins import plant
 from patience import HANG_S, until
+from pymavlink.dialects.v20 import common as mav
 from sitl_mavsdk import HOME
 
 from flightdyn.config import AircraftConfig
 from flightdyn.random import RandomStreams
+from sitl.autopilot.parameters import parameters_of
 from sitl.config import FirmwareConfig, VehicleConfig
 from sitl.errors import FirmwareSilentError
+from sitl.firmware.ardupilot_launch import airframe_parameters as of_copter
 from sitl.firmware.launch import FirmwareProcess, LaunchOptions, check_binary
+from sitl.firmware.px4_launch import airframe_parameters as of_px4
 from sitl.firmware.px4_launch import px4_launch
+from sitl.firmware.relay import Relay
 from sitl.firmware.vehicle import FirmwareVehicle, plant_for
+
+PARSER = mav.MAVLink(None)
 
 
 def script(path: Path, text: str) -> str:
@@ -125,6 +134,43 @@ def test_scripts_given_to_it_are_found_first_wherever_its_folder_is(
     assert process.last_words(1) == "ours"
     process.stop()
     launch.bridge.close()
+
+
+def test_legs_without_a_speed_are_as_fast_under_a_firmware_as_they_are_planned() -> None:
+    """The mission's own speed is ordered with each mission that has one."""
+    options = LaunchOptions(VehicleConfig(), 1, 2, 20.0)
+    px4, copter = of_px4(options, plant()), of_copter(options, plant())
+    cruise_mps = parameters_of(VehicleConfig())["MPC_XY_CRUISE"]
+    assert (px4["MPC_XY_CRUISE"], px4["MPC_XY_VEL_MAX"]) == (cruise_mps, 20.0)
+    assert copter["WPNAV_SPEED"] == 100 * cruise_mps
+    assert copter["WP_SPD"] == cruise_mps
+
+
+def test_arducopters_gnss_is_switched_at_the_first_message_after_ours(tmp_path: Path) -> None:
+    """By its own time, and not when somebody looks in wall time."""
+    firmware = FirmwareConfig(path=tmp_path / "arducopter")
+    vehicle = FirmwareVehicle(
+        VehicleConfig(autopilot="ardupilot", firmware=firmware),
+        plant(),
+        tmp_path / "firmware",
+        [],
+        mission_speed_mps=10.0,
+        speed=math.inf,
+        hear=lambda *_: None,
+        heard=frozenset(),
+    )
+    sent: list[Any] = []
+    vehicle.relay = cast(
+        Relay,
+        SimpleNamespace(to_firmware=lambda data: sent.extend(PARSER.parse_buffer(data) or ())),
+    )
+    assert vehicle.plant.sensors is not None
+    for on in (True, False, False, True):
+        vehicle.plant.sensors.receiver.on = on
+        vehicle._take_heard("HEARTBEAT", {})
+    assert [(one.param_id, one.param_value) for one in sent] == [
+        ("SIM_GPS1_ENABLE", 0.0), ("SIM_GPS1_ENABLE", 1.0)
+    ]  # fmt: skip
 
 
 def test_an_error_nobody_foresaw_ends_the_flight(

@@ -144,6 +144,7 @@ def flown(tmp_path_factory: pytest.TempPathFactory) -> Flown:
     desk.send(mav.MAVLink_mission_request_list_message(1, 1))
     for seq in range(len(mission)):
         desk.send(mav.MAVLink_mission_request_int_message(1, 1, seq))
+        desk.send(mav.MAVLink_mission_request_message(1, 1, seq))
     assert desk.command(mav.MAV_CMD_COMPONENT_ARM_DISARM, 1) == OK
     flown.pass_time(2)
     assert desk.command(mav.MAV_CMD_MISSION_START) == OK
@@ -243,14 +244,17 @@ CONSTANT = {
     "an answer to the only station": " ".join(
         f"{name}.target_{part}"
         for name in ("COMMAND_ACK", "FILE_TRANSFER_PROTOCOL", "MISSION_ACK", "MISSION_COUNT",
-                     "MISSION_ITEM_INT", "MISSION_REQUEST_INT", "PARAM_ERROR", "PING")
+                     "MISSION_ITEM", "MISSION_ITEM_INT", "MISSION_REQUEST_INT", "PARAM_ERROR",
+                     "PING")
         for part in ("network", "system", "component")
     ),
     "the same answer to the same question": """
         COMMAND_ACK.progress COMMAND_ACK.result_param2 LOG_ENTRY.num_logs LOG_ENTRY.last_log_num
         MISSION_ITEM_INT.current MISSION_ITEM_INT.autocontinue MISSION_ITEM_INT.param3
-        MISSION_ITEM_INT.mission_type PARAM_EXT_ACK.param_result PARAM_EXT_ACK.param_type
-        PARAM_EXT_ACK.param_value SERIAL_CONTROL.device SERIAL_CONTROL.flags
+        MISSION_ITEM_INT.mission_type MISSION_ITEM.current MISSION_ITEM.autocontinue
+        MISSION_ITEM.param3 MISSION_ITEM.mission_type
+        PARAM_EXT_ACK.param_result PARAM_EXT_ACK.param_type PARAM_EXT_ACK.param_value
+        SERIAL_CONTROL.device SERIAL_CONTROL.flags
         SERIAL_CONTROL.timeout SERIAL_CONTROL.baudrate SERIAL_CONTROL.count
         SERIAL_CONTROL.data""",
 }  # fmt: skip

@@ -87,6 +87,7 @@ class Pilot:
 
 def test_the_mode_is_granted_while_setpoints_stream_in() -> None:
     desk = Desk()
+    assert desk.command(mav.MAV_CMD_COMPONENT_ARM_DISARM, 1) == OK
     assert offboard(desk) == REJECTED
     assert "DO_SET_MODE refused: no setpoints are streamed" in "".join(desk.texts())
     desk.send(local(pos=(0.0, 0.0, -5.0)))
@@ -155,6 +156,7 @@ def test_a_setpoint_that_cannot_be_flown_is_refused_once_and_is_no_stream(
     message: object, words: str
 ) -> None:
     desk = Desk()
+    assert desk.command(mav.MAV_CMD_COMPONENT_ARM_DISARM, 1) == OK
     for _ in range(5):
         desk.send(message)
     said = "".join(text for text in desk.texts() if text != "Ready for takeoff")

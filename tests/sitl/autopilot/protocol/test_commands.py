@@ -119,7 +119,6 @@ def test_a_take_off_that_is_called_off_on_the_ground_stays_there() -> None:
 
 def test_take_off_needs_arms_and_ground() -> None:
     desk = Desk()
-    assert desk.command(mav.MAV_CMD_NAV_TAKEOFF) == REJECTED
     desk.command(ARM, 1, 0)
     below = desk.command(mav.MAV_CMD_NAV_TAKEOFF, NAN, NAN, NAN, NAN, NAN, NAN, HOME.alt_msl_m)
     assert below == REJECTED
@@ -306,13 +305,18 @@ def test_px4_modes(main: int, sub: int, mode: Mode) -> None:
 def test_modes_that_do_not_exist_or_cannot_be() -> None:
     desk = Desk()
     assert desk.command(SET_MODE, 1, 5, 0) == UNSUPPORTED  # acro
-    assert desk.command(SET_MODE, 1, 6, 0) == REJECTED  # offboard, and nobody streams setpoints
     assert desk.command(SET_MODE, 0, 4, 4) == UNSUPPORTED  # no custom mode
     assert desk.command(SET_MODE, 1, NAN, NAN) == UNSUPPORTED
+    assert desk.command(SET_MODE, 1, 4.5, 4) == UNSUPPORTED
+    desk.send(mav.MAVLink_set_mode_message(1, 0, Mode.RETURN.custom_mode))
+    assert "Set mode refused: only custom modes" in desk.texts()
+    assert desk.vehicle.autopilot.mode is Mode.HOLD
+    desk.command(ARM, 1)
+    assert desk.command(SET_MODE, 1, 6, 0) == REJECTED  # offboard, and nobody streams setpoints
     assert desk.command(SET_MODE, 1, 4, 4) == REJECTED
-    assert "DO_SET_MODE refused: not armed" in desk.texts()
+    assert "DO_SET_MODE refused: no mission uploaded" in desk.texts()
     desk.send(mav.MAVLink_set_mode_message(1, 1, Mode.RETURN.custom_mode))
-    assert "Set mode refused: not armed" in desk.texts()
+    assert "Set mode refused: on the ground" in desk.texts()
 
 
 @pytest.mark.parametrize(("off_m", "begins_m"), [(0.5, 0.5), (3.0, 0.0)])

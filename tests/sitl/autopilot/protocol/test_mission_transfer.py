@@ -7,6 +7,7 @@ import itertools
 import math
 import random
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -574,6 +575,56 @@ def test_refusals_name_what_is_wrong() -> None:
     vehicle.verdict = mav.MAV_MISSION_DENIED
     assert upload(vehicle, waypoints(1)) == ack(mav.MAV_MISSION_DENIED)
     assert vehicle.say(clear(MISSION)) == [ack(mav.MAV_MISSION_DENIED)]
+
+
+@pytest.mark.parametrize("kind", [3, 7, 200, ALL])
+def test_every_message_about_a_list_that_is_not_there_is_answered(kind: int) -> None:
+    vehicle = Vehicle()
+    refused = [ack(mav.MAV_MISSION_UNSUPPORTED, kind)]
+    item = waypoints(1)[0]
+    asked = [
+        count_of(3, kind),
+        count_of(0, kind),
+        mav.MAVLink_mission_request_list_message(*VEHICLE, kind),
+        request_for(0, kind),
+        mav.MAVLink_mission_request_message(*VEHICLE, 0, kind),
+        mav.MAVLink_mission_request_partial_list_message(*VEHICLE, 0, 1, kind),
+        mav.MAVLink_mission_write_partial_list_message(*VEHICLE, 0, 1, kind),
+        replace(item, mission_type=kind).message(VEHICLE),
+        replace(item, mission_type=kind).message(VEHICLE, old=True),
+    ]
+    for message in asked:
+        assert vehicle.say(message) == refused, message
+    result = ACCEPTED if kind == ALL else mav.MAV_MISSION_UNSUPPORTED
+    assert vehicle.say(clear(kind)) == [ack(result, kind)]
+    assert vehicle.say(ack(ACCEPTED, kind, to=VEHICLE)) == []  # never an answer to an answer
+
+
+def test_who_asks_by_the_old_message_gets_the_old_item() -> None:
+    """As with PX4 and ArduPilot; dronekit waits for nothing else."""
+    desk = Desk()
+    place = (474_012_345, 85_000_123, 530.0)
+    rows = [*((frame, 16, place) for frame in (6, 3, 5, 0)), (2, 178, (0, 0, 0.0))]
+    sent = [
+        mav.MAVLink_mission_item_int_message(
+            1, 1, seq, frame, command, 0, 1, 1.0, 5.0, 0.0, math.nan, *at, 0
+        )
+        for seq, (frame, command, at) in enumerate(rows)
+    ]
+    assert desk.upload(sent) == ACCEPTED
+    desk.send(mav.MAVLink_mission_request_list_message(1, 1, 0))
+    for seq, (item, frame) in enumerate(zip(sent, (3, 3, 0, 0, 2), strict=True)):
+        heard = desk.send(mav.MAVLink_mission_request_message(1, 1, seq, 0))
+        (got,) = [m for m in heard if m.get_type().startswith("MISSION_ITEM")]
+        assert got.get_type() == "MISSION_ITEM"
+        assert (got.seq, got.frame, got.command, got.z) == (seq, frame, item.command, item.z)
+        assert (got.param1, got.param2) == (1.0, 5.0)
+        # Degrees in floats of 32 bits: half a unit in the last place is 1.9e-6 degrees.
+        assert got.x == pytest.approx(item.x * 1e-7, abs=2e-6)
+        assert got.y == pytest.approx(item.y * 1e-7, abs=2e-6)
+        new = desk.send(mav.MAVLink_mission_request_int_message(1, 1, seq, 0))
+        (got,) = [m for m in new if m.get_type().startswith("MISSION_ITEM")]
+        assert (got.get_type(), got.frame, got.x) == ("MISSION_ITEM_INT", item.frame, item.x)
 
 
 def test_who_does_not_answer_the_new_request_is_asked_by_the_old_one() -> None:

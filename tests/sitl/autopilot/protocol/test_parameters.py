@@ -11,12 +11,14 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v20 import common as mav
 from sitl_desk import Desk, of, the
 
+from sitl.autopilot.codec.orders import Peer
 from sitl.autopilot.parameters import (
     TABLE,
     Parameters,
     load_parameters,
     save_parameters,
 )
+from sitl.autopilot.protocol.parameter_server import ParameterServer
 from sitl.config import VehicleConfig
 from sitl.errors import SitlInputError
 
@@ -102,6 +104,96 @@ def test_writing_is_answered_with_the_value_that_stands() -> None:
     assert (parameters["MPC_LAND_SPEED"], parameters["GF_ACTION"]) == (0.9, 3.0)
 
 
+# What MAVLink's union of a parameter's value holds, by the type that the message names.
+FORMS = {1: "<B", 2: "<b", 3: "<H", 4: "<h", 5: "<I", 6: "<i"}
+FORMS_OF_EIGHT = {7: "<Q", 8: "<q", 10: "<d"}
+
+
+def in_the_field(data: bytes) -> float:
+    """The first four bytes of a union, as the field carries them."""
+    return float(struct.unpack("<f", data[:4].ljust(4, b"\0"))[0])
+
+
+@pytest.mark.parametrize("kind", FORMS)
+def test_an_integer_of_any_type_that_fits_is_the_number_that_was_meant(kind: int) -> None:
+    desk = Desk()
+    parameters = desk.vehicle.autopilot.parameters
+    for number in (4, 5, 0, 3, 1):
+        value = in_the_field(struct.pack(FORMS[kind], number))
+        heard = set_parameter(desk, "GF_ACTION", value, kind)
+        assert parameters["GF_ACTION"] == number
+        stands = the(heard, "PARAM_VALUE")
+        assert stands.param_type == INT
+        assert struct.pack("<f", stands.param_value) == struct.pack("<i", number)
+        assert not of(heard, "PARAM_ERROR")
+
+
+@given(
+    kind=st.sampled_from([*range(13), 200]),
+    data=st.one_of(
+        st.binary(min_size=4, max_size=4),
+        st.floats(-8, 8, width=32).map(lambda value: struct.pack("<f", value)),
+        st.integers(-300, 300).map(lambda value: struct.pack("<i", value)),
+        st.integers(-128, 127).map(lambda value: struct.pack("<bxxx", value)),
+    ),
+)
+def test_a_parameter_is_the_number_that_was_meant_or_stays(kind: int, data: bytes) -> None:
+    """Another encoding of a number, or bytes of no number at all, never become another one."""
+    parameters = Parameters()
+    outbox: list[Any] = []
+    server = ParameterServer(outbox, parameters, None)
+    handle = server.handlers()[mav.MAVLink_param_set_message]
+    value = in_the_field(data)
+    handle(Peer(255, 190), mav.MAVLink_param_set_message(1, 1, b"GF_ACTION", value, kind), 0.0)
+    meant = None
+    if kind in FORMS:
+        form = FORMS[kind]
+        (number,) = struct.unpack_from(form, data)
+        # A sender fills what is left of the union with zeros, or extends the sign.
+        filled = {struct.pack(form, number).ljust(4, fill) for fill in (b"\0", b"\xff")}
+        if number >= 0:
+            filled = {struct.pack(form, number).ljust(4, b"\0")}
+        if data in filled and 0 <= number <= 5:
+            meant = float(number)
+    assert parameters["GF_ACTION"] == (2.0 if meant is None else meant)
+    assert len(of(outbox, "PARAM_ERROR")) == (meant is None)
+
+
+@pytest.mark.parametrize("kind", FORMS_OF_EIGHT)
+def test_a_type_of_eight_bytes_has_no_room_and_is_refused(kind: int) -> None:
+    desk = Desk()
+    value = in_the_field(struct.pack(FORMS_OF_EIGHT[kind], 4))
+    for name in ("GF_ACTION", "RTL_RETURN_ALT"):
+        before = desk.vehicle.autopilot.parameters[name]
+        heard = set_parameter(desk, name, value, kind)
+        assert the(heard, "PARAM_ERROR").error == mav.MAV_PARAM_ERROR_VALUE_OUT_OF_RANGE
+        assert desk.vehicle.autopilot.parameters[name] == before
+
+
+@pytest.mark.parametrize("kind", [*FORMS, *FORMS_OF_EIGHT])
+def test_a_real_parameter_takes_no_integer(kind: int) -> None:
+    desk = Desk()
+    for value in (40.0, bytewise(40)):
+        assert of(set_parameter(desk, "RTL_RETURN_ALT", value, kind), "PARAM_ERROR")
+    assert desk.vehicle.autopilot.parameters["RTL_RETURN_ALT"] == 30.0
+
+
+@pytest.mark.parametrize("value", ["2.6", "0.4", "-0.4", "5.4", "1e-45"])
+def test_no_fraction_is_rounded_to_a_choice(tmp_path: Path, value: str) -> None:
+    allowed = "must be a whole number from 0 to 5"
+    with pytest.raises(SitlInputError, match=f"GF_ACTION = .*: {allowed}"):
+        Desk(VehicleConfig(parameters={"GF_ACTION": float(value)}))
+    path = tmp_path / "vehicle.parm"
+    path.write_text(f"GF_ACTION {value}\n")
+    with pytest.raises(SitlInputError, match=f"vehicle.parm: GF_ACTION = .*: {allowed}"):
+        Desk(VehicleConfig(parameter_file=path))
+    path.write_text("")
+    desk = Desk(VehicleConfig(parameter_file=path))
+    path.write_text(f"RTL_RETURN_ALT 50\nGF_ACTION {value}\n")
+    assert desk.command(mav.MAV_CMD_PREFLIGHT_STORAGE, 0) == mav.MAV_RESULT_FAILED
+    assert desk.vehicle.autopilot.parameters.as_dict() == Parameters().as_dict()
+
+
 def test_a_parameter_rules_the_next_order() -> None:
     desk = Desk()
     set_parameter(desk, "MIS_TAKEOFF_ALT", 42.0, REAL)
@@ -145,7 +237,7 @@ def test_a_bad_line_is_named(tmp_path: Path, line: str) -> None:
 def test_configuration_and_file_are_checked_when_the_vehicle_is_made(tmp_path: Path) -> None:
     with pytest.raises(SitlInputError, match=r"SPEED = 3: no such parameter \(known: BAT_"):
         Desk(VehicleConfig(parameters={"SPEED": 3.0}))
-    with pytest.raises(SitlInputError, match="GF_ACTION = 9: must be a number from 0 to 5"):
+    with pytest.raises(SitlInputError, match="GF_ACTION = 9: must be a whole number from 0"):
         Desk(VehicleConfig(parameters={"GF_ACTION": 9.0}))
     path = tmp_path / "start.parm"
     path.write_text("RTL_RETURN_ALT 45\nMPC_XY_CRUISE 12\n")
