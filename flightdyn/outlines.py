@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-_THIN = 1e-4  # of its length: so near to a line lie corners on a parallel, or rounded to 1e-7 deg
+_THIN = 1e-4  # of its length: corners so near to a line, by rounding, are on it
 _ROWS = 200  # of edges, looked at together with all others
 
 

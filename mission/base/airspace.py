@@ -191,16 +191,20 @@ def within(areas: Sequence[tuple[int, Floats]], place_m: ArrayLike) -> tuple[Flo
         groups.setdefault(group, []).append(shapely.Polygon(ring))
     shared = shapely.get_parts([shapely.intersection_all(group) for group in groups.values()])
     whole = shapely.union_all(shared[shapely.area(shared) > 0.0])  # without lines and points
+
+    def outlines(part: shapely.Polygon) -> tuple[Floats, ...]:
+        lines = part.exterior, *part.interiors
+        corners = [shapely.get_coordinates(line)[:-1] for line in lines if not line.is_empty]
+        return tuple(ring for ring in corners if not flaw(ring))  # without slivers, by rounding
+
     parts = shapely.get_parts(shapely.set_precision(whole, _GRID_M))
-    parts = parts[shapely.area(parts) > 0.0]
-    if not len(parts):
+    parts = [part for part in parts if outlines(part)]
+    if not parts:
         raise ValueError(
             "the areas of no group have a place in common; areas of which one is enough need "
             "different groups"
         )
-    nearest = parts[shapely.distance(parts, shapely.Point(place_m)).argmin()]
-    rings = nearest.exterior, *nearest.interiors
-    return tuple(shapely.get_coordinates(ring)[:-1] for ring in rings)
+    return outlines(min(parts, key=lambda part: float(part.distance(shapely.Point(place_m)))))
 
 
 def _oriented(ring_m: Floats, *, clockwise: bool) -> Floats:

@@ -137,7 +137,9 @@ def compile_fence(
         if checked and item.command not in _CIRCLES:
             number, last = len(areas[True] + areas[False]), index + count - 1
             words = f"fence area {number} (points {index} to {last})"
-            if wrong := flaw(corners, first=index):
+            # In degrees, where a parallel is straight; about the first, as longitudes turn over.
+            placed = np.array([(i.x, (i.y - item.y + 180.0) % 360.0) for i in drawn])
+            if wrong := flaw(placed, first=index):
                 raise FenceError(f"{words} {wrong}", mav.MAV_MISSION_INVALID)
             if inside and others:
                 reason = "has points of several groups (parameter 2): must be one"

@@ -21,6 +21,9 @@ name = "walled"
 size_m = [600, 600]
 home_m = [100, 300]
 fence_m = [[-60, -60], [660, -60], [660, 660], [-60, 660]]
+[[area.fences]]
+center_m = [300, 300]
+radius_m = 390
 [[area.no_fly]]
 name = "wall"
 polygon_m = [[250, 120], [300, 120], [300, 600], [250, 600]]
@@ -85,6 +88,9 @@ def test_log_maps_and_plan_files_show_what_counts(run: Path, tmp_path: Path) -> 
     outside = [zone for zone in loaded.data.fence if not zone.keep_in]
     assert len(inside) == 1
     assert len(outside) == 1, "what ends at 40 m is flown over"
+    fence = inside[0].outline_m  # in both areas to stay in: the square without its corners
+    assert np.hypot(*(fence - 300).T).max() == pytest.approx(390, abs=0.01)
+    assert np.abs(fence - 300).max() == pytest.approx(360, abs=0.01)
     np.testing.assert_allclose(outside[0].outline_m, WALL)
     for picture in run_pictures(loaded).values():
         if "learnt" not in str(picture["title"]):
