@@ -38,6 +38,8 @@ _STANDING_M = 3.0  # that a position may wander on the ground
 _AT_END_M = 1.0  # of the path's end: what is flown there belongs to it no more
 _REACHED_M = 10.0  # passed no farther than this, a place counts as reached
 _BY_SAMPLE = ("along_m", "cross_m", "above_m")  # of a match
+_HERE_M = 1e-5  # before a place, so that what is there is on the leg that leads to it
+_CLOSE_M, _STAY_S = 1.0, 1.0  # what belongs to a closest approach
 _FAR_M = 2000.0  # from the flight a plan is of another place
 
 
@@ -320,13 +322,19 @@ def _pass(
     foreseen_s: float,
 ) -> Pass:
     at_m = polyline.along(way.points_m)
-    low, high = _windows(way, at_m, track, *current)
     returns_ns = _returns_ns(data, int(track.t_ns[0])) if way.given < len(at_m) else math.inf
-    # Each log tells of a return in its own time; one that begins where it is to, shows by itself.
+    # Each log tells of a return in its own time: it begins where its place is passed meanwhile.
     told = np.abs(track.t_ns - returns_ns) < _SURE_S * NS_PER_S
-    away_m = np.linalg.norm(track.pos_m[told, :2] - way.points_m[way.given - 1, :2], axis=1)
-    sure_ns = returns_ns + _SURE_S * NS_PER_S * (away_m.min(initial=math.inf) < _AT_END_M)
+    there = way.points_m[way.given - 1, :2]
+    sure_ns, miss_m = _closest(track.t_ns, track.pos_m[:, :2] - there, told)
+    if np.linalg.norm(miss_m) <= _REACHED_M:
+        track = track.at(np.union1d(track.t_ns, np.int64(sure_ns)))
+    else:
+        sure_ns = returns_ns
+    low, high = _windows(way, at_m, track, *current)
     low[track.t_ns >= sure_ns] = at_m[way.given - 1]
+    if math.isfinite(sure_ns):
+        high[track.t_ns < sure_ns] = np.minimum(high, at_m[way.given - 1])[track.t_ns < sure_ns]
     track, fit = matched(track, way.points_m, between=(low, np.maximum(low, high)))
     # To stand before the start and to hover at the end are no part of the way.
     begin, end = _crossing(fit.along_m, _AT_END_M), _end(track, fit, way, len(way.points_m) - 1)
@@ -399,9 +407,13 @@ def _of_what_is_given(
     returning = track.t_ns >= returns_ns
     returning[math.floor(_end(track, fit, way, last)) + 1 :] = True
     returning |= fit.along_m >= fit.waypoints_at_m[last]
+    # A hover before it is still on the way there.
+    before = (track.t_ns < returns_ns) & math.isfinite(returns_ns)
+    most_m = np.where(before, fit.waypoints_at_m[last] - _HERE_M, math.inf)
     corners = fit.corners_m < fit.waypoints_at_m[last] - _AT_END_M
     return replace(
         fit,
+        along_m=np.minimum(fit.along_m, most_m),
         cross_m=np.where(returning, math.nan, fit.cross_m),
         above_m=np.where(returning, math.nan, fit.above_m),
         corners_m=fit.corners_m[corners],
@@ -439,22 +451,46 @@ def _passages(way: MissionPath, fit: Alignment, track: Track) -> Iterator[Passag
         pos_m = track.pos_m - place
         if not way.height_known[index]:
             pos_m[:, 2] = 0.0
-        # Between samples straight.
-        away_m, share = polyline.to_segments(np.zeros(3), pos_m[near], pos_m[near + 1])
-        reach_m = np.linalg.norm(away_m, axis=1)
+        rows = slice(near[0], near[-1] + 2) if len(near) else slice(0)
+        t_ns, miss_m = _closest(track.t_ns[rows], pos_m[rows])
         passed = len(near) > 0 and (
-            _led_past(fit, track, int(near[-1]), at_m) or float(reach_m.min()) <= _REACHED_M
+            _led_past(fit, track, int(near[-1]), at_m)
+            or float(np.linalg.norm(miss_m)) <= _REACHED_M
         )
         if not passed:
             yield Passage(int(way.seqs[index]), math.nan, np.full(3, math.nan))
             continue
         # At which height a landing begins nobody knows; it ends on the ground.
-        lands = not way.height_known[index] and index == len(way.seqs) - 1
-        best = len(near) - 1 if lands else int(reach_m.argmin())
-        before_ns, after_ns = track.t_ns[near[best]], track.t_ns[near[best] + 1]
-        t_ns = before_ns + share[best] * (after_ns - before_ns)
-        miss_m = -away_m[best] if index < way.given else np.full(3, math.nan)
-        yield Passage(int(way.seqs[index]), float(t_ns) / NS_PER_S, miss_m)
+        if not way.height_known[index] and index == len(way.seqs) - 1:
+            t_ns = float(track.t_ns[near[-1] + 1])
+        if index >= way.given:
+            miss_m = np.full(3, math.nan)
+        yield Passage(int(way.seqs[index]), t_ns / NS_PER_S, miss_m)
+
+
+def _closest(t_ns: Ints, pos_m: Floats, among: Bools | slice = slice(None)) -> tuple[float, Floats]:
+    """Return when a track (n,), (n, 2 or 3), straight between samples, passed the origin, and its
+    nearest point, of what begins at one of the samples `among`; NaN where there is none.
+
+    Where it was nearest may be anywhere in a hover or a turn. So the time is the middle of that in
+    which it was not `_CLOSE_M` farther, and `_STAY_S` after the begin of it at most.
+    """
+    rows = np.arange(len(t_ns))[among]
+    rows = rows[rows < len(t_ns) - 1]
+    if not len(rows):
+        return math.nan, np.full(pos_m.shape[1], math.nan)
+    away_m, share = polyline.to_segments(np.zeros(pos_m.shape[1]), pos_m[:-1], pos_m[1:])
+    reach_m, far_m = (np.linalg.norm(m, axis=1) for m in (away_m, pos_m))
+    best = int(rows[reach_m[rows].argmin()])
+    at_ns = t_ns[best] + share[best] * (t_ns[best + 1] - t_ns[best])
+    left_ns = []
+    for side in (slice(best, None, -1), slice(best + 1, None)):
+        rising_m = np.maximum.accumulate(np.append(reach_m[best], far_m[side]))
+        at = _crossing(rising_m, reach_m[best] + _CLOSE_M)
+        left_ns.append(np.interp(at, np.arange(len(rising_m)), np.append(at_ns, t_ns[side])))
+    since_ns, until_ns = left_ns
+    passed_ns = since_ns + min((until_ns - since_ns) / 2, _STAY_S * NS_PER_S)
+    return round(passed_ns), -away_m[best]
 
 
 def _led_past(fit: Alignment, track: Track, last: int, at_m: float) -> bool:

@@ -247,6 +247,7 @@ class Attack:
             if not flight.moving and desk.mass.armed and desk.mass.on_ground:
                 self._order(mav.MAV_CMD_COMPONENT_ARM_DISARM, 0, 0)
         self._order(mav.MAV_CMD_COMPONENT_ARM_DISARM, 0, 0)
+        self._order(mav.MAV_CMD_DO_SET_MODE, 1, 4, 3)  # another may have been chosen on the ground
         desk.exchange()
         self._order(mav.MAV_CMD_DO_FENCE_ENABLE, 0)
         home = desk.vehicle.aircraft.frame.origin

@@ -33,6 +33,14 @@ def test_frames_of_any_kind(seed: int) -> None:
     assert attack.sent >= 1500
 
 
+@pytest.mark.parametrize("mode", [(4, 5), (4, 6), (6, 0)])
+def test_a_mode_chosen_on_the_ground_is_no_broken_vehicle(mode: tuple[int, int]) -> None:
+    """One that keeps it from being armed is left before its last mission is flown."""
+    attack = Attack(1)
+    assert attack.desk.command(mav.MAV_CMD_DO_SET_MODE, 1, *mode) == mav.MAV_RESULT_ACCEPTED
+    attack.fly_a_mission()
+
+
 def test_the_same_seed_is_the_same_attack() -> None:
     first, second = Attack(3), Attack(3)
     for attack in (first, second):

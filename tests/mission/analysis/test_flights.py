@@ -19,7 +19,7 @@ from flightdyn.frames import LocalFrame
 from mission.analysis.compare import compare_run
 from mission.analysis.comparison_text import in_words
 from mission.analysis.load import LoadedRun, load_run
-from mission.analysis.passes import _led_past, judged
+from mission.analysis.passes import _closest, _led_past, judged
 from mission.analysis.spikes import spikes
 from mission.base.area import Area
 from mission.base.errors import InputError
@@ -143,6 +143,38 @@ def test_the_legs_of_a_mission_in_the_log_are_matched(tmp_path: Path) -> None:
     assert found.total.slots_missed == 0
     assert found.total.height_max_m < 0.5
     assert call(["compare", str(log)]) == 0
+
+
+@pytest.mark.parametrize("hold_s", [0.0, 5.0])
+def test_another_recorder_of_a_flight_has_the_same_times_of_its_places(
+    tmp_path: Path, hold_s: float
+) -> None:
+    """Positions at other instants and as MAVLink rounds them, and a return that is told later."""
+    *before, last = square()
+    last.param1 = hold_s
+    items = [take_off(), *before, last, item(5, mav.MAV_CMD_NAV_RETURN_TO_LAUNCH)]
+    log = flown(tmp_path, items)
+    data, modes = read_log(log), read_log(log).modes
+    track = data.truth.at(data.truth.t_ns[:-1] + np.diff(data.truth.t_ns) // 2)
+    late_ns = [600_000_000 * name.startswith("RETURN") for name in modes.names]
+    other = replace(
+        data,
+        truth=replace(track, pos_m=np.round(track.pos_m / 0.011) * 0.011),
+        modes=replace(modes, t_ns=modes.t_ns + np.array(late_ns)),
+    )
+    found = []
+    for one in (compared(log), compared(log, other)):
+        (way,) = one.run.judged.passes
+        found.append([p.t_s for p in way.passages[1:5]] + [leg.end_s for leg in one.legs[1:5]])
+    assert found[1] == pytest.approx(found[0], abs=0.005)
+
+
+def test_a_place_that_is_passed_at_speed_is_passed_where_it_is_closest() -> None:
+    t_s = np.arange(0.03, 8.0, 0.1)
+    pos_m = np.stack((8.0 * (t_s - 4.0), np.full(len(t_s), 0.4), np.zeros(len(t_s))), axis=1)
+    t_ns, miss_m = _closest((1e9 * t_s).astype(int), pos_m)
+    assert t_ns / 1e9 == pytest.approx(4.0, abs=1e-3)
+    assert miss_m == pytest.approx([0.0, 0.4, 0.0], abs=1e-6)
 
 
 @pytest.mark.parametrize("offset_m", [1.0, 3.0, 10.0])

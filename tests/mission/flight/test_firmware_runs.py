@@ -227,6 +227,7 @@ def test_a_real_firmware_flies_a_survey_as_it_was_drawn(tmp_path: Path, autopilo
     found = json.loads((out / "summary.json").read_text())["planned_and_flown"]
     assert (found["slots"], found["slots_missed"]) == (18, 0)
     assert found["straight_max_m"] < 3.0
+    assert 9.0 < found["speed_max_mps"] < 11.5  # as it was planned, where no speed is ordered
     log = read_log(out / "flight.mcap")
     assert log.control is not None
     tells_motion, t_ns = autopilot == "px4", log.control.t_ns
