@@ -9,19 +9,11 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Self
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pydantic import (
-    BaseModel,
-    ConfigDict,
-    Field,
-    ValidationError,
-    ValidationInfo,
-    field_validator,
-    model_validator,
-)
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, ValidationInfo, field_validator
 
 from fl.radio.channel import Channel, constants_model
 from flightdyn.config import LimitsConfig
@@ -103,10 +95,11 @@ class ProblemEntry(Table):
                 raise ValueError(f"outline {number} {wrong}")
         return given
 
-    @model_validator(mode="after")
-    def _fenced(self) -> Self:
-        joined(self.fence, self.fences, self.start)
-        return self
+    @field_validator("fences")
+    @classmethod
+    def _somewhere(cls, given: tuple[FenceArea, ...], info: ValidationInfo) -> object:
+        joined(info.data.get("fence"), given, (0.0, 0.0))
+        return given
 
     @field_validator("altitudes_m")
     @classmethod
