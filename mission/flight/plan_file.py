@@ -162,16 +162,16 @@ def _row(path: Path, number: int, line: str) -> Sequence[float]:
         row = [float(cell) for cell in line.split()]
     except ValueError:
         row = []
-    if len(row) != _COLUMNS or any(map(math.isinf, row)) or any(map(math.isnan, _counts(row))):
+    # What is left open is so among the first four parameters.
+    if (
+        len(row) != _COLUMNS
+        or any(map(math.isinf, row))
+        or any(map(math.isnan, (*row[:4], *row[8:])))
+    ):
         raise InputError(f"{path}: damaged: line {number} does not have {_COLUMNS} numbers")
-    if any(value != int(value) for value in _counts(row)):
+    if any(value != int(value) for value in (*row[:4], row[11])):
         raise InputError(f"{path}: damaged: line {number}: index, frame or command is no integer")
     return row
-
-
-def _counts(row: Sequence[float]) -> Sequence[float]:
-    """The columns of a row that are whole numbers: index, current, frame, command, autocontinue."""
-    return *row[:4], row[11]
 
 
 def checked_home(

@@ -274,6 +274,8 @@ def check_item(item: MissionItem) -> tuple[int, str]:
         return mav.MAV_MISSION_UNSUPPORTED, "is not supported"
     seven = (*item.params, item.x, item.y, item.z)
     wrong = rule.wrong(seven, item.frame)
+    if wrong is None and rule.placed and math.isnan(item.x) != math.isnan(item.y):
+        wrong = 4 if math.isnan(item.x) else 5  # half a place
     if wrong is None:
         return mav.MAV_MISSION_ACCEPTED, ""
     words = rule.words(wrong, seven[wrong], item.frame)

@@ -27,7 +27,7 @@ def fly(folder: Path, *keys: str) -> int:
     plan = folder / "p.waypoints"
     rows = [(22, 0.0, 0.0), (16, 0.0, 5e-4), (16, 5e-4, 5e-4)]
     lines = [
-        f"{seq}\t0\t3\t{command}\t0\t0\t0\t0\t{47 + north}\t{8 + east}\t20\t1"
+        f"{seq}\t0\t3\t{command}\t0\t0\t0\tnan\t{47 + north}\t{8 + east}\t20\t1"
         for seq, (command, north, east) in enumerate(rows)
     ]
     plan.write_text("\n".join(["QGC WPL 110", *lines]) + "\n")

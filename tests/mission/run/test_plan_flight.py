@@ -413,7 +413,7 @@ def test_the_return_leads_to_the_closest_rally_point(tmp_path: Path) -> None:
     [
         ([0, 0, 0], "it has no position"),
         ([99, 8.5, 0], "latitude 99, -90 to 90 deg are allowed"),
-        ([48.4, 8.5, 0], "111191 m from home; MIS_DIST_1WP allows 20000"),
+        ([48.4, 8.5, 0], "111 km from home, MIS_DIST_1WP allows 20 km"),
         ([NORTH, 8.5, 501], "501.0 m above home; 0 to 500 m are allowed"),
         ([NORTH, 8.5, -1], "-1.0 m above home; 0 to 500 m are allowed"),
         ([47.4 + 400 / 111_180, 8.5, 0], "it is outside the fence"),
