@@ -121,7 +121,7 @@ def test_who_may_not_be_rebooted_says_why() -> None:
     said = desk.recorder.texts("status")[-1]
     assert said == "PREFLIGHT_REBOOT_SHUTDOWN refused: the vehicle is part of a run"
     desk = RealDesk()
-    assert desk.command(REBOOT, 3) == mav.MAV_RESULT_UNSUPPORTED
+    assert desk.command(REBOOT, 3) == mav.MAV_RESULT_DENIED
     desk.take_off()
     assert desk.command(REBOOT, 1) == mav.MAV_RESULT_TEMPORARILY_REJECTED
     assert desk.recorder.texts("status")[-1] == "PREFLIGHT_REBOOT_SHUTDOWN refused: armed"
