@@ -152,9 +152,9 @@ class FirmwareClock:
         try:
             yield
         finally:
-            self._until_ns, self._speed = before
             if not went:
-                self.rest()
+                self.rest()  # first, or time would go on beyond `until_ns`
+            self._until_ns, self._speed = before
 
     def cap_at_wall_pace(self, seconds: float) -> None:
         """Be no faster than wall time for the next `seconds` of it: somebody is being answered."""

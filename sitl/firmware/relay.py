@@ -3,7 +3,7 @@
 Time stands still while devices train and runs many times faster in flight. A ground station sees
 neither: while time stands still it goes on to hear the vehicle's last heartbeat, and in flight it
 hears the newest of each message, as often as wall time has use for. The firmware in turn hears
-the ground station's heartbeat once a second of its own time.
+the ground station's heartbeat with each of its own, by its own time.
 """
 
 import asyncio
@@ -150,17 +150,17 @@ class Relay:
         links: Sequence[Link],
         *,
         asked: Callable[[float], None],
-        each_second: Callable[[], bytes],
+        each_beat: Callable[[], bytes],
         hear: Hear,
         heard: frozenset[int],
     ) -> None:
         """`asked(seconds)` is called when a ground station waits that long (wall time) for answers;
-        what `each_second` returns is sent to the firmware once a second of its time.
+        what `each_beat` returns is sent to the firmware with each heartbeat of its own.
         """
         sock.setblocking(False)
         self._socket = sock
         self._links = links
-        self._asked, self._each_second = asked, each_second
+        self._asked, self._each_beat = asked, each_beat
         self._hear, self._heard = hear, heard
         self._parser = mav.MAVLink(None)
         self._firmware: tuple[str, int] | None = None
@@ -230,7 +230,7 @@ class Relay:
         if packet.data[5:-2] != self._vehicle_heartbeat[5:-2]:  # all but its number: another mode
             self._await_answer()
         self._vehicle_heartbeat = packet.data
-        self.to_firmware(self._station_heartbeat + self._each_second())
+        self.to_firmware(self._station_heartbeat + self._each_beat())
 
     def _await_answer(self) -> None:
         """Be no faster than wall time for a while, so that stations learn what is new."""

@@ -141,7 +141,7 @@ class FirmwareVehicle:
                 sock,
                 self._links,
                 asked=self.clock.cap_at_wall_pace,
-                each_second=self._battery,
+                each_beat=self._battery,
                 hear=self._take_heard,
                 heard=self._heard,
             )

@@ -29,7 +29,7 @@ class Ends:
             ours,
             [self.link],
             asked=self.asked.append,
-            each_second=lambda: b"tick",
+            each_beat=lambda: b"tick",
             hear=lambda name, fields: self.heard.append((name, fields)),
             heard=frozenset({33}),
         )
