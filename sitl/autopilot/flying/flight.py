@@ -490,6 +490,11 @@ class Flight:
             self._done()
 
     def _landed(self) -> None:
+        above_m = float(self.guard.home_ned_m[2] - self._aircraft.belief.pos_ned_m[2])
+        by_itself = self.mode not in PILOTED and self.guard.position_ok()
+        if by_itself and above_m > self._parameters["MPC_LAND_ALT2"]:
+            why = "landings slow down near home's height"
+            self._report.say(f"Touched down {above_m:.0f} m above home: {why}")
         self._stop_motors()
         self._done()
 

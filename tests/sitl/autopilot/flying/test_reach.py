@@ -77,6 +77,25 @@ def test_home_cannot_walk_away() -> None:
     assert desk.upload([placed(WAYPOINT, *degrees(95e3))]) == mav.MAV_MISSION_ACCEPTED
 
 
+@pytest.mark.parametrize(
+    ("ground_m", "words"),
+    [(40.0, "Touched down 40 m above home"), (4.0, ""), (0.0, ""), (-3.0, "")],
+)
+def test_ground_that_lies_above_home_is_told(ground_m: float, words: str) -> None:
+    """Home's height is what a landing slows down by, as on PX4 without a range finder."""
+    desk = Desk()
+    desk.take_off(30.0)
+    home = (*degrees(0.0), HOME.alt_msl_m - ground_m)
+    assert desk.command_int(mav.MAV_CMD_DO_SET_HOME, ABSOLUTE, (0, 0, 0, NAN), *home) == OK
+    assert desk.command(mav.MAV_CMD_NAV_LAND) == OK
+    desk.fly()
+    desk.exchange()
+    assert not desk.mass.armed
+    texts = "".join(desk.texts())
+    assert words in texts
+    assert ("Touched down" in texts) is bool(words)
+
+
 def test_a_mission_is_judged_again_where_home_has_moved() -> None:
     desk = Desk()
     assert desk.upload([placed(WAYPOINT, *degrees(0.0))]) == mav.MAV_MISSION_ACCEPTED
