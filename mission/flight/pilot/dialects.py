@@ -13,7 +13,7 @@ class Dialect:
     first_item: int  # number of the first item that we give: 1 where item 0 is the home position
     finite: bool  # parameters may not be NaN
     whole_holds: bool  # a hover lasts whole seconds: of others the rest is cut off
-    rewinds: bool  # another mission begins at its first item only where that is ordered
+    rewinds: bool  # a changed mission, too, begins at its first item only where that is ordered
     keeps_radius: bool  # a downloaded waypoint still has its acceptance radius
     resting: frozenset[str]  # modes in which the vehicle holds its position
     # To arm in: number and MAVSDK's name of one that none takes without a position. None: any.

@@ -10,6 +10,7 @@ from mavsdk.asyncio.plugins.action import ActionAsync
 from mavsdk.asyncio.plugins.info import InfoAsync
 from mavsdk.asyncio.plugins.mission_raw import MissionRawAsync
 from mavsdk.exceptions import MavsdkError
+from mavsdk.plugins.mission_raw import MissionItem as RawItem
 from mavsdk.plugins.telemetry import FlightMode, LandedState
 
 from mission.base.errors import FlightError, LinkLostError
@@ -56,6 +57,7 @@ class Pilot:
         # Seconds, by which it is judged what the vehicle does: its own, where they are told, so
         # that a simulated flight does not depend on how fast its time goes.
         self.clock: Callable[[], float] = asyncio.get_running_loop().time
+        self._held: list[RawItem] = []  # the mission that was uploaded last; none: not by us
         # Around each order: a vehicle whose time goes faster than ours waits for us here.
         self.giving: Callable[[], AbstractContextManager[None]] = nullcontext
 
@@ -287,9 +289,10 @@ class Pilot:
                 refusal = error
                 continue
             if same_mission(sent, back, self.dialect):
-                if self.dialect.rewinds:
+                if self.dialect.rewinds or same_mission(sent, self._held or sent, self.dialect):
                     rewind = self._mission.set_current_mission_item(self.dialect.first_item)
                     await self._order("rewind the mission", rewind)
+                self._held = sent
                 return
             refusal = None
         if refusal is not None:

@@ -30,14 +30,14 @@ _ANEW = frozenset({Mode.HOLD, Mode.TAKEOFF, Mode.MISSION, Mode.LAND, Mode.ORBIT}
 # Modes with a speed of their own, which is not to be changed.
 _PACED = frozenset({Mode.TAKEOFF, Mode.LAND, Mode.ORBIT, Mode.TERMINATED}) | PILOTED
 
-
 Goal: TypeAlias = tuple[Triple, float]
 
 
 def _goal(place_ned_m: Iterable[float] | None, yaw_rad: float, down_m: float = math.nan) -> Goal:
     """What an order asks for: a place (m, NED) and a heading (rad); NaN is left open."""
     north, east, down = (math.nan, math.nan, down_m) if place_ned_m is None else place_ned_m
-    return (float(north), float(east), float(down)), yaw_rad
+    # Goals are compared, and NaN is equal only as the same object.
+    return (float(north), float(east), float(down)), math.nan if math.isnan(yaw_rad) else yaw_rad
 
 
 class Flight:

@@ -25,16 +25,13 @@ from sitl.autopilot.protocol.commands import (
 from sitl.autopilot.protocol.order_rules import FORCE
 
 _MODES = ranges.Range(0, 255, whole=True)
-
-
 # Flags of DO_REPOSITION.
 _CHANGE_MODE, _RELATIVE_YAW, _BOTH = 1.0, 2.0, 3.0
 
 
 def _heading(order: CommandOrder) -> float:
     """The fourth parameter, a heading in degrees, in radians; NaN if it is left open."""
-    yaw_deg = order.params[3]
-    return math.nan if math.isnan(yaw_deg) else math.radians(yaw_deg)
+    return math.radians(order.params[3])
 
 
 class FlightCommands:
@@ -127,12 +124,11 @@ class FlightCommands:
 
     def _reposition(self, order: CommandOrder) -> None:
         speed, flags, _, yaw_rad, *_ = order.params
-        if not (self._flight.mode is Mode.HOLD or flags in (_CHANGE_MODE, _BOTH)):
-            raise RefusedError("parameter 2: flag 1 is needed to leave the mode, HOLD has no need")
+        mode = self._flight.mode
+        if mode is not Mode.HOLD and flags not in (_CHANGE_MODE, _BOTH):
+            raise RefusedError(f"flag 1 of parameter 2 is needed to leave the mode {mode.name}")
         goal = self._ned(self._place(order, here=self._here()))
-        if math.isnan(yaw_rad):
-            yaw_rad = math.nan
-        elif flags in (_RELATIVE_YAW, _BOTH):
+        if flags in (_RELATIVE_YAW, _BOTH):
             yaw_rad += yaw_of(self._aircraft.belief.q_frd_to_ned)
         demand(self._flight.go_to(goal, yaw_rad=yaw_rad))
         demand(self._flight.change_speed(speed if speed > 0.0 else None))

@@ -191,6 +191,32 @@ def test_a_mission_is_flown_to_its_end(worse: Worse) -> None:
     assert asyncio.run(east_m()) == pytest.approx(100.0, abs=5.0)
 
 
+def test_a_mission_that_may_be_on_board_already_is_begun_anew() -> None:
+    """PX4 goes on where it was with a mission that it holds unchanged."""
+
+    async def rewound() -> list[int]:
+        vehicle = Vehicle(VehicleConfig(), home=HOME, streams=RandomStreams(1))
+        link, orders = RawLink(), list[int]()
+        stop, other = (Stop(np.array([400.0, north]), ()) for north in (400.0, 500.0))
+        one, two = (FlightPlan(stops, 20.0, 15.0, 5.0) for stops in ((stop, stop), (stop, other)))
+        async with Simulation(vehicle, link), connect(link) as pilot:
+            await pilot.ready()
+            order = pilot._mission.set_current_mission_item
+
+            async def noted(seq: int) -> None:
+                orders.append(seq)
+                await order(seq)
+
+            pilot._mission.set_current_mission_item = noted
+            counts = []
+            for plan in (one, one, two, one):
+                await pilot.upload_items(mission_items(plan, AREA))
+                counts.append(len(orders))
+            return counts
+
+    assert asyncio.run(rewound()) == [1, 2, 2, 2]
+
+
 class Ticks:
     """A clock that goes on by a second each time that somebody looks."""
 

@@ -8,6 +8,7 @@ import math
 from collections.abc import Callable, Sequence
 from typing import Any
 
+import numpy as np
 import pytest
 from pymavlink.dialects.v20 import common as mav
 from sitl_desk import Desk, item
@@ -56,7 +57,7 @@ SAME = {
 
 def place(north: float, east: float, height_m: float = 30.0) -> tuple[float, float, float]:
     """Latitude, longitude (deg) and altitude above mean sea level (m) of a place about home."""
-    at = LocalFrame(HOME).to_geodetic([north, east, 0.0])  # type: ignore[arg-type]
+    at = LocalFrame(HOME).to_geodetic(np.array([north, east, 0.0]))
     return at.lat_deg, at.lon_deg, HOME.alt_msl_m + height_m
 
 
@@ -148,7 +149,6 @@ CASES: Sequence[tuple[str, Setup, tuple[float, ...], dict[int, float]]] = (
     ("SET_MESSAGE_INTERVAL", on_the_ground, (30, 20_000), {1: 31, 2: 40_000}),
     ("GET_MESSAGE_INTERVAL", on_the_ground, (30,), {1: 31}),
 )
-A, B = {"north": 60.0, "east": 40.0}, {"north": 90.0, "east": 10.0}
 # Items of missions likewise; 5, 6 and 7 are the place.
 ITEMS: Sequence[tuple[str, tuple[float, ...], dict[int, float]]] = (
     ("NAV_WAYPOINT", (5, 2, 0, 90), {1: 10, 2: 40, 4: 180, 5: 90, 6: 90, 7: 50}),
@@ -198,15 +198,15 @@ def of_command(name: str, setup: Setup, params: Sequence[float]) -> object:
     return outcome(desk, result=result, since=since)
 
 
-def of_item(name: str, params: Sequence[float], where: dict[str, float]) -> object:
+def of_item(name: str, seven: Sequence[float]) -> object:
     desk = Desk()
     in_the_air(desk)
-    first: tuple[float, float, float, float] = tuple(params)  # type: ignore[assignment]
-    number = getattr(mav, f"MAV_CMD_{name}")
+    one, two, three, four, north, east, height = seven
+    number, params = getattr(mav, f"MAV_CMD_{name}"), (one, two, three, four)
     mission = [
         item(0, mav.MAV_CMD_NAV_WAYPOINT, north=20.0),
         item(1, mav.MAV_CMD_NAV_WAYPOINT, north=20.0, east=20.0),
-        item(2, number, params=first, **where),  # type: ignore[arg-type]
+        item(2, number, params=params, north=north, east=east, height=height),
         item(3, mav.MAV_CMD_NAV_WAYPOINT, north=60.0, east=90.0),
     ]
     result = desk.upload(mission)
@@ -234,13 +234,10 @@ def test_a_field_of_a_command_is_carried_out(
 def test_a_field_of_an_item_is_carried_out(
     name: str, params: tuple[float, ...], index: int, other: float
 ) -> None:
-    where, changed = {"north": 60.0, "east": 40.0, "height": 30.0}, [*params]
-    before = of_item(name, params, where)
-    if index > 4:
-        where[("north", "east", "height")[index - 5]] = other
-    else:
-        changed[index - 1] = other
-    assert before != of_item(name, changed, where)
+    seven = [*params, 60.0, 40.0, 30.0]
+    before = of_item(name, seven)
+    seven[index - 1] = other
+    assert before != of_item(name, seven)
 
 
 def rules() -> list[Any]:
