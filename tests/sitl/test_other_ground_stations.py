@@ -282,7 +282,8 @@ def _drawn(places: list[tuple[int, int]], command: int, count: int) -> str:
     rows = ["QGC WPL 110"]
     for seq, (north, east) in enumerate(places):
         place = LocalFrame(HOME).to_geodetic(np.array([north, east, 0.0]))
-        position = f"{place.lat_deg:.8f}\t{place.lon_deg:.8f}\t30"
+        height = 0 if count else 30  # a corner of a fence has none
+        position = f"{place.lat_deg:.8f}\t{place.lon_deg:.8f}\t{height}"
         rows.append(f"{seq}\t0\t3\t{command}\t{count}\t0\t0\t0\t{position}\t1")
     return "\n".join(rows) + "\n"
 
