@@ -39,7 +39,7 @@ check: $(READY)
 	$(BIN)/python docs/generate.py --check
 
 # The documentation as a site, in build/site.
-docs: $(READY)
+docs: $(BASE)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint requirements.lock --editable '.[docs]'
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
 

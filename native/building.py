@@ -24,7 +24,7 @@ from native.errors import LibraryError
 
 ROOT = Path(__file__).resolve().parents[1]
 INCLUDE = Path(__file__).resolve().parent / "include"
-MACOS = os.environ.get("MACOSX_DEPLOYMENT_TARGET", "11.0")  # the oldest that a library runs on
+MACOS = os.environ.get("MACOSX_DEPLOYMENT_TARGET", "12.0")  # the oldest that a library runs on
 ZIG = "ziglang==0.17.*"  # what to ask the package index for where there is no compiler
 
 # Rounding must be the source's: no sum is reordered, no product fused with a sum unless it says so.

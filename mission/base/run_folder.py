@@ -21,7 +21,7 @@ from mission.base.user_files import read_json
 # The libraries that a run's results depend on.
 LIBRARIES = (
     *("aerofed", "mavsdk", "pymavlink", "jsbsim", "filterpy", "numpy", "scipy"),
-    *("cvxpy", "clarabel", "osqp", "torch", "mcap", "foxglove-sdk"),
+    *("cvxpy-base", "clarabel", "osqp", "torch", "mcap", "foxglove-sdk"),
 )
 
 

@@ -14,6 +14,8 @@ from dataclasses import dataclass, fields
 from functools import cache
 from typing import Annotated, Any, TypeVar, get_args, get_origin, get_type_hints
 
+from mission.base.errors import InputError
+
 Told = TypeVar("Told")
 
 
@@ -103,21 +105,19 @@ def _cell(value: object) -> str:
 def parquet(columns: Mapping[str, Iterable[Any]]) -> bytes:
     """A Parquet file (zstd) of columns of equal length, None where there is no value.
 
-    A column whose values are of several kinds becomes one of numbers, or else of texts.
+    Raises:
+        InputError: pyarrow, an extra, is not installed.
     """
-    import pyarrow as pa  # slow to import
-    import pyarrow.parquet
+    try:
+        import pyarrow as pa
+        import pyarrow.parquet
+    except ModuleNotFoundError:
+        raise InputError(
+            "Parquet needs pyarrow, which is an extra and not installed: pip install "
+            "'aerofed[parquet]', or take csv"
+        ) from None
 
     out = io.BytesIO()
-    table = pa.table({name: pa.array(_of_one_kind(values)) for name, values in columns.items()})
+    table = pa.table({name: pa.array(list(values)) for name, values in columns.items()})
     pyarrow.parquet.write_table(table, out, compression="zstd")
     return out.getvalue()
-
-
-def _of_one_kind(values: Iterable[Any]) -> list[Any]:
-    values = list(values)
-    kinds = {type(value) for value in values if value is not None}
-    if len(kinds) < 2:
-        return values
-    number = kinds <= {int, float}  # as 1 beside 0.5
-    return [v if v is None else float(v) if number else str(v) for v in values]

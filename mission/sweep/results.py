@@ -18,7 +18,7 @@ from fl.errors import first_line
 from mission.base.arrays import Floats
 from mission.base.errors import InputError
 from mission.base.run_folder import RunFolder, RunSummary, write_atomically
-from mission.base.tables import csv_lines, parquet
+from mission.base.tables import csv_lines
 from mission.base.user_files import read_json, read_text
 from mission.log.records import DeviceRecord, RoundRecord, UplinkRecord, flat
 from mission.log.tables import read_table
@@ -163,9 +163,6 @@ def write_results(folder: Path, results: Sequence[RunResult]) -> None:
         # Where communities are swept, a run has no value in another's columns.
         cells = [[row.get(column) for column in columns] for row in rows]
         write_atomically(folder / f"{name}.csv", csv_lines([columns, *cells]))
-        if name != "timings":
-            by_column = {column: [row.get(column) for row in rows] for column in columns}
-            write_atomically(folder / f"{name}.parquet", parquet(by_column))
 
 
 def read_results(folder: Path, points: Sequence[Point]) -> tuple[RunResult, ...]:

@@ -145,6 +145,17 @@ def test_csv_tables_are_the_runs_own(made: Fixed, tmp_path: Path) -> None:
     assert len(plans) == sum(len(plan.waypoints_m) for plan in made.plans)
 
 
+def test_without_pyarrow_parquet_is_one_line(
+    made: Fixed, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "pyarrow", None)
+    with pytest.raises(
+        InputError, match=r"Parquet needs pyarrow.*pip install 'aerofed\[parquet\]'"
+    ):
+        log.export(made.log, tmp_path / "p", to="parquet")
+    assert not (tmp_path / "p").exists()
+
+
 def test_parquet_holds_the_same_as_csv(made: Fixed, tmp_path: Path) -> None:
     assert log.export(made.log, tmp_path / "p", to="parquet") == 0
     assert log.export(made.log, tmp_path / "c", to="csv") == 0

@@ -23,7 +23,7 @@ pytestmark = [
 hidden = pytest.mark.skipif(not can_hide(), reason="no mount namespaces for this user")
 
 OWN = "own_rules*"  # folder of the run with the user's strategy
-TABLES = ("runs.csv", "rounds.csv", "runs.parquet", "rounds.parquet")
+TABLES = ("runs.csv", "rounds.csv")
 CONFIG = """
 name = "own"
 [mission]

@@ -31,7 +31,7 @@ TINY = (
     "communities.0.devices=2", "communities.1.devices=2",
     "communities.0.labels_per_device=5", "communities.1.labels_per_device=5",
 )  # fmt: skip
-TABLES = ("runs.csv", "rounds.csv", "runs.parquet", "rounds.parquet")
+TABLES = ("runs.csv", "rounds.csv")
 PROCFS = Path("/proc/self/fd")
 
 
