@@ -30,6 +30,11 @@ def test_compute_times_are_given_drawn_or_follow_the_data() -> None:
     assert (drawn >= 5.0).all()
     assert (drawn <= 60.0).all()
     assert len(set(drawn.tolist())) == 4
+    # What each sample takes comes on top of what is drawn, and of what is given.
+    both = times(compute_s=[5, 60], compute_s_per_sample=0.5, epochs=2)
+    assert both == pytest.approx(drawn + SAMPLES)
+    given = times(compute_times_s=[1, 2, 3, 4], compute_s_per_sample=0.5)
+    assert given.tolist() == [6.0, 12.0, 18.0, 24.0]
     assert times(compute_s=[5, 60]).tolist() == drawn.tolist()
     assert times(seed=2, compute_s=[5, 60]).tolist() != drawn.tolist()
 

@@ -1,10 +1,12 @@
 """Slots and uplinks: the instants and positions that count, and who gets through."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from fl.federation.device_work import DeviceWork
 from fl.radio.channel import CHANNEL_PRESETS, average_per
 from fl.radio.place import AverageRadio
 from flightdyn.random import RandomStreams
@@ -12,7 +14,7 @@ from flightdyn.state import GeodeticPoint
 from mission.base.area import Area
 from mission.flight.flight_plan import FlightPlan
 from mission.flight.track import Flight, Passage
-from mission.log.records import UplinkRecord
+from mission.log.records import TimedUplinkRecord, UplinkRecord
 from mission.planner.problem import RoundPlan, RoundProblem
 from mission.planner.stops import Stop, stops_of
 from mission.run.gate import slots, uplinks
@@ -139,9 +141,32 @@ def test_a_device_s_fate_does_not_depend_on_who_else_is_scheduled() -> None:
     assert 0 < sum(fates[0]) < 40
 
 
+def test_who_takes_time_is_told_when_it_was_ready_and_what_it_began_with() -> None:
+    given = replace(problem([[520.0, 270.0], [410.0, 110.0]]), upload_s=np.array([0.5, 2.0]))
+    plan = RoundPlan(np.array([[400.0, 100.0]]), np.array([[True, True]]), 0.0)
+    there = passage(7.0, (400.0, 100.0), (400.0, 101.0))
+    work = DeviceWork(
+        compute_s=np.zeros(2), goes_on=True, begun=np.array([2, 5]),
+        ready_ns=np.array([7_000_000_001, 7_000_000_000]), owed=np.zeros(2, bool),
+    )  # fmt: skip
+    late, ready = uplinks(
+        5, given, plan, {0: there, 1: there}, area=AREA, community_of=["a", "b"],
+        radio=AverageRadio(CHANNEL, given.devices_m), rng=Fixed(0.5), work=work,
+    )  # fmt: skip
+    assert isinstance(late, TimedUplinkRecord)
+    assert isinstance(ready, TimedUplinkRecord)
+    assert (late.ready_t_s, late.staleness, late.upload_s) == (7.000000001, 3, 0.5)
+    assert (late.late, late.est_per, late.true_per, late.delivered) == (True, 1.0, 1.0, False)
+    assert (ready.ready_t_s, ready.staleness, ready.upload_s) == (7.0, 0, 2.0)
+    assert (ready.late, ready.delivered) == (False, True)
+    assert ready.true_per < 0.01
+    assert (late.community, ready.community) == ("a", "b")
+
+
 def test_never_reached_is_lost_with_certainty() -> None:
     given = problem([[400.0, 100.0]])
     plan = RoundPlan(np.array([[400.0, 100.0]]), np.array([[True]]), 1.0)
     (record,) = served(given, plan, {}, Fixed(0.999999))
     assert (record.true_per, record.delivered) == (1.0, False)
-    assert math.isnan(record.slot_t_s)
+    assert np.isnan([record.slot_t_s, record.est_x_m, record.est_alt_m, record.true_y_m]).all()
+    assert math.isnan(record.est_per)
