@@ -96,6 +96,16 @@ def test_the_same_seed_gives_the_same_round_and_another_one_another() -> None:
     assert once[0] != other[0]
 
 
+def test_every_seed_has_a_world_of_its_own() -> None:
+    """Of 2^31 worlds 300 are the same twice with a chance of 2 in 100 000."""
+    env: Any = gymnasium.make("aerofed/Round-v0").unwrapped
+    worlds = set()
+    for seed in range(300):
+        env.reset(seed=seed)
+        worlds.add(env._problem.devices_m.tobytes())
+    assert len(worlds) == 300
+
+
 @pytest.mark.slow
 def test_the_same_seed_gives_the_same_flight_and_another_one_another() -> None:
     env = gymnasium.make("aerofed/Setpoint-v0", max_episode_steps=30, wind_mps=5)

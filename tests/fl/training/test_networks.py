@@ -1,5 +1,6 @@
 """A user's own torch module, by import path: trained, refused, repeatable."""
 
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,8 @@ from torch import nn
 from fl.config import ConvNetConfig
 from fl.data.dataset import Split
 from fl.errors import LearningInputError
+from fl.plugins import PluginError
+from fl.training.custom_trainer import CustomTrainer
 from fl.training.local import LocalSettings, LocalTask, scaling_of
 from fl.training.networks import ConvNet, make_network
 
@@ -211,6 +214,26 @@ def test_a_module_that_cannot_be_imported_is_one_clear_line(
     with pytest.raises(LearningInputError, match=r"cannot be imported: [A-Z]") as caught:
         make_network(f"{name}:Net", image_shape=SHAPE, classes=10)
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("text", "installed", "said"),
+    [
+        ("import torch", False, "needs torch, which is an extra and not installed: pip install"),
+        ("from torch import nothing", True, "cannot be imported: ImportError: cannot import name"),
+        ("import nothing", False, "cannot be imported: ModuleNotFoundError: No module named 'noth"),
+    ],
+)
+def test_torch_is_said_to_be_missing_where_it_is(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, text: str, installed: bool, said: str
+) -> None:
+    name = f"wants_{len(text)}"
+    (tmp_path / f"{name}.py").write_text(text)
+    monkeypatch.syspath_prepend(tmp_path)
+    if not installed:
+        monkeypatch.setitem(sys.modules, "torch", None)
+    with pytest.raises(PluginError, match=f"learning.trainer = '{name}:make': {said}"):
+        CustomTrainer.found(f"{name}:make")
 
 
 @pytest.mark.parametrize("name", ["resnet", "no.such.module:Net", ":Net", "torch:"])

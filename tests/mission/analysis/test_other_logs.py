@@ -286,6 +286,26 @@ def test_a_pause_ends_no_pass(tmp_path: Path, end: str, planned: bool) -> None:
     assert sum(loaded.judged.apart.values()) == pytest.approx(10.0, abs=1.0)
 
 
+@pytest.mark.parametrize(
+    ("told", "passes_s"),
+    [
+        ([(55.0, 2)], [(5.6, 55.0), (55.0, 67.5)]),
+        ([(55.0, 2), (56.8, 1)], [(5.6, 55.0), (56.8, 67.5)]),  # what is shorter than 2 s is none
+        ([(55.0, 2), (57.2, 1)], [(5.6, 55.0), (55.0, 57.2), (57.2, 67.5)]),
+    ],
+)
+def test_going_back_to_an_earlier_item_is_another_pass(
+    tmp_path: Path, told: list[tuple[float, int]], passes_s: list[tuple[float, float]]
+) -> None:
+    judged = load_run(write_tlog(tmp_path / "x.tlog", current=told)).judged
+    assert judged is not None
+    found = [
+        (way.record.start_t_s, way.record.start_t_s + way.record.duration_s)
+        for way in judged.passes
+    ]
+    assert np.array(found) == pytest.approx(np.array(passes_s), abs=0.11)
+
+
 @pytest.mark.parametrize("end", KINDS)
 @pytest.mark.parametrize("off_m", [1.0, 3.0, 10.0])
 def test_an_offset_is_at_the_right_leg(tmp_path: Path, end: str, off_m: float) -> None:

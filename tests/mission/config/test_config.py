@@ -16,6 +16,7 @@ from mission.config.loading import builtin_config, load_config
 from mission.config.models import RunConfig
 from mission.config.overrides import parse_override
 from mission.config.preflight import load_data
+from mission.config.url import checked_url
 
 BASE = """
 [[communities]]
@@ -409,3 +410,28 @@ def test_a_data_file_elsewhere_needs_no_data_folder(tmp_path: Path) -> None:
     said = f"npz: not found in {tmp_path}; looked for the file {path} (communities.data_file)"
     for data_dir in (None, tmp_path / "other"):
         assert _missing([("npz", str(path))], data_dir) == said
+
+
+@pytest.mark.parametrize(
+    "url",
+    [
+        "udpin://0.0.0.0:14540", "udpout://host:1", "tcpin://host:65535", "tcpout://[::1]:5760",
+        "serial:///dev/ttyACM0:57600", "serial:///dev/ttyACM0:10000000",
+    ],
+)  # fmt: skip
+def test_addresses_that_mavsdk_takes(url: str) -> None:
+    assert checked_url(url) == url
+
+
+@pytest.mark.parametrize(
+    "url",
+    [
+        "udpin://host:0", "udpin://host:65536", "tcpout://host:-1", "udpin://host:1.5",
+        "udpin://host:", "udpin://host", "udpin://:14540", "udp://host:14540", "14540",
+        "http://here", "serial:///dev/ttyACM0", "serial:///dev/ttyACM0:0",
+        "serial:///dev/ttyACM0:10000001",
+    ],
+)  # fmt: skip
+def test_addresses_that_it_does_not_take(url: str) -> None:
+    with pytest.raises(ValueError, match="it must be udpin://HOST:PORT or .* or serial:///DEVICE:"):
+        checked_url(url)

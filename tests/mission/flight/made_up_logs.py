@@ -246,9 +246,11 @@ def write_tlog(
     returns: bool = False,
     pause_s: float = 0.0,
     before: Sequence[tuple[Any, int]] = (),
+    current: Sequence[tuple[float, int]] = (),
 ) -> Path:
     """As a ground station of PX4 writes it, with the upload of the mission. `before` it takes off
-    more messages come, each from a system."""
+    more messages come, each from a system. `current`: times in s at which another item is told to
+    be the current one than that which is flown to."""
     out = bytearray()
     vehicle, station = mav.MAVLink(None, 1, 1), mav.MAVLink(None, 255, 190)
 
@@ -287,6 +289,9 @@ def write_tlog(
         if s.mission and s.toward != toward:
             toward = s.toward
             told(s.t_s, mav.MAVLink_mission_current_message(toward))
+        for t_s, seq in current:
+            if t_s <= s.t_s < t_s + STEP_S:
+                told(s.t_s, mav.MAVLink_mission_current_message(seq))
         boot_ms = round(1e3 * (s.t_s - 30.0 * (reboot and s.t_s > 40.0)))
         where = round(s.lat_deg * 1e7), round(s.lon_deg * 1e7), round(s.alt_msl_m * 1e3)
         told(s.t_s, mav.MAVLink_global_position_int_message(boot_ms, *where, 0, 0, 0, 0, 0))

@@ -17,7 +17,6 @@ from small_runs import refused, rows
 
 from mission.analysis.load import load_run
 from mission.cli import call
-from mission.config.url import checked_url
 from mission.flight.pilot.connection import connect
 
 pytestmark = pytest.mark.slow
@@ -148,8 +147,3 @@ def test_a_url_of_another_kind_is_refused_in_words(
     assert call(["run", "--vehicle", url, "--out", str(out), *SMALL]) == 2
     refused(capsys, "--vehicle ", url, "udpin://HOST:PORT", "serial:///DEVICE:BAUD")
     assert not out.exists()
-
-
-def test_what_mavsdk_takes_is_not_refused() -> None:
-    for url in ("udpin://0.0.0.0:14540", "tcpout://[::1]:5760", "serial:///dev/ttyACM0:57600"):
-        assert checked_url(url) == url

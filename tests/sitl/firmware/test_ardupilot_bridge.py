@@ -122,6 +122,31 @@ def test_pulses_turn_the_motors_in_its_order(
 
 
 @pytest.mark.parametrize(
+    ("pulses", "as_if"),
+    [((2200, 2001, 2000, 2000), (2000,) * 4), ((800, 999, 0, 1000), (1000,) * 4)],
+)
+def test_a_pulse_out_of_range_is_one_at_its_end(
+    ardupilot: ArduPilotStandIn,
+    bridge: ArduPilotBridge,
+    pulses: tuple[int, ...],
+    as_if: tuple[int, ...],
+) -> None:
+    other = ArduPilotBridge(plant(RATE_HZ), port=0)
+    other.open()
+    beside = ArduPilotStandIn(other.port)
+    for count in range(160):
+        ardupilot.ask(count, pulses)
+        beside.ask(count, as_if)
+        assert bridge.run(1)
+        assert other.run(1)
+    turned = bridge.plant.vehicle.rotor_speeds_radps()
+    assert turned == pytest.approx(other.plant.vehicle.rotor_speeds_radps(), rel=1e-12)
+    assert (max(turned) > 100.0) == (as_if[0] > 1000)
+    beside.close()
+    other.close()
+
+
+@pytest.mark.parametrize(
     ("stray", "said"),
     [
         (b"", "0 bytes"),
