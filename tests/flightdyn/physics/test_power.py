@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 from flights import legs, make, path_along, run, take_off
 
+from flightdyn.guidance.path import FlightPath
+from flightdyn.physics.airframe.parameters import QUAD_X
 from flightdyn.physics.power import density_ratio, power_w
 from flightdyn.state import GeodeticPoint
 
@@ -11,7 +13,7 @@ HEIGHT_M = 30.0
 
 
 @pytest.mark.parametrize(
-    ("speed_mps", "alt_m"), [(0.0, 0.0), (12.0, 0.0), (20.0, 0.0), (0.0, 1500.0), (17.0, 1500.0)]
+    ("speed_mps", "alt_m"), [(0.0, 0.0), (0.0, 1500.0), (17.0, 1500.0)]
 )
 def test_steady_flight_takes_what_the_table_says(speed_mps: float, alt_m: float) -> None:
     aircraft = make(home=GeodeticPoint(45.0, 5.0, alt_m))
@@ -27,6 +29,26 @@ def test_steady_flight_takes_what_the_table_says(speed_mps: float, alt_m: float)
     expected = power_w(np.array([speed_mps]), density=density_ratio(alt_m + HEIGHT_M))
     # Rotor drag does not thin out with the air.
     assert np.mean(watts) == pytest.approx(expected[0], rel=0.02 if alt_m else 0.005)
+
+
+def test_every_speed_of_the_table_takes_what_it_says() -> None:
+    """One flight, of a leg at each speed: by the middle of a leg it is steady."""
+    aircraft = make(home=GeodeticPoint(45.0, 5.0, 0.0))
+    take_off(aircraft, HEIGHT_M)
+    rows = len(QUAD_X.level_power_w)
+    speeds_mps = np.append(np.arange(1.0, rows), rows - 1.0)  # on the last leg it brakes
+    north_m = np.append(0.0, np.cumsum(8.0 * speeds_mps))
+    points = np.column_stack((north_m, np.zeros(rows + 1), np.full(rows + 1, -HEIGHT_M)))
+    aircraft.follow(FlightPath(points, speeds_mps, np.full(rows + 1, 5.0)))
+    watts: list[list[float]] = [[] for _ in speeds_mps]
+    while (flown_m := float(aircraft.vehicle.position_ned()[0])) < north_m[-2]:
+        leg = max(0, int(np.searchsorted(north_m, flown_m)) - 1)
+        if 0.6 < (flown_m - north_m[leg]) / (8.0 * speeds_mps[leg]) < 0.9:
+            watts[leg].append(aircraft.battery.voltage_v * aircraft.battery.current_a)
+        run(aircraft, 0.1)
+    measured = [np.mean(of_leg) for of_leg in watts[:-1]]
+    expected = power_w(speeds_mps[:-1], density=density_ratio(HEIGHT_M))
+    np.testing.assert_allclose(measured, expected, rtol=5e-4)  # the table is to 0.1 W
 
 
 def test_acceleration_costs_and_thin_air_as_well() -> None:
