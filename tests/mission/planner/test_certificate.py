@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from scipy.optimize import linear_sum_assignment, minimize
 
 from fl.radio.channel import CHANNEL_PRESETS, average_per
+from mission.planner import certified
 from mission.planner.certified import CertifiedPlanner, Goal, case_of, search
 from mission.planner.check import check_plan
 from mission.planner.evaluate import bounded
@@ -213,6 +214,37 @@ def test_a_search_ends_early_where_its_pace_says_that_it_would_not_end_in_time()
     assert f"after {hopeless.nodes} of 60000 nodes, as at its pace" in hopeless.ended
 
 
+@pytest.mark.parametrize(
+    ("steps", "devices", "by_order", "by_place"),
+    [
+        (2, 3, None, 1000), (3, 7, None, 1000), (4, 6, 30, 970), (5, 6, 300, 700),
+        # From 6 steps on only where there are fewer places (2 a step) than devices.
+        (5, 11, 300, 700), (6, 12, 1000, None), (6, 13, 300, 700), (7, 20, 1000, None),
+        # Of more than 40 devices no order is searched, and 40000 divided by them at most.
+        (5, 40, 300, 700), (5, 41, None, 975), (6, 41, None, 975), (7, 41, None, None),
+    ],
+)  # fmt: skip
+def test_few_stops_are_searched_by_place_and_many_by_order(
+    monkeypatch, steps, devices, by_order, by_place
+):
+    asked = {}
+
+    def searcher(name):
+        def spend(*_, plan, effort):
+            asked[name] = effort.max_nodes
+            return dataclasses.replace(plan, nodes=plan.nodes + effort.max_nodes)
+
+        return spend
+
+    monkeypatch.setattr(certified, "search_orders", searcher("order"))
+    monkeypatch.setattr(certified, "search_places", searcher("place"))
+    problem = random_problem(1, devices=devices, steps=steps, per_step=2, preset="high-rise")
+    case = case_of(problem)
+    search(case, case.explored(1), Goal(1e-9, 1000))
+    wanted = {"order": by_order, "place": by_place}
+    assert asked == {name: nodes for name, nodes in wanted.items() if nodes is not None}
+
+
 def test_a_plan_above_its_bound_is_an_error_that_carries_both():
     problem = random_problem(1)
     plan = CertifiedPlanner().plan(problem)
@@ -236,6 +268,7 @@ def test_hundreds_of_devices_get_a_plan_and_a_bound():
 PROGRAM = """
 import numpy as np
 from fl.radio.channel import CHANNEL_PRESETS
+from mission.planner import certified
 from mission.planner.certified import CertifiedPlanner
 from mission.planner.evaluate import bounded
 from mission.planner.problem import BoundError, RoundProblem

@@ -35,7 +35,11 @@ def answer(case):
         s = relaxation.spacing[row] * knots
         past.append((s, [conjugate(relaxation, int(row), x) for x in s]))
     ends = [[float(relaxation.radii_m[e]) for e in relaxation.ends[row]] for row in rows]
-    return bound, ends, past
+    lines = []  # of each device, slopes and offsets: what the splines make of the envelope
+    for row in rows:
+        s = np.append(relaxation.spacing[row] * np.arange(0.0, last, 0.2), 0.0)
+        lines.append((-s, np.array([conjugate(relaxation, int(row), x) for x in s])))
+    return bound, ends, past, lines
 
 
 def envelope(channel, lo, hi):
@@ -55,16 +59,14 @@ def envelope(channel, lo, hi):
     return np.r_[0.0, slope], np.r_[f.max(), f[hull][:-1] - slope * r[hull][:-1]]
 
 
-def primal(case, ends):
-    """The most a path in this order can earn with every f replaced by its envelope."""
-    channel = CHANNEL_PRESETS[case["preset"]]
+def primal(case, ends, lines):
+    """The most a path in this order can earn with every f replaced by the least of its lines."""
     u, delta = np.array(case["u"]), np.array(case["delta"])
     m = len(u)
     v, gain = cp.Variable((m, 2)), cp.Variable(m)
     leg = cp.vstack([v[:1], cp.diff(v, axis=0)]) if m > 1 else v
     constraints = [cp.sum(cp.norm(leg, axis=1)) <= case["length"]]
-    for k, (lo, hi) in enumerate(ends):
-        slope, offset = envelope(channel, lo, hi)
+    for k, ((_, hi), (slope, offset)) in enumerate(zip(ends, lines, strict=True)):
         distance = cp.norm(v[k] - u[k])
         constraints.append(distance <= hi)
         away = cp.Variable(nonneg=True)
@@ -107,14 +109,18 @@ def answers():
 
 
 def test_the_bound_is_the_optimum_of_the_primal_program(answers):
-    for case, bound, ends, _ in answers:
-        best = primal(case, ends)
+    for case, bound, ends, _, splines in answers:
+        channel = CHANNEL_PRESETS[case["preset"]]
+        best = primal(case, ends, [envelope(channel, lo, hi) for lo, hi in ends])
         assert bound >= best * (1 - 1e-6)  # -1 if the steps did not end well
-        assert bound == pytest.approx(best, rel=0.01)
+        assert bound <= best * 1.01
+        # Most of what is left is the splines': with them in place of f the two are nearly one.
+        close = 2e-3 if any(case["merged"]) else 1e-4
+        assert bound == pytest.approx(primal(case, ends, splines), rel=close)
 
 
 def test_splines_stay_above_past_their_last_knot_too(answers):
-    for case, _, all_ends, splines in answers:
+    for case, _, all_ends, splines, _ in answers:
         channel = CHANNEL_PRESETS[case["preset"]]
         for (lo, hi), (slopes, values) in zip(all_ends, splines, strict=True):
             r = np.linspace(lo, hi, 4000)
