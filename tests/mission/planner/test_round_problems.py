@@ -13,7 +13,7 @@ import round_problems
 from mission.planner.check import check_plan
 from mission.planner.files import NamedPlan, plans_as_json, problems_of
 from mission.planner.fitting import fitted
-from mission.planner.flyable import acceptance_radius
+from mission.planner.flyable import acceptance_radius, foresee_round
 from mission.planner.problem import RoundPlan
 
 FOLDER = Path(round_problems.__file__).parent / "data" / "problems"
@@ -82,26 +82,35 @@ def test_corners_are_as_sharp_as_the_evaluator_has_them(seed: int) -> None:
 def test_the_evaluator_agrees_with_our_own_check(kind: str) -> None:
     for number in range(3):
         entry = round_problems.problem(kind, number)
-        problem, plan, told = some_plan(entry, number)
+        problem, plan, before = some_plan(entry, number)
         check_plan(problem, plan)
-        value, duration_s, energy_j = evaluator.evaluate(entry, told)
+        value, duration_s, energy_j = evaluator.evaluate(entry, before)
         assert value == pytest.approx(plan.value, rel=1e-12)
-        if plan.foreseen is not None:
-            assert duration_s == pytest.approx(plan.foreseen.duration_s, rel=1e-12)
-            assert energy_j == pytest.approx(plan.foreseen.energy_j, rel=1e-9)
+        # Without a limit nothing is foreseen: one that is never reached changes nothing else.
+        timed, plan, told = some_plan({"deadline_s": 3600.0, **entry}, number)
+        assert told == before
+        foreseen = foresee_round(timed, plan)
+        assert duration_s == pytest.approx(foreseen.duration_s, rel=1e-12)
+        assert energy_j == pytest.approx(foreseen.energy_j, rel=1e-9)
 
 
 def test_our_plans_keep_to_the_rules() -> None:
     plans = json.loads((FOLDER / "plans.json").read_text(encoding="utf-8"))
     stored = json.loads((FOLDER / "problems.json").read_text(encoding="utf-8"))
     assert list(plans) == [entry["id"] for entry in stored]
+    limited = 0
     for entry in stored[::7]:
         plan = plans[entry["id"]]
         value, duration_s, energy_j = evaluator.evaluate(entry, plan)
         assert value == pytest.approx(plan["value"], rel=1e-9)
         assert value <= plan["upper_bound"] * (1.0 + 1e-9)
-        assert duration_s == pytest.approx(plan.get("duration_s", duration_s), rel=1e-9)
-        assert energy_j == pytest.approx(plan.get("energy_j", energy_j), rel=1e-9)
+        if {"deadline_s", "energy_j"} & {*entry}:
+            assert duration_s == pytest.approx(plan["duration_s"], rel=1e-9)
+            assert energy_j == pytest.approx(plan["energy_j"], rel=1e-9)
+            limited += 1
+        else:  # nobody asked
+            assert not {"duration_s", "energy_j"} & {*plan}
+    assert limited == 17
 
 
 def _farther(_: dict[str, Any], plan: dict[str, Any]) -> None:
