@@ -51,6 +51,17 @@ class PlainNet(nn.Module):
         return nn.utils.parameters_to_vector(self.parameters()).detach().numpy()
 
 
+def right_per_class(
+    net: nn.Module, images: NDArray[np.float32], labels: NDArray[np.int64], classes: int
+) -> NDArray[np.int64]:
+    """How many of each class torch's forward pass gets right; `images` are scaled (n, H, W, C)."""
+    net.eval()
+    with torch.no_grad():
+        logits = net(torch.from_numpy(images).permute(0, 3, 1, 2).contiguous())
+    right = labels[logits.argmax(dim=1).numpy() == labels]
+    return np.bincount(right, minlength=classes)
+
+
 def train_plainly(
     net: nn.Module,
     images: np.ndarray,

@@ -103,7 +103,37 @@ def test_check_says_what_a_folder_holds(shared_data: Path, tmp_path: Path) -> No
     assert found == {"mnist": "missing", "fashion-mnist": "missing", "cifar10": "damaged"}
 
 
-def test_every_location_is_a_folder_on_the_web() -> None:
-    for address in LOCATIONS.values():
-        assert address.startswith(("https://", "http://"))
-        assert address.endswith("/")
+AMAZON = "http://fashion-mnist.s3-website.eu-central-1.amazonaws.com/"
+IDX = (
+    "train-images-idx3-ubyte", "train-labels-idx1-ubyte", "t10k-images-idx3-ubyte",
+    "t10k-labels-idx1-ubyte",
+)  # fmt: skip
+
+
+def test_each_file_is_asked_for_where_it_is_kept_and_by_its_checksum(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: list[tuple[str, Path, str]] = []
+
+    def download(url: str, path: Path, *, checksum: str, **_: object) -> None:
+        asked.append((url, path.relative_to(tmp_path), checksum))
+
+    monkeypatch.setattr("fl.data.fetch.download", download)
+    for task in LOCATIONS:
+        fetch(task, tmp_path)
+    urls = [
+        *(f"https://ossci-datasets.s3.amazonaws.com/mnist/{name}.gz" for name in IDX),
+        *(f"{AMAZON}{name}.gz" for name in IDX),
+        "https://www.cs.toronto.edu/~kriz/cifar-10-python.tar.gz",
+    ]
+    paths = [Path(task, f"{name}.gz") for task in ("mnist", "fashion-mnist") for name in IDX]
+    assert [url for url, *_ in asked] == urls
+    assert [path for _, path, _ in asked] == [*paths, Path("cifar10", "cifar-10-python.tar.gz")]
+    # As CIFAR's page prints it; of MNIST the sums of the files as they were first published.
+    sums = [checksum for *_, checksum in asked]
+    assert sums[-1] == "c58f30108f718f92721af3b95e74349a"
+    assert sums[:4] == [
+        "6bbc9ace898e44ae57da46a324031adb", "a25bea736e30d166cdddb491f175f624",
+        "2646ac647ad5339dbf082846283269ea", "27ae3e4e09519cfbb04c329615203637",
+    ]  # fmt: skip
+    assert len({*sums}) == 9

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import torch
+from reference_net import right_per_class
 from torch import nn
 
 from fl.config import CommunityConfig, LearningConfig
@@ -91,14 +92,16 @@ def test_local_buffers_stay_with_their_device_which_is_measured_with_them() -> N
     assert (kept[1] == start.communities[0].buffers[1]).all()  # not heard
     assert not np.allclose(kept[0], kept[2])
     community = federation.communities[0]
-    parameters = after.communities[0].model[:-129]
-    right = [
-        community.network.correct_per_class(
-            community.reporting, np.concatenate([parameters, own]), scaling=community.scaling
-        ).sum()
-        for own in kept
-    ]
-    every = len(community.reporting.labels)
+    # The model's parameters with each device's own statistics, by torch.
+    parameters, part = torch.tensor(after.communities[0].model[:-129]), community.reporting
+    images = (part.images * community.scaling.scale + community.scaling.shift).astype(np.float32)
+    right = []
+    for own in torch.tensor(kept):
+        net = Net()
+        nn.utils.vector_to_parameters(parameters, net.parameters())
+        net.norm.running_mean, net.norm.running_var = own[:64], own[64:128]
+        right.append(right_per_class(net, images, part.labels, 10).sum())
+    every = len(part.labels)
     assert learnt.accuracy["digits"] == pytest.approx(community.p @ np.array(right) / every)
     assert len({*learnt.device_accuracy.tolist()}) == 3
     # The UAV's model carries the average of those that it heard.
