@@ -1,13 +1,16 @@
 """Our logs as ULog: read back by pyulog, and compared as before."""
 
 import io
+import math
 import re
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pymap3d
 import pytest
+from flights import corner_distance, cross_track
 from pyulog import ULog
 from pyulog.px4 import PX4ULog
 from synthetic_flight import AREA, fly
@@ -204,7 +207,7 @@ def test_each_failsafe_is_a_pulse_and_unknown_modes_have_a_number(tmp_path: Path
     assert found.modes.names == ("MISSION", "MODE 255")
 
 
-def test_a_flight_of_a_plan_is_compared_with_it_as_before(tmp_path: Path) -> None:
+def test_a_flight_of_a_plan_is_compared_with_it_as_before_and_by_other_programs(tmp_path: Path) -> None:
     plan, out = tmp_path / "p.waypoints", tmp_path / "out"
     rows = [(22, 0.0, 0.0), (16, 0.0, 5e-4), (16, 5e-4, 5e-4)]
     lines = [
@@ -221,7 +224,28 @@ def test_a_flight_of_a_plan_is_compared_with_it_as_before(tmp_path: Path) -> Non
     )
     assert numbers(given) == pytest.approx(numbers(ours), abs=0.01, nan_ok=True)
     assert alone.total.slots == len(rows)  # what was headed for is in the log
-    assert alone.total.cross_track_max_m == pytest.approx(ours.total.cross_track_max_m, abs=0.01)
+    # By the positions that pyulog reads, in metres north and east, to the way's two legs.
+    assert ours.run.judged is not None
+    (flown,) = ours.run.judged.passes
+    begin_s, end_s = flown.record.start_t_s, flown.record.start_t_s + flown.record.duration_s
+    truth = topics_of(target)["vehicle_global_position_groundtruth"]
+    within = (truth["timestamp"] >= begin_s * 1e6) & (truth["timestamp"] <= end_s * 1e6)
+    globe = [truth[name][within] for name in ("lat", "lon", "alt")]
+    track = np.column_stack(pymap3d.geodetic2ned(*globe, 47.0, 8.0, truth["alt"][0]))
+    corners = np.array([pymap3d.geodetic2ned(47 + n, 8 + e, 0, 47, 8, 0) for _, n, e in rows])
+    away_m = cross_track(corners, track)
+    way_m, flown_m = (
+        float(np.hypot(*np.diff(line[:, :2], axis=0).T).sum()) for line in (corners, track)
+    )
+    total = ours.total
+    assert (total.slots, total.slots_missed, total.failsafes) == (3, 0, 0)
+    assert total.plan_path_m == pytest.approx(way_m, rel=1e-4)
+    assert total.flown_path_m == pytest.approx(flown_m, abs=0.1)
+    # On the way round a corner a sample may count for the leg that is not the nearest.
+    assert total.cross_track_max_m == pytest.approx(float(away_m.max()), abs=0.15)
+    assert total.cross_track_rms_m == pytest.approx(math.sqrt((away_m**2).mean()), abs=0.05)
+    cut_m = float(corner_distance(corners, track).min())
+    assert total.corner_cut_max_m == pytest.approx(cut_m, abs=0.01)
 
 
 def test_a_log_that_ends_within_a_message_is_said_to(tmp_path: Path, exported: Path) -> None:
