@@ -1,21 +1,28 @@
 """Statistics, sampling and progress of a sweep, against closed forms and hand-made runs."""
 
+import json
 import math
 from dataclasses import replace
 from pathlib import Path
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
 from rich.console import Console
 from scipy import stats
 
+from mission.base.errors import InputError
+from mission.base.run_folder import RunFolder
+from mission.base.tables import csv_lines
 from mission.config.loading import builtin_config
+from mission.log.records import UNKNOWN_ROUND, DeviceRecord, UplinkRecord, flat
 from mission.run.budget import rounds_paid_for
 from mission.scenario.limits import budget_of, foreseen_performance
 from mission.sweep.folder import SweepFolder
 from mission.sweep.grid import Point, make_grid
 from mission.sweep.outcome.curves import DISTANCE, ROUNDS, band, interval
 from mission.sweep.outcome.view import final_table, over_seeds, percent
+from mission.sweep.execute.cluster import RayEngine
 from mission.sweep.progress import Bar, duration
 from mission.sweep.results import (
     Row,
@@ -23,6 +30,7 @@ from mission.sweep.results import (
     at_equal,
     communities_of,
     jain,
+    read_run,
     with_equals,
     write_results,
 )
@@ -193,3 +201,66 @@ def test_the_paper_s_sweep_ends_by_its_budget() -> None:
 )
 def test_durations(seconds: float, text: str) -> None:
     assert duration(seconds) == text
+
+
+def test_a_run_s_rows_are_what_its_tables_add_up_to(tmp_path: Path) -> None:
+    """Two rounds of three devices: 0 and 1 of `a`, 2 of `b`."""
+    kept = RunFolder(tmp_path)
+    rounds = [
+        replace(
+            UNKNOWN_ROUND, round=k, start_t_s=start_s, duration_s=10.0, energy_j=joules,
+            scheduled=scheduled, delivered=delivered, accuracy={"a": a, "b": b},
+            cov={"a": 0.5 * k, "b": 2.0},
+        )
+        for k, start_s, joules, scheduled, delivered, a, b in (
+            (1, 100.0, 900.0, 3, 1, 0.2, 0.4), (2, 112.5, 800.0, 1, 1, 0.6, 0.3),
+        )
+    ]  # fmt: skip
+    nowhere = (math.nan,) * 7
+    uplinks = [
+        UplinkRecord(k, device, name, 1, 5.0, 0.0, *nowhere, plan, math.nan, true, 1.0, arrived)
+        for k, device, name, plan, true, arrived in (
+            (1, 0, "a", 0.1, 0.2, True), (1, 1, "a", 0.3, 0.4, False), (1, 2, "b", 0.5, 0.9, False),
+            (2, 2, "b", 0.1, 0.0, True),
+        )
+    ]  # fmt: skip
+    # Device 1 trained in the second round, too: what it sends may arrive later.
+    losses = {(1, 0): 2.0, (2, 2): 1.0, (2, 1): 1.5}
+    learnt = [
+        DeviceRecord(k, device, name, 0.1, math.nan, losses.get((k, device), math.nan))
+        for k in (0, 1, 2) for device, name in enumerate("aab")
+    ]  # fmt: skip
+    for path, records in ((kept.rounds, rounds), (kept.uplinks, uplinks), (kept.learning, learnt)):
+        rows = [flat(record) for record in records]
+        path.write_text(csv_lines([rows[0], *(row.values() for row in rows)]))
+    kept.devices.write_text("device\n0\n1\n2\n")
+    told = {"flown_in_rounds_m": 1500.5, "budget_used_m": 1400.0, "simulated_s": 130.0}
+    told |= {"untrained_accuracy": {"a": 0.1, "b": 0.05}, "wall_s": {"fly": 3.0, "total": 5.0}}
+    kept.summary.write_text(json.dumps(told))
+    found = read_run(kept, Point("cov", 7, (("k", 2),)))
+    assert found.summary == {
+        "strategy": "cov", "seed": 7, "k": 2, "run": tmp_path.name, "rounds": 2,
+        "flown_m": 1500.5, "budget_used_m": 1400.0, "simulated_s": 130.0, "energy_j": 1700.0,
+        "scheduled": 4, "delivered": 2, "delivered_share": 0.5,
+        "participation": pytest.approx(2 / 6),
+        "plan_per": pytest.approx(0.25), "true_per": pytest.approx(1.5 / 4),
+        "participation_a": 0.5, "participation_b": 0.5,
+        "untrained_accuracy_a": 0.1, "untrained_accuracy_b": 0.05,
+        "final_accuracy_a": 0.6, "final_accuracy_b": 0.3, "final_cov_a": 1.0, "final_cov_b": 2.0,
+        "final_jain_communities": pytest.approx(0.9**2 / (2 * 0.45)),
+    }  # fmt: skip
+    assert found.wall_s == {"fly": 3.0, "total": 5.0}
+    columns = ("round", "end_t_s", "participation", "plan_per", "true_per", "jain_communities")
+    assert [[row[name] for name in columns] for row in found.rounds] == [
+        pytest.approx([1, 110.0, 1 / 3, 0.3, 0.5, 0.6**2 / (2 * 0.2)]),
+        pytest.approx([2, 122.5, 1 / 3, 0.1, 0.0, 0.9**2 / (2 * 0.45)]),
+    ]
+    assert [(row["strategy"], row["seed"], row["k"]) for row in found.rounds] == 2 * [("cov", 7, 2)]
+    assert found.rounds[0]["energy_j"] == 900.0
+
+
+def test_another_version_on_a_machine_of_a_cluster_is_named() -> None:
+    engine = Mock(_versions={"aerofed": "0.2.0", "numpy": "2.4.6"})
+    versions = {"aerofed": "0.0.1", "numpy": "2.4.6"}
+    with pytest.raises(InputError, match=r"machine far has .*: aerofed 0\.0\.1 \(here 0\.2\.0\);"):
+        RayEngine._refuse(engine, machine="far", versions=versions)
