@@ -10,6 +10,8 @@ from fl.config import CommunityConfig, LearningConfig
 from fl.federation import rounds as fed
 from fl.federation.community import Federation, build_federation
 from fl.federation.state import FederationState, from_bytes, to_bytes
+from fl.plugin_code import register
+from fl.plugins import PluginError
 from fl.training.networks import CustomNetwork
 from fl.training.torch_module import ModuleNetwork
 from flightdyn.random import RandomStreams
@@ -31,9 +33,9 @@ class Net(nn.Module):
         return self.dense(self.norm(x.flatten(1)))
 
 
-def build(**more: str) -> Federation:
+def build(algorithm: str = "fedadam", **more: str) -> Federation:
     community = CommunityConfig.model_validate({**COMMUNITY, **more})
-    learning = LearningConfig(batch_size=64, learning_rate=0.05, algorithm="fedadam")
+    learning = LearningConfig(batch_size=64, learning_rate=0.05, algorithm=algorithm)
     return build_federation([community], learning, data_dir=None, stream=RandomStreams(1).generator)
 
 
@@ -111,6 +113,33 @@ def test_local_buffers_stay_with_their_device_which_is_measured_with_them() -> N
     assert (again.communities[0].buffers[2] == kept[2]).all()
     # It went on from its own: batches counted twice, those of the others not at all.
     assert again.communities[0].buffers[0][-1] == 2 * kept[0][-1]
+
+
+@pytest.mark.parametrize("more", [{}, {"buffers": "local"}])
+def test_a_correction_is_of_the_parameters_alone(more: dict[str, str]) -> None:
+    federation = build("scaffold", **more)
+    state, _ = play(federation, fed.init(federation), 0, 2)
+    state, _ = play(federation, state, 0, 1)
+    assert state.communities[0].algorithm["device_controls"].shape == (3, 778)
+    assert state.communities[0].algorithm["device_controls"].any(axis=1).all()
+
+    class Wrong:
+        """Corrects as many as the model has numbers, buffers among them."""
+
+        mu, momentum = 0.0, 0.9
+
+        def init(self, model, devices):  # noqa: ARG002
+            return {}
+
+        def correction(self, state, device):  # noqa: ARG002
+            return np.zeros(778 + 129, dtype=np.float32)
+
+        def apply(self, state, model, updates):  # noqa: ARG002
+            return model, state
+
+    federation = build(str(register(lambda _: Wrong())), **more)
+    with pytest.raises(PluginError, match=r"device 0 is of shape \(907,\), not \(778,\)"):
+        play(federation, fed.init(federation), 0)
 
 
 @pytest.mark.parametrize("more", [{}, {"buffers": "local"}])

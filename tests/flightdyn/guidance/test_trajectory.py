@@ -1,5 +1,6 @@
 """The reference along a path: limits, corners and closed forms."""
 
+import ctypes
 import math
 
 import numpy as np
@@ -14,6 +15,7 @@ from flightdyn.errors import FlightInputError, PathError
 from flightdyn.guidance.path import FlightPath
 from flightdyn.guidance.path_plan import brake_and_go, plan_path
 from flightdyn.guidance.trajectory import Trajectory
+from flightdyn.native import library
 from flightdyn.state import Vector
 
 LIMITS = LimitsConfig()
@@ -159,3 +161,17 @@ def test_clock_counts_whole_ticks() -> None:
         clock.ticks(0.003, what="interval")
     with pytest.raises(FlightInputError, match="300007 Hz"):
         SimClock(300_007)
+
+
+def test_the_acceleration_alone_is_led() -> None:
+    """The guidance asks for it some time ahead: it is that of the later instant, where pieces meet
+    as well."""
+    trajectory, _ = plan_path(path_along(legs(START, (0.0, 70.0), 60.0)), LIMITS)
+    out, lead = (ctypes.c_double * 9)(), 0.12
+    changes = 0
+    for t in np.arange(trajectory.start_s, trajectory.end_s, 0.01).tolist():
+        library._REFERENCE(trajectory.pieces.at, t, lead, ctypes.addressof(out))
+        now, ahead = trajectory.at(t), trajectory.at(t + lead)
+        assert out[:] == pytest.approx([*now.p, *now.v, *ahead.a], rel=1e-9, abs=1e-9)
+        changes += now.a != ahead.a
+    assert changes > 100

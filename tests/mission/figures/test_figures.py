@@ -30,7 +30,7 @@ from mission.base.arrays import Floats
 from mission.base.errors import AerofedError, InputError
 from mission.cli import call
 from mission.figures import render
-from mission.figures.charts import Series, line_chart, ticks
+from mission.figures.charts import DotRow, Series, bar_chart, dot_rows, line_chart, ticks
 from mission.figures.conditions import along_chart
 from mission.figures.frame import MapFrame
 from mission.figures.learning import learning_charts, radio_charts
@@ -289,6 +289,37 @@ def test_the_map_of_several_rounds_says_that_importance_is_their_mean(tmp_path: 
         return str(found)
 
     assert (title(1), title(3)) == ("importance", "mean importance")
+
+
+def test_dots_are_as_large_as_the_most_important_device_of_all_rounds_allows(
+    tmp_path: Path,
+) -> None:
+    fly(tmp_path, rounds=3)
+    run = load_run(tmp_path).data
+    plans = [
+        replace(item, importance=share * item.importance)
+        for item, share in zip(run.plans, (1.0, 3.0, 2.0), strict=True)
+    ]
+    spec = described(round_map(replace(run, plans=tuple(plans)), plans))
+    most = 3.0 * max(float(item.importance.max()) for item in run.plans)
+    sizes = [layer["encoding"].get("size", {}) for layer in layers(spec)]
+    assert {size["scale"]["domain"][1] for size in sizes if "legend" in size} == {most}
+
+
+def test_each_name_has_its_own_colour() -> None:
+    looks = {"first": "#111111", "second": "#222222", "third": "#333333"}
+    x, y = np.arange(3.0), np.arange(3.0)
+    made = (
+        dot_rows("", [DotRow(n, c, (1.0, 2.0), 1.5, (1.0, 2.0)) for n, c in looks.items()], x=""),
+        line_chart("", [Series(n, c, x, y) for n, c in looks.items()], x="", y=""),
+        bar_chart("", [Series(n, c, x, y) for n, c in looks.items()], x="", y=""),
+    )
+    for chart in made:
+        coloured = [layer["encoding"].get("color", {}) for layer in layers(described(chart))]
+        scales = [colour["scale"] for colour in coloured if "scale" in colour]
+        assert scales
+        for scale in scales:
+            assert dict(zip(scale["domain"], scale["range"], strict=True)) == looks
 
 
 @pytest.mark.slow

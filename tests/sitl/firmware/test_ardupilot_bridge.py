@@ -11,7 +11,7 @@ import pytest
 from firmware_stand_ins import ArduPilotStandIn, plant
 
 from sitl.config import FirmwareConfig, VehicleConfig
-from sitl.errors import FirmwareRestartedError
+from sitl.errors import FirmwareRestartedError, LinkError
 from sitl.firmware.ardupilot import RATE_HZ, ArduPilotBridge
 from sitl.firmware.native.library import Json, json_send
 from sitl.firmware.vehicle import plant_rate_hz
@@ -107,6 +107,17 @@ def test_positions_have_the_errors_of_receiver_and_barometer(
     vn, ve, vd = vehicle.velocity_ned()
     un, ue, ud = sensors.receiver.velocity_error_ned_mps
     assert answer["velocity"] == pytest.approx([vn + un, ve + ue, vd + ud], abs=1e-4)
+
+
+def test_its_port_is_free_again_once_it_is_closed() -> None:
+    first = ArduPilotBridge(plant(RATE_HZ), port=0)
+    first.open()
+    second = ArduPilotBridge(plant(RATE_HZ), port=first.port)
+    with pytest.raises(LinkError):
+        second.open()
+    first.close()
+    second.open()
+    second.close()
 
 
 @pytest.mark.parametrize("magic", [18458, 29569])

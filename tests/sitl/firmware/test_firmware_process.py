@@ -237,3 +237,37 @@ def turn_on_mps2(config: VehicleConfig) -> float:
     sensors = plant_for(config, home=HOME, streams=RandomStreams(1)).sensors
     assert sensors is not None
     return sensors.config.imu.accel_turn_on_mps2
+
+
+def test_every_parameter_that_a_firmware_is_given_for_our_aircraft() -> None:
+    """In each firmware's units, from limits of 5 m/s2, 0.4 s of smoothing, 60 deg, 4 m/s up and
+    2.5 m/s down, and a receiver of 5 Hz whose fixes are 120 ms old."""
+    options = LaunchOptions(VehicleConfig(), 1, 2, 20.0)
+    assert of_copter(options, plant(250)) == pytest.approx({
+        "FRAME_CLASS": 1, "FRAME_TYPE": 1, "MOT_PWM_MIN": 1000, "MOT_PWM_MAX": 2000,
+        "MOT_THST_EXPO": 0.82, "MOT_THST_HOVER": 0.17, "SIM_RATE_HZ": 250,
+        "FS_THR_ENABLE": 0, "FS_GCS_ENABLE": 0, "BATT_MONITOR": 0,
+        "ANGLE_MAX": 6000, "WPNAV_SPEED": 1000, "WP_SPD": 10, "WPNAV_ACCEL": 500,
+        "WPNAV_JERK": 5 / 0.4, "WPNAV_SPEED_UP": 400, "WPNAV_SPEED_DN": 250,
+        "LOG_DISARMED": 0, "LOG_BACKEND_TYPE": 0,
+        "SIM_DRIFT_SPEED": 0, "SIM_BARO_RND": 0, "SIM_BARO2_RND": 0, "SIM_BARO_DRIFT": 0,
+        "SIM_MAG_RND": 4.0 * 3**0.5,  # a standard deviation of 4 milligauss, uniform
+        "SIM_GPS1_HZ": 5, "SIM_GPS1_LAG_MS": 120, "SIM_GPS1_NUMSATS": 14, "SIM_GPS1_NOISE": 0,
+        "GPS1_DELAY_MS": 120,
+        **{f"COMPASS_OFS{n}_{axis}": by for n in ("", 2, 3)
+           for axis, by in (("X", 5), ("Y", 13), ("Z", -18))},
+    })  # fmt: skip
+    px4 = of_px4(options, plant())
+    arm_m = 0.25 * 0.5**0.5  # an arm of 25 cm at 45 degrees to the nose
+    for rotor, (ahead, right, turns) in enumerate(((1, 1, 1), (-1, -1, 1), (1, -1, -1), (-1, 1, -1))):
+        place = px4.pop(f"CA_ROTOR{rotor}_PX"), px4.pop(f"CA_ROTOR{rotor}_PY")
+        assert place == pytest.approx((ahead * arm_m, right * arm_m))
+        assert px4.pop(f"CA_ROTOR{rotor}_KM") == pytest.approx(turns * 0.0158, rel=2e-3)
+    assert px4 == pytest.approx({
+        "THR_MDL_FAC": 0.82, "MC_ROLLRATE_K": 0.25, "MC_PITCHRATE_K": 0.25,
+        "EKF2_GPS_DELAY": 120, "EKF2_GPS_CHECK": 31, "MPC_XY_VEL_MAX": 20, "MPC_XY_CRUISE": 10,
+        "MPC_ACC_HOR": 5, "MPC_JERK_AUTO": 12.5, "MPC_TILTMAX_AIR": 60, "MPC_Z_VEL_MAX_UP": 4,
+        "MPC_Z_V_AUTO_UP": 4, "MPC_Z_VEL_MAX_DN": 2.5, "MPC_Z_V_AUTO_DN": 2.5,
+        "MPC_THR_HOVER": 0.17, "SIM_BAT_ENABLE": 0, "COM_FLTT_LOW_ACT": 0, "COM_FAIL_ACT_T": 0,
+        "SDLOG_MODE": -1,
+    })  # fmt: skip
