@@ -1,20 +1,22 @@
 """Plans made to fit limits: cut where these end, or shrunk."""
 
+import itertools
 import pickle
 
 import numpy as np
 import pytest
 from drawn_problems import drawn_problem
 
+from fl.radio.channel import CHANNEL_PRESETS
 from flightdyn.config import LimitsConfig
 from mission.base import polyline
 from mission.base.airspace import Airspace
 from mission.planner.check import check_plan
 from mission.planner.evaluate import plan_along
-from mission.planner.fitting import fitted
+from mission.planner.fitting import fitted, serving_fewer
 from mission.planner.flyable import foresee_round, share_of
 from mission.planner.performance import Performance, RoundLimits
-from mission.planner.problem import RoundProblem
+from mission.planner.problem import RoundPlan, RoundProblem
 
 FLYING = Performance(20.0, 5.0, LimitsConfig())
 WALL = np.array([[300.0, 100], [360, 100], [360, 700], [300, 700]])
@@ -88,3 +90,24 @@ def test_problems_and_plans_may_be_sent_to_other_processes() -> None:
     plan = fitted(given, path(given, 1))
     assert plan is not None
     assert share_of(given, plan) == share_of(*pickle.loads(pickle.dumps((given, plan))))
+
+
+@pytest.mark.parametrize("order", [*itertools.permutations(range(4))])
+def test_who_brings_least_a_second_is_left_out_first(order: tuple[int, ...]) -> None:
+    """Importance 1 for 10 s, 0.5 for 6 s, 0.45 for 6 s, 0.02 for 2 s, all from where it hovers, for
+    a second more than that: 17.5 s are enough for the first two, 19.5 for the last as well."""
+    turn = np.array(order)
+    importance = np.array([1.0, 0.5, 0.45, 0.02])[turn]
+    upload_s = np.array([10.0, 6.0, 6.0, 2.0])[turn]
+    start_m = np.full(2, 400.0)
+    whom = {17.5: {0, 1}, 19.5: {0, 1, 3}, 25.5: {0, 1, 2, 3}, 1.5: set()}
+    for duration_s, served in whom.items():
+        given = RoundProblem(
+            np.tile(start_m, (4, 1)), importance, start_m, 1, 4, 100.0,
+            CHANNEL_PRESETS["suburban+30dB"], limits=RoundLimits(FLYING, duration_s),
+            upload_s=upload_s,
+        )  # fmt: skip
+        everybody = RoundPlan(start_m[None], np.ones((1, 4), dtype=bool), importance.sum())
+        found = serving_fewer(given, everybody)
+        assert {int(turn[k]) for k in np.flatnonzero(found.schedule[0])} == served
+        assert found.value == pytest.approx(importance[found.schedule[0]].sum(), rel=1e-3)
