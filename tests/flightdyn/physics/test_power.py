@@ -12,9 +12,7 @@ from flightdyn.state import GeodeticPoint
 HEIGHT_M = 30.0
 
 
-@pytest.mark.parametrize(
-    ("speed_mps", "alt_m"), [(0.0, 0.0), (0.0, 1500.0), (17.0, 1500.0)]
-)
+@pytest.mark.parametrize(("speed_mps", "alt_m"), [(0.0, 0.0), (0.0, 1500.0), (17.0, 1500.0)])
 def test_steady_flight_takes_what_the_table_says(speed_mps: float, alt_m: float) -> None:
     aircraft = make(home=GeodeticPoint(45.0, 5.0, alt_m))
     take_off(aircraft, HEIGHT_M)

@@ -207,7 +207,9 @@ def test_each_failsafe_is_a_pulse_and_unknown_modes_have_a_number(tmp_path: Path
     assert found.modes.names == ("MISSION", "MODE 255")
 
 
-def test_a_flight_of_a_plan_is_compared_with_it_as_before_and_by_other_programs(tmp_path: Path) -> None:
+def test_a_flight_of_a_plan_is_compared_with_it_as_before_and_by_other_programs(
+    tmp_path: Path,
+) -> None:
     plan, out = tmp_path / "p.waypoints", tmp_path / "out"
     rows = [(22, 0.0, 0.0), (16, 0.0, 5e-4), (16, 5e-4, 5e-4)]
     lines = [

@@ -433,5 +433,7 @@ def test_addresses_that_mavsdk_takes(url: str) -> None:
     ],
 )  # fmt: skip
 def test_addresses_that_it_does_not_take(url: str) -> None:
-    with pytest.raises(ValueError, match="it must be udpin://HOST:PORT or .* or serial:///DEVICE:"):
+    with pytest.raises(
+        ValueError, match=r"it must be udpin://HOST:PORT or .* or serial:///DEVICE:"
+    ):
         checked_url(url)

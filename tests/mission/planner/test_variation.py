@@ -3,7 +3,6 @@
 from collections.abc import Callable, Iterator
 
 import numpy as np
-import pytest
 
 from fl.radio.channel import CHANNEL_PRESETS
 from mission.planner.native.rounds import CandidatePlan
@@ -23,7 +22,9 @@ def numbers(seed: int) -> Iterator[float]:
         yield (state >> 11) / 2**53
 
 
-def changed(way: np.ndarray, device_m: np.ndarray, under: Callable[[int], int], draw: Iterator[float]):
+def changed(
+    way: np.ndarray, device_m: np.ndarray, under: Callable[[int], int], draw: Iterator[float]
+):
     """The way after a change, and which kind it was."""
     n, m, kind = 1 + under(STEPS - 1), 1 + under(STEPS - 1), under(7)
     x, y = next(draw), next(draw)

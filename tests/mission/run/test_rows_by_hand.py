@@ -92,8 +92,9 @@ class ByHand:
         way = np.vstack((way, way[-1:]))[:3]
         schedule[tuple(np.transpose(SENDS[index]))] = True
         value = sum(
-            problem.importance[device] * (1.0 - per(device, *way[step], 60.0))
+            problem.importance[device] * (1.0 - per(device, float(x_m), float(y_m), 60.0))
             for step, device in SENDS[index]
+            for x_m, y_m in [way[step]]
         )
         return aerofed.Sortie(aerofed.RoundPlan(way, schedule, value, 1.25 * value))
 

@@ -18,11 +18,11 @@ from mission.config.loading import builtin_config
 from mission.log.records import UNKNOWN_ROUND, DeviceRecord, UplinkRecord, flat
 from mission.run.budget import rounds_paid_for
 from mission.scenario.limits import budget_of, foreseen_performance
+from mission.sweep.execute.cluster import RayEngine
 from mission.sweep.folder import SweepFolder
 from mission.sweep.grid import Point, make_grid
 from mission.sweep.outcome.curves import DISTANCE, ROUNDS, band, interval
 from mission.sweep.outcome.view import final_table, over_seeds, percent
-from mission.sweep.execute.cluster import RayEngine
 from mission.sweep.progress import Bar, duration
 from mission.sweep.results import (
     Row,
@@ -234,7 +234,11 @@ def test_a_run_s_rows_are_what_its_tables_add_up_to(tmp_path: Path) -> None:
         rows = [flat(record) for record in records]
         path.write_text(csv_lines([rows[0], *(row.values() for row in rows)]))
     kept.devices.write_text("device\n0\n1\n2\n")
-    told = {"flown_in_rounds_m": 1500.5, "budget_used_m": 1400.0, "simulated_s": 130.0}
+    told: dict[str, object] = {
+        "flown_in_rounds_m": 1500.5,
+        "budget_used_m": 1400.0,
+        "simulated_s": 130.0,
+    }
     told |= {"untrained_accuracy": {"a": 0.1, "b": 0.05}, "wall_s": {"fly": 3.0, "total": 5.0}}
     kept.summary.write_text(json.dumps(told))
     found = read_run(kept, Point("cov", 7, (("k", 2),)))

@@ -259,7 +259,9 @@ def test_every_parameter_that_a_firmware_is_given_for_our_aircraft() -> None:
     })  # fmt: skip
     px4 = of_px4(options, plant())
     arm_m = 0.25 * 0.5**0.5  # an arm of 25 cm at 45 degrees to the nose
-    for rotor, (ahead, right, turns) in enumerate(((1, 1, 1), (-1, -1, 1), (1, -1, -1), (-1, 1, -1))):
+    for rotor, (ahead, right, turns) in enumerate(
+        ((1, 1, 1), (-1, -1, 1), (1, -1, -1), (-1, 1, -1))
+    ):
         place = px4.pop(f"CA_ROTOR{rotor}_PX"), px4.pop(f"CA_ROTOR{rotor}_PY")
         assert place == pytest.approx((ahead * arm_m, right * arm_m))
         assert px4.pop(f"CA_ROTOR{rotor}_KM") == pytest.approx(turns * 0.0158, rel=2e-3)
