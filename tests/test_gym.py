@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+from copy import deepcopy
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -53,14 +54,14 @@ def of_plan(env: Any, plan: RoundPlan) -> list[np.ndarray]:
     return list(np.hstack((places, plan.schedule)))
 
 
-def played(env: Any, actions: Any, seed: int) -> tuple[list[bytes], float, float]:
+def played(env: Any, actions: Any, seed: int) -> tuple[list[Any], float, float]:
     """Every observation of an episode, and what arrived and was expected to."""
     observation, _ = env.reset(seed=seed)
-    seen, arrived, expected, over = [str(observation).encode()], 0.0, 0.0, False
+    seen, arrived, expected, over = [deepcopy(observation)], 0.0, 0.0, False
     actions = iter(actions)
     while not over:
         observation, reward, over, cut, info = env.step(next(actions))
-        seen.append(str(observation).encode())
+        seen.append(deepcopy(observation))
         arrived, expected, over = (
             arrived + reward,
             expected + info.get("expected", 0.0),
@@ -92,8 +93,8 @@ def test_they_are_what_gymnasium_calls_an_environment(name: str, options: dict[s
 def test_the_same_seed_gives_the_same_round_and_another_one_another() -> None:
     env = gymnasium.make("aerofed/Round-v0")
     once, again, other = (played(env, at_random(env, 1), seed)[0] for seed in (5, 5, 6))
-    assert once == again
-    assert once[0] != other[0]
+    assert str(once) == str(again)
+    assert str(once[0]) != str(other[0])
 
 
 def test_every_seed_has_a_world_of_its_own() -> None:
@@ -110,8 +111,8 @@ def test_every_seed_has_a_world_of_its_own() -> None:
 def test_the_same_seed_gives_the_same_flight_and_another_one_another() -> None:
     env = gymnasium.make("aerofed/Setpoint-v0", max_episode_steps=30, wind_mps=5)
     once, again, other = (played(env, at_random(env, 1), seed)[0] for seed in (5, 5, 6))
-    assert once == again
-    assert once != other
+    assert str(once) == str(again)
+    assert str(once) != str(other)
     assert len(once) == 31
 
 
@@ -160,7 +161,7 @@ def test_whatever_is_done_keeps_to_every_limit(kind: str) -> None:
         seen, _, expected = played(env, at_random(env, seed), seed)
         check_plan(problem(kind), env.unwrapped.plan)
         assert expected == pytest.approx(env.unwrapped.plan.value, abs=0.05)
-        short += "left': array([0." in seen[-1].decode() and env.unwrapped.plan.path_m > 100.0
+        short += seen[-1]["left"][0] < 1.0 and env.unwrapped.plan.path_m > 100.0
     assert short
 
 

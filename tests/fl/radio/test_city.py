@@ -51,7 +51,7 @@ def seen_by_shapely(device: Ints, place_m: Floats) -> np.ndarray:
 
 
 def test_line_of_sight_is_that_of_another_ray_caster() -> None:
-    count = 100_000
+    count = 20_000
     device = RNG.integers(0, 12, count)
     place_m = np.column_stack((RNG.uniform(-50, 850, (count, 2)), RNG.uniform(2.0, 120.0, count)))
     seen, expected = made().in_sight(device, place_m), seen_by_shapely(device, place_m)
