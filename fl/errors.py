@@ -6,8 +6,10 @@ from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
-_ESCAPES = {
-    code: f"\\x{code:02x}" for code in (*range(32), *range(127, 160)) if chr(code) not in "\n\t"
+_ESCAPES = {  # of what XML may not hold, nor a terminal see
+    code: chr(code).encode("unicode_escape").decode()
+    for code in (*range(32), *range(127, 160), 0xFFFE, 0xFFFF)
+    if chr(code) not in "\n\t"
 }
 
 
@@ -15,7 +17,7 @@ def told(value: object, how: Callable[[Any], str] = str, *, most: int = 500) -> 
     """Return `how(value)` (`str`, `repr`), cut to `most` characters, or a note that it raised.
 
     Lone surrogates and control characters but line feeds and tabs become escapes, so that the text
-    can be printed and written.
+    can be printed, and written as XML.
     """
     try:
         text = how(value)
