@@ -6,11 +6,18 @@ from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
+_ESCAPES = {  # of what XML may not hold, nor a terminal see
+    code: chr(code).encode("unicode_escape").decode()
+    for code in (*range(32), *range(127, 160), 0xFFFE, 0xFFFF)
+    if chr(code) not in "\n\t"
+}
+
 
 def told(value: object, how: Callable[[Any], str] = str, *, most: int = 500) -> str:
     """Return `how(value)` (`str`, `repr`), cut to `most` characters, or a note that it raised.
 
-    Lone surrogates become escapes, so that the text can be printed and written.
+    Lone surrogates and control characters but line feeds and tabs become escapes, so that the text
+    can be printed, and written as XML.
     """
     try:
         text = how(value)
@@ -19,7 +26,12 @@ def told(value: object, how: Callable[[Any], str] = str, *, most: int = 500) -> 
     except BaseException as error:
         text = f"({kind_of(value)}, which fails to say what it is: {type(error).__name__})"
     text = text if len(text) <= most else f"{text[: most - 3]}..."
-    return text.encode("utf-8", "backslashreplace").decode()
+    return text.encode("utf-8", "backslashreplace").decode().translate(_ESCAPES)
+
+
+def one_line(value: object) -> str:
+    """As `told`, on one line."""
+    return " ".join(told(value).split())
 
 
 def first_line(error: BaseException) -> str:
@@ -144,4 +156,4 @@ class FetchError(LearningError):
     reason: str
 
     def __str__(self) -> str:
-        return f"{self.url}: not fetched: {self.reason}"
+        return one_line(f"{self.url}: not fetched: {self.reason}")

@@ -8,7 +8,9 @@
 A package of its own, so that pytest loads this file and nothing else where no test flies.
 """
 
-from collections.abc import Callable, Generator, Iterator
+import inspect
+import sys
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -19,6 +21,8 @@ if TYPE_CHECKING:
     from mission.api.simulated_vehicle import SimulatedVehicle
 
 _MARKER = "aerofed(overrides, **options): what aerofed.vehicle takes, for `vehicle` and `vehicles`"
+# What stands between a test and the place of an error; the last two are Python's.
+_OURS = {__name__, "aerofed", "mission", "sitl", "flightdyn", "fl", "asyncio", "contextlib"}
 _LOGS = pytest.StashKey[Path]()
 
 
@@ -50,14 +54,34 @@ def vehicles(
         def made(count: int, **options: Any) -> "list[SimulatedVehicle]":
             first, marked = ((), {}) if marker is None else (marker.args, dict(marker.kwargs))
             keys = *first, marked.pop("overrides", None), options.pop("overrides", None)
-            overrides = {key: value for some in keys for key, value in dict(some or {}).items()}
             given = {"logs": logs, **marked, **options}
+            _check(first, keys, given)
+            overrides = {key: value for some in keys for key, value in dict(some or {}).items()}
             try:
                 return opened.enter_context(aerofed.vehicles(count, overrides, **given))
             except NoFirmwareError as error:
                 pytest.skip(str(error))
 
         yield made
+
+
+def _check(first: Sequence[object], keys: Iterable[object], options: Iterable[str]) -> None:
+    """Raise InputError at what `aerofed.vehicles` would not take beside its count."""
+    import aerofed
+    from fl.errors import did_you_mean
+    from mission.api.configuring import checked
+
+    _, *known = inspect.signature(aerofed.vehicles).parameters
+    for name in options:
+        if name not in known:
+            raise aerofed.InputError(
+                f"aerofed's marker and vehicles(): {name}: unknown option"
+                f"{did_you_mean(name, known)} (known: {', '.join(known)})"
+            )
+    if len(first) > 1:
+        raise aerofed.InputError(f"aerofed's marker: {first!r}: only overrides go without a name")
+    for some in keys:
+        checked("quickstart", some)
 
 
 @pytest.fixture
@@ -76,9 +100,15 @@ def arducopter(vehicles: "Callable[..., list[SimulatedVehicle]]") -> "SimulatedV
 
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_makereport(
-    item: pytest.Item,
+    item: pytest.Item, call: pytest.CallInfo[None]
 ) -> Generator[None, pytest.TestReport, pytest.TestReport]:
-    """Add the paths of the flight logs to the report of a failed test."""
+    """Show errors of Aerofed's from the line of the test on, without the library's own frames, and
+    add the paths of the flight logs to the report of a failed test."""
+    ours = getattr(sys.modules.get("mission.base.errors"), "AerofedError", None)
+    if ours is not None and call.excinfo is not None and call.excinfo.errisinstance(ours):
+        for name, module in tuple(sys.modules.items()):
+            if name.partition(".")[0] in _OURS:
+                vars(module)["__tracebackhide__"] = lambda info: info.errisinstance(ours)
     report = yield
     if report.failed and _LOGS in item.stash:
         found = sorted(item.stash[_LOGS].rglob("*.mcap"))

@@ -67,12 +67,16 @@ class Simulation:
     async def run_to(self, t_ns: int) -> None:
         """Let simulated time run up to `t_ns`, with `runs` = "ordered", and stand still there.
 
-        What was sent to the vehicle before the call is handled before time runs.
+        What was sent to the vehicle before the call is handled before time runs. Where this is
+        cancelled, time stands still at once.
         """
         self._ordered_ns = t_ns
         self._there.clear()
         self._wake.set()
-        await self._there.wait()
+        try:
+            await self._there.wait()
+        finally:
+            self._ordered_ns = self.vehicle.t_ns
 
     @property
     def _goes_on(self) -> bool:

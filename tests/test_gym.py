@@ -1,5 +1,7 @@
 """`aerofed.gym`: environments that learners know how to use, on the planner's own definitions."""
 
+import copy
+import pickle
 import subprocess
 import sys
 from copy import deepcopy
@@ -243,6 +245,7 @@ def test_rewards_may_be_of_ones_own_and_landing_is_the_end() -> None:
     [
         ("Setpoint", {"setpoint": "place"}, "setpoint = 'place': must be 'velocity' or"),
         ("Setpoint", {"far_m": 0.0}, "far_m = 0.0: must be more than 0, at most 500"),
+        ("Setpoint", {"far_m": "10"}, "far_m = '10': must be more than 0, at most 500"),
         ("Setpoint", {"wind_mps": -1}, "vehicle.aircraft.wind.speed_mps = -1"),
         ("Round", {"overrides": {"mission.stepz": 3}}, "mission.stepz"),
         (
@@ -268,7 +271,11 @@ def test_an_action_that_is_none_is_refused_in_one_line(kind: str) -> None:
     allowed = rf": must be {count} numbers from -1 to 1, shape \({count},\)$"
     nan, far = still.copy(), still.copy()
     nan[0], far[1] = np.nan, np.inf
-    for action in (0.0, still[1:], still[None], nan, far, still - 1.5, "up", None, [[0.0], [0, 1]]):
+    masked = np.ma.masked_array(still, mask=np.arange(count) == 0)
+    odd = (still + 0j, [0j] * count, ["0.5"] * count, still.astype(str), still.astype(object))
+    typed = (masked, still.astype(bool), still.astype("m8[s]"), [None] * count, [10**400] * count)
+    shaped = (0.0, still[1:], still[None], nan, far, still - 1.5, "up", None, [[0.0], [0, 1]])
+    for action in (*shaped, *odd, *typed):
         with pytest.raises(aerofed.InputError, match="^action = .*" + allowed) as refused:
             env.step(action)
         assert "\n" not in str(refused.value)
@@ -278,6 +285,33 @@ def test_an_action_that_is_none_is_refused_in_one_line(kind: str) -> None:
         over = env.step(down)[2]
     with pytest.raises(aerofed.InputError, match=no_episode):
         env.step(still)
+
+
+def test_lists_and_whole_numbers_are_actions() -> None:
+    rewards = set()
+    for action in ([0] * 14, np.zeros(14, dtype=np.int64), np.zeros(14, dtype=np.float16)):
+        env = gymnasium.make("aerofed/Round-v0").unwrapped
+        env.reset(seed=1)
+        rewards.add(env.step(action)[1])
+    assert len(rewards) == 1
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("copied", [copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))])
+def test_an_environment_can_be_copied_and_a_flight_under_way_says_why_not(copied: Any) -> None:
+    env = gymnasium.make("aerofed/Setpoint-v0", wind_mps=5, max_episode_steps=20)
+    once, other = (played(each, at_random(env, 1), 5)[0] for each in (env, copied_fresh(copied)))
+    assert once == other
+    with pytest.raises(aerofed.InputError, match="Setpoint-v0: a flight under way cannot be"):
+        copied(env)
+    down, over = np.array([0.0, 0.0, -1.0], dtype=np.float32), False
+    while not over:
+        over = env.unwrapped.step(down)[2]
+    assert played(copied(env), at_random(env, 1), 5)[0] == once
+
+
+def copied_fresh(copied: Any) -> Any:
+    return copied(gymnasium.make("aerofed/Setpoint-v0", wind_mps=5, max_episode_steps=20))
 
 
 def test_without_gymnasium_the_import_says_what_to_install_and_nothing_else_needs_it() -> None:

@@ -1,6 +1,7 @@
 """The fixtures that others' tests use, in a pytest of their own."""
 
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -69,6 +70,52 @@ def test_imports():
 """,
     )
     assert code == 0, words
+
+
+@pytest.mark.slow
+def test_errors_are_shown_where_the_test_made_them(tmp_path: Path) -> None:
+    code, words = ran(
+        tmp_path,
+        """
+import contextlib, pytest
+
+@pytest.mark.aerofed(wnd_mps=6)
+def test_misspelt(vehicle): ...
+@pytest.mark.aerofed("survey.plan")
+def test_a_plan(vehicle): ...
+@pytest.mark.aerofed({"seed": 1}, {"seed": 2})
+def test_two(vehicle): ...
+@pytest.mark.aerofed(count=3)
+def test_count(vehicle): ...
+def test_called(vehicles): vehicles(2, sed=1)
+def test_number(vehicles): vehicles("two")
+def test_step(vehicle): vehicle.step("long")
+def test_in_vain(vehicle): vehicle.until(lambda v: v.armed, timeout_s=0.2)
+def test_plan(vehicle): vehicle.fly("nowhere.plan")
+def test_limit(vehicle): vehicle.compare()
+def test_mine(vehicle): vehicle.until(lambda v: 1 / 0)
+def test_others():
+    with contextlib.suppress(OSError):
+        raise KeyError("theirs")
+""",
+        PYTEST_ADDOPTS="--tb=long",
+    )
+    assert code == 1, words
+    assert "8 failed, 4 errors" in words
+    for said in (
+        "wnd_mps: unknown option; did you mean wind_mps? (known: overrides, source, wind_mps, ",
+        "overrides = 'survey.plan': must be a dictionary",
+        "({'seed': 1}, {'seed': 2}): only overrides go without a name",
+        "count: unknown option (known: ",
+        "sed: unknown option; did you mean seed?",
+        "count = 'two': must be a whole number",
+        "step('long'): simulated seconds",
+        "not within 0.2 s of simulated time",
+        "nowhere.plan: cannot be read",
+    ):
+        assert f": {said}" in words, said
+    places = re.findall(r"^(\S+\.py):\d+: ", words, re.MULTILINE)
+    assert set(places) == {"test_flights.py"}
 
 
 @pytest.mark.slow

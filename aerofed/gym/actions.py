@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from fl.errors import told
 from mission.base.arrays import Floats
 from mission.base.errors import InputError
 
@@ -11,10 +12,11 @@ def checked(action: object, count: int, *, under_way: bool) -> Floats:
     if not under_way:
         raise InputError("step: no episode is under way; call reset() first")
     try:
-        given = np.asarray(action, dtype=np.float64)
-    except (TypeError, ValueError):
+        given = np.asarray(action)
+    except (TypeError, ValueError):  # of several lengths
         given = np.empty(0)
-    if given.shape != (count,) or not (np.abs(given) <= 1.0).all():
-        said = " ".join(repr(action).split())
+    real = given.dtype.kind in "iuf" and not np.ma.isMaskedArray(action)
+    if not real or given.shape != (count,) or not (np.abs(given) <= 1.0).all():
+        said = " ".join(told(action, repr).split())
         raise InputError(f"action = {said}: must be {count} numbers from -1 to 1, shape ({count},)")
-    return given
+    return np.asarray(given, dtype=np.float64)

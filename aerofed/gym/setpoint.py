@@ -30,6 +30,7 @@ _HEIGHT_M = 20.0  # of the hover that an episode begins in
 _LONGEST_NS = 60 * 10**9  # until it hovers
 _HEIGHTS_M = 10.0, 30.0  # of places to fly to
 _SEEN = np.array([1000.0] * 3 + [50.0] * 3, dtype=np.float32)
+_OF_A_FLIGHT = "_vehicle", "_client"
 _OFFBOARD = (129.0, 6.0)  # PX4's main mode
 # Bits of a setpoint's mask: all that is left out beside three numbers.
 _ONLY = {"velocity": 0b0000_1101_1100_0111, "acceleration": 0b0000_1100_0011_1111}
@@ -68,7 +69,7 @@ class SetpointEnv(gymnasium.Env[Array, Array]):
         """
         if setpoint not in get_args(Setpoint):
             raise InputError(f"setpoint = {setpoint!r}: must be 'velocity' or 'acceleration'")
-        if not 0.0 < far_m <= 500.0:
+        if not isinstance(far_m, int | float) or not 0.0 < far_m <= 500.0:
             raise InputError(f"far_m = {far_m!r}: must be more than 0, at most 500")
         self._config = vehicle_config(overrides, source=source, wind_mps=wind_mps)
         limits = guidance_of(self._config.vehicle)
@@ -80,7 +81,6 @@ class SetpointEnv(gymnasium.Env[Array, Array]):
         }[setpoint]
         self._setpoint, self._reward, self._far_m = setpoint, reward, far_m
         self._under_way = False
-        self._client = mav.MAVLink(None, srcSystem=255, srcComponent=190)
         self.action_space = spaces.Box(-1.0, 1.0, (3,))
         self.observation_space = spaces.Box(-_SEEN, _SEEN)
 
@@ -94,6 +94,7 @@ class SetpointEnv(gymnasium.Env[Array, Array]):
         """
         super().reset(seed=seed, options=options)
         self._under_way = False
+        self._client = mav.MAVLink(None, srcSystem=255, srcComponent=190)
         way, share = self.np_random.uniform(0.0, 2.0 * math.pi), self.np_random.uniform()
         far_m, height_m = share * self._far_m, self.np_random.uniform(*_HEIGHTS_M)
         self._place_m = np.array([far_m * math.cos(way), far_m * math.sin(way), height_m])
@@ -129,6 +130,15 @@ class SetpointEnv(gymnasium.Env[Array, Array]):
             reward = float(self._reward(before, action, self._seen))
         self._under_way = sound and self._mode == "OFFBOARD"
         return self._seen, reward, not self._under_way, False, self._truth()
+
+    def __getstate__(self) -> dict[str, Any]:
+        """What is pickled and copied, which is no flight: its aircraft lives outside of Python."""
+        if self._under_way:
+            raise InputError(
+                "Setpoint-v0: a flight under way cannot be pickled or copied, only before reset(); "
+                "the same seed and actions fly the same"
+            )
+        return {name: value for name, value in vars(self).items() if name not in _OF_A_FLIGHT}
 
     @property
     def _mode(self) -> str:

@@ -6,15 +6,22 @@ import os
 import tempfile
 import urllib.error
 import urllib.request
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from fl.data.files import CIFAR_ARCHIVE_MD5, IDX_MD5, UNPACKING_ERRORS, md5
+from fl.data.files import CIFAR_ARCHIVE_MD5, IDX_MD5, LARGEST_BYTES, UNPACKING_ERRORS, md5
 from fl.data.idx import NAMES
 from fl.data.load import load
-from fl.errors import FETCHED, DataDamagedError, DataMissingError, FetchError, SettingError
+from fl.errors import (
+    FETCHED,
+    DataDamagedError,
+    DataMissingError,
+    FetchError,
+    SettingError,
+    first_line,
+)
 
 CHUNK = 1 << 18
 TIMEOUT_S = 30.0
@@ -106,7 +113,7 @@ def download(
 ) -> str:
     """Download `url` to `path`, whole and with the wanted `checksum` (None: any), or not at all.
 
-    Returns its checksum.
+    Returns its checksum, of which `sum_of` may raise what forbids the file.
 
     Raises:
         FetchError: names the address.
@@ -115,30 +122,14 @@ def download(
     try:
         handle, part = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
         with os.fdopen(handle, "wb") as out:
-            try:
-                # The addresses are constants of this module (or a caller's own).
-                with urllib.request.urlopen(url, timeout=TIMEOUT_S) as source:
-                    length = source.headers.get("Content-Length")
-                    total, done = int(length) if length else None, 0
-                    while chunk := source.read(CHUNK):
-                        out.write(chunk)
-                        done += len(chunk)
-                        if progress is not None:
-                            progress(path.name, done, total)
-            except urllib.error.HTTPError as error:
-                raise FetchError(url, f"the server answers {error.code} {error.reason}") from error
-            except (
-                urllib.error.URLError,
-                http.client.HTTPException,
-                TimeoutError,
-                ConnectionError,
-            ) as error:
-                reason = getattr(error, "reason", error)
-                raise FetchError(url, f"{reason}; is there a network?") from error
+            for piece, done, total in _pieces(url):
+                out.write(piece)
+                if progress is not None:
+                    progress(path.name, done, total)
+        Path(part).chmod(mode)
         got = (sum_of or _sum_of)(Path(part))
         if checksum not in (None, got):
             raise FetchError(url, f"its checksum is {got or 'unreadable'}, wanted is {checksum}")
-        Path(part).chmod(mode)
         Path(part).replace(path)
         return got
     except OSError as error:
@@ -146,6 +137,35 @@ def download(
     finally:
         if part:
             Path(part).unlink(missing_ok=True)
+
+
+def _pieces(url: str) -> Iterator[tuple[bytes, int, int | None]]:
+    """What a server sends, with bytes so far and altogether, where it says those.
+
+    Raises:
+        FetchError: it cannot be reached, or answers anything but a whole file.
+    """
+    done = 0
+    try:
+        # The addresses are constants of this module (or a caller's own).
+        with urllib.request.urlopen(url, timeout=TIMEOUT_S) as source:
+            total = getattr(source, "length", None)  # it counts down; None for FTP, too
+            if source.status != http.HTTPStatus.OK:
+                raise FetchError(url, f"the server answers {source.status} {source.reason}")
+            while piece := source.read(CHUNK):
+                done += len(piece)
+                if done > LARGEST_BYTES:
+                    raise FetchError(url, f"the server sends more than {LARGEST_BYTES} bytes")
+                yield piece, done, total
+    except urllib.error.HTTPError as error:
+        raise FetchError(url, f"the server answers {error.code} {error.reason}") from error
+    except OSError as error:
+        reason = getattr(error, "reason", error)
+        raise FetchError(url, f"{reason}; is there a network?") from error
+    except (http.client.HTTPException, ValueError, OverflowError) as error:
+        raise FetchError(url, f"no answer that can be read: {first_line(error)}") from error
+    if total not in (None, done):
+        raise FetchError(url, f"the server promised {total} bytes and sent {done}; try again")
 
 
 def _sum_of(path: Path) -> str:

@@ -1,6 +1,7 @@
 """A radio map: the gain from each device to a grid of places of the aircraft."""
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import Self
 
 import numpy as np
@@ -19,6 +20,7 @@ class RadioMap:
     y_m: Floats  # (Y,) north in the area
     x_m: Floats  # (X,) east
     devices_m: Floats  # (K, 2)
+    home: Mapping[str, float] = field(default_factory=dict)  # where its file says that home is
 
     @classmethod
     def of(

@@ -9,6 +9,7 @@ from xml.etree import ElementTree as ET
 import numpy as np
 
 from fl.errors import did_you_mean
+from fl.errors import told as printable
 from mission.analysis.compare import Comparison, Made, RunComparison
 from mission.analysis.measure import Measured
 from mission.base.area import on_globe
@@ -24,6 +25,7 @@ _AT_LEAST = frozenset(
     {"battery_remaining", "delivered", "expected", "scheduled", "upper_bound"}
     | {"plan_objective", "est_objective", "true_objective"}
 )
+_MOST = 10_000  # characters of a name
 _MADE = {name: how.of for name, how in told(Comparison, Made)}
 _EVENTS = {"mode_changes": "mode", "failsafes": "failsafe", "faults": "fault"}
 
@@ -191,13 +193,14 @@ def junit(
         InputError: the file cannot be written.
     """
     root = ET.Element("testsuites", name="aerofed")
-    for name, items, duration_s in zip(names, flights, seconds, strict=True):
+    for given, items, duration_s in zip(names, flights, seconds, strict=True):
+        name = printable(given, most=_MOST)
         failures = sum(not item.met for item in items)
         counts = {"name": name, "tests": str(len(items)), "failures": str(failures)}
         suite = ET.SubElement(root, "testsuite", counts, time=f"{duration_s:.3f}")
         for item in items:
             case = ET.SubElement(suite, "testcase", classname=name, name=item.name, time="0.000")
             if not item.met:
-                ET.SubElement(case, "failure", message=item.words)
+                ET.SubElement(case, "failure", message=printable(item.words, most=_MOST))
     ET.indent(root)
     write_atomically(path, ET.tostring(root, encoding="utf-8", xml_declaration=True))

@@ -90,7 +90,7 @@ def as_path(path: object, what: str) -> Path:
     Raises:
         InputError: it is not a path.
     """
-    if not isinstance(path, str | PathLike):
+    if not isinstance(path, str | PathLike) or "\0" in str(path):
         raise InputError(f"{what} = {path!r}: must be a path")
     return Path(path)
 

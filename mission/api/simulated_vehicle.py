@@ -2,10 +2,12 @@
 
 import asyncio
 import math
+import os
 import threading
 from collections.abc import AsyncIterator, Callable, Coroutine
 from contextlib import ExitStack, asynccontextmanager, closing
 from dataclasses import replace
+from numbers import Real
 from pathlib import Path
 from typing import Any, Self, TypeVar
 
@@ -43,72 +45,112 @@ class SimulatedVehicle:
     def __init__(self, host: BuiltIn | FirmwareHost) -> None:
         self._host = host
         self._clients = ExitStack()
-        self._loop = asyncio.new_event_loop()
-        self._thread = threading.Thread(target=self._loop.run_forever, name="vehicle", daemon=True)
+        self._pid = 0  # of the process that opened it
 
     def __enter__(self) -> Self:
         """Open the links.
 
         Raises:
             LinkLostError: one cannot be opened.
+            InputError: it was opened before.
         """
+        if self._pid:
+            raise InputError("a vehicle is opened once; aerofed.vehicle() makes another")
+        self._pid = os.getpid()
+        self._loop = asyncio.new_event_loop()
+        opened, self._ended = self._loop.create_future(), asyncio.Event()
+        self._life = self._loop.create_task(self._live(opened))
+        self._thread = threading.Thread(target=self._loop.run_forever, name="vehicle", daemon=True)
         self._thread.start()
-        self._ended = asyncio.Event()
-        opened: asyncio.Future[None] = self._loop.create_future()
-        self._life = asyncio.run_coroutine_threadsafe(self._live(opened), self._loop)
         try:
-            asyncio.run_coroutine_threadsafe(_result(opened), self._loop).result()
+            self._do(lambda: _result(opened))
         except BaseException:
-            self._stop()
+            self._close(cancel=True)
             raise
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Close links and clients, and complete the log.
+        """Close links and clients, and complete the log; nothing in a process that was forked.
 
         Raises:
             FlightError: the aircraft had left the range of its physics.
         """
+        if os.getpid() != self._pid or self._loop.is_closed():
+            return
         self._clients.close()
-        self._loop.call_soon_threadsafe(self._ended.set)
         try:
-            self._life.result()
+            self._close()
         finally:
-            self._stop()
             if self._host.logs is not None:
                 self._host.logs.close()
 
-    def _stop(self) -> None:
-        self._loop.call_soon_threadsafe(self._loop.stop)
-        self._thread.join()
-        self._loop.close()
+    def _close(self, *, cancel: bool = False) -> None:
+        """Let the vehicle's life come to its end, or cancel it, and with it its thread."""
+
+        async def end() -> None:
+            self._ended.set()
+            if cancel:
+                self._life.cancel()
+                await asyncio.wait((self._life,))
+            else:
+                await self._life
+
+        try:
+            self._in_thread(end())
+        finally:
+            self._loop.call_soon_threadsafe(self._loop.stop)
+            self._thread.join()
+            self._loop.close()
 
     async def _live(self, opened: "asyncio.Future[None]") -> None:
-        """Run until the end; an error before `opened` is its outcome."""
-        self._living = asyncio.current_task()
-        try:
-            with of_a_vehicle():
-                async with self._host.alive():
-                    opened.set_result(None)
-                    await self._ended.wait()
-        except AerofedError as error:
-            if opened.done():
-                raise
-            opened.set_exception(error)
+        with of_a_vehicle():
+            async with self._host.alive():
+                opened.set_result(None)
+                await self._ended.wait()
 
-    def _do(self, work: Coroutine[Any, Any, T]) -> T:
+    def _in_thread(self, work: Coroutine[Any, Any, T]) -> T:
+        """Do `work` in the vehicle's thread; an interruption cancels it, and waits for its end."""
+        ended, tasks = threading.Event(), list[asyncio.Task[T]]()
+
+        def begin() -> None:
+            tasks.append(self._loop.create_task(work))
+            tasks[0].add_done_callback(lambda _: ended.set())
+
+        self._loop.call_soon_threadsafe(begin)
+        try:
+            ended.wait()
+        except BaseException:
+            self._loop.call_soon_threadsafe(lambda: tasks[0].cancel())
+            ended.wait()
+            raise
+        return tasks[0].result()
+
+    def _check_open(self) -> None:
+        if not self._pid or self._loop.is_closed():
+            raise InputError(
+                "the vehicle is not open: it is used inside `with aerofed.vehicle() as vehicle:`"
+            )
+        if os.getpid() != self._pid:
+            raise InputError(
+                "the vehicle is in the process from which this one was forked; open one here"
+            )
+
+    def _do(self, work: Callable[[], Coroutine[Any, Any, T]]) -> T:
         """Do `work` in the vehicle's thread, while it lives."""
 
         async def beside_life() -> T:
-            task, life = asyncio.ensure_future(work), self._living
-            assert life is not None  # a coroutine that runs has a task
-            await asyncio.wait((task, life), return_when=asyncio.FIRST_COMPLETED)
-            if not task.done():
+            task = asyncio.ensure_future(work())
+            try:
+                await asyncio.wait((task, self._life), return_when=asyncio.FIRST_COMPLETED)
+            finally:
                 task.cancel()
-                life.result()
+                await asyncio.wait((task,))
+            if task.cancelled():
+                self._life.result()
             return task.result()
 
-        return asyncio.run_coroutine_threadsafe(beside_life(), self._loop).result()
+        self._check_open()
+        return self._in_thread(beside_life())
 
     def _look(self, at: Callable[[], T]) -> T:
         """Read something of the vehicle between two steps of its physics."""
@@ -116,11 +158,12 @@ class SimulatedVehicle:
         async def look() -> T:
             return at()
 
-        return self._do(look())
+        return self._do(look)
 
     @property
     def url(self) -> str:
         """URL for MAVSDK; pymavlink takes `udpout:` in place of `udpout://`."""
+        self._check_open()
         return f"udpout://127.0.0.1:{self._host.port.port}"
 
     @property
@@ -170,19 +213,28 @@ class SimulatedVehicle:
             InputError: it is no time, or time passes by itself here.
             FlightError: the aircraft left the range of its physics.
         """
-        if not 0.0 < seconds < 1e6:
-            raise InputError(f"step({seconds!r}): simulated seconds, more than 0")
+        if not _is_time(seconds) or not seconds:
+            raise InputError(
+                f"step({seconds!r}): simulated seconds, more than 0, less than a million"
+            )
         if self._host.runs != "ordered":
             raise InputError("step: time passes by itself here; it waits with pace='steps' only")
-        self._do(self._host.run_for(seconds))
+        self._do(lambda: self._host.run_for(float(seconds)))
 
     def until(self, met: Callable[[Self], object], *, timeout_s: float = 60.0) -> None:
         """Let simulated time pass until `met(vehicle)` is true; it is asked each 0.1 s.
 
         Raises:
             NotInTimeError: `timeout_s` of simulated time were not enough.
+            InputError: `met` is no function, or `timeout_s` no time.
             FlightError: the aircraft left the range of its physics.
         """
+        if not callable(met) or not _is_time(timeout_s):
+            raise InputError(
+                f"until({met!r}, timeout_s={timeout_s!r}): a function of the vehicle, and "
+                "simulated seconds, less than a million"
+            )
+        __tracebackhide__ = True  # from pytest, where `met` raises
         began_s = self.t_s
         while not met(self):
             if self.t_s - began_s >= timeout_s:
@@ -220,7 +272,7 @@ class SimulatedVehicle:
             begun_at(file.home)  # raises what would be wrong there, too
             begin = f"aerofed.vehicle(home={str(file.path)!r}) stands at the plan's own home"
             raise error.in_words(f"{error}; {begin}") from None
-        self._do(host.fly(*order))
+        self._do(lambda: host.fly(*order))
 
     def mavlink(self) -> Any:
         """Open a pymavlink connection that has heard the vehicle; it closes with the vehicle.
@@ -228,6 +280,7 @@ class SimulatedVehicle:
         Raises:
             LinkLostError: it does not answer.
         """
+        self._check_open()
         return self._clients.enter_context(closing(pymavlink_client(self.url)))
 
     @asynccontextmanager
@@ -237,6 +290,7 @@ class SimulatedVehicle:
         Raises:
             LinkLostError: the vehicle does not answer.
         """
+        self._check_open()
         async with connect(self.url) as pilot:
             yield pilot.system
 
@@ -269,6 +323,11 @@ class SimulatedVehicle:
                 "no flight is logged: a log goes from arming to disarming, and needs logs=FOLDER"
             )
         return logs[-1]
+
+
+def _is_time(seconds: Any) -> bool:
+    number = isinstance(seconds, Real) and not isinstance(seconds, bool)
+    return number and bool(0 <= seconds < 1e6)
 
 
 async def _result(future: "asyncio.Future[T]") -> T:

@@ -4,10 +4,11 @@ import math
 import os
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager
+from numbers import Integral, Real
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal, TypeAlias
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
-from mission.api.configuring import Source, as_path, config_of
+from mission.api.configuring import Source, as_path, checked, config_of
 from mission.api.runs import Run, flown
 from mission.base.errors import InputError
 from mission.config import OF_FLIGHT, OF_VEHICLE
@@ -29,7 +30,6 @@ class NoFirmwareError(InputError):
     """No binary is known of a firmware: AEROFED_PX4 or AEROFED_ARDUCOPTER is not set."""
 
 
-@contextmanager
 def vehicle(
     overrides: Mapping[str, object] | None = None,
     *,
@@ -40,7 +40,7 @@ def vehicle(
     firmware: "Firmware | None" = None,
     pace: Pace = "steps",
     logs: Path | str | None = None,
-) -> "Iterator[SimulatedVehicle]":
+) -> "SimulatedVehicle":
     """A vehicle on the ground, ready to be armed: with aerofed.vehicle(wind_mps=6) as vehicle: ...
 
     Args:
@@ -64,11 +64,11 @@ def vehicle(
         InputError: a key or a value is refused.
         LinkLostError: no port can be had.
     """
-    with vehicles(
+    (one,) = _made(
         1, overrides, source=source, wind_mps=wind_mps, seed=seed, home=home, firmware=firmware,
         pace=pace, logs=logs,
-    ) as (one,):  # fmt: skip
-        yield one
+    )  # fmt: skip
+    return one
 
 
 @contextmanager
@@ -88,14 +88,31 @@ def vehicles(
 
     Each has a time of its own; arguments and errors are those of `vehicle`. A firmware flies one.
     """
-    speed = pace if isinstance(pace, int | float) else math.inf
-    if pace not in ("steps", "moving") and not 0.0 < speed <= 1000.0:
+    made = _made(
+        count, overrides, source=source, wind_mps=wind_mps, seed=seed, home=home,
+        firmware=firmware, pace=pace, logs=logs,
+    )  # fmt: skip
+    with ExitStack() as opened:
+        yield [opened.enter_context(each) for each in made]
+
+
+def _made(
+    count: int,
+    overrides: Mapping[str, object] | None,
+    *,
+    pace: Pace,
+    logs: Path | str | None,
+    **described: Any,
+) -> "list[SimulatedVehicle]":
+    """Vehicles that are not open yet; `described` goes to `vehicle_config`."""
+    paced = isinstance(pace, Real) and 0.0 < pace <= 1000.0
+    if not paced and not (isinstance(pace, str) and pace in ("steps", "moving")):
         raise InputError(
             f"pace = {pace!r}: 'steps', 'moving', or times real time: more than 0, at most 1000"
         )
-    if firmware is not None:
-        overrides = {**_firmware_keys(firmware), **(overrides or {})}
-    resolved = vehicle_config(overrides, source=source, wind_mps=wind_mps, seed=seed, home=home)
+    if not isinstance(count, Integral):
+        raise InputError(f"count = {count!r}: must be a whole number of vehicles")
+    resolved = vehicle_config(overrides, **described)
     # Only now, so that wrong input is answered at once.
     from mission.api.simulated_vehicle import SimulatedVehicle
     from mission.flight.serve.hosted_firmware import FirmwareHost
@@ -103,6 +120,7 @@ def vehicles(
     from mission.flight.serve.vehicle import make_vehicles
 
     folder = None if logs is None else as_path(logs, "logs")
+    speed = float(pace) if paced else math.inf
     runs: Runs = "ordered" if pace == "steps" else "moving" if pace == "moving" else "always"
     hosts: list[BuiltIn] | list[FirmwareHost]
     if resolved.vehicle.autopilot == "built-in":
@@ -112,13 +130,12 @@ def vehicles(
         hosts = [FirmwareHost(resolved, logs=folder, speed=speed, runs=runs)]
     else:
         raise InputError(f"count = {count}: a firmware flies one vehicle")
-    with ExitStack() as opened:
-        yield [opened.enter_context(SimulatedVehicle(host)) for host in hosts]
+    return [SimulatedVehicle(host) for host in hosts]
 
 
 def _firmware_keys(firmware: Firmware) -> dict[str, object]:
     """Return the overrides that let a firmware fly the vehicle."""
-    if firmware not in _FIRMWARES:
+    if not isinstance(firmware, str) or firmware not in _FIRMWARES:
         raise InputError(f"firmware = {firmware!r}: must be 'px4' or 'arducopter'")
     from sitl.config import BINARIES
 
@@ -136,12 +153,15 @@ def vehicle_config(
     wind_mps: float | None = None,
     seed: int | None = None,
     home: "Home | None" = None,
+    firmware: "Firmware | None" = None,
 ) -> "RunConfig":
     """The configuration of a vehicle that stands alone; arguments and errors are `vehicle`'s."""
     from mission.flight.serve import PX4_HOME
 
+    checked("quickstart" if source is None else source, overrides)
     given = {
         **(PX4_HOME if source is None else {}),
+        **({} if firmware is None else _firmware_keys(firmware)),
         **(overrides or {}),
         **({} if wind_mps is None else {"vehicle.aircraft.wind.speed_mps": wind_mps}),
         **({} if seed is None else {"seed": seed}),

@@ -1,5 +1,6 @@
 """A run's folder: refused when it is used or cannot be written, and its summary, always whole."""
 
+import hashlib
 import json
 import os
 import platform
@@ -16,7 +17,7 @@ from typing import Self, TypedDict
 
 from mission.base.errors import InputError
 from mission.base.folder_lock import alone_in, without_traces
-from mission.base.user_files import read_json
+from mission.base.user_files import DATA_BYTES, read_bytes, read_json
 
 # The libraries that a run's results depend on.
 LIBRARIES = (
@@ -162,6 +163,29 @@ class RunFolder:
             return {}
         return summary if isinstance(summary, dict) else {}
 
+    def digests(self) -> dict[str, str]:
+        """SHA-256 of the configuration and of each table, by file name."""
+        files = self.config, self.devices, self.rounds, self.uplinks, self.learning
+        return {
+            file.name: hashlib.sha256(read_bytes(file, most=DATA_BYTES)).hexdigest()
+            for file in files
+            if file.exists()
+        }
+
+    def check_unchanged(self) -> None:
+        """Refuse the folder of a finished run in which a file is not as the run left it.
+
+        Raises:
+            InputError: one is altered or gone.
+        """
+        now = self.digests()
+        for name, then in self.read_summary().get("sha256", {}).items():
+            if now.get(name) != then:
+                raise InputError(
+                    f"{self.path / name}: {'altered' if name in now else 'gone'} since the run "
+                    "ended; remove the run's folder to have it flown anew"
+                )
+
     def write_summary(self, values: Mapping[str, object]) -> None:
         """Replace `summary.json` as a whole: a reader sees the old one or the new one."""
         write_atomically(self.summary, json.dumps(values, indent=2) + "\n")
@@ -259,6 +283,7 @@ class RunSummary(TypedDict, total=False):
     error: str
     resumable: bool
     plugins: dict[str, str | None]  # digests of their code
+    sha256: dict[str, str]  # of a finished run's configuration and tables
     flown_in_rounds_m: float
     budget_used_m: float
     simulated_s: float

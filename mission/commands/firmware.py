@@ -13,6 +13,7 @@ from mission.base.user_files import cache_folder
 _SITE = "https://firmware.ardupilot.org"
 _BUILD = "Copter/{}/SITL_x86_64_linux_gnu/arducopter"
 _SUM = ".sha256"
+_ADDRESS = r"https?://(?:[\w.-]+|\[[\da-f:.]+])(?::(\d{1,5}))?(?:/[\w.~%!$&'()*+,;=:@/-]*)?"
 
 
 def fetch(
@@ -43,15 +44,22 @@ def fetch(
     folder
         Where to put it. Default: aerofed/firmware in XDG_CACHE_HOME, or in ~/.cache.
     """
-    if not re.fullmatch(r"\d+(\.\d+)+|stable|beta|latest", version):
-        raise InputError(f"--version {version}: such as 4.6.3, or stable, beta, latest")
+    from fl.errors import one_line
+
+    if not re.fullmatch(r"\d+(\.\d+)+|stable|beta|latest", version, re.ASCII):
+        raise InputError(f"--version {one_line(version)}: such as 4.6.3, or stable, beta, latest")
     if sha256 is not None and not re.fullmatch(r"[0-9a-f]{64}", sha256):
-        raise InputError(f"--sha256 {sha256}: must be 64 hexadecimal digits, in small letters")
-    path = _folder(folder) / f"{firmware}-{version}" / firmware
-    site = site or os.environ.get("AEROFED_FIRMWARE_SITE") or _SITE
-    if not site.startswith(("http://", "https://")):
         raise InputError(
-            f"--site (AEROFED_FIRMWARE_SITE) {site}: must begin with https:// or http://"
+            f"--sha256 {one_line(sha256)}: must be 64 hexadecimal digits, in small letters"
+        )
+    path = _folder(folder) / f"{firmware}-{version}" / firmware
+    if site is None:
+        site = os.environ.get("AEROFED_FIRMWARE_SITE") or _SITE
+    named = re.fullmatch(_ADDRESS, site, re.ASCII | re.IGNORECASE)
+    if named is None or int(named[1] or 80) not in range(1, 65536):
+        raise InputError(
+            f"--site (AEROFED_FIRMWARE_SITE) {one_line(site)}: must begin with https:// or "
+            "http:// and a host, then a port up to 65535 and a folder if there are any"
         )
     moving = version.isalpha()
     wanted = sha256 or (None if moving else _first_sum(path))
@@ -72,7 +80,8 @@ def list_(*, folder: Path | None = None) -> int:
     folder
         Where it is. Default: as of aerofed firmware fetch.
     """
-    console, found = Terminal(**PLAIN), sorted(_folder(folder).glob("*/arducopter"))
+    console = Terminal(**PLAIN)
+    found = sorted(path for path in _folder(folder).glob("*/arducopter") if path.is_file())
     for path in found:
         whole = (
             "as fetched" if _sum_of(path) == _first_sum(path) else "changed since it was fetched"
@@ -89,22 +98,24 @@ def _download(path: Path, version: str, wanted: str | None, site: str) -> str:
     """Put the file in place, and its checksum beside it, which is returned."""
     from fl.data.fetch import download
     from fl.errors import FetchError
-    from sitl.errors import FirmwareSilentError
-    from sitl.firmware.ardupilot_launch import check_arducopter
+    from sitl.firmware.ardupilot_launch import NAME
 
     published = version if version.isalpha() else f"stable-{version}"
+    url = f"{site.rstrip('/')}/{_BUILD.format(published)}"
+
+    def checked(part: Path) -> str:
+        content = part.read_bytes()
+        if not content.startswith(b"\x7fELF") or NAME not in content:
+            raise InputError(f"{url}: what is there is not ArduCopter")
+        return _sum_of(part)
+
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        url = f"{site.rstrip('/')}/{_BUILD.format(published)}"
-        found = download(url, path, checksum=wanted, sum_of=_sum_of, mode=0o755)
-        check_arducopter(path)
+        found = download(url, path, checksum=wanted, sum_of=checked, mode=0o755)
         path.with_suffix(_SUM).write_text(f"{found}  {path.name}\n")
         return found
     except FetchError as error:
         raise LinkLostError(str(error)) from None
-    except FirmwareSilentError:
-        path.unlink()
-        raise InputError(f"{url}: what is there is not ArduCopter") from None
     except OSError as error:
         raise InputError(f"{path}: cannot be written: {error.strerror}") from None
 

@@ -108,7 +108,7 @@ def radio_map(
             raise error.in_words(f"--scene {scene}: {error}") from None
         x, y = middle
         source = f"{scene} about ({x:g}, {y:g}), Sionna RT {version('sionna-rt')}"
-    write_map(out, made, origin_of(resolved, area, source))
+    write_map(out, made, origin_of(resolved, source))
     if figure is not None:
         from mission.figures.radio import gain_picture
         from mission.figures.render import save

@@ -127,6 +127,8 @@ class Summary:
 
     def ended(self, outcome: Outcome, totals: RunTotals, stopwatch: Stopwatch) -> None:
         """Write the summary with status, error and totals."""
+        if outcome.status == "finished":
+            self.add(sha256=self.folder.digests())
         self._write({**outcome.summary, **self._about, **_totals(totals, stopwatch)})
 
     def _write(self, values: dict[str, object]) -> None:

@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 
 from fl.radio.radio_map import RadioMap
-from mission.base.area import Area
 from mission.base.arrays import Floats
 from mission.base.errors import InputError
 from mission.base.run_folder import write_atomically
@@ -17,6 +16,7 @@ from mission.config.models import RunConfig
 from mission.config.world import MOST_BYTES
 
 _AXES = ("device", "height", "y", "x")
+_HOME = "home_lat_deg", "home_lon_deg", "home_alt_msl_m", "home_x_m", "home_y_m"
 _NAMED = {"height": "above home", "y": "north of the area's corner", "x": "east of it"}
 NOTHING_DB = -250.0  # where no ray arrives: far below any threshold
 _WRONG = (
@@ -25,17 +25,20 @@ _WRONG = (
 )
 
 
-def origin_of(config: RunConfig, area: Area, source: str) -> dict[str, str | float]:
+def home_of(config: RunConfig) -> dict[str, float]:
+    """Where home is, on the globe and in the area (m): attributes of a map file."""
+    area = config.area
+    values = area.home_lat_deg, area.home_lon_deg, area.home_alt_msl_m, *area.home_m
+    return dict(zip(_HOME, values, strict=True))
+
+
+def origin_of(config: RunConfig, source: str) -> dict[str, str | float]:
     """Return the attributes of a run's map file: title, source, carrier, position of home."""
     return {
         "title": f"path gain over {config.name}",
         "source": f"{source}; aerofed {version('aerofed')}",
         "carrier_hz": config.radio.carrier_hz,
-        "home_lat_deg": area.home.lat_deg,
-        "home_lon_deg": area.home.lon_deg,
-        "home_alt_msl_m": area.home.alt_msl_m,
-        "home_x_m": area.home_m[0],
-        "home_y_m": area.home_m[1],
+        **home_of(config),
     }
 
 
@@ -90,6 +93,7 @@ def read_map(path: Path) -> RadioMap:
             for name, values in every.items()
         }
         axes = file.variables["path_gain"].dimensions
+        home = {name: float(value) for name, value in vars(file).items() if name in _HOME}
     except Exception as error:  # whatever the reader of a damaged file raises
         raise InputError(f"{path}: {_WRONG} ({type(error).__name__})") from None
     names = ("path_gain", "height", "y", "x", "device_x", "device_y")
@@ -112,4 +116,4 @@ def read_map(path: Path) -> RadioMap:
         if (np.diff(line) <= 0.0).any():
             raise InputError(f"{path}: {name} must ascend")
     height, y, x, device_x, device_y = lines
-    return RadioMap(gain, height, y, x, np.column_stack((device_x, device_y)))
+    return RadioMap(gain, height, y, x, np.column_stack((device_x, device_y)), home)

@@ -1,5 +1,6 @@
 """The radio of a run: the true one, which decides whose update arrives, and the believed one."""
 
+import math
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
@@ -17,7 +18,7 @@ from mission.base.arrays import Floats
 from mission.base.user_code import OwnCode
 from mission.config.area import HEIGHT_MARGIN_M
 from mission.config.models import RunConfig
-from mission.scenario.radio_maps import read_map
+from mission.scenario.radio_maps import home_of, read_map
 
 _SAME_PLACE_M = 1.0
 _LEAST_CELL_M, _MOST_CELLS = 5.0, 320  # of what is believed, along the longer side
@@ -153,6 +154,12 @@ def _misfit(made: RadioMap, config: RunConfig, devices_m: Floats) -> str | None:
     device = int(away.argmax())
     if away[device] > _SAME_PLACE_M:
         return f"has device {device} {away[device]:.0f} m from where it stands in the run"
+    home, metres = home_of(config), 111_195.0  # of a degree
+    scale = {"home_lat_deg": metres}
+    scale["home_lon_deg"] = metres * math.cos(math.radians(config.area.home_lat_deg))
+    for axis, value in made.home.items():
+        if not abs(value - home[axis]) * scale.get(axis, 1.0) <= _SAME_PLACE_M:
+            return f"is of another home: {axis} = {value:.7g}; the run has {home[axis]:.7g}"
     axes = (("x", made.x_m, config.area.size_m[0]), ("y", made.y_m, config.area.size_m[1]))
     for name, line, size in axes:
         cell = float(line[1] - line[0]) if len(line) > 1 else 0.0

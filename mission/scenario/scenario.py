@@ -333,7 +333,7 @@ def build_scenario(config: RunConfig, *, data_dir: Path | None) -> Scenario:
     config.refuse(chain(unflyable(config, performance), _unsent(config)))
     budget = budget_of(config, performance)
     devices_m = device_places(config, area, streams)
-    config = with_traced_map(config, area, devices_m)
+    config = with_traced_map(config, devices_m)
     with errors_of_learning():
         channel = config.channel.channel(altitude_m=config.mission.heights_m[0])
         radio = radio_of(config, channel, area, devices_m, streams)

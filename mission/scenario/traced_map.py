@@ -10,12 +10,11 @@ import numpy as np
 
 from fl.errors import did_you_mean, first_line
 from fl.radio.radio_map import RadioMap
-from mission.base.area import Area
 from mission.base.arrays import Floats
 from mission.base.errors import InputError
 from mission.base.user_files import cache_folder, check_regular, or_input_error
 from mission.config.models import RunConfig
-from mission.scenario.radio_maps import NOTHING_DB, origin_of, write_map
+from mission.scenario.radio_maps import NOTHING_DB, home_of, origin_of, write_map
 
 _DEPTH = 3  # reflections
 _RAYS = 10**6  # of a device; in smaller cells than these most of those far away are hit by none
@@ -23,7 +22,7 @@ _CELL_M = 10.0
 _MOST_BYTES = 1 << 28  # of a scene file
 
 
-def with_traced_map(config: RunConfig, area: Area, devices_m: Floats) -> RunConfig:
+def with_traced_map(config: RunConfig, devices_m: Floats) -> RunConfig:
     """Return the configuration with the radio map of its scene, where it names a scene and no map;
     traced on first use, then cached, for devices at places (K, 2).
 
@@ -39,7 +38,7 @@ def with_traced_map(config: RunConfig, area: Area, devices_m: Floats) -> RunConf
     heights_m = np.unique(config.mission.heights_m)
     radio = config.radio.model_dump(mode="json", include={"carrier_hz", "device_height_m"})
     place = f"{config.area.size_m} {heights_m} {devices_m.tolist()}"
-    about = f"{radio} {place} {config.seed} {_CELL_M} {_DEPTH} {_RAYS}"
+    about = f"{radio} {home_of(config)} {place} {config.seed} {_CELL_M} {_DEPTH} {_RAYS}"
     digest = hashlib.sha256(about.encode()).hexdigest()[:16]
     path = cache_folder("maps") / f"{scene}-{digest}.nc"
     # Runs of a sweep begin at once, and maps that two of them trace differ in their last digits.
@@ -52,7 +51,7 @@ def with_traced_map(config: RunConfig, area: Area, devices_m: Floats) -> RunConf
                 )
             except InputError as error:
                 config.refuse([("radio.scene", scene, str(error))])
-            write_map(path, made, origin_of(config, area, f"{scene}, Sionna RT"))
+            write_map(path, made, origin_of(config, f"{scene}, Sionna RT"))
     known = {"map_file": path, "map_sha256": hashlib.sha256(path.read_bytes()).hexdigest()}
     return config.model_copy(update={"radio": config.radio.model_copy(update=known)})
 

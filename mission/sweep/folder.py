@@ -81,7 +81,7 @@ class SweepFolder:
                     f"configuration: {named}; give a new folder"
                 )
             for run in grid.runs:
-                self._check_code(run, new["plugins"])
+                self._check_run(run, new["plugins"])
             if left_out := _left_out(old, new):
                 raise InputError(
                     f"{self.path}: the sweep in this folder has more runs than are asked for: "
@@ -95,11 +95,12 @@ class SweepFolder:
                     "give a new or empty folder"
                 )
 
-    def _check_code(self, run: SweepRun, now: Mapping[str, str | None]) -> None:
-        """Refuse to keep a run that was flown with other code than there is `now`."""
+    def _check_run(self, run: SweepRun, now: Mapping[str, str | None]) -> None:
+        """Refuse to keep a run that was altered, or flown with other code than there is `now`."""
         summary = self.run(run).read_summary()
         if summary.get("status") != "finished":
             return
+        self.run(run).check_unchanged()
         for _, name in own_code(run.config, told=False):
             if why := other_code(name, summary.get("plugins", {}).get(name), now[name]):
                 raise InputError(

@@ -50,8 +50,9 @@ def read_run(folder: RunFolder, point: Point) -> RunResult:
     """The results of a finished run.
 
     Raises:
-        InputError: a table or the summary is missing or damaged.
+        InputError: a table or the summary is missing, damaged or altered.
     """
+    folder.check_unchanged()
     summary: RunSummary = read_json(folder.summary)
     records = read_table(folder.rounds, RoundRecord)
     uplinks = read_table(folder.uplinks, UplinkRecord)

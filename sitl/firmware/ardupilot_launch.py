@@ -9,7 +9,7 @@ from sitl.firmware.ardupilot import ArduPilotBridge
 from sitl.firmware.launch import HOVER_THRUST, THRUST_CURVE, Launch, LaunchOptions, check_binary
 
 _DEFAULTS = "aerofed.parm"
-_NAME = b"ArduCopter V"  # of itself, to ground stations
+NAME = b"ArduCopter V"  # of itself, to ground stations
 _SCRIPT = b"#!"
 
 
@@ -58,7 +58,7 @@ def check_arducopter(binary: Path) -> None:
         raise FirmwareSilentError(
             f"vehicle.firmware.path = {binary}: cannot be read: {error.strerror}"
         ) from None
-    if not content.startswith(_SCRIPT) and _NAME not in content:
+    if not content.startswith(_SCRIPT) and NAME not in content:
         raise FirmwareSilentError(
             f"vehicle.firmware.path = {binary}: this is not ArduCopter (ArduPilot's build "
             "makes it as build/sitl/bin/arducopter)"

@@ -6,6 +6,7 @@ import math
 import socket
 import time
 from collections.abc import Callable
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -18,7 +19,7 @@ from sitl_mavsdk import HOME, Recorder, make_vehicle, until
 from flightdyn.frames import LocalFrame
 from sitl.autopilot.codec.orders import MissionItem
 from sitl.errors import LinkError
-from sitl.links import RawLink, UdpLink, _packed, network_link
+from sitl.links import FORGET_S, RawLink, UdpLink, _packed, network_link
 from sitl.pace import Runs, Simulation
 from sitl.vehicle import Vehicle
 
@@ -100,9 +101,11 @@ def test_udp_answers_everybody_who_speaks_and_survives_their_leaving() -> None:
 
 
 def test_whoever_stays_silent_is_forgotten_until_it_speaks(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("sitl.links.FORGET_S", 0.05)
+    now_s = 0.0
+    monkeypatch.setattr("sitl.links.time", SimpleNamespace(monotonic=lambda: now_s))
 
     async def run() -> None:
+        nonlocal now_s
         link, frame = UdpLink("udpin://127.0.0.1:0"), b"frame"
         link.open(lambda: None)
         stays, leaves = (socket.socket(socket.AF_INET, socket.SOCK_DGRAM) for _ in range(2))
@@ -115,7 +118,7 @@ def test_whoever_stays_silent_is_forgotten_until_it_speaks(monkeypatch: pytest.M
             assert link.newcomers()
             link.send([frame])
             assert stays.recv(99) == leaves.recv(99) == frame
-            await asyncio.sleep(0.1)
+            now_s += FORGET_S
             stays.send(b"still here")
             assert len(link.receive()) == 1
             assert not link.newcomers()
@@ -237,7 +240,10 @@ def test_time_stands_still_unless_something_moves_or_it_runs_freely() -> None:
         desk = Desk()
         before = desk.vehicle.t_ns
         async with Simulation(desk.vehicle, RawLink(), speed=5.0, runs=runs):
-            await asyncio.sleep(0.2)
+            if runs == "always":
+                await until(lambda: desk.vehicle.t_ns > before)
+            else:
+                await asyncio.sleep(0.2)
         return desk.vehicle.t_ns - before
 
     assert asyncio.run(run("moving")) == 0

@@ -13,6 +13,7 @@ from mavsdk.asyncio.plugins.telemetry import TelemetryAsync
 from mavsdk.plugins.action import OrbitYawBehavior
 from mavsdk.plugins.follow_me import Config, TargetLocation
 from mavsdk.plugins.offboard import PositionNedYaw, VelocityNedYaw
+from patience import HANG_S
 from sitl_mavsdk import HOME, client, make_vehicle, until
 
 from sitl.autopilot.modes import Mode
@@ -33,7 +34,7 @@ async def fly(vehicle: Vehicle) -> None:
         await mavsdk.add_any_connection("raw://")
         mavsdk._mavsdk.subscribe_raw_bytes_to_be_sent(link.feed)
         link.attach(mavsdk._mavsdk.pass_received_raw_bytes)
-        system = await mavsdk.first_autopilot(timeout_s=60.0)
+        system = await mavsdk.first_autopilot(timeout_s=HANG_S)
         assert system is not None
         action, autopilot = ActionAsync(system), vehicle.autopilot
         # What goes by wall time is given more of it: the machine may be busy.

@@ -11,6 +11,7 @@ from typing import Any
 import pytest
 from patience import HANG_S
 from pymavlink.dialects.v20 import common as mav
+from serving import free_port
 from sitl_desk import Desk
 from sitl_mavsdk import client, make_vehicle, until
 
@@ -230,9 +231,7 @@ async def test_time_goes_on_for_a_vehicle_whose_client_never_reads() -> None:
 def test_mavsdk_flies_over_tcp(listens: bool) -> None:
     async def run() -> None:
         vehicle = make_vehicle()
-        with socket.socket() as free:
-            free.bind(("127.0.0.1", 0))
-            port = free.getsockname()[1]
+        port = free_port(socket.SOCK_STREAM)
         link = TcpLink(f"{'tcpin' if listens else 'tcpout'}://127.0.0.1:{port}")
         async with client() as mavsdk:
             if not listens:

@@ -84,9 +84,11 @@ class FirmwareHost(Host):
         until_ns = vehicle.plant.t_ns + round(seconds * 1e9)
         vehicle.relay.take_orders()
         vehicle.clock.run(until_ns)
-        while vehicle.plant.t_ns < until_ns:  # noqa: ASYNC110  in another thread
-            await asyncio.sleep(_POLL_S)
-        vehicle.clock.rest()
+        try:
+            while vehicle.plant.t_ns < until_ns:  # noqa: ASYNC110  in another thread
+                await asyncio.sleep(_POLL_S)
+        finally:
+            vehicle.clock.rest()
 
     async def fly(self, plan: PlanFile, path: PlannedPath) -> None:
         if self.logs is not None:

@@ -394,6 +394,33 @@ def test_a_limit_that_is_not_met_is_told_with_where_and_when(
     assert EXIT_CODES[LIMITS_NOT_MET] == "limits not met"
 
 
+@pytest.mark.parametrize(
+    "name",
+    [
+        "a\x1b[31m\x07b",
+        "\udcff\udc80",
+        "a&b<c>d\"e'f",
+        "a\tb\nc\rd",
+        "\x7f\x85\ufffe\uffff",
+        "é" * 120,
+    ],
+)
+def test_a_verdict_is_xml_whatever_the_file_is_called(tmp_path: Path, name: str) -> None:
+    log, xml = write_ulog(tmp_path / "x.ulg", off_m=3.0), tmp_path / "verdict.xml"
+    log = log.rename(tmp_path / f"{name}.ulg")
+    limit = ["--limit", "cross_track_max_m=2"]
+    assert call(["compare", str(log), *limit, "--junit", str(xml)]) == LIMITS_NOT_MET
+    (suite,) = ET.parse(xml).getroot()
+    said = name.encode("utf-8", "backslashreplace").decode()
+    for odd, told in {
+        "\x1b": "\\x1b", "\x07": "\\x07", "\x7f": "\\x7f", "\x85": "\\x85", "\r": "\\r",
+        "\ufffe": "\\ufffe", "\uffff": "\\uffff",
+    }.items():  # fmt: skip
+        said = said.replace(odd, told)
+    assert suite.attrib["name"] == suite[0].attrib["classname"] == f"{said}.ulg"
+    assert suite[0][0].attrib["message"].startswith(f"{said}.ulg: cross_track_max_m = 3")
+
+
 def test_python_has_the_same_verdict(tmp_path: Path) -> None:
     found = aerofed.compare(write_dataflash(tmp_path / "x.bin", off_m=3.0))
     assert found.loc["x.bin", "cross_track_max_m"] == pytest.approx(3.0, abs=0.02)

@@ -5,7 +5,12 @@ import gc
 import math
 import os
 import socket
+import subprocess
+import sys
 import time
+from collections.abc import Callable
+from fractions import Fraction
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -198,6 +203,14 @@ def test_time_passes_by_itself_at_other_paces() -> None:
             {"overrides": {"mission.steps": 3}},
             "^overrides: mission.steps: counts for nothing here; area, vehicle, link, seed do",
         ),
+        ({"pace": None}, r"pace = None: "),
+        ({"pace": np.array([1.0, 2.0])}, r"pace = array"),
+        ({"overrides": "survey.plan"}, "^overrides = 'survey.plan': must be a dictionary"),
+        ({"overrides": [1], "firmware": "px4"}, r"^overrides = \[1\]: must be a dictionary"),
+        ({"source": 5}, "source = 5: must be"),
+        ({"logs": 5}, "logs = 5: must be a path"),
+        ({"logs": "a\0b"}, "logs = .*: must be a path"),
+        ({"firmware": ["px4"]}, r"firmware = \['px4'\]: must be"),
         ({"firmware": "betaflight"}, "firmware = 'betaflight': must be 'px4' or 'arducopter'"),
         ({"overrides": UNDER_PX4, "pace": "moving"}, "pace = 'moving': of a firmware time passes"),
         ({"overrides": UNDER_PX4}, "nowhere/px4: no such file"),
@@ -206,6 +219,111 @@ def test_time_passes_by_itself_at_other_paces() -> None:
 def test_options_that_are_refused(options: dict[str, Any], words: str) -> None:
     with pytest.raises(aerofed.InputError, match=words), aerofed.vehicle(**options):
         pass
+
+
+@pytest.mark.parametrize("count", ["2", 2.0, None, [1], math.nan])
+def test_a_count_that_is_none(count: Any) -> None:
+    with pytest.raises(aerofed.InputError, match=r"count = .*: must be a whole number"):
+        aerofed.vehicles(count).__enter__()
+
+
+def test_wrong_types_and_numbers_are_told_in_one_error() -> None:
+    with aerofed.vehicle() as vehicle:
+        seconds: Any
+        for seconds in ("1", None, [1], True, 1j, math.nan, math.inf, 10**400, np.array([1.0])):
+            with pytest.raises(aerofed.InputError, match=r"step\(.*\): simulated seconds"):
+                vehicle.step(seconds)
+            with pytest.raises(aerofed.InputError, match=r"until\(.*: a function of the vehicle"):
+                vehicle.until(lambda _: True, timeout_s=seconds)
+        began_s = vehicle.t_s
+        for seconds in (np.float32(0.5), np.int64(1), Fraction(1, 2)):
+            vehicle.step(seconds)
+        assert vehicle.t_s == pytest.approx(began_s + 2.0, abs=0.01)
+        met: Any
+        for met in (None, 5, True):
+            with pytest.raises(aerofed.InputError, match="a function of the vehicle"):
+                vehicle.until(met)
+        with pytest.raises(TimeoutError):
+            vehicle.until(lambda _: False, timeout_s=0)  # it is asked once
+
+
+async def connected(vehicle: Any) -> None:
+    async with vehicle.mavsdk():
+        pass
+
+
+@pytest.mark.parametrize("entered", [True, False])
+def test_outside_of_its_with_a_vehicle_says_so(entered: bool) -> None:
+    vehicle: Any = aerofed.vehicle()
+    if entered:
+        with vehicle, pytest.raises(aerofed.InputError, match="opened once"), vehicle:
+            pass
+        with pytest.raises(aerofed.InputError, match="opened once"), vehicle:
+            pass
+        vehicle.__exit__()
+    used: list[Callable[[], object]] = [
+        *(partial(getattr, vehicle, name) for name in ("url", "t_s", "height_m", "armed", "mode")),
+        partial(vehicle.step, 1),
+        partial(vehicle.until, lambda _: True),
+        partial(vehicle.fly, SURVEY),
+        vehicle.mavlink,
+        vehicle.truth,
+        lambda: asyncio.run(connected(vehicle)),
+    ]
+    for use in used:
+        with pytest.raises(aerofed.InputError, match="not open"):
+            use()
+
+
+INTERRUPTED = """
+import os, signal, sys, threading, time
+import aerofed
+
+def interrupted(work):
+    began = len(rows)
+    def kick():
+        while len(rows) < began + 20:  # until time passes
+            time.sleep(0.01)
+        os.kill(os.getpid(), signal.SIGINT)
+    threading.Thread(target=kick).start()
+    try:
+        work()
+    except KeyboardInterrupt:
+        return len({vehicle.t_s for _ in range(20)}) == 1
+    return "not interrupted"
+
+plan, logs = sys.argv[1:]
+with aerofed.vehicle(home=plan, logs=logs) as vehicle:
+    rows = vehicle._host.track.rows
+    print(interrupted(lambda: vehicle.step(900_000)))
+    print(interrupted(lambda: vehicle.until(lambda v: False, timeout_s=900_000)))
+    print(interrupted(lambda: [vehicle.fly(plan) for _ in range(999)]))
+    print(vehicle.armed)
+    child = os.fork()
+    if not child:
+        try:
+            vehicle.step(1)
+        except aerofed.InputError as error:
+            print(error, flush=True)
+            sys.exit(3)  # through `with`, and the end of the interpreter
+    print(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]))
+    began_s = vehicle.t_s
+    vehicle.step(2)
+    print(round(vehicle.t_s - began_s, 2), flush=True)
+"""
+
+
+def test_an_interruption_stops_its_time_and_a_fork_neither_blocks_nor_disturbs(
+    tmp_path: Path,
+) -> None:
+    command = (sys.executable, "-c", INTERRUPTED, str(SURVEY), str(tmp_path / "logs"))
+    ended = subprocess.run(command, capture_output=True, text=True, timeout=HANG_S, check=True)
+    assert ended.stdout.splitlines() == [
+        "True", "True", "True", "True",
+        "the vehicle is in the process from which this one was forked; open one here",
+        "3", "2.0",
+    ]  # fmt: skip
+    assert call(["log", "check", str(tmp_path / "logs" / "flight-0001.mcap")]) == 0
 
 
 def test_orders_that_are_refused(tmp_path: Path) -> None:

@@ -127,6 +127,7 @@ def test_a_full_disk_and_a_file_in_the_way_are_said(
 
 
 def test_nothing_fetched_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "build" / "arducopter").mkdir(parents=True)  # a folder of that name is none
     assert call(["firmware", "list", "--folder", str(tmp_path)]) == 2
     assert "holds no firmware; aerofed firmware fetch arducopter" in capsys.readouterr().err
 

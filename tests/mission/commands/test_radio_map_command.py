@@ -131,6 +131,10 @@ BAD_MAPS = {
     "area.size_m=[600,200]": "covers x from 5 to 295 m; the area has 0 to 600",
     "communities.0.positions_m=[[80,100]]": "is of 2 devices; the run has 1",
     "communities.0.positions_m=[[80,100],[200,50]]": "has device 1 100 m from where it stands",
+    "area.home_lat_deg=43.615": "is of another home: home_lat_deg = 43.6145; the run has 43.615",
+    "area.home_lon_deg=-7.0715": "is of another home: home_lon_deg = 7.0715; the run has -7.0715",
+    "area.home_alt_msl_m=2": "is of another home: home_alt_msl_m = ",
+    "area.home_m=[20,22]": "is of another home: home_y_m = ",
     "mission.altitude_m=80": "is of 60 m above home; mission.altitude_m is not within 5 m",
 }
 
@@ -342,7 +346,7 @@ def test_runs_that_begin_at_once_share_the_map_of_a_scene(monkeypatch: pytest.Mo
     trace, traced, found = traced_map.traced_map, [], []
 
     def run() -> None:
-        known = traced_map.with_traced_map(config, config.area.build(), np.array([[50.0, 50.0]]))
+        known = traced_map.with_traced_map(config, np.array([[50.0, 50.0]]))
         found.append(known.radio.map_sha256)
 
     other = threading.Thread(target=run)

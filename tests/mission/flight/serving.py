@@ -1,19 +1,26 @@
 """`aerofed sitl` in a process of its own, for the tests that talk to it."""
 
+import random
 import signal
 import socket
 import subprocess
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 
 from patience import HANG_S
 
 
-def free_port(kind: socket.SocketKind = socket.SOCK_DGRAM) -> int:
-    with socket.socket(socket.AF_INET, kind) as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
+def free_port(kind: socket.SocketKind = socket.SOCK_DGRAM, *, count: int = 1) -> int:
+    """The first of `count` free ports in a row, below those that systems give to whoever asks for
+    any: until it is used, no socket of another test gets it by chance."""
+    while True:
+        first = random.SystemRandom().randrange(20_000, 32_000)
+        with ExitStack() as probes, suppress(OSError):
+            for port in range(first, first + count):
+                probe = probes.enter_context(socket.socket(socket.AF_INET, kind))
+                probe.bind(("127.0.0.1", port))
+            return first
 
 
 @contextmanager

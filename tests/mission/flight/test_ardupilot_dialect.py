@@ -5,6 +5,7 @@ import math
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import pytest
 from ardupilot_double import GUIDED, RTL, ArduPilotDouble
@@ -16,6 +17,8 @@ from test_planfile import simple
 
 from mission.analysis.load import load_run
 from mission.cli import call
+from mission.flight.flyers import contact
+from mission.flight.pilot.feed import TelemetryFeed
 
 pytestmark = pytest.mark.slow
 
@@ -73,10 +76,18 @@ def test_a_vehicle_that_does_not_know_where_it_is_is_waited_for(
 
 
 def test_a_vehicle_that_never_knows_is_given_up(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     out = tmp_path / "out"
-    short = ("--set", "link.ready_timeout_s=2")
+    short = ("--set", "link.ready_timeout_s=0.1")
+    locate = contact._locate
+
+    async def once_heard(feed: TelemetryFeed, *args: Any, **options: Any) -> None:
+        """Give up only after it has said what it lacks, however slow the machine is."""
+        await contact.until(lambda: feed.readiness.missing.startswith("no 3D GPS fix, estimator "))
+        await locate(feed, *args, **options)
+
+    monkeypatch.setattr(contact, "_locate", once_heard)
     with flying(located_s=math.inf) as (double, url):
         assert call(["run", "--vehicle", url, "--out", str(out), *SMALL, *short]) == 4
     assert not double.armed_in

@@ -20,7 +20,7 @@ from small_runs import refused
 
 from mission.cli import call
 from mission.config.loading import builtin_config, load_config
-from mission.flight.serve.vehicle import make_vehicles
+from mission.flight.serve.vehicle import _OWN_PORTS, make_vehicles
 from sitl.vehicle import Vehicle
 
 pytestmark = pytest.mark.slow
@@ -199,13 +199,17 @@ def test_wrong_input_is_one_line(
     refused(capsys, *words)
 
 
-def test_a_second_vehicle_on_px4s_ports_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_second_vehicle_on_px4s_ports_is_refused(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as first:
-        first.bind(("", 14580))
+        first.bind(("", 0))  # in place of PX4's 14580, which others may have on this machine
+        port = first.getsockname()[1]
+        monkeypatch.setitem(_OWN_PORTS, 14540, port)
         assert call(["sitl"]) == 5
     words = capsys.readouterr().err
     process = f" by process {os.getpid()} (" if sys.platform == "linux" else ""
-    assert words.startswith(f"aerofed: UDP port 14580 is taken{process}")
+    assert words.startswith(f"aerofed: UDP port {port} is taken{process}")
     assert "--instance 1 " in words
 
 
@@ -282,7 +286,7 @@ def test_a_port_in_use_is_a_link_error(capsys: pytest.CaptureFixture[str]) -> No
 
 
 def test_several_vehicles_are_each_flown_by_their_own_script(tmp_path: Path) -> None:
-    first = next(port for port in range(free_port(), 65_000) if _free(port, 3))
+    first = free_port(count=3)
     clients = [mavutil.mavlink_connection(f"udpin:127.0.0.1:{first + i}") for i in range(3)]
     everybody = free_port()
     station = mavutil.mavlink_connection(f"udpin:127.0.0.1:{everybody}")
@@ -326,17 +330,6 @@ def _begins(offset: int, part: Any) -> bool:
 
 def _within(height_mm: int, message: Any) -> bool:
     return abs(message.relative_alt - height_mm) < 1_000
-
-
-def _free(first: int, count: int) -> bool:
-    """Whether nobody listens on so many ports in a row."""
-    try:
-        for port in range(first, first + count):
-            with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-                probe.bind(("127.0.0.1", port))
-    except OSError:
-        return False
-    return True
 
 
 def test_vehicles_do_not_disturb_each_other() -> None:

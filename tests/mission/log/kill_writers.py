@@ -1,13 +1,14 @@
-"""Forks writers of a log and kills each at a random moment; prints what each had been handed.
+"""Forks writers of a log and kills each after a random sample; prints what each had been handed.
 
-Run by `test_recover`; a process of its own, so that the fork copies no threads of the tests.
+Run by `test_recover`; a process of its own, so that the fork copies no threads of the tests. The
+moment is counted in samples, of which the pipe holds a few ahead, and not in seconds: however busy
+the machine is, some are killed early and some late.
 """
 
 import os
 import signal
 import struct
 import sys
-import time
 from pathlib import Path
 
 import numpy as np
@@ -15,8 +16,6 @@ from synthetic_flight import fly
 
 from mission.log.writer import FlightLog
 from sitl.observer import VehicleSample
-
-LONGEST_S = 0.25
 
 
 def report_to(pipe: int) -> None:
@@ -30,7 +29,7 @@ def report_to(pipe: int) -> None:
     setattr(FlightLog, "sampled", reporting)  # noqa: B010
 
 
-def main(folder: Path, kills: int) -> None:
+def main(folder: Path, kills: int, samples: int) -> None:
     rng = np.random.default_rng(int.from_bytes(os.urandom(4), "little"))
     for number in range(kills):
         reading, writing = os.pipe()
@@ -41,13 +40,14 @@ def main(folder: Path, kills: int) -> None:
             place = folder / f"{number}"
             place.mkdir()
             fly(place, rounds=2)
-            time.sleep(60)  # finished before it was killed: the log is complete
-            os._exit(0)
+            signal.pause()  # finished before it was killed: the log is complete
         os.close(writing)
-        time.sleep(float(rng.uniform(0.0, LONGEST_S)))
+        after = int(rng.integers(samples))
+        newest = -1
+        for _ in range(after):
+            (newest,) = struct.unpack("<q", os.read(reading, 8))
         os.kill(child, signal.SIGKILL)
         os.waitpid(child, 0)
-        newest = -1
         while chunk := os.read(reading, 8 * 4096):
             newest = struct.unpack_from("<q", chunk, len(chunk) - 8)[0]
         os.close(reading)
@@ -60,4 +60,4 @@ def main(folder: Path, kills: int) -> None:
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]), int(sys.argv[2]))
+    main(Path(sys.argv[1]), *map(int, sys.argv[2:]))

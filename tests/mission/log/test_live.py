@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 from foxglove_client import FoxgloveClient
 from patience import HANG_S, until
+from serving import free_port
 from synthetic_flight import fly
 
 from mission.base.errors import LinkLostError
@@ -139,8 +140,7 @@ def test_who_talks_nonsense_harms_nobody(said: bytes) -> None:
 def test_a_flight_is_watched_live(tmp_path: Path) -> None:
     plan, out = tmp_path / "north.waypoints", tmp_path / "out"
     plan.write_text("QGC WPL 110\n" + "0 0 3 16 0 5 0 0 47.402 8.5 50 1\n".replace(" ", "\t"))
-    with socket.create_server(("127.0.0.1", 0)) as probe:
-        port = probe.getsockname()[1]
+    port = free_port(socket.SOCK_STREAM)
     command = [sys.executable, "-m", "mission", "fly", str(plan), "--out", str(out), "--live",
                "--live-port", str(port), "--set", "link.speed=4"]  # fmt: skip
     process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)

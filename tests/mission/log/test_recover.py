@@ -243,10 +243,11 @@ def test_killed_at_random_moments(tmp_path: Path) -> None:
     """`kill -9` while the log is being written: all but the last second comes back, unaltered."""
     reference = tmp_path / "reference"
     reference.mkdir()
-    everything = messages_of(fly(reference, rounds=2).log)
+    everything = messages_of(whole := fly(reference, rounds=2).log)
+    samples = len(load(whole).messages["/true/pose"])
     script = Path(__file__).with_name("kill_writers.py")
     done = subprocess.run(
-        [sys.executable, str(script), str(tmp_path), str(KILLS)],
+        [sys.executable, str(script), str(tmp_path), str(KILLS), str(samples)],
         check=True, capture_output=True, text=True,
     )  # fmt: skip
     reports = [tuple(map(int, line.split())) for line in done.stdout.splitlines()]

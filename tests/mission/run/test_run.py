@@ -16,6 +16,7 @@ import small_runs
 from drawing import drawn
 from mcap.reader import make_reader
 from patience import HANG_S, until
+from serving import free_port
 from small_runs import digests, refused, rows
 
 from mission.cli import call
@@ -195,9 +196,7 @@ def test_a_first_round_costs_no_more_than_the_whole_budget(tmp_path: Path, strat
 
 @pytest.mark.slow
 def test_the_same_flight_over_udp(run: Path, tmp_path: Path) -> None:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        port = probe.getsockname()[1]
+    port = free_port()
     out = tmp_path / "udp"
     assert fly(out, "--set", "link.kind=udp", "--set", f"link.udp_port={port}", rounds=1) == 0
     assert rows(out / "uplinks.csv") == [u for u in rows(run / "uplinks.csv") if u["round"] == "1"]

@@ -1,6 +1,7 @@
 """Whole sweeps: real flights in worker processes, interrupted, killed, repeated and compared."""
 
 import errno
+import hashlib
 import json
 import os
 import shutil
@@ -314,9 +315,46 @@ def test_the_engine_is_closed_where_the_sweep_cannot_begin(
     shutil.copytree(swept, part)
     shutil.rmtree(part / "runs" / "ideal-seed2")
     (part / "runs" / "cov-seed1" / "uplinks.csv").write_text("nothing\n")
+    file = part / "runs" / "cov-seed1" / "summary.json"  # as an earlier version left it
+    summary = json.loads(file.read_text())
+    file.write_text(json.dumps({key: summary[key] for key in summary if key != "sha256"}))
     assert call(command(part)) == 2
     assert "uplinks.csv" in capsys.readouterr().err
     assert len(closed) == 1
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("name", "old", "new", "words"),
+    [
+        ("rounds.csv", "\n1,", "\n2,", "altered"),
+        ("uplinks.csv", "0.", "0.1", "altered"),
+        ("learning.csv", "0.", "0.9", "altered"),
+        ("devices.csv", ",", ",1", "altered"),
+        ("config.toml", "seed = 1", "seed = 2", "altered"),
+        ("learning.csv", "", "", "gone"),
+    ],
+)
+def test_an_altered_file_of_a_finished_run_is_found(
+    swept: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str],
+    name: str, old: str, new: str, words: str,
+) -> None:  # fmt: skip
+    part = tmp_path / "part"
+    shutil.copytree(swept, part)
+    file = part / "runs" / "cov-seed1" / name
+    digest = json.loads((file.parent / "summary.json").read_text())["sha256"][name]
+    assert digest == hashlib.sha256(file.read_bytes()).hexdigest()
+    if words == "gone":
+        file.unlink()
+    else:
+        text = file.read_text()
+        assert old in text
+        file.write_text(text.replace(old, new, 1))
+    for tokens in (command(part), ["report", str(part)]):
+        assert call(tokens) == 2
+        said = capsys.readouterr().err
+        assert f"{name}: {words} since the run ended; remove the run's folder" in said
+        assert said.count("\n") == 1
 
 
 def test_an_engine_that_is_not_there_leaves_nothing_that_blocks(

@@ -6,6 +6,7 @@ from collections.abc import Callable, Coroutine
 from typing import Any
 
 import pytest
+from patience import HANG_S
 from pymavlink.dialects.v20 import common as mav
 
 from sitl.firmware.bridge import bound
@@ -75,7 +76,7 @@ def relayed(body: Callable[[Ends], Coroutine[Any, Any, None]]) -> None:
         ends = Ends()
         ends.link.attach(lambda data: ends.station.extend(packets(data)))
         with ends.firmware:
-            async with asyncio.timeout(60), ends.relay:
+            async with asyncio.timeout(HANG_S), ends.relay:
                 await body(ends)
 
     asyncio.run(run())
