@@ -78,8 +78,8 @@ def compare(
     for path in (run, *others):
         flights, left_out = load_flights(path, plan, believed=believed)
         loaded += flights
-        for flight in left_out:
-            aside.print(f"left out: {flight.unjudged}")
+        for why in left_out:
+            aside.print(f"left out: {why}")
     found = [compare_run(item, rounds=rounds) for item in loaded]
     _warn_of_lengths(found, aside)
     if figure is not None:
