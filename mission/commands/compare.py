@@ -43,7 +43,7 @@ def compare(
     others
         More folders or logs, shown beside the first.
     plan
-        A .plan or .waypoints file to compare with. Default: the mission in the log.
+        A .plan or waypoint file to compare with. Default: the mission in the log.
     believed
         Compare where the autopilot believed to be, also where the log has the true position.
     limit
