@@ -5,16 +5,19 @@ import io
 import struct
 import subprocess
 import sys
+import tracemalloc
 from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
 
+import lz4.frame
 import numpy as np
 import pytest
+import zstandard
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from limits import no_file_larger_than
-from mcap.data_stream import ReadDataStream
+from mcap.data_stream import ReadDataStream, RecordBuilder
 from mcap.reader import make_reader
 from mcap.records import Chunk, Message
 from mcap.stream_reader import breakup_chunk
@@ -24,8 +27,8 @@ from synthetic_flight import AREA, Fixed, fly
 from mission.base.errors import InputError
 from mission.cli import call
 from mission.log import DamagedLogError, LogError
-from mission.log.contents import load, recover
-from mission.log.inspection import check, diff
+from mission.log.contents import load, load_damaged, recover
+from mission.log.inspection import check, diff, info
 from mission.log.reader import read_log
 from mission.log.writer import FlightLog
 
@@ -196,6 +199,54 @@ def test_a_chunk_that_does_not_unpack_as_lz4_costs_itself_alone(
     saved = recover(broken, tmp_path / "saved.mcap")
     assert len(saved.losses) == 1
     assert saved.messages == chunks[-1][1] - (chunks[2][1] - chunks[1][1])
+
+
+def with_a_chunk(data: bytes, kind: str, *, holds: int, promises: int) -> bytes:
+    """A log with one more chunk before its index: of zeros, `holds` bytes, as LZ4 or Zstandard."""
+    pack = {"lz4": lz4.frame.compress, "zstd": zstandard.compress, "": bytes}[kind]
+    builder = RecordBuilder()
+    Chunk(kind, pack(bytes(holds)), 0, 0, 0, promises).write(builder)
+    at = next(at for opcode, at, _ in frames_of(data) if opcode == 15)
+    return data[:at] + builder.end() + data[at:]
+
+
+@pytest.mark.parametrize("kind", ["lz4", "zstd"])
+@pytest.mark.parametrize("promises", [100, 10**9])
+def test_a_chunk_unpacks_to_no_more_than_it_promises_and_is_fit_for(
+    tmp_path: Path, made: Fixed, kind: str, promises: int
+) -> None:
+    log = tmp_path / "a.mcap"
+    log.write_bytes(with_a_chunk(made.log.read_bytes(), kind, holds=300_000_000, promises=promises))
+    tracemalloc.start()
+    try:
+        contents = load_damaged(log)
+        most = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert [loss.reason for loss in contents.losses] == ["a chunk that does not unpack"]
+    assert sum(map(len, contents.messages.values())) == len(messages_of(made.log))
+    assert most < 100_000_000
+
+
+def test_a_log_without_chunks_is_read(tmp_path: Path, made: Fixed) -> None:
+    """As writers that do not compress leave it."""
+    contents, log = load(made.log), tmp_path / "a.mcap"
+    with log.open("wb") as stream:
+        writer = Writer(stream, use_chunking=False)
+        writer.start()
+        for schema in contents.schemas.values():
+            writer.register_schema(schema.name, schema.encoding, schema.data)
+        for it in contents.channels.values():
+            writer.register_channel(it.topic, it.message_encoding, it.schema_id, it.metadata)
+        for name, values in contents.metadata.items():
+            writer.add_metadata(name, values)
+        for batch in contents.messages.values():
+            for m in batch:
+                writer.add_message(m.channel_id, m.log_time, m.data, m.publish_time, m.sequence)
+        writer.finish()
+    assert read_log(log).rounds == tuple(made.rounds)
+    assert info(log).messages == len(messages_of(made.log))
+    assert sorted(messages_of(log)) == sorted(messages_of(made.log))
 
 
 def test_messages_that_nothing_describes_any_more_are_told(tmp_path: Path, made: Fixed) -> None:
