@@ -6,7 +6,6 @@ Reading ends at a broken record, but goes on after a chunk whose content was alt
 
 import io
 import json
-import struct
 import zlib
 from collections import defaultdict
 from collections.abc import Callable, Iterator
@@ -34,18 +33,18 @@ from mcap.stream_reader import StreamReader, breakup_chunk
 from mcap.writer import LIBRARY_IDENTIFIER, MCAP0_MAGIC, Writer
 from mcap_protobuf.decoder import DecoderFactory
 
+from flightdyn.errors import FlightInputError
 from mission.base.area import Area
 from mission.base.run_folder import write_atomically
 from mission.base.user_files import DATA_BYTES, read_bytes
-from mission.log import DamagedLogError, ForeignLogError, LogError
+from mission.log import SPOILT, DamagedLogError, ForeignLogError, LogError
 from mission.log.topics import FORMAT_VERSION, Topic
 from mission.log.values import NS_PER_S, area_from_text
 
 Batch: TypeAlias = list[Message] | Attachment | Metadata
 
-# All that the library raises of bytes that are not MCAP; ValueError: text, or a checksum;
-# RuntimeError: LZ4.
-_BROKEN = (McapError, ValueError, struct.error, zstandard.ZstdError, OverflowError, RuntimeError)
+# All that the libraries raise of bytes that are not MCAP; RuntimeError: LZ4.
+_BROKEN = (*SPOILT, McapError, zstandard.ZstdError, RuntimeError)
 # Of what a chunk unpacks to, and how often its own size that is: our writer's are a hundredth of
 # both. More is damage.
 _CHUNK_BYTES, _MOST_UNPACKED = 2**26, 200
@@ -108,7 +107,7 @@ class Contents:
             )
         try:
             return area_from_text(ours)
-        except (KeyError, TypeError, ValueError) as error:
+        except (*SPOILT, FlightInputError) as error:
             raise ForeignLogError(self.path, f"`aerofed` metadata without {error}") from None
 
     def schema(self, topic: str) -> Schema:
@@ -138,7 +137,7 @@ class Contents:
             for message in rows:
                 part = f"message {message.sequence}"
                 yield message.log_time, decode(message.data)
-        except (ValueError, TypeError, McapError, DecodeError) as error:
+        except (*SPOILT, McapError, DecodeError) as error:
             raise ForeignLogError(
                 self.path, f"{topic.name}: {part} does not decode: {error}"
             ) from None

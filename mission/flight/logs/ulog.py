@@ -20,6 +20,7 @@ from mission.base.errors import InputError
 from mission.base.user_files import read_bytes
 from mission.flight.logs.flight import MOST_BYTES, Found
 from mission.flight.logs.ulog_file import Columns, decoded
+from mission.log.records import from_json
 from mission.log.values import FlightData, MissionRecord
 from sitl.autopilot.codec.orders import MissionItem
 
@@ -67,7 +68,8 @@ def read_ulog(path: Path) -> FlightData:
     found.fixes = [int(row[0]) for row in _rows(fixes, "fix_type") if row[1] >= _FIX_3D]
     for parts in told.get(MISSIONS, ()):
         t_ns, kind, items = json.loads("".join(parts))
-        found.missions.append(MissionRecord(t_ns, kind, tuple(map(tuple, items))))
+        row = {"kind": kind, "items": items}
+        found.missions.append(from_json(MissionRecord, row, t_ns=int(t_ns)))
     _heading_for(found, topics)
     found.skipped["event of PX4's events interface"] += len(
         topics.get("event", {"timestamp": ()})["timestamp"]

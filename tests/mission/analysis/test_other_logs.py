@@ -407,6 +407,23 @@ def test_a_message_beyond_the_end_of_a_ulog_costs_itself_alone(tmp_path: Path, k
     assert str(compared(log).total) == str(sound.total)
 
 
+@pytest.mark.parametrize(
+    "told",
+    ["[" * 50_000, "[1]", '["x", "mission", []]', '[1, "mission", [[1, 2]]]', '[1, 2, [["x"]]]'],
+)
+def test_a_mission_in_a_ulog_that_is_none_is_one_line(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str], told: str
+) -> None:
+    log = tmp_path / "x.ulg"
+    key = f"char[{len(told)}] aerofed_missions".encode()
+    body = bytes([0, len(key)]) + key + told.encode()
+    whole = write_ulog(log).read_bytes()
+    log.write_bytes(whole + len(body).to_bytes(2, "little") + b"M" + body)
+    assert call(["compare", str(log)]) == 2
+    (line,) = capfd.readouterr().err.splitlines()
+    assert line.startswith(f"aerofed: {log}: cannot be read as a .ulg flight log: damaged")
+
+
 @pytest.mark.parametrize("letters", ["@LLf", "QLL", "QLLfff", ""])
 def test_rows_whose_format_is_damaged_are_counted(
     tmp_path: Path, capfd: pytest.CaptureFixture[str], letters: str

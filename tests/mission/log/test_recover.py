@@ -2,13 +2,17 @@
 
 import contextlib
 import io
+import json
+import math
 import struct
 import subprocess
 import sys
 import tracemalloc
 from collections.abc import Iterator
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import lz4.frame
 import numpy as np
@@ -19,7 +23,7 @@ from hypothesis import strategies as st
 from limits import no_file_larger_than
 from mcap.data_stream import ReadDataStream, RecordBuilder
 from mcap.reader import make_reader
-from mcap.records import Chunk, Message
+from mcap.records import Chunk, Message, Metadata
 from mcap.stream_reader import breakup_chunk
 from mcap.writer import MCAP0_MAGIC, CompressionType, Writer
 from synthetic_flight import AREA, Fixed, fly
@@ -27,7 +31,7 @@ from synthetic_flight import AREA, Fixed, fly
 from mission.base.errors import InputError
 from mission.cli import call
 from mission.log import DamagedLogError, LogError
-from mission.log.contents import load, load_damaged, recover
+from mission.log.contents import _rewritten, load, load_damaged, recover
 from mission.log.inspection import check, diff, info
 from mission.log.reader import read_log
 from mission.log.writer import FlightLog
@@ -247,6 +251,39 @@ def test_a_log_without_chunks_is_read(tmp_path: Path, made: Fixed) -> None:
     assert read_log(log).rounds == tuple(made.rounds)
     assert info(log).messages == len(messages_of(made.log))
     assert sorted(messages_of(log)) == sorted(messages_of(made.log))
+
+
+@pytest.mark.parametrize(
+    ("topic", "change"),
+    [
+        ("/devices", {"community": [1.0] * 12}),
+        ("/events", {"seq": math.nan}),
+        ("/events", {"text": 3}),
+        ("/events", {"true_m": [[1.0], 2.0, 3.0]}),
+        ("/rounds", {"round": "1"}),
+        ("/rounds", {"duration_s": 10**400}),
+        ("", {"home": '{"lat_deg": NaN, "lon_deg": 8, "alt_msl_m": 1}'}),
+        ("", {"size_m": '["800", [1]]'}),
+    ],
+)
+def test_values_that_no_checksum_tells_are_one_line(
+    tmp_path: Path,
+    made: Fixed,
+    capfd: pytest.CaptureFixture[str],
+    topic: str,
+    change: dict[str, Any],
+) -> None:
+    contents, log = load(made.log), tmp_path / "a.mcap"
+    for number, batch in enumerate(contents.batches):
+        if isinstance(batch, Metadata) and not topic:
+            contents.batches[number] = replace(batch, metadata={**batch.metadata, **change})
+        for message in batch if isinstance(batch, list) else ():
+            if contents.channels[message.channel_id].topic == topic:
+                message.data = json.dumps({**json.loads(message.data), **change}).encode()
+    log.write_bytes(_rewritten(contents))
+    assert call(["compare", str(log)]) == 2
+    (line,) = capfd.readouterr().err.splitlines()
+    assert line.startswith(f"aerofed: {log}: ")
 
 
 def test_messages_that_nothing_describes_any_more_are_told(tmp_path: Path, made: Fixed) -> None:
