@@ -103,12 +103,24 @@ def load_run(path: Path, plan: Path | None = None, *, believed: bool = False) ->
 
 def load_flights(
     path: Path, plan: Path | None = None, *, believed: bool = False
-) -> tuple[list[LoadedRun], list[LoadedRun]]:
-    """Load a run or a log, or all logs of a folder, as `load_run`: those to compare, and those of
-    the folder without a mission to compare with. Where none has one, all are to be compared."""
-    loaded = [load_run(each, plan, believed=believed) for each in _flights_in(path)]
+) -> tuple[list[LoadedRun], list[str]]:
+    """Load a run or a log, or all logs of a folder, as `load_run`: those to compare, and why others
+    of the folder are not: they cannot be read, or have no mission to compare with, as some have.
+
+    Raises:
+        InputError: as `load_run`, of the first log, where none can be read.
+    """
+    loaded, refused = list[LoadedRun](), list[InputError]()
+    for each in _flights_in(path):
+        try:
+            loaded.append(load_run(each, plan, believed=believed))
+        except InputError as error:
+            refused.append(error)
+    if not loaded:
+        raise refused[0]
     judged = [flight for flight in loaded if not flight.unjudged]
-    return (judged, [flight for flight in loaded if flight.unjudged]) if judged else (loaded, [])
+    apart = [flight.unjudged for flight in loaded if flight.unjudged and judged]
+    return judged or loaded, [*map(str, refused), *apart]
 
 
 def _flights_in(path: Path) -> list[Path]:

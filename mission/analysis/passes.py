@@ -181,7 +181,8 @@ def _stretches(
     """Yield plan, begin and end (ns) of each time in mission mode, cut at uploads of missions."""
     names = data.modes.names
     begins = [max(int(t_ns), start_ns) for t_ns in data.modes.t_ns]
-    ends = [*(t_ns - 1 for t_ns in begins[1:]), end_ns]  # the sample that tells has left it
+    # The sample that tells has left it; damaged logs may tell of no mode at all.
+    ends = [*(t_ns - 1 for t_ns in begins[1:]), *[end_ns][: len(begins)]]
     for index, (name, begin_ns, until_ns) in enumerate(zip(names, begins, ends, strict=True)):
         if name not in _MISSION:
             continue
@@ -340,7 +341,9 @@ def _pass(
     begin, end = _crossing(fit.along_m, _AT_END_M), _end(track, fit, way, len(way.points_m) - 1)
     rows = np.arange(len(track.t_ns))
     kept = np.unique(np.concatenate(([begin], rows[(rows > begin) & (rows < end)], [end])))
-    track = track.at(np.round(np.interp(kept, rows, track.t_ns)).astype(np.int64))
+    times = np.round(np.interp(kept, rows, track.t_ns)).astype(np.int64)
+    kept = kept[np.unique(times, return_index=True)[1]]  # none twice: speeds are between them
+    track = track.at(np.unique(times))
     numbers = {name: np.interp(kept, rows, getattr(fit, name)) for name in _BY_SAMPLE}
     fit = replace(fit, **numbers)
     fit = _of_what_is_given(track, fit, way, sure_ns)

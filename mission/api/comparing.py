@@ -1,5 +1,6 @@
 """Comparison of runs: planned against flown."""
 
+import warnings
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -28,7 +29,8 @@ def compare(
 
     Args:
         runs: one or more, flown or loaded, or their folders, or flight logs of any kind, or folders
-            of such logs; those in it without a mission are left out.
+            of such logs; a warning names those in it that are left out: damaged ones, and those
+            without a mission.
         plan: a plan file to compare with; default: the mission in the log.
         believed: compare where the autopilot believed to be, also where the truth is known.
         rounds: only the first rounds, so that runs of different length compare.
@@ -54,7 +56,10 @@ def compare(
             loaded.append(run._loaded)
         else:
             path = run.path if isinstance(run, Run) else as_path(run, "path")
-            loaded += load_flights(path, file, believed=believed)[0]
+            flights, left_out = load_flights(path, file, believed=believed)
+            loaded += flights
+            for why in left_out:
+                warnings.warn(f"left out: {why}", stacklevel=2)
     found = [compare_run(run, rounds=rounds) for run in loaded]
     rows = [
         {"run": name, **asdict(numbers)}

@@ -201,7 +201,7 @@ def fly(
     aerofed.compare(aerofed.fly("survey.plan", {"vehicle.aircraft.wind.speed_mps": 8}))
 
     Args:
-        plan: a QGroundControl .plan or a .waypoints file.
+        plan: a QGroundControl .plan or a waypoint file (.waypoints, .txt, .mission).
         overrides: values by dotted key of vehicle.*, link.* and limits.*, and the seed.
         source: a configuration or its file, of which vehicle.*, link.* and limits.* count.
         out: new or empty folder for log and track; default: a new one under runs/.

@@ -43,7 +43,7 @@ def compare(
     others
         More folders or logs, shown beside the first.
     plan
-        A .plan or .waypoints file to compare with. Default: the mission in the log.
+        A .plan or waypoint file to compare with. Default: the mission in the log.
     believed
         Compare where the autopilot believed to be, also where the log has the true position.
     limit
@@ -78,8 +78,8 @@ def compare(
     for path in (run, *others):
         flights, left_out = load_flights(path, plan, believed=believed)
         loaded += flights
-        for flight in left_out:
-            aside.print(f"left out: {flight.unjudged}")
+        for why in left_out:
+            aside.print(f"left out: {why}")
     found = [compare_run(item, rounds=rounds) for item in loaded]
     _warn_of_lengths(found, aside)
     if figure is not None:

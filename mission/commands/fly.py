@@ -31,8 +31,9 @@ def fly(
     ----------
     plan
         A QGroundControl .plan (also with surveys, corridor and structure scans) or a MAVLink
-        .waypoints file. Items for cameras, gimbals and servos are passed over; what cannot be flown
-        is refused by name. Home is the planned home of the plan, or else its first item.
+        waypoint file (.waypoints, .txt, .mission). Items for cameras, gimbals and servos are passed
+        over; what cannot be flown is refused by name. Home is the planned home of the plan, or else
+        its first item.
     config
         TOML file; of its keys vehicle.*, link.*, limits.* and seed count here, and it needs no
         others.

@@ -16,7 +16,7 @@ def report(run: Path, *, plan: Path | None = None, out: Path | None = None) -> i
     run
         A run's folder, a sweep's folder, or a flight log (.mcap, .ulg, .bin, .tlog).
     plan
-        A .plan or .waypoints file to compare a flight with. Default: the mission in its log.
+        A .plan or waypoint file to compare a flight with. Default: the mission in its log.
     out
         The HTML file. Default: report.html in the folder, or beside a log, under its name.
     """

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from typing import Annotated, Literal, Self, TypeAlias
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, model_validator
+from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, field_validator, model_validator
 from pymavlink.dialects.v20 import common as mav
 
 from flightdyn.frames import LocalFrame
@@ -42,6 +42,15 @@ class SimpleItem(_Part):
 
 class _Transects(_Part):
     Items: list[SimpleItem]
+
+    @field_validator("Items")
+    @classmethod
+    def _some(cls, items: list[SimpleItem]) -> list[SimpleItem]:
+        if not items:
+            raise ValueError(
+                "empty: the scan has no path; draw it in QGroundControl and save again"
+            )
+        return items
 
 
 class _Transect(_Part):

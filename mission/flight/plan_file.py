@@ -22,10 +22,12 @@ from mission.flight.fence_zones import airspace_rings, fence_items
 from mission.flight.flight_plan import FlightPlan
 from mission.flight.mission_items import mission_items
 from mission.flight.plan_document import SCANS, Document
-from sitl.autopilot.codec.orders import MissionItem, command_name
+from sitl.autopilot.codec.orders import ABSOLUTE_FRAMES, MissionItem, command_name
 from sitl.autopilot.protocol.order_rules import ABSENT, COMMANDS
 
 HEADER = "QGC WPL 110"
+WAYPOINT_FILES = (".waypoints", ".txt", ".mission")
+_HOME_COMMANDS = (0, mav.MAV_CMD_NAV_WAYPOINT)
 _COLUMNS = 12
 _PX4, _MULTIROTOR = 12, 2  # MAV_AUTOPILOT, MAV_TYPE
 
@@ -43,15 +45,16 @@ class PlanFile:
 
 
 def read_plan_file(path: Path) -> PlanFile:
-    """Read a `.plan` or `.waypoints` file.
+    """Read a `.plan` or a waypoint file (`.waypoints`, `.txt`, `.mission`).
 
     Raises:
         InputError: it cannot be read, is damaged or empty, or holds what nobody here can fly.
     """
-    kinds = {".plan": _read_qgroundcontrol, ".waypoints": _read_waypoints}
+    kinds = {".plan": _read_qgroundcontrol, **dict.fromkeys(WAYPOINT_FILES, _read_waypoints)}
     read = kinds.get(path.suffix.lower())
     if read is None:
-        raise InputError(f"{path}: neither a .plan nor a .waypoints file")
+        others = ", ".join(WAYPOINT_FILES)
+        raise InputError(f"{path}: neither a .plan nor a waypoint file ({others})")
     content = read_bytes(path)
     text = decoded(content, path)
     if not text.strip():
@@ -84,9 +87,8 @@ def _read_qgroundcontrol(path: Path, content: bytes, text: str) -> PlanFile:
         _item(seq, command, 3, (0, 0, 0, 0, *point), kind=kind)
         for seq, point in enumerate(document.rallyPoints.points)
     ]
-    planned, home = document.mission.plannedHomePosition, None
-    if planned is not None:
-        home = checked_home(path, *(math.nan if value is None else value for value in planned))
+    planned = document.mission.plannedHomePosition or (None, None)
+    home = _home(path, *(math.nan if value is None else value for value in planned))
     drawn = document.geoFence
     fence = fence_items(
         ((ring.inclusion, ring.polygon) for ring in drawn.polygons),
@@ -130,17 +132,22 @@ def _item(
 
 
 def _read_waypoints(path: Path, content: bytes, text: str) -> PlanFile:
-    header, *lines = text.splitlines()
-    if header.strip() != HEADER:
+    # ArduPilot's own files have comments.
+    lines = enumerate((line.partition("#")[0].split() for line in text.splitlines()), start=1)
+    (_, header), *numbered = [(number, cells) for number, cells in lines if cells] or [(1, [])]
+    if header != HEADER.split():
         raise InputError(f"{path}: not a waypoint file: the first line is not {HEADER!r}")
-    rows = [_row(path, number, line) for number, line in enumerate(lines, start=2) if line.strip()]
+    rows = [_row(path, number, cells) for number, cells in numbered]
     for index, row in enumerate(rows):
         if row[0] != index:
             raise InputError(f"{path}: damaged: item {index} is missing, {row[0]:g} stands there")
     home = None
-    # By convention row 0 is the home: a waypoint at a height above the sea.
-    if rows and rows[0][2] == mav.MAV_FRAME_GLOBAL and rows[0][3] == mav.MAV_CMD_NAV_WAYPOINT:
-        home = checked_home(path, *rows[0][8:11])
+    # By convention row 0 is the home: a waypoint at a height above the sea, or at none above home.
+    # Mission Planner's has no command.
+    if rows and rows[0][3] in _HOME_COMMANDS and (rows[0][2] in ABSOLUTE_FRAMES or not rows[0][10]):
+        lat_deg, lon_deg, alt_m = rows[0][8:11]
+        above_sea = rows[0][2] in ABSOLUTE_FRAMES
+        home = _home(path, lat_deg, lon_deg, alt_m if above_sea else math.nan)
         rows = [_counted_without_home(row) for row in rows[1:]]
     if not rows:
         raise InputError(f"{path}: the mission is empty")
@@ -156,22 +163,26 @@ def _counted_without_home(row: Sequence[float]) -> Sequence[float]:
     return [*row[:4], row[4] - 1.0, *row[5:]] if jumps else row
 
 
-def _row(path: Path, number: int, line: str) -> Sequence[float]:
+def _row(path: Path, number: int, cells: Sequence[str]) -> Sequence[float]:
     """Parse twelve columns: index, current, frame, command, seven parameters, autocontinue."""
     try:
-        row = [float(cell) for cell in line.split()]
+        row = [float(cell) for cell in cells]
     except ValueError:
         row = []
-    # What is left open is so among the first four parameters.
-    if (
-        len(row) != _COLUMNS
-        or any(map(math.isinf, row))
-        or any(map(math.isnan, (*row[:4], *row[8:])))
-    ):
+    if len(row) != _COLUMNS:
         raise InputError(f"{path}: damaged: line {number} does not have {_COLUMNS} numbers")
-    if any(value != int(value) for value in (*row[:4], row[11])):
+    if not all(value.is_integer() for value in (*row[:4], row[11])):
         raise InputError(f"{path}: damaged: line {number}: index, frame or command is no integer")
     return row
+
+
+def _home(
+    path: Path, lat_deg: float, lon_deg: float, alt_m: float = math.nan
+) -> GeodeticPoint | None:
+    """The planned home; None where zeros or nothing stand in its place."""
+    if lat_deg == lon_deg == 0.0 or (math.isnan(lat_deg) and math.isnan(lon_deg)):
+        return None
+    return checked_home(path, lat_deg, lon_deg, alt_m)
 
 
 def checked_home(

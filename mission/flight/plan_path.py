@@ -23,12 +23,11 @@ from mission.base.arrays import Floats
 from mission.base.errors import InputError
 from mission.flight.logs.items import mission_path, place_m
 from mission.flight.plan_file import PlanFile
-from sitl.autopilot.codec.orders import GLOBAL_FRAMES, MissionItem, bare_name, command_name
+from sitl.autopilot.codec.orders import GLOBAL_FRAMES, MissionItem, command_name
 from sitl.autopilot.fence import breach_of, compile_fence
 from sitl.autopilot.flying import route
 from sitl.autopilot.parameters import Parameters
 from sitl.autopilot.protocol.order_rules import (
-    ABSENT,
     COMMANDS,
     NAVIGATION,
     PLACES,
@@ -106,7 +105,8 @@ def planned_path(
             return ""
         return f"{height_m:.1f} m above home; {least_m:g} to {MAX_HEIGHT_M:g} m are allowed"
 
-    first_seq = next((item.seq for item in plan.items if item.command in NAVIGATION), 0)
+    leading = NAVIGATION - {mav.MAV_CMD_NAV_DELAY}  # which may be on the ground
+    first_seq = next((item.seq for item in plan.items if item.command in leading), 0)
     for item in plan.items:
         first, last = item.seq <= first_seq, item.seq == len(plan.items) - 1
         refuse(item, _wrong(item, first=first, last=last) or _refused(item))
@@ -154,8 +154,7 @@ def planned_path(
 def _wrong(item: MissionItem, *, first: bool, last: bool) -> str:
     """Return why an item is not fit for an unattended flight; empty if it is."""
     if item.command not in ALLOWED:
-        moves = sorted(map(bare_name, ALLOWED - ABSENT.keys()))
-        return f"not supported; allowed are {', '.join(moves)}, and items of camera and payload"
+        return "not flown here; docs/vehicles.md, Fly a plan, says which commands are"
     if not item.autocontinue:
         return "stops without autocontinue, and nobody is there to go on"
     if item.command in PLACES and item.frame in GLOBAL_FRAMES and item.x == item.y == 0.0:

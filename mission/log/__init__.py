@@ -4,9 +4,17 @@
 killed run had flushed, `live` serves the same topics to Foxglove while the run goes on.
 """
 
+import struct
+import zlib
 from pathlib import Path
 
 from mission.base.errors import InputError
+
+# What values that are not what they should be make decoders, Python and NumPy raise.
+SPOILT = (
+    *(ValueError, TypeError, LookupError, AttributeError, AssertionError, ArithmeticError),
+    *(EOFError, struct.error, zlib.error, RecursionError, MemoryError),
+)
 
 
 class LogError(InputError):

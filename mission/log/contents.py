@@ -6,7 +6,6 @@ Reading ends at a broken record, but goes on after a chunk whose content was alt
 
 import io
 import json
-import struct
 import zlib
 from collections import defaultdict
 from collections.abc import Callable, Iterator
@@ -17,6 +16,7 @@ from typing import Any, TypeAlias
 
 import zstandard
 from google.protobuf.message import DecodeError
+from lz4.frame import LZ4FrameDecompressor
 from mcap.exceptions import McapError
 from mcap.records import (
     Attachment,
@@ -33,19 +33,21 @@ from mcap.stream_reader import StreamReader, breakup_chunk
 from mcap.writer import LIBRARY_IDENTIFIER, MCAP0_MAGIC, Writer
 from mcap_protobuf.decoder import DecoderFactory
 
+from flightdyn.errors import FlightInputError
 from mission.base.area import Area
 from mission.base.run_folder import write_atomically
 from mission.base.user_files import DATA_BYTES, read_bytes
-from mission.log import DamagedLogError, ForeignLogError, LogError
+from mission.log import SPOILT, DamagedLogError, ForeignLogError, LogError
 from mission.log.topics import FORMAT_VERSION, Topic
 from mission.log.values import NS_PER_S, area_from_text
 
 Batch: TypeAlias = list[Message] | Attachment | Metadata
 
-# All that the library raises of bytes that are not MCAP; ValueError: text, or a checksum;
-# RuntimeError: LZ4.
-_BROKEN = (McapError, ValueError, struct.error, zstandard.ZstdError, OverflowError, RuntimeError)
-_CHUNK_BYTES = 2**28  # unpacked; our writer's have a hundredth: more is damage
+# All that the libraries raise of bytes that are not MCAP; RuntimeError: LZ4.
+_BROKEN = (*SPOILT, McapError, zstandard.ZstdError, RuntimeError)
+# Of what a chunk unpacks to, and how often its own size that is: our writer's are a hundredth of
+# both. More is damage.
+_CHUNK_BYTES, _MOST_UNPACKED = 2**26, 200
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,7 +107,7 @@ class Contents:
             )
         try:
             return area_from_text(ours)
-        except (KeyError, TypeError, ValueError) as error:
+        except (*SPOILT, FlightInputError) as error:
             raise ForeignLogError(self.path, f"`aerofed` metadata without {error}") from None
 
     def schema(self, topic: str) -> Schema:
@@ -135,7 +137,7 @@ class Contents:
             for message in rows:
                 part = f"message {message.sequence}"
                 yield message.log_time, decode(message.data)
-        except (ValueError, TypeError, McapError, DecodeError) as error:
+        except (*SPOILT, McapError, DecodeError) as error:
             raise ForeignLogError(
                 self.path, f"{topic.name}: {part} does not decode: {error}"
             ) from None
@@ -181,6 +183,12 @@ def _read(stream: io.BytesIO, found: Contents) -> None:
             elif isinstance(record, Footer):
                 index = Loss(record.summary_start, end - 4, "wrong checksum of the index")
                 _verify(stream, found, record.summary_crc, index)
+            elif isinstance(record, Message):  # of a writer without chunks
+                last = found.batches[-1] if found.batches else None
+                if isinstance(last, list):
+                    last.append(record)
+                else:
+                    found.batches.append([record])
             else:
                 _take(record, found)
             at = end
@@ -193,10 +201,16 @@ def _read(stream: io.BytesIO, found: Contents) -> None:
 
 def _read_chunk(chunk: Chunk, found: Contents, otherwise: Loss) -> None:
     try:
-        # The sizes that MCAP and Zstandard promise: the library may allocate either.
+        size, unpacker = chunk.uncompressed_size, LZ4FrameDecompressor()
+        # Zstandard's own promise: the library allocates as much.
         told = zstandard.frame_content_size(chunk.data) if chunk.compression == "zstd" else 0
-        if max(chunk.uncompressed_size, told) > _CHUNK_BYTES:
+        if told > size or size > min(_CHUNK_BYTES, _MOST_UNPACKED * len(chunk.data)):
             raise ValueError
+        if chunk.compression == "lz4":  # of which the library unpacks whatever there is
+            chunk.data = unpacker.decompress(chunk.data, max_length=size + 1)
+            chunk.compression = ""
+            if not unpacker.eof:
+                raise ValueError
         content = breakup_chunk(chunk, validate_crc=True)
     except _BROKEN:
         found.losses.append(otherwise)

@@ -9,7 +9,7 @@ import numpy as np
 
 from fl.radio.per_grid import PerGrid
 from mission.base.arrays import Floats, Ints
-from mission.log import ForeignLogError, control, topics
+from mission.log import SPOILT, ForeignLogError, control, topics
 from mission.log.contents import Contents, load
 from mission.log.records import (
     Record,
@@ -89,7 +89,7 @@ def decode(contents: Contents) -> FlightData:
                 dtype=np.int64,
             ),
         )
-    except (KeyError, TypeError, ValueError, IndexError) as error:
+    except SPOILT as error:
         raise ForeignLogError(
             contents.path, f"a record is not what its schema says ({error!r})"
         ) from None

@@ -6,7 +6,8 @@ area coordinates: x east, y north. NaN stands where there is no value.
 """
 
 import math
-from collections.abc import Callable, Iterator, Mapping
+import operator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any, TypeAlias, TypeVar, get_origin
 
@@ -15,6 +16,7 @@ import numpy as np
 from mission.base.tables import Column, columns
 
 Record = TypeVar("Record")
+_ITEM_NUMBERS = 11  # the first three, number, command and frame, are known
 
 
 def _as_it_is(value: Any) -> Any:
@@ -23,6 +25,17 @@ def _as_it_is(value: Any) -> Any:
 
 def _nan_for_none(value: float | None) -> float:
     return math.nan if value is None else float(value)
+
+
+def _text(value: str) -> str:
+    return value + ""  # TypeError: it is none
+
+
+def _item(row: Sequence[float | None]) -> tuple[float, ...]:
+    found = tuple(map(_nan_for_none, row))
+    if len(found) != _ITEM_NUMBERS or not all(map(math.isfinite, found[:3])):
+        raise ValueError(f"item {row}")
+    return found
 
 
 @dataclass(frozen=True)
@@ -46,24 +59,29 @@ _LISTS: dict[str, object] = {"type": "array", "items": _LIST}
 
 # By the type of a field that says no kind of its own.
 KINDS: Mapping[object, Kind] = {
-    int: Kind({"type": "integer"}),
+    int: Kind({"type": "integer"}, read=operator.index),
     float: Kind({"type": "number"}, float, _nan_for_none),
     bool: Kind({"type": "boolean"}),
-    str: Kind({"type": "string"}),
+    str: Kind({"type": "string"}, read=_text),
 }
 MAYBE = Kind({"type": ["number", "null"]}, float, _nan_for_none)
-MAYBE_INTEGER = Kind({"type": ["number", "null"]})
+MAYBE_INTEGER = Kind(
+    {"type": ["number", "null"]},
+    read=lambda value: None if value is None else operator.index(value),
+)
 NUMBERS, INTEGERS = _array(_LIST, -1), _array(_LIST, -1, dtype=np.int64)
 PAIRS = _array(_LISTS, -1, 2)
 WHERE_TRUE = Kind(_LISTS, lambda mask: np.argwhere(mask).tolist())  # indices; the reader knows more
-XYZ_M = Kind(_LIST, list, tuple)
-STRINGS = Kind({"type": "array", "items": {"type": "string"}}, list, tuple)
+XYZ_M = Kind(_LIST, list, lambda row: tuple(_nan_for_none(row[axis]) for axis in range(3)))
+STRINGS = Kind(
+    {"type": "array", "items": {"type": "string"}}, list, lambda row: tuple(map(_text, row))
+)
 _MAYBE_LIST: dict[str, object] = {"type": "array", "items": {"type": ["number", "null"]}}
 MAYBE_NUMBERS = Kind(_MAYBE_LIST, list, lambda row: tuple(map(_nan_for_none, row)))
 ITEMS = Kind(
     {"type": "array", "items": _MAYBE_LIST},
     list,
-    lambda rows: tuple(tuple(map(_nan_for_none, row)) for row in rows),
+    lambda rows: tuple(map(_item, rows)),
 )
 OUTLINES = Kind({"type": "array", "items": _LISTS})
 Maybe: TypeAlias = Annotated[float, MAYBE]

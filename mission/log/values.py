@@ -419,6 +419,12 @@ def area_from_text(values: Mapping[str, str]) -> Area:
 
     Raises:
         KeyError, TypeError, ValueError: a key is missing or not what it should be.
+        FlightInputError: home is nowhere.
     """
-    size_m, home_m, home = (json.loads(values[name]) for name in ("size_m", "home_m", "home"))
-    return Area(tuple(size_m), tuple(home_m), GeodeticPoint(**home))
+    (width, height), (x, y), home = (
+        json.loads(values[key]) for key in ("size_m", "home_m", "home")
+    )
+    place = GeodeticPoint(**{name: float(value) for name, value in home.items()})
+    area = Area((float(width), float(height)), (float(x), float(y)), place)
+    _ = area.frame
+    return area

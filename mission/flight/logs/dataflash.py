@@ -1,21 +1,34 @@
-"""ArduPilot's DataFlash log (.bin) as a flight."""
+"""ArduPilot's DataFlash log (.bin) as a flight.
 
-import io
-from contextlib import redirect_stderr
+Rows of a kind each, laid out as a row of the kind FMT says before the first one:
+https://ardupilot.org/dev/docs/code-overview-adding-a-new-log-message.html
+"""
+
+import re
+import struct
+from collections.abc import Iterator
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
-from pymavlink.DFReader import DFReader_binary
 from pymavlink.dialects.v20 import common as mav
 from pymavlink.mavutil import mode_mapping_acm
 
 from mission.base.errors import InputError
-from mission.base.user_files import check_regular
+from mission.base.user_files import read_bytes
 from mission.flight.logs.flight import MOST_BYTES, Found
 from mission.log.values import FlightData
 from sitl.autopilot.codec.orders import MissionItem
 
 _MAGIC = b"\xa3\x95"
+_MARK = re.compile(rb"(?s)\xa3\x95.")
+_FMT = 0x80
+_LETTERS = {  # of a format: the number in Python's `struct`, and what it is divided by
+    **{letter: (letter, 1.0) for letter in "bBhHiIfdqQ"},
+    "a": ("64s", 1.0), "n": ("4s", 1.0), "N": ("16s", 1.0), "Z": ("64s", 1.0),
+    "g": ("e", 1.0), "M": ("B", 1.0), "L": ("i", 1e7),
+    "c": ("h", 1e2), "C": ("H", 1e2), "e": ("i", 1e2), "E": ("I", 1e2),
+}  # fmt: skip
 _MISSION, _RELATIVE = mav.MAV_MISSION_TYPE_MISSION, mav.MAV_FRAME_GLOBAL_RELATIVE_ALT
 _READ = (
     *("POS", "MODE", "MSG", "ORGN", "CMD", "MISE", "GPS", "BAT", "XKF2", "ERR", "ARM", "EV"),
@@ -43,27 +56,55 @@ def read_dataflash(path: Path) -> FlightData:
     """The flight in a DataFlash log.
 
     Raises:
-        InputError: it cannot be read, has no positions, or another kind of vehicle flew. Whatever
-            the library raises of a damaged one passes through.
+        InputError: it cannot be read, has no positions, or another kind of vehicle flew.
     """
-    check_regular(path, most=MOST_BYTES)
-    with path.open("rb") as file:
-        if file.read(2) != _MAGIC:
-            raise InputError(f"{path}: not a DataFlash log: it does not begin as one")
+    content = read_bytes(path, most=MOST_BYTES)
+    if not content.startswith(_MAGIC):
+        raise InputError(f"{path}: not a DataFlash log: it does not begin as one")
     reader = _Reader(Found(path, "DataFlash of ArduPilot", "seconds since ArduPilot started"))
-    said = io.StringIO()  # by the library, a line for each byte that begins nothing
-    with redirect_stderr(said):
-        log = DFReader_binary(str(path))
-        try:
-            while (row := log.recv_match(type=list(_READ))) is not None:
-                reader.take(row)
-            lengths = ((log.offsets[kind], form.len) for kind, form in log.formats.items())
-            end = max((found[-1] + length for found, length in lengths if found), default=0)
-            reader.found.skipped["message that the end cut off"] += int(end != log.data_len)
-        finally:
-            log.close()
-    reader.found.skipped["byte with damage"] += said.getvalue().count("bad header")
+    for kind, row in _rows(content, reader.found):
+        reader.take(kind, row)
     return reader.found.flight()
+
+
+class _Format:
+    """What the rows of a kind hold: columns of a letter each."""
+
+    def __init__(self, name: str, length: int, columns: str, letters: str) -> None:
+        self.name, self.length = name, length
+        self._packed = struct.Struct("<3x" + "".join(_LETTERS.get(x, ("", 1))[0] for x in letters))
+        self._columns = list(zip(columns.split(","), letters, strict=False))
+        self.sound = self._packed.size == length and columns.count(",") == len(letters) - 1
+
+    def row(self, content: bytes, at: int) -> SimpleNamespace:
+        """The row that begins at a byte, its columns as attributes."""
+        found = SimpleNamespace()
+        values = self._packed.unpack_from(content, at)
+        for (name, letter), value in zip(self._columns, values, strict=True):
+            scale = _LETTERS[letter][1]
+            if isinstance(value, bytes):
+                value = value.partition(b"\0")[0].decode(errors="replace")
+            setattr(found, name, value if scale == 1 else value / scale)
+        return found
+
+
+def _rows(content: bytes, found: Found) -> Iterator[tuple[str, SimpleNamespace]]:
+    """Yield kind and row of those that are read."""
+    formats = {_FMT: _Format("FMT", 89, "Type,Length,Name,Format,Columns", "BBnNZ")}
+
+    def end_of(at: int) -> int:
+        form = formats.get(content[at + 2]) if _MARK.match(content, at) else None
+        return at + form.length if form else at
+
+    for at, _ in found.messages(content, _MARK, end_of):
+        form = formats[content[at + 2]]
+        if form.name in _READ:
+            yield form.name, form.row(content, at)
+        elif form.name == "FMT":
+            told = form.row(content, at)
+            form = _Format(told.Name, told.Length, told.Columns, told.Format)
+            if form.sound:
+                formats[told.Type] = form
 
 
 class _Reader:
@@ -73,9 +114,9 @@ class _Reader:
         self.found = found
         self._lists: dict[int, dict[int, MissionItem]] = {}  # by MAV_MISSION_TYPE
 
-    def take(self, row: Any) -> None:
-        """Keep what a row says."""
-        found, kind, t_ns = self.found, row.get_type(), int(row.TimeUS) * 1000
+    def take(self, kind: str, row: Any) -> None:
+        """Keep what a row of a kind says."""
+        found, t_ns = self.found, int(row.TimeUS) * 1000
         match kind:
             case "POS":
                 found.places.append((t_ns, row.Lat, row.Lng, row.Alt))

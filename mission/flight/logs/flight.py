@@ -1,7 +1,8 @@
 """What the readers of other programs' logs have in common: from what they find to a flight."""
 
+import re
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -26,6 +27,7 @@ from mission.log.values import (
 from sitl.autopilot.codec.orders import MissionItem
 
 MOST_BYTES = 1 << 30
+DAMAGE = "byte with damage"
 _CLOSEST_NS = 20_000_000  # samples of positions that are kept
 _STANDS_M = 1.0  # from where the log begins: on the ground
 _HELD_NS = 1_000_000_000  # at most the true place is held before its first and after its last one
@@ -53,6 +55,34 @@ class Found:
     missions: list[MissionRecord] = field(default_factory=list)
     current: list[tuple[int, int]] = field(default_factory=list)
     skipped: Counter[str] = field(default_factory=Counter)
+
+    def messages(
+        self,
+        content: bytes,
+        mark: re.Pattern[bytes],
+        end_of: Callable[[int], int],
+        *,
+        begin: int = 0,
+        head: int = 0,
+    ) -> Iterator[tuple[int, int]]:
+        """Yield begin and end of each message from `begin` on; bytes of none are counted as damage.
+
+        `end_of` says where the message that begins at a place ends: there if none does. `mark`
+        finds where one may begin: `head` bytes before what it matches.
+        """
+        at = sound = begin
+        while at < len(content):
+            if at < (end := end_of(at)) <= len(content):
+                self.skipped[DAMAGE] += at - sound
+                yield at, end
+                at = sound = end
+            else:
+                ahead = mark.search(content, at + 1 + head)
+                at = ahead.start() - head if ahead else len(content)
+        if end_of(sound) > at or 0 < at - sound < head + 3:  # less than any message has
+            self.skipped["message that the end cut off"] += 1
+        else:
+            self.skipped[DAMAGE] += at - sound
 
     def event(
         self, t_ns: int, kind: str, text: str, *, seq: int | None = None, severity: int = 6
@@ -86,7 +116,11 @@ class Found:
         """
         places = self._of_one_clock(self.places)
         if len(places) < 2:
-            raise InputError(f"{self.path}: the log has no positions, so there is no flight in it")
+            damage = self.skipped[DAMAGE]
+            why = f" ({damage} bytes of it are damage)" if damage else ""
+            raise InputError(
+                f"{self.path}: the log has no positions, so there is no flight in it{why}"
+            )
         # Home may be set anew on the ground: that of the flight is the last one before its top.
         top_ns = places[places[:, 3].argmax(), 0]
         known = _places(self.homes)

@@ -1,10 +1,9 @@
 """Reads the flight log of another program, of whichever kind it is."""
 
-import struct
-import zlib
 from pathlib import Path
 
 from mission.base.errors import InputError
+from mission.log import SPOILT
 from mission.log.values import FlightData
 
 
@@ -25,10 +24,7 @@ def read_flight(path: Path) -> FlightData:
         else:
             from mission.flight.logs.tlog import read_tlog as read
         return read(path)
-    except (  # what a damaged log makes its library raise
-        *(ValueError, TypeError, KeyError, IndexError, AttributeError, AssertionError),
-        *(ArithmeticError, EOFError, struct.error, zlib.error, UnicodeError, MemoryError),
-    ) as error:
+    except SPOILT as error:
         what = " ".join(str(error).split())[:100]
         raise InputError(
             f"{path}: cannot be read as a {kind} flight log: damaged, cut off, "

@@ -1,5 +1,6 @@
 """A ground station's telemetry log (.tlog) as a flight: MAVLink, each message after its time."""
 
+import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -10,14 +11,13 @@ from pymavlink.mavutil import interpret_px4_mode, mode_mapping_acm
 
 from mission.base.errors import InputError
 from mission.base.user_files import read_bytes
-from mission.flight.logs.flight import MOST_BYTES, Found
+from mission.flight.logs.flight import DAMAGE, MOST_BYTES, Found
 from mission.flight.logs.items import KINDS
 from mission.log.values import FlightData
 from sitl.autopilot.codec.orders import MissionItem, read_item
-from sitl.firmware.relay import packets
 
 _HEAD = 8  # bytes of a time before each message: microseconds since 1970
-_LONGEST = 300
+_FRAME = re.compile(rb"(?s)\xfd..|\xfe.")  # mark, length, and flags of MAVLink 2
 _ROTARY = frozenset({0, 2, 3, 4, 13, 14, 15, 18, 29, 35})  # MAV_TYPE
 _OTHERS = frozenset({1, 7, 8, 9, 10, 11, 12, 16, *range(19, 26), 36})  # that fly or drive otherwise
 _NO_AUTOPILOT = mav.MAV_AUTOPILOT_INVALID
@@ -55,29 +55,24 @@ def read_tlog(path: Path) -> FlightData:
 def _messages(content: bytes, found: Found) -> Iterator[tuple[int, Any]]:
     """Yield time (us since 1970) and message of each readable packet; count the rest as skipped."""
     parser = mav.MAVLink(None)
-    parser.robust_parsing = True
-    at = 0
-    while at + _HEAD < len(content):
-        packet = next(packets(content[at + _HEAD : at + _HEAD + _LONGEST]), None)
-        if packet is None:
-            # To where the next message may begin.
-            marks = [content.find(mark, at + _HEAD + 1) for mark in (b"\xfd", b"\xfe")]
-            ahead = [mark for mark in marks if mark > 0]
-            found.skipped["part with damage"] += 1
-            if not ahead:
-                return
-            at = min(ahead) - _HEAD
+
+    def end_of(at: int) -> int:
+        frame = _FRAME.match(content, at + _HEAD)
+        if frame is None:
+            return at
+        more = 8 if frame[0][0] == mav.PROTOCOL_MARKER_V1 else 25 if frame[0][2] & 1 else 12
+        return at + _HEAD + frame[0][1] + more  # with checksum and signature
+
+    for at, end in found.messages(content, _FRAME, end_of, head=_HEAD):
+        try:
+            message = parser.decode(bytearray(content[at + _HEAD : end]))
+        except mav.MAVError:
+            found.skipped[DAMAGE] += end - at
             continue
-        wall_us = int.from_bytes(content[at : at + _HEAD], "big")
-        at += _HEAD + len(packet.data)
-        if packet.number not in mav.mavlink_map:
+        if message.get_msgId() in mav.mavlink_map:
+            yield int.from_bytes(content[at : at + _HEAD], "big"), message
+        else:
             found.skipped["message of another dialect"] += 1
-            continue
-        for message in parser.parse_buffer(packet.data) or ():
-            if message.get_type() == "BAD_DATA":
-                found.skipped["message with damage"] += 1
-            else:
-                yield wall_us, message
 
 
 class _Reader:

@@ -4,25 +4,23 @@ A ULog of PX4 does not hold the mission, only what the navigator was heading for
 setpoints in the mission mode are taken for the items, as far as they were flown. Ours holds it.
 """
 
-import io
 import json
 import math
 from bisect import bisect
 from collections.abc import Iterator
-from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from pymavlink.dialects.v20 import common as mav
-from pyulog import ULog
 
 from flightdyn.state import GeodeticPoint
 from mission.base.errors import InputError
 from mission.base.user_files import read_bytes
 from mission.flight.logs.flight import MOST_BYTES, Found
+from mission.flight.logs.ulog_file import Columns, decoded
+from mission.log.records import from_json
 from mission.log.values import FlightData, MissionRecord
 from sitl.autopilot.codec.orders import MissionItem
 
@@ -44,64 +42,39 @@ COMMANDS = {  # of position_setpoint.type
 # Of mission_result, from PX4 1.15 on, before, and long before: another mission has another one.
 _IDENTITIES = ("mission_id", "instance_count", "seq_total")
 MISSIONS = "aerofed_missions"  # what a ULog of ours holds more
-_LOG_LEVEL = ord("0")  # of a message: a digit
 _MSL = mav.MAV_FRAME_GLOBAL
 _FIX_3D = 3
 _UNKNOWN = -1.0  # number of a battery
-_HEADER = 16  # bytes before the first message, which begins with its length and kind: 3 bytes
-
-Columns = dict[str, NDArray[np.float64]]
 
 
 def read_ulog(path: Path) -> FlightData:
     """The flight in a ULog.
 
     Raises:
-        InputError: it cannot be read, has no positions, or another kind of vehicle flew. Whatever
-            the library raises of a damaged one passes through.
+        InputError: it cannot be read, has no positions, or another kind of vehicle flew.
     """
-    content = read_bytes(path, most=MOST_BYTES)
-    if content[:4] != b"ULog":
-        raise InputError(f"{path}: not a ULog: it does not begin as one")
-    said = io.StringIO()  # by the library, of what is damaged
-    with redirect_stderr(said), redirect_stdout(said):
-        log = ULog(io.BytesIO(content))
     found = Found(path, "ULog of PX4", "seconds since PX4 started")
-    topics = {item.name: item.data for item in reversed(log.data_list) if item.multi_id == 0}
+    topics, told = decoded(read_bytes(path, most=MOST_BYTES), found)
     found.places = list(_places(topics, ("vehicle_global_position", "vehicle_gps_position")))
     if not found.places:
         found.places = list(_local(topics.get("vehicle_local_position")))
     found.truth = list(_places(topics, ("vehicle_global_position_groundtruth",)))
     found.homes = list(_homes(topics.get("home_position")))
     _status(found, topics.get("vehicle_status"))
-    for message in log.logged_messages:
-        level = message.log_level - _LOG_LEVEL
-        text = message.message.strip()
-        found.event(_ns(message.timestamp), "status", text, severity=level)
     found.battery = list(_battery(topics.get("battery_status")))
     wind = topics.get("wind", topics.get("wind_estimate"))
     found.wind = list(_rows(wind, "windspeed_east", "windspeed_north"))
     fixes = topics.get("vehicle_gps_position")
     found.fixes = [int(row[0]) for row in _rows(fixes, "fix_type") if row[1] >= _FIX_3D]
-    for parts in log.msg_info_multiple_dict.get(MISSIONS, ()):
+    for parts in told.get(MISSIONS, ()):
         t_ns, kind, items = json.loads("".join(parts))
-        found.missions.append(MissionRecord(t_ns, kind, tuple(map(tuple, items))))
+        row = {"kind": kind, "items": items}
+        found.missions.append(from_json(MissionRecord, row, t_ns=int(t_ns)))
     _heading_for(found, topics)
-    found.skipped["message that the end cut off"] += _cut_off(content)
-    found.skipped["dropout"] += len(log.dropouts)
-    found.skipped["part with damage"] += int(log.file_corruption or bool(said.getvalue()))
     found.skipped["event of PX4's events interface"] += len(
         topics.get("event", {"timestamp": ()})["timestamp"]
     )
     return found.flight()
-
-
-def _cut_off(content: bytes) -> bool:
-    """Whether the file ends within a message, which the library passes over in silence."""
-    at = _HEADER
-    while at + 3 <= len(content):
-        at += 3 + int.from_bytes(content[at : at + 2], "little")
-    return at != len(content)
 
 
 def _ns(timestamp_us: float) -> int:

@@ -1,18 +1,24 @@
-"""Encoding of ULog files: rows of numbers by topic, and lines of text, in order of time.
+"""ULog files, decoded and encoded: rows of numbers by topic, and lines of text.
 
 Format: https://docs.px4.io/main/en/dev_log/ulog_file_format.html
 """
 
+import re
 import struct
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import islice
 from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mission.base.arrays import Ints
+from mission.base.errors import InputError
+from mission.flight.logs.flight import DAMAGE, Found
 
 Rows: TypeAlias = NDArray[Any]  # structured; the first field is `timestamp`, in microseconds
+Columns: TypeAlias = dict[str, NDArray[Any]]
 Line: TypeAlias = tuple[int, int, str]  # t_ns, MAV_SEVERITY, text
 
 _TYPES = {
@@ -34,7 +40,22 @@ _KINDS = {
 }
 _BY_KIND: dict[str, Any] = {"b": "|b1", "u": "|u1", "i": "|u1", "f": "<f4"}
 _PARTS = {"current": "position_setpoint"}  # types of fields that are rows
-_START = b"ULog\x01\x12\x35\x01"
+_NUMBERS = {
+    **{f"int{8 * size}_t": f"<i{size}" for size in (1, 2, 4, 8)},
+    **{f"uint{8 * size}_t": f"<u{size}" for size in (1, 2, 4, 8)},
+    "float": "<f4", "double": "<f8", "bool": "<i1", "char": "<i1",
+}  # fmt: skip
+_FIELD = re.compile(r"(\w+)(?:\[(\d{1,4})\])? ([^;\s]+)")
+_MOST_NUMBERS = 0xFFFF  # in a row: the bytes of a message
+# Kind and first bytes of each message, behind the two bytes of its length.
+_BEGINS = re.compile(
+    rb"(?s)D|S/s\x13 %\x0c\xbb\x12|[LC][0-7]|F\w+:|A(?<=\x00A).{3}\w|[OR](?<=\x02\x00.)"
+    rb"|B(?<=\x28\x00B)|(?:[IP]|[MQ].).(?:u?int|float|double|bool|char)"
+)
+_APPENDED = 1  # the one flag that is known: more data come after the end
+_MAGIC = b"ULog\x01\x12\x35"
+_START = _MAGIC + b"\x01"
+_SIZE_OF_START = 16  # with its time
 _HEADER = struct.Struct("<HB")
 _MOST_TEXT = 60_000  # that fits a message
 
@@ -104,3 +125,93 @@ def _declare(name: str, kind: "np.dtype[Any]", formats: dict[str, str]) -> None:
 
 def _record(kind: str, data: bytes) -> bytes:
     return _HEADER.pack(len(data), ord(kind)) + data
+
+
+@dataclass(frozen=True)
+class _Topic:
+    kind: "np.dtype[Any]"
+    sizes: range  # of a row: PX4 leaves out what only fills it up at its end
+    rows: bytearray
+
+
+def decoded(content: bytes, found: Found) -> tuple[dict[str, Columns], dict[str, list[list[str]]]]:
+    """Return the first instance of each topic in a ULog, and the texts that come in parts, by name.
+    Lines of text, dropouts and damage go to `found`.
+
+    Raises:
+        InputError: it does not begin as one, or asks for a reader that knows more.
+    """
+    if len(content) < _SIZE_OF_START or not content.startswith(_MAGIC):
+        raise InputError(f"{found.path}: not a ULog: it does not begin as one")
+    formats, topics, told = dict[str, str](), dict[bytes, _Topic](), dict[str, list[list[str]]]()
+    firsts: dict[str, _Topic] = {}
+
+    def end_of(at: int) -> int:
+        size = int.from_bytes(content[at : at + 2], "little")
+        if not _BEGINS.match(content, at + 2):
+            return at
+        if content[at + 2] == ord("D"):
+            topic = topics.get(content[at + 3 : at + 5])
+            if topic is None or size - 2 not in topic.sizes:
+                return at
+        return at + 3 + size
+
+    for at, end in found.messages(content, _BEGINS, end_of, begin=_SIZE_OF_START, head=2):
+        body = content[at + 3 : end]
+        try:
+            match chr(content[at + 2]):
+                case "D":
+                    topic = topics[body[:2]]
+                    topic.rows.extend(body[2 : 2 + topic.sizes[0]])
+                case "F":
+                    name, _, fields = body.decode().partition(":")
+                    formats[name] = fields
+                case "A":
+                    name = body[3:].decode()
+                    topic = topics[body[1:3]] = _topic(name, formats)
+                    if body[0] == 0:
+                        firsts.setdefault(name, topic)
+                case "L":
+                    level, t_us = struct.unpack_from("<BQ", body)
+                    text = body[9:].decode(errors="ignore").strip()
+                    found.event(t_us * 1000, "status", text, severity=level - ord("0"))
+                case "M":
+                    continued, length = body[:2]
+                    parts = told.setdefault(body[2 : 2 + length].decode().split(" ")[1], [])
+                    if not continued:
+                        parts.append([])
+                    parts[-1].append(body[2 + length :].decode(errors="ignore"))
+                case "O":
+                    found.skipped["dropout"] += 1
+                case "B" if body[8] & ~_APPENDED or any(body[9:16]):
+                    raise InputError(f"{found.path}: a ULog with flags that nobody here knows")
+        except (ValueError, LookupError, struct.error, RecursionError):
+            found.skipped[DAMAGE] += end - at
+    tables = {name: np.frombuffer(topic.rows, topic.kind) for name, topic in firsts.items()}
+    return {
+        name: {column: table[column] for column in table.dtype.names or ()}
+        for name, table in tables.items()
+        if len(table)
+    }, told
+
+
+def _topic(name: str, formats: Mapping[str, str]) -> _Topic:
+    numbers = list(islice(_numbers(name, formats), _MOST_NUMBERS))
+    size = np.dtype(numbers).itemsize
+    while numbers[-1][0].startswith("_padding"):
+        numbers.pop()
+    kind = np.dtype(numbers)
+    return _Topic(kind, range(kind.itemsize, size + 1), bytearray())
+
+
+def _numbers(kind: str, formats: Mapping[str, str], name: str = "") -> Iterator[tuple[str, str]]:
+    """Yield name and kind of each number in a row; nested ones are `current.lat`, `q[0]`."""
+    if kind in _NUMBERS:
+        yield name, _NUMBERS[kind]
+        return
+    fields = _FIELD.findall(formats[kind])
+    if not fields:
+        raise ValueError(kind)
+    for inner, count, field in fields:
+        for at in [f"[{n}]" for n in range(int(count))] if count else [""]:
+            yield from _numbers(inner, formats, f"{name}.{field}{at}".removeprefix("."))

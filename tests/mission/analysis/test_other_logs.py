@@ -353,6 +353,146 @@ def test_cut_and_altered_logs_end_in_a_line_at_most(
         assert (code, len(errors)) in ((0, 0), (2, 1)), errors
 
 
+def spliced(whole: bytes, end: str, junk: bytes) -> bytes:
+    """With junk between two messages in the middle."""
+    marks = {".ulg": b"\x1e\x00D", ".bin": b"\xa3\x95\x01", ".tlog": b"\x01\x01\x21\x00\x00"}
+    # A packet's number stands behind five bytes, and the time before it is eight.
+    at = whole.index(marks[end], len(whole) // 2) - (13 if end == ".tlog" else 0)
+    return whole[:at] + junk + whole[at:]
+
+
+@pytest.mark.parametrize("end", KINDS)
+def test_every_byte_of_damage_is_counted_and_nothing_printed(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str], end: str
+) -> None:
+    """C code prints, too: what comes is caught at the descriptor."""
+    log = tmp_path / f"x{end}"
+    whole = KINDS[end](log, off_m=3.0).read_bytes()
+    sound = compared(log)
+    log.write_bytes(spliced(whole, end, b"\x11\x22\x33" * 400))
+    assert call(["compare", str(log)]) == 0
+    printed = capfd.readouterr()
+    assert printed.err == ""
+    assert "1200 bytes with damage not read" in printed.out
+    assert str(compared(log).total) == str(sound.total)
+
+
+@pytest.mark.parametrize("end", KINDS)
+@pytest.mark.parametrize("erased", [b"\xff", b"\0"])
+def test_erased_memory_at_the_end_is_read_past(tmp_path: Path, end: str, erased: bytes) -> None:
+    log = tmp_path / f"x{end}"
+    whole = KINDS[end](log, off_m=3.0).read_bytes()
+    sound = compared(log)
+    log.write_bytes(whole + erased * 9000)
+    found = compared(log)
+    assert str(found.total) == str(sound.total)
+    assert found.run.data.source.skipped == {"byte with damage": 9000}
+
+
+@pytest.mark.parametrize(
+    ("damage", "said"),
+    [
+        (b"", "it does not begin as one"),
+        (bytes(8), "the log has no positions"),
+        (bytes(8) + b"\xff" * 5000, "no flight in it (5000 bytes of it are damage)"),
+        (bytes(8) + b"\x28\0B" + bytes(8) + b"\2" + bytes(31), "flags that nobody here knows"),
+        # A format that holds itself, and one of more numbers than any row has.
+        (bytes(8) + b"\x0d\0Fa:a[9] b;c d;" + b"\4\0A\0\0\0a", "bytes of it are damage"),
+        (
+            bytes(8) + b"".join(
+                len(text).to_bytes(2, "little") + b"F" + text
+                for text in (b"%c:%c[9999] x;" % (n, n + 1) for n in range(97, 105))
+            ) + b"\4\0A\0\0\0a",
+            "bytes of it are damage",
+        ),
+    ],
+)  # fmt: skip
+def test_a_ulog_of_nothing_but_damage_is_one_line(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str], damage: bytes, said: str
+) -> None:
+    log = tmp_path / "x.ulg"
+    log.write_bytes(b"ULog\x01\x12\x35\x01" + damage)
+    assert call(["compare", str(log)]) == 2
+    (line,) = capfd.readouterr().err.splitlines()
+    assert said in line
+
+
+@pytest.mark.parametrize("kind", [b"\x05", b"D"])
+def test_a_message_beyond_the_end_of_a_ulog_costs_itself_alone(tmp_path: Path, kind: bytes) -> None:
+    log = tmp_path / "x.ulg"
+    whole = write_ulog(log, off_m=3.0).read_bytes()
+    sound = compared(log)
+    end = 16 + 3 + 40 if kind == b"\x05" else len(whole)  # of the flags, before all formats; of all
+    log.write_bytes(whole[:end] + b"\xff\xff" + kind + whole[end:])
+    assert str(compared(log).total) == str(sound.total)
+
+
+@pytest.mark.parametrize(
+    "told",
+    ["[" * 50_000, "[1]", '["x", "mission", []]', '[1, "mission", [[1, 2]]]', '[1, 2, [["x"]]]'],
+)
+def test_a_mission_in_a_ulog_that_is_none_is_one_line(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str], told: str
+) -> None:
+    log = tmp_path / "x.ulg"
+    key = f"char[{len(told)}] aerofed_missions".encode()
+    body = bytes([0, len(key)]) + key + told.encode()
+    whole = write_ulog(log).read_bytes()
+    log.write_bytes(whole + len(body).to_bytes(2, "little") + b"M" + body)
+    assert call(["compare", str(log)]) == 2
+    (line,) = capfd.readouterr().err.splitlines()
+    assert line.startswith(f"aerofed: {log}: cannot be read as a .ulg flight log: damaged")
+
+
+@pytest.mark.parametrize("letters", ["@LLf", "QLL", "QLLfff", ""])
+def test_rows_whose_format_is_damaged_are_counted(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str], letters: str
+) -> None:
+    log = tmp_path / "x.bin"
+    whole = write_dataflash(log).read_bytes()
+    rows = whole.count(b"\xa3\x95\x01")
+    at = whole.index(b"QLLf")
+    log.write_bytes(whole[:at] + letters.encode().ljust(6, b"\0") + whole[at + 6 :])
+    assert call(["compare", str(log)]) == 2
+    (line,) = capfd.readouterr().err.splitlines()
+    assert line.endswith(f"no flight in it ({rows * 23} bytes of it are damage)")
+
+
+def test_a_damaged_log_costs_a_folder_itself_alone(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    for end, write in KINDS.items():
+        write(tmp_path / f"whole{end}")
+        (tmp_path / f"bad{end}").write_bytes(b"x" * 99)
+    (tmp_path / "bad.mcap").write_bytes(b"x" * 99)
+    assert call(["compare", str(tmp_path)]) == 0
+    printed = capfd.readouterr()
+    assert "whole.ulg" in printed.out
+    assert "bad" not in printed.out
+    bad = [tmp_path / f"bad{end}" for end in (".bin", ".mcap", ".tlog", ".ulg")]
+    assert [line.split(": ")[:2] for line in printed.err.splitlines()] == [
+        ["left out", str(log)] for log in bad
+    ]
+    with pytest.warns(UserWarning, match="left out: ") as warned:
+        assert set(aerofed.compare(tmp_path).index) == {f"whole{end}" for end in KINDS}
+    assert len(warned) == len(bad)
+    for log in tmp_path.glob("whole*"):
+        log.unlink()
+    assert call(["compare", str(tmp_path)]) == 2
+    assert capfd.readouterr().err.startswith(f"aerofed: {bad[0]}: ")
+
+
+def test_a_log_without_a_mode_is_one_line(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """All rows of modes fell to damage."""
+    log = tmp_path / "x.bin"
+    whole = write_dataflash(log).read_bytes()
+    log.write_bytes(whole.replace(b"\xa3\x95\x03", b"---"))
+    assert call(["compare", str(log)]) == 2
+    assert len(capfd.readouterr().err.splitlines()) == 1
+
+
 @pytest.mark.parametrize("end", KINDS)
 def test_an_empty_log_is_said_to_be(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], end: str

@@ -1,6 +1,7 @@
 """Plan files: written as uploaded, read as MAVSDK reads them, refused when damaged."""
 
 import json
+import math
 from pathlib import Path
 from typing import Any
 
@@ -112,6 +113,47 @@ def test_a_waypoint_file_may_have_no_home(tmp_path: Path) -> None:
     assert [item.seq for item in file.items] == [0, 1]
 
 
+HOMES = {
+    "as Mission Planner has it": ("0\t1\t0\t0\t0\t0\t0\t0\t47.4\t8.5\t488\t1", 488.0),
+    "a placeholder": ("0\t1\t0\t16\t0\t0\t0\t0\t0\t0\t0\t1", None),
+    "a placeholder, relative": ("0\t1\t3\t16\t0\t0\t0\t0\t0\t0\t0\t1", None),
+    "relative": ("0\t0\t3\t16\t0\t0\t0\t0\t47.4\t8.5\t0\t1", math.nan),
+}
+
+
+@pytest.mark.parametrize("name", HOMES)
+def test_row_0_is_a_home_of_any_kind(tmp_path: Path, name: str) -> None:
+    """It is no item: as one it would be refused (no place, no height) or flown to."""
+    row, height_m = HOMES[name]
+    path = tmp_path / "a.txt"
+    path.write_text(f"QGC WPL 110\n{row}\n" + ROW.format(1))
+    file = read_plan_file(path)
+    assert [(item.seq, item.x) for item in file.items] == [(0, 47.401)]
+    if height_m is None:
+        assert file.home is None
+    else:
+        assert file.home is not None
+        assert (file.home.lat_deg, file.home.lon_deg) == (47.4, 8.5)
+        assert file.home.alt_msl_m == pytest.approx(height_m, nan_ok=True)
+
+
+@pytest.mark.parametrize("nothing", [[0, 0, 0], [0, 0], [None, None, None], None])
+def test_a_planned_home_that_is_none(tmp_path: Path, nothing: Any) -> None:
+    path = tmp_path / "a.plan"
+    path.write_text(json.dumps(plan_document(WAYPOINT, plannedHomePosition=nothing)))
+    assert read_plan_file(path).home is None
+
+
+@pytest.mark.parametrize("suffix", [".waypoints", ".txt", ".mission", ".TXT"])
+def test_comments_and_what_is_left_open(tmp_path: Path, suffix: str) -> None:
+    path = tmp_path / f"a{suffix}"
+    take_off = "1 0 3 22 nan 0 0 nan nan nan 10 1  # where it stands\n"
+    path.write_text(f"\n# by hand\nQGC WPL 110\n# home\n\n{HOME_ROW}#\n{take_off}" + ROW.format(2))
+    items = read_plan_file(path).items
+    assert [item.command for item in items] == [22, 16]
+    assert np.isnan([items[0].x, items[0].y, items[0].params[3]]).all()
+
+
 def rally_damage(points: Any) -> str:
     return json.dumps(plan_document(WAYPOINT) | {"rallyPoints": {"points": points}})
 
@@ -122,7 +164,9 @@ def json_damage(**changes: Any) -> str:
 
 DAMAGED = {
     "missing": (None, "a.plan", "No such file"),
-    "suffix": ("x", "a.txt", "neither"),
+    "suffix": ("x", "a.kml", "neither a .plan nor a waypoint file (.waypoints, .txt, .mission)"),
+    "other text": ("x", "a.txt", "not a waypoint file: the first line is not 'QGC WPL 110'"),
+    "comments": ("# QGC WPL 110\n\n", "a.waypoints", "the first line is not"),
     "empty": ("", "a.plan", "empty"),
     "cut": (json.dumps(plan_document(WAYPOINT))[:300], "a.plan", "Invalid JSON: EOF"),
     "binary": (b"\xff\xfe\x00", "a.plan", "UTF-8"),
@@ -140,6 +184,13 @@ DAMAGED = {
     "nan": (json_damage(params=[0, 0, 0, 0, float("nan"), 8, 50]), "a.plan", "params[4] = nan"),
     "scan": (json_damage(type="ComplexItem", complexItemType="StructureScan"), "a.plan",
              "mission.items[0].version: Field required"),
+    "undrawn": (
+        json.dumps(plan_document(WAYPOINT, {
+            "type": "ComplexItem", "complexItemType": "survey",
+            "TransectStyleComplexItem": {"Items": []},
+        })),
+        "a.plan", "mission.items[1].TransectStyleComplexItem.Items: empty: the scan has no path",
+    ),
     "pattern": (json_damage(type="ComplexItem", complexItemType="fwLandingPattern"), "a.plan",
                 "mission.items[0]: a landing of aeroplanes, and this is a multirotor: plan Land"),
     "other scan": (json_damage(type="ComplexItem", complexItemType="SpiralScan"), "a.plan",
@@ -153,6 +204,10 @@ DAMAGED = {
     "rows": ("QGC WPL 110\n", "a.waypoints", "mission is empty"),
     "home only": ("QGC WPL 110\n" + HOME_ROW, "a.waypoints", "mission is empty"),
     "columns": ("QGC WPL 110\n" + HOME_ROW + "1\t0\t3\n", "a.waypoints", "line 3"),
+    "half a home": (
+        "QGC WPL 110\n" + HOME_ROW.replace("47.4", "nan") + ROW.format(1), "a.txt", "home nan, 8.5"
+    ),
+    "index": ("QGC WPL 110\n" + HOME_ROW + ROW.format("nan"), "a.txt", "line 3: index"),
     "letters": ("QGC WPL 110\n" + HOME_ROW + ROW.format("one"), "a.waypoints", "line 3"),
     "order": ("QGC WPL 110\n" + HOME_ROW + ROW.format(2), "a.waypoints", "item 1 is missing"),
 }  # fmt: skip

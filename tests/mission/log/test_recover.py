@@ -2,21 +2,28 @@
 
 import contextlib
 import io
+import json
+import math
 import struct
 import subprocess
 import sys
+import tracemalloc
 from collections.abc import Iterator
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from typing import Any
 
+import lz4.frame
 import numpy as np
 import pytest
+import zstandard
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from limits import no_file_larger_than
-from mcap.data_stream import ReadDataStream
+from mcap.data_stream import ReadDataStream, RecordBuilder
 from mcap.reader import make_reader
-from mcap.records import Chunk, Message
+from mcap.records import Chunk, Message, Metadata
 from mcap.stream_reader import breakup_chunk
 from mcap.writer import MCAP0_MAGIC, CompressionType, Writer
 from synthetic_flight import AREA, Fixed, fly
@@ -24,8 +31,8 @@ from synthetic_flight import AREA, Fixed, fly
 from mission.base.errors import InputError
 from mission.cli import call
 from mission.log import DamagedLogError, LogError
-from mission.log.contents import load, recover
-from mission.log.inspection import check, diff
+from mission.log.contents import _rewritten, load, load_damaged, recover
+from mission.log.inspection import check, diff, info
 from mission.log.reader import read_log
 from mission.log.writer import FlightLog
 
@@ -196,6 +203,87 @@ def test_a_chunk_that_does_not_unpack_as_lz4_costs_itself_alone(
     saved = recover(broken, tmp_path / "saved.mcap")
     assert len(saved.losses) == 1
     assert saved.messages == chunks[-1][1] - (chunks[2][1] - chunks[1][1])
+
+
+def with_a_chunk(data: bytes, kind: str, *, holds: int, promises: int) -> bytes:
+    """A log with one more chunk before its index: of zeros, `holds` bytes, as LZ4 or Zstandard."""
+    pack = {"lz4": lz4.frame.compress, "zstd": zstandard.compress, "": bytes}[kind]
+    builder = RecordBuilder()
+    Chunk(kind, pack(bytes(holds)), 0, 0, 0, promises).write(builder)
+    at = next(at for opcode, at, _ in frames_of(data) if opcode == 15)
+    return data[:at] + builder.end() + data[at:]
+
+
+@pytest.mark.parametrize("kind", ["lz4", "zstd"])
+@pytest.mark.parametrize("promises", [100, 10**9])
+def test_a_chunk_unpacks_to_no_more_than_it_promises_and_is_fit_for(
+    tmp_path: Path, made: Fixed, kind: str, promises: int
+) -> None:
+    log = tmp_path / "a.mcap"
+    log.write_bytes(with_a_chunk(made.log.read_bytes(), kind, holds=300_000_000, promises=promises))
+    tracemalloc.start()
+    try:
+        contents = load_damaged(log)
+        most = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert [loss.reason for loss in contents.losses] == ["a chunk that does not unpack"]
+    assert sum(map(len, contents.messages.values())) == len(messages_of(made.log))
+    assert most < 100_000_000
+
+
+def test_a_log_without_chunks_is_read(tmp_path: Path, made: Fixed) -> None:
+    """As writers that do not compress leave it."""
+    contents, log = load(made.log), tmp_path / "a.mcap"
+    with log.open("wb") as stream:
+        writer = Writer(stream, use_chunking=False)
+        writer.start()
+        for schema in contents.schemas.values():
+            writer.register_schema(schema.name, schema.encoding, schema.data)
+        for it in contents.channels.values():
+            writer.register_channel(it.topic, it.message_encoding, it.schema_id, it.metadata)
+        for name, values in contents.metadata.items():
+            writer.add_metadata(name, values)
+        for batch in contents.messages.values():
+            for m in batch:
+                writer.add_message(m.channel_id, m.log_time, m.data, m.publish_time, m.sequence)
+        writer.finish()
+    assert read_log(log).rounds == tuple(made.rounds)
+    assert info(log).messages == len(messages_of(made.log))
+    assert sorted(messages_of(log)) == sorted(messages_of(made.log))
+
+
+@pytest.mark.parametrize(
+    ("topic", "change"),
+    [
+        ("/devices", {"community": [1.0] * 12}),
+        ("/events", {"seq": math.nan}),
+        ("/events", {"text": 3}),
+        ("/events", {"true_m": [[1.0], 2.0, 3.0]}),
+        ("/rounds", {"round": "1"}),
+        ("/rounds", {"duration_s": 10**400}),
+        ("", {"home": '{"lat_deg": NaN, "lon_deg": 8, "alt_msl_m": 1}'}),
+        ("", {"size_m": '["800", [1]]'}),
+    ],
+)
+def test_values_that_no_checksum_tells_are_one_line(
+    tmp_path: Path,
+    made: Fixed,
+    capfd: pytest.CaptureFixture[str],
+    topic: str,
+    change: dict[str, Any],
+) -> None:
+    contents, log = load(made.log), tmp_path / "a.mcap"
+    for number, batch in enumerate(contents.batches):
+        if isinstance(batch, Metadata) and not topic:
+            contents.batches[number] = replace(batch, metadata={**batch.metadata, **change})
+        for message in batch if isinstance(batch, list) else ():
+            if contents.channels[message.channel_id].topic == topic:
+                message.data = json.dumps({**json.loads(message.data), **change}).encode()
+    log.write_bytes(_rewritten(contents))
+    assert call(["compare", str(log)]) == 2
+    (line,) = capfd.readouterr().err.splitlines()
+    assert line.startswith(f"aerofed: {log}: ")
 
 
 def test_messages_that_nothing_describes_any_more_are_told(tmp_path: Path, made: Fixed) -> None:

@@ -206,7 +206,10 @@ REFUSED = {
         [TAKE_OFF, simple(177, 0, 5, 0, 0, 0, 0, 0, frame=2)],
         ["DO_JUMP (177)", "doJumpId = 0"],
     ),
-    "parachute": ([TAKE_OFF, simple(208, 1, 0, 0, 0, 0, 0, 0)], ["item 1", "DO_PARACHUTE (208)"]),
+    "parachute": (
+        [TAKE_OFF, simple(208, 1, 0, 0, 0, 0, 0, 0)],
+        ["item 1", "DO_PARACHUTE (208): not flown here; docs/vehicles.md, Fly a plan, says"],
+    ),
     "endless": ([simple(17, 0, 0, 0, 0, 47.4, 8.5, 50)], ["NAV_LOITER_UNLIM (17)"]),
     "terrain": (
         [simple(16, 0, 3, 0, None, 47.4, 8.5, 50, frame=10)],
@@ -232,6 +235,19 @@ REFUSED = {
     "null": ([simple(16, 0, 0, 0, 0, 47.4, None, 50)], ["item 0", "longitude nan, -180 to 180"]),
     "half a place": ([simple(22, 0, 0, 0, 0, None, 8.5, 50)], ["item 0, NAV_TAKEOFF", "latitude"]),
 }
+
+
+@pytest.mark.slow
+def test_a_delay_on_the_ground_comes_before_the_take_off(tmp_path: Path) -> None:
+    """As ArduPilot flies it; 30 s is longer than an armed PX4 stands about."""
+    delay = simple(93, 30, 0, 0, 0, 0, 0, 0, frame=2)
+    plan, out = written(tmp_path, delay, TAKE_OFF, place(NORTH, 8.5), RETURN), tmp_path / "out"
+    assert call(["fly", str(plan), "--out", str(out), *QUIET]) == 0
+    log = read_log(out / "flight.mcap")
+    armed_s = next(e.t_ns for e in log.events if e.kind == "armed" and e.text == "armed") / 1e9
+    up_s = log.truth.t_ns[log.truth.pos_m[:, 2] > 1.0][0] / 1e9
+    assert 30.0 < up_s - armed_s < 36.0
+    assert summary(out)["planned_and_flown"]["slots_missed"] == 0
 
 
 @pytest.mark.parametrize("case", REFUSED)
