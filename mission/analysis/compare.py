@@ -12,6 +12,7 @@ from typing import Annotated, Any
 
 import numpy as np
 
+from mission.analysis.holes import Hole
 from mission.analysis.legs import Leg, legs
 from mission.analysis.load import LoadedRun
 from mission.analysis.measure import Measured, measure, measure_pass
@@ -145,6 +146,11 @@ class Comparison:
     mode_changes: Annotated[float, _sum("mode_changes")]
     failsafes: Annotated[float, _sum("failsafes"), Label("failsafes", 0)]
     faults: Annotated[float, _sum("faults"), Label("faults", 0)]
+    gap_max_s: Annotated[
+        float,
+        Made(lambda items: max(i.numbers["gap_max_s"] for i in items), "gap_max_s"),
+        Label("longest hole (s)", 1),
+    ]
     gnss_gaps: Annotated[float, _sum("gnss_gaps")]
     gnss_gap_max_s: Annotated[
         float,
@@ -184,6 +190,11 @@ class RunComparison:
         return tuple(leg for measured in self.measured for leg in legs(measured))
 
     @property
+    def holes(self) -> tuple[Hole, ...]:
+        """Holes in the positions of every pass or round, in order."""
+        return tuple(hole for measured in self.measured for hole in measured.holes)
+
+    @property
     def values(self) -> dict[str, object]:
         """What `aerofed compare --json` prints."""
         judged, data = self.run.judged, self.run.data
@@ -204,6 +215,7 @@ class RunComparison:
             "rounds": self.rounds,
             "total": self.total,
             "devices": self.devices,
+            "holes": self.holes,
             **of_a_flight,
         }
 

@@ -130,12 +130,12 @@ def in_full(found: Sequence[RunComparison], *, width: int) -> Iterator[Table | s
 
 
 def lines(comparison: RunComparison) -> list[str]:
-    """Describe a flight's spikes and what was not compared, a line each; empty for a run."""
-    judged = comparison.run.judged
+    """Describe holes, and of a flight spikes and what was not compared, a line each."""
+    judged, found = comparison.run.judged, [hole.words for hole in comparison.holes]
     if judged is None:
-        return []
-    found = spikes(comparison.run.data, comparison.measured)
-    return [*(spike.words for spike in found), *in_words(judged)]
+        return found
+    found += [spike.words for spike in spikes(comparison.run.data, comparison.measured)]
+    return [*found, *in_words(judged)]
 
 
 def in_words(found: "Judged") -> list[str]:

@@ -1,19 +1,20 @@
 """One round's flight against its plan, sample by sample and slot by slot."""
 
-import itertools
 import math
 from collections import Counter
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from mission.analysis.alignment import Alignment, leg_numbers, leg_of, matched
+from mission.analysis.holes import Hole, gaps_of_pass, holes, position_gaps
 from mission.analysis.load import flown
 from mission.base import polyline
 from mission.base.arrays import Floats, Ints
 from mission.base.errors import InputError
+from mission.base.gaps import Gaps, gaps, inside
 from mission.log.records import LATE, RoundRecord, UplinkRecord, flat
 from mission.log.values import NS_PER_S, FlightData, PlanRecord, Track
 
@@ -23,7 +24,7 @@ if TYPE_CHECKING:
 # A straight is what lies farther than this along the planned path from every corner.
 CORNER_M = 25.0
 _FAULT_ENDS = "Fault ends"  # what the vehicle's word for the end of a fault begins with
-_GAP_S = 1.0
+_GNSS_USUAL = 3.0  # intervals of fixes: a longer one is a gap
 _OF_ROUNDS = ("slot_along_m", "slot_late_s", "plan_per", "est_per", "true_per", "per_shift")
 
 
@@ -47,6 +48,7 @@ class Measured:
     height_m: Floats  # (n,) error; NaN where the plan says no height
     speed_mps: Floats  # (n,) over ground
     wind_mps: Floats  # horizontal, at the aircraft
+    holes: tuple[Hole, ...]  # what is made of samples in them is NaN
     estimate_m: Floats
     estimate_height_m: Floats
     slot_miss_m: Floats
@@ -59,7 +61,8 @@ class Measured:
 
     @property
     def cross_m(self) -> Floats:
-        """(n,) horizontal distance (m) of the true track to its planned path; NaN on a return."""
+        """(n,) horizontal distance (m) of the true track to its planned path; NaN on a return, and
+        in holes."""
         return self.fit.cross_m
 
 
@@ -67,6 +70,8 @@ def measure_pass(run: FlightData, found: "Pass") -> Measured:
     """Measure one pass of a flight through its mission."""
     passed = [item for item in found.passages if not math.isnan(item.t_s)]
     miss = np.array([item.miss_m for item in passed]).reshape(-1, 3)
+    hidden = gaps_of_pass(run, found)
+    miss[inside(np.array([item.t_s for item in passed]), hidden)] = math.nan
     pieces = leg_numbers(found.fit.waypoints_at_m, found.path.seqs[1:] >= 0)
     return _measured(
         run,
@@ -82,6 +87,7 @@ def measure_pass(run: FlightData, found: "Pass") -> Measured:
         },
         height_m=np.where(found.known_height, found.fit.above_m, math.nan),
         slot_miss_m=np.linalg.norm(miss[:, :2], axis=1),
+        hidden=hidden,
         seqs=found.path.seqs,
         **dict.fromkeys(_OF_ROUNDS, np.zeros(0)),
     )
@@ -120,6 +126,7 @@ def measure(run: FlightData, record: RoundRecord, plan: PlanRecord) -> Measured:
             "unready": len(uplinks) - len(sent),
         },
         height_m=truth.pos_m[:, 2] - plan.altitude_m,
+        hidden=position_gaps(run, int(truth.t_ns[0]), int(truth.t_ns[-1])),
         seqs=np.zeros(0, dtype=np.int64),
         slot_along_m=(miss * heading).sum(axis=1),
         slot_miss_m=np.linalg.norm(miss, axis=1),
@@ -138,26 +145,35 @@ def _measured(
     fit: Alignment,
     pieces: Ints,
     numbers: Mapping[str, float],
+    *,
+    height_m: Floats,
+    hidden: Gaps,
     **arrays: Any,
 ) -> Measured:
     """Measure a track and the log's events in its time; `numbers`, `arrays` are added as given."""
     xy = truth.pos_m[:, :2]
     start_ns, end_ns = int(truth.t_ns[0]), int(truth.t_ns[-1])
     belief = run.belief.at(truth.t_ns)
-    error = belief.pos_m - truth.pos_m
+    t_s, leg = truth.t_ns / NS_PER_S, pieces[leg_of(fit)]
+    known = np.where(inside(t_s, hidden), math.nan, 1.0)  # times what is measured
+    fit = replace(fit, cross_m=fit.cross_m * known)
+    error = (belief.pos_m - truth.pos_m) * known[:, None]
     if run.source.only is not None:  # of one kind of position nobody knows the error
         error = error[:0]
-    t_s = truth.t_ns / NS_PER_S
     velocity = np.gradient(xy, t_s, axis=0) if len(t_s) > 1 else np.zeros((1, 2))
     from_corner = np.abs(fit.along_m[:, None] - fit.corners_m)
     near, following = from_corner <= CORNER_M, np.vstack((xy[1:], xy[-1:]))
+    following[inside(np.append((t_s[1:] + t_s[:-1]) / 2, 0.0), hidden)] = math.nan
     reach_m = [
         np.linalg.norm(polyline.to_segments(corner, xy[here], following[here])[0], axis=1)
         for here, corner in zip(near.T, fit.corner_points_m, strict=True)
     ]
     happened = [e for e in run.events if start_ns <= e.t_ns <= end_ns]
     events = Counter(e.kind for e in happened if not e.text.startswith(_FAULT_ENDS))
-    gaps_s = [end_s - begin_s for begin_s, end_s in gnss_gaps(run, start_ns, end_ns)]
+    gaps_s, holes_s = (
+        [end_s - begin_s for begin_s, end_s in found]
+        for found in (gnss_gaps(run, start_ns, end_ns), hidden)
+    )
     blows = (run.wind.t_ns >= start_ns) & (run.wind.t_ns <= end_ns)
     return Measured(
         record=record,
@@ -168,37 +184,30 @@ def _measured(
             "failsafes": events["failsafe"],
             "faults": events["fault"],
             "gnss_gaps": len(gaps_s) if len(run.gnss_ns) else math.nan,
+            "gap_max_s": max(holes_s, default=0.0),
             "gnss_gap_max_s": max(gaps_s, default=0.0) if len(run.gnss_ns) else math.nan,
         },
         truth=truth,
         belief=belief,
         fit=fit,
         pieces=pieces,
-        leg=pieces[leg_of(fit)],
+        leg=leg,
         straight=np.where(near.any(axis=1), math.nan, fit.cross_m),
         corner_cut_m=np.array([reach.min() if len(reach) else math.nan for reach in reach_m]),
-        speed_mps=np.linalg.norm(velocity, axis=1),
+        height_m=height_m * known,
+        speed_mps=np.linalg.norm(velocity, axis=1) * known,
         wind_mps=np.linalg.norm(run.wind.vel_mps[blows, :2], axis=1),
+        holes=holes(run, record.round, truth, leg, hidden),
         estimate_m=np.linalg.norm(error[:, :2], axis=1),
         estimate_height_m=error[:, 2],
         **arrays,
     )
 
 
-def gnss_gaps(run: FlightData, start_ns: int, end_ns: int) -> list[tuple[float, float]]:
-    """Return begin and end (s) of each GNSS outage between two instants, not clipped to them: a gap
-    longer than a second, and than three median intervals."""
-    if len(run.gnss_ns) < 2:
-        return []
-    longest_s = max(_GAP_S, 3 * float(np.median(np.diff(run.gnss_ns))) / NS_PER_S)
-    times_s = np.append(run.gnss_ns, max(end_ns, run.gnss_ns[-1])) / NS_PER_S
-    return [
-        (float(begin_s), float(end_s))
-        for begin_s, end_s in itertools.pairwise(times_s)
-        if end_s - begin_s > longest_s
-        and end_s > start_ns / NS_PER_S
-        and begin_s < end_ns / NS_PER_S
-    ]
+def gnss_gaps(run: FlightData, start_ns: int, end_ns: int) -> Gaps:
+    """Return begin and end (s) of each GNSS outage between two instants, not clipped to them."""
+    last_ns = max([end_ns, *run.gnss_ns[-1:].tolist()])
+    return gaps(run.gnss_ns, (start_ns, end_ns), usual=_GNSS_USUAL, ends_ns=[last_ns])
 
 
 def _late(item: UplinkRecord, record: RoundRecord, plan: PlanRecord) -> float:

@@ -68,6 +68,7 @@ class Pass:
 
     plan: PlanRecord
     record: RoundRecord
+    begin_ns: int  # of its time in the mission mode; where nothing was flown, before its track
     track: Track
     path: MissionPath
     fit: Alignment
@@ -278,7 +279,8 @@ def _passes(
             _check_place(path, plan, way, track)
             # Whoever ordered the flight knew what the vehicle makes of the mission.
             foreseen = [p.duration_s for p in data.plans if plan.logged and item == 0]
-            yield _pass(first, data, way, track, (times, seqs), [*foreseen, math.nan][0])
+            found = _pass(first, data, way, track, (times, seqs), [*foreseen, math.nan][0])
+            yield replace(found, begin_ns=start_ns)
             first += 1
 
 
@@ -367,7 +369,7 @@ def _pass(
     )
     leg = leg_of(fit)
     known = way.height_known[1:][leg] & way.height_known[:-1][leg]
-    return Pass(plan, record, track, way, fit, tuple(_passages(way, fit, track)), known)
+    return Pass(plan, record, start_ns, track, way, fit, tuple(_passages(way, fit, track)), known)
 
 
 def _crossing(values: Floats, bound: float) -> float:

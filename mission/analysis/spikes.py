@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from mission.analysis.holes import position_gaps
 from mission.analysis.measure import Measured, gnss_gaps
 from mission.base.arrays import Floats
 from mission.log.values import NS_PER_S, FlightData
@@ -59,10 +60,11 @@ def events(run: FlightData, start_s: float, end_s: float) -> list[Event]:
     ]
     happened += [(item.t_ns, f"{item.kind} uploaded") for item in run.missions]
     found = [Event(t_ns / NS_PER_S, t_ns / NS_PER_S, text) for t_ns, text in happened]
-    found += [
-        Event(begin, end, f"GNSS lost {begin:.1f}-{end:.1f} s")
-        for begin, end in gnss_gaps(run, int(start_s * NS_PER_S), int(end_s * NS_PER_S))
-    ]
+    during_ns = int(start_s * NS_PER_S), int(end_s * NS_PER_S)
+    for what, gaps in ("GNSS lost", gnss_gaps), ("no positions", position_gaps):
+        found += [
+            Event(*gap, f"{what} {gap[0]:.1f}-{gap[1]:.1f} s") for gap in gaps(run, *during_ns)
+        ]
     inside = [event for event in found if event.end_s >= start_s and event.start_s <= end_s]
     return sorted(inside, key=lambda event: event.start_s)
 

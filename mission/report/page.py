@@ -61,7 +61,8 @@ def report_html(loaded: LoadedRun) -> str:
                     (
                         f"Round {item.round}",
                         item.round,
-                        [(head, cell(item)) for head, cell in columns],
+                        [(head, cell(item)) for head, cell in columns]
+                        + [("hole", h.words) for h in comparison.holes if h.number == item.round],
                     )
                     for item in comparison.rounds
                 ],

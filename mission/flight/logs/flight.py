@@ -13,8 +13,10 @@ from flightdyn.state import GeodeticPoint
 from mission.base.area import Area
 from mission.base.arrays import Floats, Ints
 from mission.base.errors import InputError
+from mission.base.gaps import HOLE, gaps, inside
 from mission.flight.logs.items import record_of
 from mission.log.values import (
+    NS_PER_S,
     BatteryTrack,
     EventRecord,
     FlightData,
@@ -137,7 +139,10 @@ class Found:
         )
         if spans:
             at_ns, true_ned = _ned(true, home)
-            truth = Track(at_ns, area.xyz(true_ned)).at(t_ns)
+            # A hole in the truth is one of the belief, too: what is compared has the same times.
+            lost = gaps(at_ns, (begin_ns, end_ns), usual=HOLE)
+            t_ns = t_ns[~inside(t_ns / NS_PER_S, lost)]
+            truth, belief = Track(at_ns, area.xyz(true_ned)).at(t_ns), belief.at(t_ns)
         else:
             self.skipped["position of a ground truth that does not span the log"] += len(true)
         battery, wind = _rows(self.battery, 5), _rows(self.wind, 3)
