@@ -17,12 +17,21 @@ from mission.log.values import FlightData
 from sitl.autopilot.codec.orders import MissionItem, read_item
 
 _HEAD = 8  # bytes of a time before each message: microseconds since 1970
+<<<<<<< HEAD
 _FRAME = re.compile(rb"(?s)\xfd..|\xfe.")  # mark, length, and flags of MAVLink 2
 _ROTARY = frozenset({0, 2, 3, 4, 13, 14, 15, 18, 29, 35})  # MAV_TYPE
+=======
+_LONGEST = 300
+_ROTARY = frozenset({0, 2, 3, 4, 13, 14, 15, 29, 35, 43})  # MAV_TYPE
+>>>>>>> 669338a6 (Only the autopilot's component tells of the vehicle in telemetry)
 _OTHERS = frozenset({1, 7, 8, 9, 10, 11, 12, 16, *range(19, 26), 36})  # that fly or drive otherwise
 _NO_AUTOPILOT = mav.MAV_AUTOPILOT_INVALID
 _FIX_3D = 3
 _TRANSFERS = ("MISSION_COUNT", "MISSION_ITEM_INT", "MISSION_ITEM")  # they go both ways
+_TOLD = frozenset(  # of the autopilot; of another component it is counted
+    {"GLOBAL_POSITION_INT", "HOME_POSITION", "GPS_RAW_INT", "SYS_STATUS", "WIND_COV", "STATUSTEXT"}
+    | {"MISSION_CURRENT", "MISSION_ITEM_REACHED", "MISSION_ACK"}
+)
 
 
 def read_tlog(path: Path) -> FlightData:
@@ -80,7 +89,7 @@ class _Reader:
 
     def __init__(self, found: Found) -> None:
         self._found = found
-        self._system: int | None = None
+        self._autopilot: tuple[int, ...] = ()  # its system and component, once it spoke
         self._ardupilot = False
         # By MAV_MISSION_TYPE and the system that sends: how many it transfers, and those that came.
         self._lists: dict[tuple[int, int], tuple[int, dict[int, MissionItem]]] = {}
@@ -89,8 +98,8 @@ class _Reader:
 
     def take(self, wall_us: int, message: Any) -> None:
         """Keep what a message says."""
-        kind, found = message.get_type(), self._found
-        if kind == "HEARTBEAT" and message.autopilot != _NO_AUTOPILOT and self._system is None:
+        kind, found, sender = message.get_type(), self._found, _sender(message)
+        if kind == "HEARTBEAT" and message.autopilot != _NO_AUTOPILOT and not self._autopilot:
             if message.type in _OTHERS:
                 name = mav.enums["MAV_TYPE"][message.type].name.removeprefix("MAV_TYPE_").lower()
                 raise InputError(
@@ -98,14 +107,15 @@ class _Reader:
                     "only multicopters' are compared"
                 )
             if message.type in _ROTARY:
-                self._system = message.get_srcSystem()
+                self._autopilot = sender
                 self._ardupilot = message.autopilot == mav.MAV_AUTOPILOT_ARDUPILOTMEGA
         if kind in _TRANSFERS:
             self.later.append((wall_us, message))
-        elif message.get_srcSystem() != self._system:
-            if kind == "GLOBAL_POSITION_INT":
-                early = self._system is None  # whose is it?
-                whose = "before the first heartbeat" if early else "of another vehicle"
+        elif sender != self._autopilot:
+            if sender[:1] == self._autopilot[:1]:
+                found.skipped["message of another component"] += int(kind in _TOLD)
+            elif kind == "GLOBAL_POSITION_INT":  # whose is it?
+                whose = "of another vehicle" if self._autopilot else "before the first heartbeat"
                 found.skipped[f"position {whose}"] += 1
         elif kind == "GLOBAL_POSITION_INT":
             self.clock.append((wall_us, message.time_boot_ms))
@@ -147,7 +157,7 @@ class _Reader:
             case "MISSION_ACK" if message.type != mav.MAV_MISSION_INVALID_SEQUENCE:  # it goes on
                 self._answered(t_ns, message)
             case kind if kind in _TRANSFERS and message.mission_type in KINDS:
-                if self._system in (message.get_srcSystem(), message.target_system):
+                if self._autopilot[:1] in ((message.get_srcSystem(),), (message.target_system,)):
                     self._transferred(t_ns, message)
 
     def _transferred(self, t_ns: int, message: Any) -> None:
@@ -161,7 +171,7 @@ class _Reader:
                 item = MissionItem(0, 0, item.frame, item.params, item.x, item.y, item.z)  # home
             count, items = self._lists[kind, sender]
             items[item.seq] = item
-            if sender == self._system and len(items) == count:
+            if _sender(message) == self._autopilot and len(items) == count:
                 self._found.add_list(t_ns, items, kind)  # it may say again what was uploaded
                 del self._lists[kind, sender]
 
@@ -170,3 +180,8 @@ class _Reader:
         count, items = self._lists.pop((ack.mission_type, ack.target_system), (0, {}))
         if ack.type == mav.MAV_MISSION_ACCEPTED and items and len(items) == count:
             self._found.add_list(t_ns, items, ack.mission_type)
+
+
+def _sender(message: Any) -> tuple[int, ...]:
+    """System and component."""
+    return message.get_srcSystem(), message.get_srcComponent()
