@@ -95,6 +95,14 @@ class LocalFrame:
         )
         return GeodeticPoint(*ecef_to_geodetic(x, y, z))
 
+    def drop_m(self, north_m: Vector, east_m: Vector) -> Vector:
+        """How far below this plane (n,) the ellipsoid lies, in m: d^2 / 2R, with its radii of
+        curvature at the origin towards north and east; to 1 mm within 10 km, to 1 m within 100."""
+        flat = 1 - _E2 * math.sin(math.radians(self.origin.lat_deg)) ** 2
+        normal = WGS84_A_M / math.sqrt(flat)
+        meridian = normal * (1 - _E2) / flat
+        return (north_m**2 / meridian + east_m**2 / normal) / 2
+
 
 def normal_gravity(lat_deg: float, alt_m: float) -> float:
     """Gravity in m/s2, felt by a body at rest: Somigliana's formula and its height correction."""

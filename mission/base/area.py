@@ -4,7 +4,7 @@ Area coordinates are x east, y north in metres from the south-west corner of the
 vehicle's frame is NED about the take-off point, which lies at `home_m` in the area.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Self
 
 import numpy as np
@@ -68,6 +68,10 @@ class Area:
 
 
 def on_globe(area: Area, xy_m: Floats, alt_rel_m: float | Floats) -> list[GeodeticPoint]:
-    """Convert area coordinates (n, 2) at heights above home (or one) to geodetic points."""
-    frame = area.frame
-    return [frame.to_geodetic(ned) for ned in area.to_ned(xy_m, alt_rel_m)]
+    """Convert area coordinates (n, 2) at heights above home (or one) to geodetic points. Heights
+    count from the globe, not from the plane that touches it at home."""
+    frame, alt_m = area.frame, area.home.alt_msl_m
+    return [
+        replace(frame.to_geodetic(ned), alt_msl_m=alt_m - float(ned[2]))
+        for ned in area.to_ned(xy_m, alt_rel_m)
+    ]

@@ -59,9 +59,7 @@ def decode(contents: Contents) -> FlightData:
     area = contents.area
     try:
         devices = _devices(contents)
-        truth, belief = _common(
-            _track(contents, topics.TRUE_POSE), _track(contents, topics.EST_POSE)
-        )
+        truth, belief = _common(track(contents, topics.TRUE_POSE), track(contents, topics.EST_POSE))
         return FlightData(
             area=area,
             devices=devices,
@@ -99,8 +97,13 @@ def _timed(record: type[Record], rows: Iterable[tuple[int, Any]]) -> tuple[Recor
     return tuple(from_json(record, row, t_ns=t_ns) for t_ns, row in rows)
 
 
-def _track(contents: Contents, topic: Topic) -> Track:
-    return Track(*vectors((t, message.pose.position) for t, message in contents.decoded(topic)))
+def track(contents: Contents, topic: Topic) -> Track:
+    """The positions of a topic of poses, which are in the plane that touches the globe at home:
+    here with their heights above it."""
+    t_ns, pos_m = vectors((t, message.pose.position) for t, message in contents.decoded(topic))
+    east_m, north_m = (pos_m[:, :2] - contents.area.home_m).T
+    pos_m[:, 2] += contents.area.frame.drop_m(north_m, east_m)
+    return Track(t_ns, pos_m)
 
 
 def vectors(rows: Iterable[tuple[int, Any]]) -> tuple[Ints, Floats]:

@@ -20,7 +20,7 @@ from mission.flight.logs.ulog import COMMANDS, MISSIONS, MODES
 from mission.flight.logs.ulog_file import Rows, rows, ulog
 from mission.log import topics
 from mission.log.contents import Contents, load
-from mission.log.reader import decode, vectors
+from mission.log.reader import decode, track, vectors
 from mission.log.topics import Topic
 from mission.log.values import NS_PER_S, ControlTrack, FlightData
 from sitl.autopilot.codec.orders import GLOBAL_FRAMES
@@ -101,7 +101,8 @@ def _poses(
 ) -> dict[str, Rows]:
     """Local and global position, and attitude; velocities between those of the log."""
     found = list(contents.decoded(poses))
-    t_ns, xyz = vectors((t, message.pose.position) for t, message in found)
+    where = track(contents, poses)
+    t_ns, xyz = where.t_ns, where.pos_m
     ned = data.area.to_ned(xyz[:, :2], xyz[:, 2])
     turns = [message.pose.orientation for _, message in found]
     q = _attitude(np.array([(q.x, q.y, q.z, q.w) for q in turns], dtype=np.float64))

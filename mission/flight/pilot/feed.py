@@ -180,9 +180,7 @@ class TelemetryFeed:
         seen = GeodeticPoint(
             fields["lat"] / 1e7, fields["lon"] / 1e7, self._area.home.alt_msl_m + height_m
         )
-        place = self._area.frame.to_ned(seen.lat_deg, seen.lon_deg, seen.alt_msl_m)
-        # Height above home is what the vehicle says, not the plane that touches the globe.
-        position = frozen([float(place[0]), float(place[1]), -height_m])
+        position = self._area.frame.to_ned(seen.lat_deg, seen.lon_deg, seen.alt_msl_m)
         velocity = frozen([fields["vx"] / 1e2, fields["vy"] / 1e2, fields["vz"] / 1e2])
         belief = Kinematics(t_ns, position, velocity, self._attitude, self._rates)
         if self._known is None:

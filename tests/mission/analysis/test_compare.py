@@ -53,7 +53,9 @@ def right_angle(
                  speed_mps=SPEED)  # fmt: skip
         for s, (x, y) in zip(at, xy, strict=True):
             t_ns = round((START_S + s / SPEED) * 1e9)
-            truth = np.array([y - AREA.home_m[1], x - AREA.home_m[0], -(60.0 - sink_m)])
+            north, east = y - AREA.home_m[1], x - AREA.home_m[0]
+            globe_m = (north**2 + east**2) / (2 * 6.371e6)  # so far below the plane
+            truth = np.array([north, east, globe_m - (60.0 - sink_m)])
             log.sampled(vehicle(t_ns, truth, truth + np.array([bias_m, 0.0, 0.0])))
         log.uplinks(
             [
