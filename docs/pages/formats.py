@@ -30,8 +30,8 @@ the formulas, the [glossary](glossary.md) most terms.
 ## Conventions
 
 - Positions are in metres: x to the east, y to the north, from the area's south-west corner. Heights
-  are above home. Poses in the log are in the plane that touches the globe at home, 5 m above it at 8 km; whoever reads
-  it with Aerofed has the tracks' heights above home on the globe.
+  are above home. Poses in the log are in the plane that touches the globe at home, 5 m above it at
+  8 km; whoever reads it with Aerofed has heights above home on the globe.
 - Times are simulated, in seconds.
 - `plan_` is what was planned, `est_` what the autopilot believed (its estimate), `true_` what was
   true in the simulation.

@@ -273,7 +273,12 @@ def _passes(
         if end_ns - start_ns < _LEAST_S * NS_PER_S or len(track.t_ns) < 2:
             continue
         way = mission_path(
-            plan.items, data.area, track.pos_m[0], first=item, rally_m=_rally_m(data)
+            plan.items,
+            data.area,
+            track.pos_m[0],
+            first=item,
+            rally_m=_rally_m(data),
+            climbs_straight=data.climbs_straight,
         )
         if len(way.points_m) > 1:
             _check_place(path, plan, way, track)

@@ -39,6 +39,8 @@ from mission.log.records import (
 XYZ = tuple[float, float, float]
 
 NS_PER_S = 1_000_000_000
+AUTOPILOT = "autopilot: "  # begins a status event that names who flies
+_ARDUPILOT = "ArduPilot"
 
 
 @dataclass(frozen=True)
@@ -395,6 +397,14 @@ class FlightData:
     radio_true: PerGrid | None = None
     gnss_ns: Ints = field(default_factory=lambda: _NONE)  # when satellites gave a position
     source: Source = OURS
+
+    @property
+    def climbs_straight(self) -> bool:
+        """Whether ArduPilot flew: up from where it stands, wherever its take-off names."""
+        said = f"{AUTOPILOT}{_ARDUPILOT}"
+        return self.source.kind.endswith(_ARDUPILOT) or any(
+            event.text.startswith(said) for event in self.events
+        )
 
     @cached_property
     def config(self) -> Mapping[str, Any]:

@@ -33,6 +33,7 @@ from mission.flight.pilot.pilot import Pilot
 from mission.flight.plan_file import PlanFile
 from mission.flight.plan_path import PlannedPath, wait_of
 from mission.flight.track import Flight, FlightRecorder, Passage
+from mission.log.values import AUTOPILOT
 from sitl.autopilot.codec.orders import MissionItem
 
 LAST_SAMPLE_S = 2.0  # wall time
@@ -357,7 +358,7 @@ async def limits_of(
 ) -> VehicleLimits:
     """The limits that a vehicle's parameters set, logged; `say` hears which the demand exceeds."""
     limits = await read_limits(pilot.parameters, pilot.dialect.limits)
-    feed.note(f"autopilot: {pilot.dialect.name} {await pilot.version()}".rstrip())
+    feed.note(f"{AUTOPILOT}{pilot.dialect.name} {await pilot.version()}".rstrip())
     for line in limits.lines():
         feed.note(f"parameter {line}")
     shortfalls = limits.shortfalls(demand, adjusted=adjusted)

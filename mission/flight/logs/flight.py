@@ -33,7 +33,6 @@ DAMAGE = "byte with damage"
 _CLOSEST_NS = 20_000_000  # samples of positions that are kept
 _STANDS_M = 1.0  # from where the log begins: on the ground
 _HELD_NS = 1_000_000_000  # at most the true place is held before its first and after its last one
-_BACK_NS = 1_000_000_000  # a clock that goes back by more started anew
 _MISSION = mav.MAV_MISSION_TYPE_MISSION
 _BOUNDS = (9e18, 90.0, 360.0, 1e6)  # of times and places that are some
 _MARGIN_M = 50.0  # around the flight, for the map
@@ -178,12 +177,12 @@ class Found:
         """Return valid rows in time order, thinned to 20 ms; InputError: the clock goes back."""
         table = _places(rows)
         self.skipped["position without a value"] += len(rows) - len(table)
-        back = np.flatnonzero(np.diff(table[:, 0]) < -_BACK_NS)
+        back = np.flatnonzero(np.diff(table[:, 0]) < 0)
         if len(back):
             before, after = table[back[0], 0] / 1e9, table[back[0] + 1, 0] / 1e9
             raise InputError(
-                f"{self.path}: its clock goes back from {before:.1f} to {after:.1f} s: the vehicle "
-                "started anew, or two logs were joined; cut it there"
+                f"{self.path}: its clock goes back from {before:.2f} to {after:.2f} s: the vehicle "
+                "started anew or set it, or two logs were joined; cut it there"
             )
         _, kept = np.unique(np.round(table[:, 0] / _CLOSEST_NS), return_index=True)
         return table[kept]

@@ -89,10 +89,12 @@ def mission_path(
     *,
     first: int = 0,
     rally_m: Sequence[Floats] = (),
+    climbs_straight: bool = False,
 ) -> MissionPath:
     """The path of a mission that begins at `start_m`, (3,) area coordinates, with item `first`.
 
-    A return leads to the nearest of home and the rally points `rally_m`, (3,) each.
+    A return leads to the nearest of home and the rally points `rally_m`, (3,) each; a take-off to
+    its place, or where the vehicle `climbs_straight` only up.
     """
     points, seqs, known = [np.array(start_m, dtype=np.float64)], [-1], [True]
     given, left_out = None, Counter[str]()
@@ -124,6 +126,8 @@ def mission_path(
         elif command in _TAKEOFFS + _LEADS + _CIRCLES:
             here = points[-1]
             at_m = place_m(item, area, here)
+            if climbs_straight and command in _TAKEOFFS:
+                at_m[:2] = here[:2]
             if command in _TAKEOFFS or (len(points) == 1 and here[2] < _LOW_M):
                 go(np.array([*here[:2], at_m[2]]), -1)
             if command in _CIRCLES:

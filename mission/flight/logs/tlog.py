@@ -17,13 +17,8 @@ from mission.log.values import FlightData
 from sitl.autopilot.codec.orders import MissionItem, read_item
 
 _HEAD = 8  # bytes of a time before each message: microseconds since 1970
-<<<<<<< HEAD
 _FRAME = re.compile(rb"(?s)\xfd..|\xfe.")  # mark, length, and flags of MAVLink 2
-_ROTARY = frozenset({0, 2, 3, 4, 13, 14, 15, 18, 29, 35})  # MAV_TYPE
-=======
-_LONGEST = 300
 _ROTARY = frozenset({0, 2, 3, 4, 13, 14, 15, 29, 35, 43})  # MAV_TYPE
->>>>>>> 669338a6 (Only the autopilot's component tells of the vehicle in telemetry)
 _OTHERS = frozenset({1, 7, 8, 9, 10, 11, 12, 16, *range(19, 26), 36})  # that fly or drive otherwise
 _NO_AUTOPILOT = mav.MAV_AUTOPILOT_INVALID
 _FIX_3D = 3
@@ -48,16 +43,17 @@ def read_tlog(path: Path) -> FlightData:
     if not reader.clock:
         raise InputError(f"{path}: the log has no positions, so there is no flight in it")
     wall_us, boot_ms = np.array(reader.clock, dtype=np.float64).T
-    if (back := np.flatnonzero(np.diff(boot_ms) < -1000.0)).size:
+    if (back := np.flatnonzero(np.diff(boot_ms) < 0.0)).size:
         before, after = boot_ms[back[0]] / 1e3, boot_ms[back[0] + 1] / 1e3
         raise InputError(
             f"{path}: its clocks disagree: the recorder's goes on, the vehicle's back from "
-            f"{before:.1f} to {after:.1f} s: the vehicle started anew; cut the log there"
+            f"{before:.2f} to {after:.2f} s: the vehicle started anew or set it; cut the log there"
         )
     order = np.argsort(wall_us, kind="stable")
-    for later in reader.later:  # what has no time of the vehicle's own has that of its neighbours
-        t_ms = np.interp(later[0], wall_us[order], np.maximum.accumulate(boot_ms[order]))
-        reader.take_at(int(t_ms * 1e6), later[1])
+    wall_us, boot_ms = wall_us[order], boot_ms[order]
+    for at_us, message in reader.later:  # without a time of the vehicle's own: its neighbours'
+        after_ms = max(0.0, at_us - wall_us[-1]) / 1e3
+        reader.take_at(int((np.interp(at_us, wall_us, boot_ms) + after_ms) * 1e6), message)
     return found.flight()
 
 
@@ -91,6 +87,7 @@ class _Reader:
         self._found = found
         self._autopilot: tuple[int, ...] = ()  # its system and component, once it spoke
         self._ardupilot = False
+        self._number = 0  # of the last position
         # By MAV_MISSION_TYPE and the system that sends: how many it transfers, and those that came.
         self._lists: dict[tuple[int, int], tuple[int, dict[int, MissionItem]]] = {}
         self.clock: list[tuple[int, int]] = []  # the recorder's (us), the vehicle's (ms)
@@ -109,6 +106,7 @@ class _Reader:
             if message.type in _ROTARY:
                 self._autopilot = sender
                 self._ardupilot = message.autopilot == mav.MAV_AUTOPILOT_ARDUPILOTMEGA
+                found.kind += " of ArduPilot" * self._ardupilot
         if kind in _TRANSFERS:
             self.later.append((wall_us, message))
         elif sender != self._autopilot:
@@ -118,6 +116,12 @@ class _Reader:
                 whose = "of another vehicle" if self._autopilot else "before the first heartbeat"
                 found.skipped[f"position {whose}"] += 1
         elif kind == "GLOBAL_POSITION_INT":
+            # Packets may overtake each other on their way; the vehicle numbers them.
+            late_ms = self.clock[-1][1] - message.time_boot_ms if self.clock else 0
+            if 0 < late_ms < 1000 and 0 < (self._number - message.get_seq()) % 256 < 128:
+                found.skipped["position that came late"] += 1
+                return
+            self._number = message.get_seq()
             self.clock.append((wall_us, message.time_boot_ms))
             where = message.lat / 1e7, message.lon / 1e7, message.alt / 1e3
             found.places.append((message.time_boot_ms * 1_000_000, *where))

@@ -3,6 +3,7 @@
 import logging
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryFile
 
@@ -10,7 +11,7 @@ from mission.base.area import Area
 from mission.base.errors import InputError
 from mission.base.user_files import or_input_error
 from mission.flight.logs.items import record_of
-from mission.log.values import NOBODY, SetpointRecord
+from mission.log.values import AUTOPILOT, NOBODY, SetpointRecord
 from mission.log.writer import FlightLog
 from sitl.autopilot.codec.orders import MissionItem
 from sitl.autopilot.pilots.offboard import Setpoint, setpoint_of
@@ -41,6 +42,7 @@ class FlightLogs:
         self._area = area
         self._log: FlightLog | None = None
         self._lists: dict[int, tuple[MissionItem, ...]] = {}
+        self._autopilot: VehicleEvent | None = None  # what named it
         self.being_written: Path | None = None
         self.written: list[Path] = []
 
@@ -65,12 +67,16 @@ class FlightLogs:
                 self._log.setpoint(SetpointRecord(t_ns, *setpoint_of(setpoint)))
 
     def _happened(self, event: VehicleEvent) -> None:
+        if event.text.startswith(AUTOPILOT):
+            self._autopilot = event
         armed = event.kind == "armed" and event.text == "armed"
         if armed and self._log is None:
             self.being_written = next_log(self._folder)
             self._log = FlightLog(
                 self.being_written, area=self._area, devices=NOBODY, start_ns=event.t_ns
             )
+            if self._autopilot is not None:
+                self._log.happened(replace(self._autopilot, t_ns=event.t_ns))
             for kind, items in self._lists.items():
                 if items:
                     self._log.mission(record_of(event.t_ns, kind, items))

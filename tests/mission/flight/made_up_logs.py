@@ -247,10 +247,11 @@ def write_tlog(
     pause_s: float = 0.0,
     before: Sequence[tuple[Any, int]] = (),
     current: Sequence[tuple[float, int]] = (),
+    ardupilot: bool = False,
 ) -> Path:
-    """As a ground station of PX4 writes it, with the upload of the mission. `before` it takes off
-    more messages come, each from a system. `current`: times in s at which another item is told to
-    be the current one than that which is flown to."""
+    """As a ground station of PX4 writes it, or of ArduPilot, whose item 0 is home, with the upload
+    of the mission. `before` it takes off more messages come, each from a system. `current`: times
+    in s at which another item is told to be the current one than that which is flown to."""
     out = bytearray()
     vehicle, station = mav.MAVLink(None, 1, 1), mav.MAVLink(None, 255, 190)
 
@@ -259,13 +260,16 @@ def write_tlog(
 
     def heartbeat(t_s: float, mission: bool) -> None:
         custom = (4 << 16) | ((4 if mission else 3) << 24)
-        told(t_s, mav.MAVLink_heartbeat_message(kind, 12, 157, custom, 4, 3))
+        if ardupilot:
+            custom = 3 if mission else 5
+        told(t_s, mav.MAVLink_heartbeat_message(kind, 3 if ardupilot else 12, 157, custom, 4, 3))
 
     heartbeat(0.0, False)
     home = round(HOME.lat_deg * 1e7), round(HOME.lon_deg * 1e7), round(HOME.alt_msl_m * 1e3)
     told(0.0, mav.MAVLink_home_position_message(*home, 0, 0, 0, [1, 0, 0, 0], 0, 0, 0))
-    told(0.0, mav.MAVLink_mission_count_message(1, 1, 4, 0), station)
-    for seq, (command, lat, lon) in enumerate(places()):
+    items = [(16, HOME.lat_deg, HOME.lon_deg)] * ardupilot + places()
+    told(0.0, mav.MAVLink_mission_count_message(1, 1, len(items), 0), station)
+    for seq, (command, lat, lon) in enumerate(items):
         at = round(lat * 1e7), round(lon * 1e7), HEIGHT_M
         told(0.1, mav.MAVLink_mission_item_int_message(
             1, 1, seq, 3, command, 0, 1, 0, 0, 0, 0, *at, 0), station)  # fmt: skip
@@ -288,7 +292,7 @@ def write_tlog(
             heartbeat(s.t_s, mission)
         if s.mission and s.toward != toward:
             toward = s.toward
-            told(s.t_s, mav.MAVLink_mission_current_message(toward))
+            told(s.t_s, mav.MAVLink_mission_current_message(toward + ardupilot))
         for t_s, seq in current:
             if t_s <= s.t_s < t_s + STEP_S:
                 told(s.t_s, mav.MAVLink_mission_current_message(seq))

@@ -1,0 +1,66 @@
+"""Clocks of logs that go back, be it by less than a second."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import made_up_logs
+import pytest
+from made_up_logs import Sample, write_dataflash, write_tlog, write_ulog
+from pymavlink.dialects.v20 import common as mav
+from test_who_tells import split
+
+from mission.analysis.compare import compare_run
+from mission.analysis.load import load_run
+from mission.cli import call
+
+Write = Callable[..., Path]
+KINDS: dict[str, Write] = {".ulg": write_ulog, ".bin": write_dataflash, ".tlog": write_tlog}
+
+
+@pytest.mark.parametrize("end", KINDS)
+@pytest.mark.parametrize("by_s", [0.13, 0.4, 0.9])
+def test_a_clock_that_goes_back_by_less_than_a_second_is_said_to(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    end: str,
+    by_s: float,
+) -> None:
+    """Put in order by their times, positions would go to and fro, at 28 m/s rather than 8."""
+    whole = made_up_logs.samples
+
+    def set_back(**how: Any) -> list[Sample]:
+        return [replace(s, t_s=s.t_s - by_s * (s.t_s > 40.05)) for s in whole(**how)]
+
+    monkeypatch.setattr(made_up_logs, "samples", set_back)
+    log = KINDS[end](tmp_path / f"x{end}")
+    assert call(["compare", str(log)]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "clock" in line
+    assert f" back from 40.00 to {40.1 - by_s:.2f} s: the vehicle started anew or set it" in line
+
+
+def test_a_position_that_was_overtaken_on_its_way_is_no_clock_that_goes_back(
+    tmp_path: Path,
+) -> None:
+    """Its number, from 0 to 255, is before that of the position that came first."""
+    rows = list(split(write_tlog(tmp_path / "x.tlog")))
+    numbered = []
+    for number, row in enumerate(rows):
+        said = next(iter(mav.MAVLink(None).parse_buffer(row[8:]) or ()))
+        by = mav.MAVLink(None, said.get_srcSystem(), said.get_srcComponent())
+        by.seq = number % 256
+        numbered.append((said.get_type(), bytes(said.pack(by))))
+    positions = [at for at, (kind, _) in enumerate(numbered) if kind == "GLOBAL_POSITION_INT"]
+    for at in positions[100::50]:
+        numbered[at], numbered[at + 1] = numbered[at + 1], numbered[at]
+    log = tmp_path / "late.tlog"
+    log.write_bytes(
+        b"".join(row[:8] + packet for row, (_, packet) in zip(rows, numbered, strict=True))
+    )
+    found = load_run(log)
+    swaps = sum(at + 1 in positions for at in positions[100::50])
+    assert found.data.source.skipped == {"position that came late": swaps}
+    assert compare_run(found).total.speed_max_mps < 8.2

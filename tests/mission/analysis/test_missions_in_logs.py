@@ -1,0 +1,102 @@
+"""Missions as logs tell them: take-offs that name a place, missions known by what was started."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import made_up_logs
+import numpy as np
+import pytest
+from made_up_logs import CORNERS, HEIGHT_M, HOME, write_dataflash, write_tlog, write_ulog
+from pymavlink.dialects.v20 import common as mav
+from test_flights import flown, item, square
+
+from flightdyn.frames import LocalFrame
+from flightdyn.state import Kinematics
+from mission.analysis.compare import RunComparison, compare_run
+from mission.analysis.load import LoadedRun, load_run
+from mission.analysis.passes import judged
+from mission.base.area import Area
+from mission.flight.serve.flight_logs import FlightLogs
+from mission.log.reader import read_log
+from mission.log.values import EventRecord
+from sitl.observer import EventKind, VehicleEvent
+
+AWAY = (55.0, -40.0)  # m north and east of home, which no leg of the square comes near
+
+
+def compared(loaded: LoadedRun) -> RunComparison:
+    assert loaded.judged is not None, loaded.unjudged
+    return compare_run(loaded)
+
+
+def take_off_there(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let the take-offs of made-up logs name a place away from where they are."""
+    rows = made_up_logs.places()
+    at = LocalFrame(HOME).to_geodetic(np.array([*AWAY, 0.0]))
+    there = [(rows[0][0], at.lat_deg, at.lon_deg), *rows[1:]]
+    monkeypatch.setattr(made_up_logs, "places", lambda: there)
+
+
+@pytest.mark.parametrize("planned", [False, True])
+@pytest.mark.parametrize("end", [".bin", ".tlog"])
+def test_arducopter_climbs_straight_up_whatever_place_its_take_off_names(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, end: str, planned: bool
+) -> None:
+    take_off_there(monkeypatch)
+    log, plan = tmp_path / f"x{end}", None
+    if end == ".bin":
+        write_dataflash(log)
+    else:
+        write_tlog(log, ardupilot=True)
+    if planned:
+        plan = tmp_path / "x.waypoints"
+        rows = [
+            f"{seq}\t0\t3\t{command}\t0\t0\t0\t0\t{lat_deg}\t{lon_deg}\t{HEIGHT_M}\t1"
+            for seq, (command, lat_deg, lon_deg) in enumerate(made_up_logs.places())
+        ]
+        plan.write_text("\n".join(["QGC WPL 110", *rows]) + "\n")
+    total = compared(load_run(log, plan)).total
+    assert total.cross_track_max_m < 0.05
+    assert (total.slots, total.slots_missed) == (len(CORNERS), 0)
+
+
+@pytest.mark.parametrize("write", [write_ulog, write_tlog])
+def test_others_fly_to_the_place_of_their_take_off(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, write: Any
+) -> None:
+    take_off_there(monkeypatch)
+    log = write(tmp_path / ("x.ulg" if write is write_ulog else "x.tlog"))
+    assert compared(load_run(log)).total.cross_track_max_m > 20.0
+
+
+def test_in_our_log_of_an_arducopter_it_climbs_straight_up(tmp_path: Path) -> None:
+    """Flown by our own vehicle without its take-off's place: as ArduCopter does, as is noted."""
+    up = item(0, mav.MAV_CMD_NAV_TAKEOFF, at=(0.0, 0.0, 30.0))
+    log = flown(tmp_path, [up, *square()])
+    data = read_log(log)
+    (mission,) = data.missions
+    at = LocalFrame(data.area.home).to_geodetic(np.array([*AWAY, 0.0]))
+    first = (*mission.items[0][:7], at.lat_deg, at.lon_deg, *mission.items[0][9:])
+    data = replace(data, missions=(replace(mission, items=(first, *mission.items[1:])),))
+    note = EventRecord(0, "status", "autopilot: ArduPilot 4.6.3", None, 6, (0,) * 3, (0,) * 3)
+    for events, missed in (((note, *data.events), 0), (data.events, 1)):
+        found = judged(log, replace(data, events=events), None)
+        total = compared(LoadedRun(log, found.data, {}, judged=found)).total
+        assert total.slots_missed == missed
+        assert (total.cross_track_max_m < 6.0) == (missed == 0)
+
+
+def test_the_log_of_a_flight_names_the_autopilot_that_was_found_before_it(tmp_path: Path) -> None:
+    still = Kinematics(0, np.zeros(3), np.zeros(3), np.array([1.0, 0, 0, 0]), np.zeros(3))
+    logs = FlightLogs(tmp_path, area=Area((9.0, 9.0), (0.0, 0.0), HOME))
+    happened: tuple[tuple[int, EventKind, str], ...] = (
+        (1, "status", "autopilot: ArduPilot 4.6.3"),
+        (5, "armed", "armed"),
+        (9, "armed", "disarmed"),
+    )
+    for t_ns, kind, text in happened:
+        logs.happened(VehicleEvent(t_ns, kind, text, still, still))
+    data = read_log(tmp_path / "flight-0001.mcap")
+    assert data.climbs_straight
+    assert [event.t_ns for event in data.events] == [5, 5, 9]
