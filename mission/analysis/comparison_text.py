@@ -135,10 +135,10 @@ def lines(comparison: RunComparison) -> list[str]:
     if judged is None:
         return found
     found += [spike.words for spike in spikes(comparison.run.data, comparison.measured)]
-    return [*found, *in_words(judged)]
+    return [*found, *in_words(judged, holes=bool(comparison.holes))]
 
 
-def in_words(found: "Judged") -> list[str]:
+def in_words(found: "Judged", *, holes: bool = False) -> list[str]:
     """Describe what was not compared or not reached, one line each; empty if all was."""
     lines = [
         f"{count(number, what)} not read" for what, number in found.data.source.skipped.items()
@@ -153,7 +153,8 @@ def in_words(found: "Judged") -> list[str]:
         lines.append(f"items that lead nowhere known here: {each}")
     missed = [p.seq for item in found.passes for p in item.passages if math.isnan(p.t_s)]
     if missed:
-        lines.append("items never reached: " + ", ".join(map(str, missed)))
+        which = ", ".join(map(str, missed))
+        lines.append(f"items never reached{' outside holes' * holes}: {which}")
     return lines
 
 

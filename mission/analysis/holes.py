@@ -1,7 +1,6 @@
 """Holes in a log: times without positions, of which nobody knows what was flown."""
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -10,10 +9,6 @@ from mission.base.arrays import Ints
 from mission.base.gaps import HOLE, Gaps, gaps
 from mission.log.values import NS_PER_S, FlightData, Track
 
-if TYPE_CHECKING:
-    from mission.analysis.passes import Pass
-
-_TOLD_NS = 1_000_000_000
 _LOW_M = 1.0  # below this a flight begins on the ground
 
 
@@ -49,12 +44,6 @@ def position_gaps(run: FlightData, start_ns: int, end_ns: int) -> Gaps:
     flies = run.truth.pos_m[0, 2] > _LOW_M
     ends_ns = int(told.min() if flies else t_ns[0]), int(told.max())
     return gaps(t_ns, (start_ns, end_ns), usual=HOLE, ends_ns=ends_ns)
-
-
-def gaps_of_pass(run: FlightData, found: "Pass") -> Gaps:
-    """Return the holes in a pass, and that in which it may have begun or ended: after one its mode
-    is told a second late at most."""
-    return position_gaps(run, found.begin_ns - _TOLD_NS, int(found.track.t_ns[-1]) + 1)
 
 
 def holes(run: FlightData, number: int, track: Track, leg: Ints, found: Gaps) -> tuple[Hole, ...]:

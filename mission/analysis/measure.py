@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from mission.analysis.alignment import Alignment, leg_numbers, leg_of, matched
-from mission.analysis.holes import Hole, gaps_of_pass, holes, position_gaps
+from mission.analysis.holes import Hole, holes, position_gaps
 from mission.analysis.load import flown
 from mission.base import polyline
 from mission.base.arrays import Floats, Ints
@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 CORNER_M = 25.0
 _FAULT_ENDS = "Fault ends"  # what the vehicle's word for the end of a fault begins with
 _GNSS_USUAL = 3.0  # intervals of fixes: a longer one is a gap
+_EDGE_S = 1e-6  # a place passed where a hole begins may have been passed closer in it
 _OF_ROUNDS = ("slot_along_m", "slot_late_s", "plan_per", "est_per", "true_per", "per_shift")
 
 
@@ -70,8 +71,10 @@ def measure_pass(run: FlightData, found: "Pass") -> Measured:
     """Measure one pass of a flight through its mission."""
     passed = [item for item in found.passages if not math.isnan(item.t_s)]
     miss = np.array([item.miss_m for item in passed]).reshape(-1, 3)
-    hidden = gaps_of_pass(run, found)
-    miss[inside(np.array([item.t_s for item in passed]), hidden)] = math.nan
+    # A mode is told a second after a hole at most: the pass may have begun in it.
+    hidden = position_gaps(run, found.begin_ns - NS_PER_S, int(found.track.t_ns[-1]) + 1)
+    edges = [(begin_s - _EDGE_S, end_s + _EDGE_S) for begin_s, end_s in hidden]
+    miss[inside(np.array([item.t_s for item in passed]), edges)] = math.nan
     pieces = leg_numbers(found.fit.waypoints_at_m, found.path.seqs[1:] >= 0)
     return _measured(
         run,

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mission.analysis.alignment import Alignment, leg_of, matched
+from mission.analysis.holes import position_gaps
 from mission.base import polyline
 from mission.base.arrays import Bools, Floats, Ints
 from mission.base.errors import InputError
@@ -340,6 +341,11 @@ def _pass(
     else:
         sure_ns = returns_ns
     low, high = _windows(way, at_m, track, *current)
+    # Which items it flew to in a hole is told only after it.
+    for begin_s, end_s in position_gaps(data, int(track.t_ns[0]), int(track.t_ns[-1])):
+        told_ns = min(current[0][current[0] >= end_s * NS_PER_S].tolist(), default=math.inf)
+        first, last = np.searchsorted(track.t_ns, (begin_s * NS_PER_S, told_ns))
+        high[first:last] = high[last] if last < len(high) else at_m[-1]
     low[track.t_ns >= sure_ns] = at_m[way.given - 1]
     if math.isfinite(sure_ns):
         high[track.t_ns < sure_ns] = np.minimum(high, at_m[way.given - 1])[track.t_ns < sure_ns]

@@ -64,6 +64,7 @@ def read_dataflash(path: Path) -> FlightData:
     reader = _Reader(Found(path, "DataFlash of ArduPilot", "seconds since ArduPilot started"))
     for kind, row in _rows(content, reader.found):
         reader.take(kind, row)
+    reader.close()
     return reader.found.flight()
 
 
@@ -112,7 +113,8 @@ class _Reader:
 
     def __init__(self, found: Found) -> None:
         self.found = found
-        self._lists: dict[int, dict[int, MissionItem]] = {}  # by MAV_MISSION_TYPE
+        # By MAV_MISSION_TYPE: since when, how many there are, and those that came.
+        self._lists: dict[int, tuple[int, int, dict[int, MissionItem]]] = {}
 
     def take(self, kind: str, row: Any) -> None:
         """Keep what a row of a kind says."""
@@ -127,12 +129,12 @@ class _Reader:
                 found.mode(t_ns, mode_mapping_acm.get(number, f"MODE {number}"))
             case "MSG":
                 self._text(t_ns, row.Message)
-            case "CMD":
+            case "CMD" | "MISE":
                 command = row.CId if row.CNum else 0
                 params = (row.Prm1, row.Prm2, row.Prm3, row.Prm4)
                 frame = getattr(row, "Frame", _RELATIVE)
                 item = MissionItem(row.CNum, command, frame, params, row.Lat, row.Lng, row.Alt)
-                self._listed(t_ns, _MISSION, row.CTot, item)
+                self._listed(t_ns, _MISSION, row.CTot, item, started=kind == "MISE")
             case "FNCE" if row.Type in _FENCE:
                 size = (row.Radius or float(row.Count), 0.0, 0.0, 0.0)
                 where = (_RELATIVE, size, row.Lat, row.Lng, 0.0)
@@ -142,8 +144,6 @@ class _Reader:
                 where = (_RELATIVE, (0.0,) * 4, row.Lat, row.Lng, row.Alt)
                 item = MissionItem(row.Seq, mav.MAV_CMD_NAV_RALLY_POINT, *where)
                 self._listed(t_ns, mav.MAV_MISSION_TYPE_RALLY, row.Tot, item)
-            case "MISE":
-                found.heads_for(t_ns, int(row.CNum))
             case "GPS" if row.Status >= _FIX_3D and getattr(row, "I", 0) == 0:
                 found.fixes.append(t_ns)
             case "BAT" if getattr(row, "Inst", getattr(row, "Instance", 0)) == 0:
@@ -164,18 +164,33 @@ class _Reader:
                 f"{self.found.path}: the log of {vehicle}: only multicopters' are compared"
             )
         if text == "New mission":
-            self._lists.pop(_MISSION, None)
+            self.close()
         self.found.event(t_ns, "status", text)
 
-    def _listed(self, t_ns: int, kind: int, total: int, item: MissionItem) -> None:
-        """Add an item to its uploaded list (of a MAV_MISSION_TYPE). Versions before MISE also log
-        each item that is started as such a row: it becomes the current one."""
-        items = self._lists.setdefault(kind, {})
-        if item.seq and len(items) == total:
+    def _listed(
+        self, t_ns: int, kind: int, total: int, item: MissionItem, *, started: bool = False
+    ) -> None:
+        """Add an item to its uploaded list (of a MAV_MISSION_TYPE), which begins with number 0, or
+        one that is started, which becomes the current one: versions before MISE log it as another
+        row of the list. Of a mission that was not listed no more is known."""
+        _, size, items = self._lists.get(kind, (0, 0, {}))
+        before = items.get(item.seq, item)
+        other = (before.command, before.x, before.y) != (item.command, item.x, item.y)
+        if item.seq == 0 or total != size or other:
+            if kind == _MISSION:
+                self.close()
+            items = {}
+            self._lists[kind] = t_ns, total, items
+        listed = len(items) == total or 0 not in items
+        if started or (kind == _MISSION and item.seq and listed):
             self.found.heads_for(t_ns, item.seq)
-            return
-        if item.seq == 0:
-            items.clear()
         items[item.seq] = item
         if len(items) == total > (kind == _MISSION):  # whose number 0 is home, not an item
             self.found.add_list(t_ns, items, kind)
+
+    def close(self) -> None:
+        """Take a mission that was not listed as far as it is known."""
+        since_ns, total, items = self._lists.pop(_MISSION, (0, 0, {}))
+        if items and len(items) < total:
+            self.found.skipped["item of a mission"] += (total - len(items)) * (0 in items)
+            self.found.add_list(since_ns, items)

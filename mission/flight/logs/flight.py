@@ -3,7 +3,7 @@
 import re
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -35,6 +35,7 @@ _STANDS_M = 1.0  # from where the log begins: on the ground
 _HELD_NS = 1_000_000_000  # at most the true place is held before its first and after its last one
 _MISSION = mav.MAV_MISSION_TYPE_MISSION
 _BOUNDS = (9e18, 90.0, 360.0, 1e6)  # of times and places that are some
+_NOWHERE = MissionItem(0, 0, mav.MAV_FRAME_MISSION, (0.0,) * 4, 0.0, 0.0, 0.0)
 _MARGIN_M = 50.0  # around the flight, for the map
 
 
@@ -103,8 +104,11 @@ class Found:
             self.current.append((t_ns, seq))
 
     def add_list(self, t_ns: int, items: Mapping[int, MissionItem], kind: int = _MISSION) -> None:
-        """Note an uploaded list of a MAV_MISSION_TYPE, by number, unless it equals the last one."""
-        record = record_of(t_ns, kind, [items[seq] for seq in sorted(items)])
+        """Note an uploaded list of a MAV_MISSION_TYPE, by number, unless it equals the last one.
+        Numbers that are missing become items that lead nowhere."""
+        numbers = range(max(items, default=-1) + 1)
+        listed = [items.get(seq, replace(_NOWHERE, seq=seq)) for seq in numbers]
+        record = record_of(t_ns, kind, listed)
         before = [mission.items for mission in self.missions if mission.kind == record.kind]
         if before[-1:] != [record.items]:
             self.missions.append(record)

@@ -8,7 +8,6 @@ import json
 import math
 from bisect import bisect
 from collections.abc import Iterator
-from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -176,10 +175,6 @@ def _heading_for(found: Found, topics: dict[str, Columns]) -> None:
         if not finished:  # then it hovers where it is
             item = MissionItem(int(seq), COMMANDS[int(kind)], _MSL, (0.0,) * 4, lat, lon, alt)
             missions[max(bisect(since, t) - 1, 0)][int(seq)] = item
-    nowhere = MissionItem(0, 0, mav.MAV_FRAME_MISSION, (0.0,) * 4, 0.0, 0.0, 0.0)
     for since_ns, items in zip(since, missions, strict=True):
-        numbers = range(max(items, default=-1) + 1)
         if items:
-            found.add_list(
-                int(since_ns), {n: items.get(n, replace(nowhere, seq=n)) for n in numbers}
-            )
+            found.add_list(int(since_ns), items)

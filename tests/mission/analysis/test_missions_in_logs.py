@@ -100,3 +100,41 @@ def test_the_log_of_a_flight_names_the_autopilot_that_was_found_before_it(tmp_pa
     data = read_log(tmp_path / "flight-0001.mcap")
     assert data.climbs_straight
     assert [event.t_ns for event in data.events] == [5, 5, 9]
+
+
+def elsewhere(count: int) -> list[tuple[int, int, int]]:
+    """Home, a take-off and places 80 m apart, as rows of a list."""
+    frame, rows = LocalFrame(HOME), []
+    for number in range(count):
+        at = frame.to_geodetic(np.array([-80.0 * number, 80.0 * number, 0.0]))
+        command = mav.MAV_CMD_NAV_TAKEOFF if number == 1 else mav.MAV_CMD_NAV_WAYPOINT
+        rows.append((command, round(at.lat_deg * 1e7), round(at.lon_deg * 1e7)))
+    return rows
+
+
+@pytest.mark.parametrize("started", ["CMD", "MISE"])
+@pytest.mark.parametrize("new", [b"New mission", b"of the text nothing is left"])
+@pytest.mark.parametrize("count", [4, 5])  # of the other mission's rows; this one has 5
+def test_a_mission_that_is_known_by_its_started_items_is_the_one_that_was_flown(
+    tmp_path: Path, started: str, new: bytes, count: int
+) -> None:
+    log = write_dataflash(
+        tmp_path / "x.bin", before=elsewhere(count), listed=False, started=started, new=new
+    )
+    found = compared(load_run(log))
+    assert [len(record.items) for record in found.run.data.missions[:1]] == [count]
+    assert found.total.cross_track_max_m < 0.05
+    assert [leg.item for leg in found.legs] == [1, 2, 3, 4]
+    assert (found.total.slots, found.total.slots_missed) == (len(CORNERS), 0)
+    assert not found.run.data.source.skipped
+
+
+@pytest.mark.parametrize("started", ["CMD", "MISE"])
+def test_a_listed_mission_stays_one_while_its_items_are_started(
+    tmp_path: Path, started: str
+) -> None:
+    log = write_dataflash(tmp_path / "x.bin", before=elsewhere(5), started=started, returns=True)
+    found = compared(load_run(log))
+    sizes = [len(r.items) for r in found.run.data.missions if r.kind == "mission"]
+    assert sizes == [5, 6]
+    assert [leg.item for leg in found.legs] == [1, 2, 3, 4, 5]

@@ -168,7 +168,7 @@ _FORMATS = {
     "MODE": (3, "QBBB", "TimeUS,Mode,ModeNum,Rsn"),
     "MSG": (4, "QZ", "TimeUS,Message"),
     "CMD": (5, "QHHHffffLLfB", "TimeUS,CTot,CNum,CId,Prm1,Prm2,Prm3,Prm4,Lat,Lng,Alt,Frame"),
-    "MISE": (6, "QHH", "TimeUS,CTot,CNum"),
+    "MISE": (6, "QHHHffffLLfB", "TimeUS,CTot,CNum,CId,Prm1,Prm2,Prm3,Prm4,Lat,Lng,Alt,Frame"),
     "FNCE": (7, "QBBBLLBf", "TimeUS,Tot,Seq,Type,Lat,Lng,Count,Radius"),
     "RALY": (8, "QBBLLhB", "TimeUS,Tot,Seq,Lat,Lng,Alt,Flags"),
 }
@@ -192,8 +192,14 @@ def write_dataflash(
     off_m: float = 0.0,
     returns: bool = False,
     pause_s: float = 0.0,
+    listed: bool = True,
+    started: str = "MISE",
+    before: Sequence[tuple[int, int, int]] = (),
+    new: bytes = b"New mission",
 ) -> Path:
-    """As ArduCopter writes it: item 0 is home, and a return leaves the mode as it is."""
+    """As ArduCopter writes it: item 0 is home, and a return leaves the mode as it is. The mission
+    is `listed`, or only its items as they are `started`, in rows of that name; `before` it there
+    was another, of commands and places (1e-7 degrees), and then a text `new`."""
     out = bytearray()
 
     def row(name: str, *values: Any) -> None:
@@ -207,14 +213,19 @@ def write_dataflash(
     lat, lon = round(HOME.lat_deg * 1e7), round(HOME.lon_deg * 1e7)
     row("MSG", 1000, f"{vehicle} V4.7.0".encode())
     row("ORGN", 1000, 1, lat, lon, HOME.alt_msl_m)
-    row("MSG", 1000, b"New mission")
+    for number, (command, x, y) in enumerate(before):
+        row("CMD", 900, len(before), number, command, 0, 0, 0, 0, x, y, HEIGHT_M, 3)
+    row("MSG", 1000, new)
     total = 6 if returns else 5
-    row("CMD", 1000, total, 0, 16, 0, 0, 0, 0, lat, lon, HOME.alt_msl_m, 0)
-    for index, (command, lat_deg, lon_deg) in enumerate(places()):
-        where = round(lat_deg * 1e7), round(lon_deg * 1e7), HEIGHT_M, 3
-        row("CMD", 1000, total, index + 1, command, 0, 0, 0, 0, *where)
-    if returns:
-        row("CMD", 1000, total, 5, 20, 0, 0, 0, 0, 0, 0, 0, 0)
+    if listed:
+        row("CMD", 1000, total, 0, 16, 0, 0, 0, 0, lat, lon, HOME.alt_msl_m, 0)
+    items: list[tuple[Any, ...]] = [
+        (command, 0, 0, 0, 0, round(lat_deg * 1e7), round(lon_deg * 1e7), HEIGHT_M, 3)
+        for command, lat_deg, lon_deg in places()
+    ]
+    items += [(20, 0, 0, 0, 0, 0, 0, 0, 0)] * returns
+    for number, item in enumerate(items if listed else (), start=1):
+        row("CMD", 1000, total, number, *item)
     fence = around()
     row("FNCE", 1000, len(fence) + 2, 0, 95, lat, lon, 0, 0)  # to return to
     for index, (at_lat, at_lon) in enumerate(fence):
@@ -231,7 +242,7 @@ def write_dataflash(
             row("MODE", t_us, *((3, 3) if mission else (5, 5)), 2)
         if auto and s.toward != toward:
             toward = s.toward
-            row("MISE", t_us, total, toward + 1)
+            row(started, t_us, total, toward + 1, *items[toward])
         row("POS", t_us, round(s.lat_deg * 1e7), round(s.lon_deg * 1e7), s.alt_msl_m)
     path.write_bytes(out)
     return path
