@@ -27,14 +27,11 @@ _AT_LEAST = frozenset(
 )
 _MOST = 10_000  # characters of a name
 _MADE = {name: how.of for name, how in told(Comparison, Made)}
-# What a hole in positions hides, and where the records of a round do not hold them.
-_HIDDEN = frozenset(
+_HIDDEN = frozenset(  # by a hole in positions: all that was flown, and happened
     {"cross_m", "straight", "corner_cut_m", "height_m", "estimate_m", "estimate_height_m"}
-    | {"speed_mps", "wind_mps", "mode_changes", "failsafes", "faults"}
+    | {"speed_mps", "wind_mps", "flown_path_m", "duration_s", "energy_j", "slot_miss_m"}
+    | {"slot_along_m", "slot_late_s", "slots_missed", "mode_changes", "failsafes", "faults"}
 )
-_HIDDEN_IN_A_PASS = _HIDDEN | {
-    *("flown_path_m", "duration_s", "energy_j", "slot_miss_m", "slots_missed")
-}
 _EVENTS = {"mode_changes": "mode", "failsafes": "failsafe", "faults": "fault"}
 
 
@@ -137,13 +134,12 @@ def verdicts(comparison: RunComparison, limits: Mapping[str, float]) -> tuple[Ve
     """
     found = []
     holes = [h for h in comparison.holes if h.end_s - h.start_s > limits.get("gap_max_s", 0.0)]
-    hidden = _HIDDEN if comparison.run.judged is None else _HIDDEN_IN_A_PASS
     for name, limit in limits.items():
         value = float(getattr(comparison.total, name))
         met = value >= limit if name in _AT_LEAST else value <= limit
         where = "" if met else _where(comparison, name)
         # A place that was never reached may have been in a hole; of others what is known counts.
-        unknown = _MADE[name] in hidden and (met or name == "slots_missed")
+        unknown = _MADE[name] in _HIDDEN and (met or name == "slots_missed")
         if holes and (unknown or name == "gap_max_s"):
             value, met = math.nan if unknown else value, False
             where = max(holes, key=lambda hole: hole.end_s - hole.start_s).words

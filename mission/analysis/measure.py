@@ -14,7 +14,7 @@ from mission.analysis.load import flown
 from mission.base import polyline
 from mission.base.arrays import Floats, Ints
 from mission.base.errors import InputError
-from mission.base.gaps import Gaps, gaps, inside
+from mission.base.gaps import gaps, inside
 from mission.log.records import LATE, RoundRecord, UplinkRecord, flat
 from mission.log.values import NS_PER_S, FlightData, PlanRecord, Track
 
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 CORNER_M = 25.0
 _FAULT_ENDS = "Fault ends"  # what the vehicle's word for the end of a fault begins with
 _GNSS_USUAL = 3.0  # intervals of fixes: a longer one is a gap
-_EDGE_S = 1e-6  # a place passed where a hole begins may have been passed closer in it
+_EDGE_S = np.array([-0.5, 0.5])  # a place passed beside a hole may have been passed closer in it
 _OF_ROUNDS = ("slot_along_m", "slot_late_s", "plan_per", "est_per", "true_per", "per_shift")
 
 
@@ -73,8 +73,7 @@ def measure_pass(run: FlightData, found: "Pass") -> Measured:
     miss = np.array([item.miss_m for item in passed]).reshape(-1, 3)
     # A mode is told a second after a hole at most: the pass may have begun in it.
     hidden = position_gaps(run, found.begin_ns - NS_PER_S, int(found.track.t_ns[-1]) + 1)
-    edges = [(begin_s - _EDGE_S, end_s + _EDGE_S) for begin_s, end_s in hidden]
-    miss[inside(np.array([item.t_s for item in passed]), edges)] = math.nan
+    miss[inside(np.array([item.t_s for item in passed]), hidden + _EDGE_S)] = math.nan
     pieces = leg_numbers(found.fit.waypoints_at_m, found.path.seqs[1:] >= 0)
     return _measured(
         run,
@@ -150,7 +149,7 @@ def _measured(
     numbers: Mapping[str, float],
     *,
     height_m: Floats,
-    hidden: Gaps,
+    hidden: Floats,
     **arrays: Any,
 ) -> Measured:
     """Measure a track and the log's events in its time; `numbers`, `arrays` are added as given."""
@@ -173,10 +172,7 @@ def _measured(
     ]
     happened = [e for e in run.events if start_ns <= e.t_ns <= end_ns]
     events = Counter(e.kind for e in happened if not e.text.startswith(_FAULT_ENDS))
-    gaps_s, holes_s = (
-        [end_s - begin_s for begin_s, end_s in found]
-        for found in (gnss_gaps(run, start_ns, end_ns), hidden)
-    )
+    gaps_s = np.diff(gnss_gaps(run, start_ns, end_ns))
     blows = (run.wind.t_ns >= start_ns) & (run.wind.t_ns <= end_ns)
     return Measured(
         record=record,
@@ -187,8 +183,8 @@ def _measured(
             "failsafes": events["failsafe"],
             "faults": events["fault"],
             "gnss_gaps": len(gaps_s) if len(run.gnss_ns) else math.nan,
-            "gap_max_s": max(holes_s, default=0.0),
-            "gnss_gap_max_s": max(gaps_s, default=0.0) if len(run.gnss_ns) else math.nan,
+            "gap_max_s": float(np.diff(hidden).max(initial=0.0)),
+            "gnss_gap_max_s": float(gaps_s.max(initial=0.0)) if len(run.gnss_ns) else math.nan,
         },
         truth=truth,
         belief=belief,
@@ -207,8 +203,8 @@ def _measured(
     )
 
 
-def gnss_gaps(run: FlightData, start_ns: int, end_ns: int) -> Gaps:
-    """Return begin and end (s) of each GNSS outage between two instants, not clipped to them."""
+def gnss_gaps(run: FlightData, start_ns: int, end_ns: int) -> Floats:
+    """Begin and end (g, 2) in seconds of the GNSS outages between two instants, not clipped."""
     last_ns = max([end_ns, *run.gnss_ns[-1:].tolist()])
     return gaps(run.gnss_ns, (start_ns, end_ns), usual=_GNSS_USUAL, ends_ns=[last_ns])
 

@@ -60,11 +60,9 @@ def events(run: FlightData, start_s: float, end_s: float) -> list[Event]:
     ]
     happened += [(item.t_ns, f"{item.kind} uploaded") for item in run.missions]
     found = [Event(t_ns / NS_PER_S, t_ns / NS_PER_S, text) for t_ns, text in happened]
-    during_ns = int(start_s * NS_PER_S), int(end_s * NS_PER_S)
     for what, gaps in ("GNSS lost", gnss_gaps), ("no positions", position_gaps):
-        found += [
-            Event(*gap, f"{what} {gap[0]:.1f}-{gap[1]:.1f} s") for gap in gaps(run, *during_ns)
-        ]
+        for begin, end in gaps(run, int(start_s * NS_PER_S), int(end_s * NS_PER_S)).tolist():
+            found.append(Event(begin, end, f"{what} {begin:.1f}-{end:.1f} s"))
     inside = [event for event in found if event.end_s >= start_s and event.start_s <= end_s]
     return sorted(inside, key=lambda event: event.start_s)
 
