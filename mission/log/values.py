@@ -40,7 +40,6 @@ XYZ = tuple[float, float, float]
 
 NS_PER_S = 1_000_000_000
 AUTOPILOT = "autopilot: "  # begins a status event that names who flies
-_ARDUPILOT = "ArduPilot"
 
 
 @dataclass(frozen=True)
@@ -401,10 +400,8 @@ class FlightData:
     @property
     def climbs_straight(self) -> bool:
         """Whether ArduPilot flew: up from where it stands, wherever its take-off names."""
-        said = f"{AUTOPILOT}{_ARDUPILOT}"
-        return self.source.kind.endswith(_ARDUPILOT) or any(
-            event.text.startswith(said) for event in self.events
-        )
+        said = [event.text for event in self.events if event.text.startswith(AUTOPILOT)]
+        return any("ArduPilot" in text for text in (self.source.kind, *said))
 
     @cached_property
     def config(self) -> Mapping[str, Any]:

@@ -43,14 +43,8 @@ def read_tlog(path: Path) -> FlightData:
     if not reader.clock:
         raise InputError(f"{path}: the log has no positions, so there is no flight in it")
     wall_us, boot_ms = np.array(reader.clock, dtype=np.float64).T
-    if (back := np.flatnonzero(np.diff(boot_ms) < 0.0)).size:
-        before, after = boot_ms[back[0]] / 1e3, boot_ms[back[0] + 1] / 1e3
-        raise InputError(
-            f"{path}: its clocks disagree: the recorder's goes on, the vehicle's back from "
-            f"{before:.2f} to {after:.2f} s: the vehicle started anew or set it; cut the log there"
-        )
     order = np.argsort(wall_us, kind="stable")
-    wall_us, boot_ms = wall_us[order], boot_ms[order]
+    wall_us, boot_ms = wall_us[order], np.maximum.accumulate(boot_ms[order])
     for at_us, message in reader.later:  # without a time of the vehicle's own: its neighbours'
         after_ms = max(0.0, at_us - wall_us[-1]) / 1e3
         reader.take_at(int((np.interp(at_us, wall_us, boot_ms) + after_ms) * 1e6), message)
@@ -95,7 +89,8 @@ class _Reader:
 
     def take(self, wall_us: int, message: Any) -> None:
         """Keep what a message says."""
-        kind, found, sender = message.get_type(), self._found, _sender(message)
+        kind, found = message.get_type(), self._found
+        sender = message.get_srcSystem(), message.get_srcComponent()
         if kind == "HEARTBEAT" and message.autopilot != _NO_AUTOPILOT and not self._autopilot:
             if message.type in _OTHERS:
                 name = mav.enums["MAV_TYPE"][message.type].name.removeprefix("MAV_TYPE_").lower()
@@ -175,7 +170,8 @@ class _Reader:
                 item = MissionItem(0, 0, item.frame, item.params, item.x, item.y, item.z)  # home
             count, items = self._lists[kind, sender]
             items[item.seq] = item
-            if _sender(message) == self._autopilot and len(items) == count:
+            told = sender, message.get_srcComponent()
+            if told == self._autopilot and len(items) == count:
                 self._found.add_list(t_ns, items, kind)  # it may say again what was uploaded
                 del self._lists[kind, sender]
 
@@ -184,8 +180,3 @@ class _Reader:
         count, items = self._lists.pop((ack.mission_type, ack.target_system), (0, {}))
         if ack.type == mav.MAV_MISSION_ACCEPTED and items and len(items) == count:
             self._found.add_list(t_ns, items, ack.mission_type)
-
-
-def _sender(message: Any) -> tuple[int, ...]:
-    """System and component."""
-    return message.get_srcSystem(), message.get_srcComponent()
