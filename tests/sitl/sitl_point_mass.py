@@ -35,6 +35,7 @@ class PointMass:
         self.cmd_pos_ned_m: Vector | None = None
         self.wind_ned_mps = np.zeros(3)
         self.faults: tuple[Fault, ...] = ()
+        self.fault_news: list[tuple[int, str]] = []
         self.trace = None
         self.paths: list[FlightPath] = []
         self._ready_ns = int(ready_after_s * 1e9)
@@ -75,6 +76,7 @@ class PointMass:
 
     def inject(self, fault: Fault) -> None:
         self.faults = (*self.faults, fault)
+        self.fault_news.append((self.t_ns, f"Fault begins: {fault.kind}"))
 
     def happened(self, _what: str | int) -> None:
         """Nothing is configured to fail."""
