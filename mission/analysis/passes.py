@@ -321,11 +321,13 @@ def _passes(
 def _left_at(data: FlightData, left: Pass, found: Pass) -> Pass:
     """Return a pass without the places that it left to the next one, where that goes on with the
     mission; one that goes back to an earlier item has its places in both."""
-    times, seqs = data.current
-    passed = [(p.t_s, p.seq + 1) for p in left.passages if not math.isnan(p.t_s)]
-    heading = [0, *(seq for _, seq in sorted(passed)), *seqs[times <= left.track.t_ns[-1]]][-1]
+    told = [(event.t_ns, event.seq + 1) for event in data.events if event.seq is not None]
+    told = sorted([*told, *zip(*data.current, strict=True)])
+    passed = sorted((p.t_s, p.seq + 1) for p in left.passages if not math.isnan(p.t_s))
+    heading = [0, *(seq for _, seq in passed)]
+    heading += [seq for t_ns, seq in told if t_ns <= left.track.t_ns[-1]]
     ahead = found.path.seqs[found.path.seqs >= 0].tolist()
-    if min(ahead[:1], default=-1) < heading:
+    if not ahead or ahead[0] < heading[-1]:
         return left
     kept = (p for p in left.passages if not math.isnan(p.t_s) or p.seq not in ahead)
     return replace(left, passages=tuple(kept))
@@ -413,7 +415,8 @@ def _pass(
     )
     leg = leg_of(fit)
     known = way.height_known[1:][leg] & way.height_known[:-1][leg]
-    return Pass(plan, record, track, way, fit, tuple(_passages(way, fit, track)), known)
+    later = data.truth.between(end_ns + 1, end_ns + 2 * int(_STAY_S * NS_PER_S))
+    return Pass(plan, record, track, way, fit, tuple(_passages(way, fit, track, later)), known)
 
 
 def _crossing(values: Floats, bound: float) -> float:
@@ -492,16 +495,21 @@ def _windows(
     return ends[towards], ends[np.minimum(towards + 3, len(ends) - 1)]
 
 
-def _passages(way: MissionPath, fit: Alignment, track: Track) -> Iterator[Passage]:
-    """Yield for each item with a place when the matched track passed it, and its miss vector."""
+def _passages(way: MissionPath, fit: Alignment, track: Track, later: Track) -> Iterator[Passage]:
+    """Yield for each item with a place when the matched track passed it, and its miss vector. It
+    may stay at the last one in what is flown `later`."""
+    whole_ns = np.append(track.t_ns, later.t_ns)
+    whole_m = np.concatenate((track.pos_m, later.pos_m))
     for index in np.flatnonzero(way.seqs >= 0):
         at_m, place = fit.waypoints_at_m[index], way.points_m[index]
         near = np.flatnonzero(np.abs(fit.along_m[:-1] - at_m) <= 3 * _REACHED_M)
-        pos_m = track.pos_m - place
+        pos_m = whole_m - place
         if not way.height_known[index]:
             pos_m[:, 2] = 0.0
         rows = slice(near[0], near[-1] + 2) if len(near) else slice(0)
-        t_ns, miss_m = _closest(track.t_ns[rows], pos_m[rows])
+        if rows.stop == len(track.t_ns):
+            rows = slice(rows.start, None)
+        t_ns, miss_m = _closest(whole_ns[rows], pos_m[rows])
         passed = len(near) > 0 and (
             _led_past(fit, track, int(near[-1]), at_m)
             or float(np.linalg.norm(miss_m)) <= _REACHED_M

@@ -83,6 +83,7 @@ class PointMass:
 
     def end(self, fault: Fault) -> None:
         self.faults = tuple(other for other in self.faults if other != fault)
+        self.fault_news.append((self.t_ns, f"Fault ends: {fault.kind}"))
 
     def arm(self) -> None:
         self.armed = True
