@@ -5,7 +5,7 @@ autopilot (`flightdyn.aircraft`), or a firmware through one of the bridges of `s
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 from flightdyn.clock import SimClock
 from flightdyn.config import AircraftConfig
@@ -161,6 +161,11 @@ class Plant:
         """The faults in force."""
         return self._faults.active
 
+    @property
+    def fault_news(self) -> Sequence[tuple[int, str]]:
+        """When (ns) a fault began or ended, and which, from the start on; it grows."""
+        return self._faults.news
+
     def inject(self, fault: Fault) -> None:
         """Put a fault in force now, for its duration. Raises FaultError without such a part."""
         self._faults.begin(fault, self.clock.t_ns)
@@ -173,7 +178,7 @@ class Plant:
 
     def end(self, fault: Fault) -> None:
         """End one fault in force, and no other; nothing happens where it is not in force."""
-        self._faults.end(fault)
+        self._faults.end(fault, self.clock.t_ns)
 
     def exchange_battery(self) -> None:
         """Put in a battery as charged as the first one was."""

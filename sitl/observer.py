@@ -6,6 +6,8 @@ from typing import Literal, NamedTuple, Protocol
 from flightdyn.state import BatteryState, GnssFix, Innovation, Kinematics, Vector
 
 EventKind = Literal["mode", "armed", "reached", "status", "failsafe", "fault"]
+# HEARTBEAT.system_status of a vehicle in a failsafe: CRITICAL, EMERGENCY, FLIGHT_TERMINATION.
+FAILING = frozenset({5, 6, 8})
 
 
 class VehicleSample(NamedTuple):

@@ -32,6 +32,7 @@ class FaultState:
         self.happened(None, 0)
         self._active: list[tuple[Fault, int | None]] = []
         self._broken: set[int] = set()
+        self.news: list[tuple[int, str]] = []  # when (ns) and what began or ended
         self.burst_ned_mps: Triple = (0.0, 0.0, 0.0)
 
     @property
@@ -51,21 +52,26 @@ class FaultState:
         """Put `fault` in force from now on, whatever its `at_s`."""
         self._check(fault)
         end = None if fault.duration_s is None else t_ns + round(fault.duration_s * 1e9)
-        self._active.append((fault, end))
-        self._apply()
+        self._now([*self._active, (fault, end)], t_ns)
 
-    def end(self, fault: Fault) -> None:
+    def end(self, fault: Fault, t_ns: int) -> None:
         """End `fault`, however often it was begun; the others go on until their own ends."""
-        self._active = [(other, end) for other, end in self._active if other != fault]
-        self._apply()
+        self._now([(other, end) for other, end in self._active if other != fault], t_ns)
 
     def update(self, t_ns: int) -> None:
         """Begin what is scheduled and end what is over."""
         while self._waiting and self._waiting[-1][0] <= t_ns:
             self.begin(self._waiting.pop()[1], t_ns)
         if self._active and any(end is not None and end <= t_ns for _, end in self._active):
-            self._active = [(f, end) for f, end in self._active if end is None or end > t_ns]
-            self._apply()
+            self._now([(f, end) for f, end in self._active if end is None or end > t_ns], t_ns)
+
+    def _now(self, active: list[tuple[Fault, int | None]], t_ns: int) -> None:
+        """Put exactly these in force, and note which of them are new and which are no more."""
+        before, self._active = self.active, active
+        begun = [f"Fault begins: {f.kind}" for f in self.active if f not in before]
+        ended = [f"Fault ends: {f.kind}" for f in before if f not in self.active]
+        self.news += [(t_ns, text) for text in begun + ended]
+        self._apply()
 
     def _check(self, fault: Fault) -> None:
         if self._receiver is None and isinstance(fault, GnssOff | GnssJump | ImuBias):

@@ -236,9 +236,10 @@ def compare_run(loaded: LoadedRun, *, rounds: int | None = None) -> RunCompariso
     plans = {plan.round: plan for plan in run.plans}
     flown = [record for record in run.rounds if record.round in plans]
     if loaded.judged is None:
-        measured = [measure(run, record, plans[record.round]) for record in flown]
+        measured = [measure(loaded.data, record, plans[record.round]) for record in flown]
     else:
-        measured = [measure_pass(run, found) for found in loaded.judged.passes[: len(flown)]]
+        passes = loaded.judged.passes[: len(flown)]
+        measured = [measure_pass(loaded.data, found) for found in passes]
     if not measured and loaded.unjudged:
         raise InputError(loaded.unjudged)
     if not measured:

@@ -16,9 +16,17 @@ from mission.base import polyline
 from mission.base.arrays import Bools, Floats, Ints
 from mission.base.errors import InputError
 from mission.flight.fence_zones import item_zones
-from mission.flight.logs.items import RETURNS, MissionPath, items_of, mission_path, place_m, returns
+from mission.flight.logs.items import (
+    RETURNS,
+    MissionPath,
+    items_of,
+    leads_on,
+    mission_path,
+    place_m,
+    returns,
+)
 from mission.log.records import UNKNOWN_ROUND, RoundRecord
-from mission.log.values import NS_PER_S, FlightData, PlannedPlaces, PlanRecord, Track
+from mission.log.values import NS_PER_S, FlightData, Modes, PlannedPlaces, PlanRecord, Track
 from sitl.autopilot.codec.orders import MissionItem
 from sitl.autopilot.flying.route import repeats
 from sitl.errors import SitlInputError
@@ -28,6 +36,7 @@ _MISSION = ("MISSION", "AUTO")  # what autopilots call the mode that flies a mis
 _RETURNS = ("RETURN", "RETURN_TO_LAUNCH", "RTL", "SMART_RTL")  # and those that may end one,
 _ENDS = (*_RETURNS, "LAND")
 _PAUSES = ("HOLD", "LOITER")
+_DISARMED = "DISARMED"  # in place of the mode of a vehicle that has landed: it may be any
 _PAUSE_M = 30.0  # at most from where a mission was left to where it goes on, braking included
 _PAUSE_S = 60.0  # at most, before a return that belongs to the mission; who orders it may be slow
 _SURE_S = 5.0  # by which a return that is told may differ from one that shows
@@ -95,14 +104,15 @@ def judged(path: object, data: FlightData, given: Plan | None) -> Judged:
     """
     if len(data.truth.t_ns) < 2:
         raise InputError(f"{path}: the log has no positions, so there is nothing to compare")
-    start_ns, end_ns = _airborne(path, data)
+    flown = replace(data, modes=_flown(data))
+    start_ns, end_ns = _airborne(path, flown)
     plans = [given] if given is not None else _logged(data)
     if not any(plan.items for plan in plans):
         raise InputError(
             f"{path}: the log has no mission to compare with; give the plan that was flown (--plan "
             "FILE), or read the flight with aerofed log export"
         )
-    stretches = list(_stretches(data, plans, start_ns, end_ns))
+    stretches = list(_stretches(flown, plans, start_ns, end_ns))
     if not stretches and given is None:
         modes = ", ".join(dict.fromkeys(data.modes.names)) or "no mode that is known"
         raise InputError(
@@ -113,10 +123,14 @@ def judged(path: object, data: FlightData, given: Plan | None) -> Judged:
         stretches = [(plans[0], start_ns, end_ns)]
     passes: list[Pass] = []
     left_out: Counter[str] = Counter()
-    for plan, times_ns in _joined(data, stretches):
+    before = None
+    for plan, times_ns in _joined(flown, stretches):
         for found in _passes(path, data, plan, times_ns, first=len(passes) + 1):
+            if plan is before:
+                passes[-1] = _left_at(data, passes[-1], found)
             passes.append(found)
             left_out |= Counter(found.path.left_out)
+            before = plan
     if not passes:
         raise InputError(f"{path}: no stretch of its mission lasts {_LEAST_S:g} s")
     lists = [items_of(record) for record in data.missions if record.kind == "fence"]
@@ -144,7 +158,24 @@ def judged(path: object, data: FlightData, given: Plan | None) -> Judged:
             frozenset(passed),
         ),
     )
-    return Judged(data, tuple(passes), _apart(data, passes, start_ns, end_ns), left_out)
+    return Judged(data, tuple(passes), _apart(flown, passes, start_ns, end_ns), left_out)
+
+
+def _flown(data: FlightData) -> Modes:
+    """Return the modes in which the vehicle was armed, and `_DISARMED` between."""
+    switches = [event for event in data.events if event.kind == "armed"]
+    times = np.unique([*data.modes.t_ns.tolist(), *(event.t_ns for event in switches)])
+    modes = np.searchsorted(data.modes.t_ns, times, side="right") - 1
+    last = np.searchsorted([event.t_ns for event in switches], times, side="right") - 1
+    before = switches[:1] and switches[0].text == "armed"
+    names = (*data.modes.names, "mode unknown")
+    return Modes(
+        times.astype(np.int64),
+        tuple(
+            _DISARMED if (switches[at].text == "disarmed" if at >= 0 else before) else names[mode]
+            for mode, at in zip(modes.tolist(), last.tolist(), strict=True)
+        ),
+    )
 
 
 def _airborne(path: object, data: FlightData) -> tuple[int, int]:
@@ -160,7 +191,10 @@ def _airborne(path: object, data: FlightData) -> tuple[int, int]:
     moved_m = np.linalg.norm(pos_m - data.truth.at(t_ns - NS_PER_S).pos_m, axis=1)
     stood = np.flatnonzero(moved_m[:first] < _STILL_M)
     start_ns = t_ns[stood[-1]] - NS_PER_S if len(stood) else 0
-    return max(int(start_ns), int(t_ns[0])), int(t_ns[off[-1]])
+    end_ns = int(t_ns[off[-1]])
+    if data.modes.names[-1:] == (_DISARMED,):
+        end_ns = min(end_ns, int(data.modes.t_ns[-1]))
+    return max(int(start_ns), int(t_ns[0])), end_ns
 
 
 def _logged(data: FlightData) -> list[Plan]:
@@ -201,7 +235,9 @@ def _stretches(
             later_ns = plans[number + 1].since_ns if number + 1 < len(plans) else end_ns
             first_ns = begin_ns if number == 0 else max(begin_ns, plan.since_ns)
             last_ns = min(until_ns, later_ns)
-            ends_home = last_ns == until_ns and returns(plan.items)
+            told = [seq for t_ns, seq in zip(*_current(data, plan), strict=True) if t_ns <= last_ns]
+            over = not told or not leads_on(plan.items, int(told[-1]))
+            ends_home = last_ns == until_ns and returns(plan.items) and over
             last_ns = min(home_ns if ends_home else last_ns, end_ns)
             if plan.items and last_ns - first_ns >= _LEAST_S * NS_PER_S:
                 yield plan, first_ns, last_ns
@@ -216,7 +252,7 @@ def _joined(
         before, times_ns = found[-1] if found else (None, [])
         if (
             before is plan
-            and not _ended(data, *times_ns[-1])
+            and not _ended(data, times_ns[-1][0], begin_ns)
             and _goes_on(data, plan, times_ns[-1][1], begin_ns)
         ):
             times_ns.append((begin_ns, until_ns))
@@ -225,10 +261,11 @@ def _joined(
     return found
 
 
-def _ended(data: FlightData, begin_ns: int, until_ns: int) -> bool:
-    """Whether a stretch ends with a return or a landing."""
-    within = (data.modes.t_ns > begin_ns) & (data.modes.t_ns <= until_ns)
-    return any(data.modes.names[index] in _ENDS for index in np.flatnonzero(within).tolist())
+def _ended(data: FlightData, begin_ns: int, next_ns: int) -> bool:
+    """Whether there is a return, a landing or disarming from the begin of a stretch to the next."""
+    within = (data.modes.t_ns > begin_ns) & (data.modes.t_ns <= next_ns)
+    ends = (*_ENDS, _DISARMED)
+    return any(data.modes.names[index] in ends for index in np.flatnonzero(within).tolist())
 
 
 def _goes_on(data: FlightData, plan: Plan, left_ns: int, begin_ns: int) -> bool:
@@ -269,10 +306,10 @@ def _passes(
     for number, (start_ns, item) in enumerate(zip(cuts, firsts, strict=True)):
         end_ns = cuts[number + 1] if number + 1 < len(cuts) else until_ns
         track = data.truth.between(start_ns, end_ns)
-        kept = [(track.t_ns >= since_ns) & (track.t_ns <= to_ns) for since_ns, to_ns in times_ns]
-        track = track.at(track.t_ns[np.any(kept, axis=0)])
         if end_ns - start_ns < _LEAST_S * NS_PER_S or len(track.t_ns) < 2:
             continue
+        kept = [(track.t_ns >= since_ns) & (track.t_ns <= to_ns) for since_ns, to_ns in times_ns]
+        track = track.at(track.t_ns[np.any(kept, axis=0)])
         way = mission_path(
             plan.items,
             data.area,
@@ -288,6 +325,21 @@ def _passes(
             found = _pass(first, data, way, track, (times, seqs), [*foreseen, math.nan][0])
             yield replace(found, begin_ns=start_ns)
             first += 1
+
+
+def _left_at(data: FlightData, left: Pass, found: Pass) -> Pass:
+    """Return a pass without the places that it left to the next one, where that goes on with the
+    mission; one that goes back to an earlier item has its places in both."""
+    told = [(event.t_ns, event.seq + 1) for event in data.events if event.seq is not None]
+    told = sorted([*told, *zip(*data.current, strict=True)])
+    passed = sorted((p.t_s, p.seq + 1) for p in left.passages if not math.isnan(p.t_s))
+    heading = [0, *(seq for _, seq in passed)]
+    heading += [seq for t_ns, seq in told if t_ns <= left.track.t_ns[-1]]
+    ahead = found.path.seqs[found.path.seqs >= 0].tolist()
+    if not ahead or ahead[0] < heading[-1]:
+        return left
+    kept = (p for p in left.passages if not math.isnan(p.t_s) or p.seq not in ahead)
+    return replace(left, passages=tuple(kept))
 
 
 def _check_place(path: object, plan: Plan, way: MissionPath, track: Track) -> None:
@@ -310,11 +362,10 @@ def _current(data: FlightData, plan: Plan) -> tuple[Ints, Ints]:
     if not plan.logged or len(times):
         kept = times >= plan.since_ns if plan.logged else np.zeros(len(times), dtype=bool)
         return times[kept], seqs[kept]
-    passed = [
-        (event.t_ns, event.seq)
-        for event in data.events
-        if event.kind == "reached" and event.seq is not None and event.t_ns >= plan.since_ns
-    ]
+    said = [event for event in data.events if event.seq is not None and event.t_ns >= plan.since_ns]
+    # When a place was passed is better than when the vehicle said so.
+    exact = [event for event in said if event.kind == "reached"]
+    passed = sorted({(event.t_ns, event.seq) for event in exact or said})
     if not passed:
         return times, seqs
     # What was reached next is what was flown to.
@@ -380,7 +431,9 @@ def _pass(
     )
     leg = leg_of(fit)
     known = way.height_known[1:][leg] & way.height_known[:-1][leg]
-    return Pass(plan, record, start_ns, track, way, fit, tuple(_passages(way, fit, track)), known)
+    later = data.truth.between(end_ns + 1, end_ns + 2 * int(_STAY_S * NS_PER_S))
+    passages = tuple(_passages(way, fit, track, later))
+    return Pass(plan, record, start_ns, track, way, fit, passages, known)
 
 
 def _crossing(values: Floats, bound: float) -> float:
@@ -459,16 +512,21 @@ def _windows(
     return ends[towards], ends[np.minimum(towards + 3, len(ends) - 1)]
 
 
-def _passages(way: MissionPath, fit: Alignment, track: Track) -> Iterator[Passage]:
-    """Yield for each item with a place when the matched track passed it, and its miss vector."""
+def _passages(way: MissionPath, fit: Alignment, track: Track, later: Track) -> Iterator[Passage]:
+    """Yield for each item with a place when the matched track passed it, and its miss vector. It
+    may stay at the last one in what is flown `later`."""
+    whole_ns = np.append(track.t_ns, later.t_ns)
+    whole_m = np.concatenate((track.pos_m, later.pos_m))
     for index in np.flatnonzero(way.seqs >= 0):
         at_m, place = fit.waypoints_at_m[index], way.points_m[index]
         near = np.flatnonzero(np.abs(fit.along_m[:-1] - at_m) <= 3 * _REACHED_M)
-        pos_m = track.pos_m - place
+        pos_m = whole_m - place
         if not way.height_known[index]:
             pos_m[:, 2] = 0.0
         rows = slice(near[0], near[-1] + 2) if len(near) else slice(0)
-        t_ns, miss_m = _closest(track.t_ns[rows], pos_m[rows])
+        if rows.stop == len(track.t_ns):
+            rows = slice(rows.start, None)
+        t_ns, miss_m = _closest(whole_ns[rows], pos_m[rows])
         passed = len(near) > 0 and (
             _led_past(fit, track, int(near[-1]), at_m)
             or float(np.linalg.norm(miss_m)) <= _REACHED_M
@@ -533,4 +591,5 @@ def _apart(
     for index in np.unique(at):
         name = data.modes.names[index] if index >= 0 else "mode unknown"
         found[name] = found.get(name, 0.0) + float(step_s[outside & (at == index)].sum())
+    found.pop(_DISARMED, None)
     return {name: seconds for name, seconds in found.items() if seconds >= _LEAST_S}

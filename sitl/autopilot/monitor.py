@@ -6,7 +6,6 @@ import numpy as np
 from pymavlink.dialects.v20 import common as mav
 
 from flightdyn.aircraft import Aircraft
-from flightdyn.faults import Fault
 from sitl.autopilot.codec.instruments import DeferredValues, Snapshot
 from sitl.autopilot.failsafe import Cause, Failsafes
 from sitl.autopilot.flying.circle import Orbit
@@ -55,7 +54,7 @@ class Monitor:
         self._report = reporter
         self._landed = mav.MAV_LANDED_STATE_UNDEFINED
         self._limited = False
-        self._faults: tuple[Fault, ...] = ()
+        self._told = 0  # of the news of faults
 
     def watch(self) -> None:
         """Report changes of GNSS, faults and landed state; call a few times a simulated second."""
@@ -80,16 +79,10 @@ class Monitor:
 
     def watch_faults(self) -> None:
         """Tell of faults that have begun or ended."""
-        faults = self._aircraft.faults
-        if faults == self._faults:
-            return
-        for fault in faults:
-            if fault not in self._faults:
-                self._report.say(f"Fault begins: {fault.kind}", kind="fault")
-        for fault in self._faults:
-            if fault not in faults:
-                self._report.say(f"Fault ends: {fault.kind}", kind="fault")
-        self._faults = faults
+        news = self._aircraft.fault_news
+        while self._told < len(news):
+            self._told += 1
+            self._report.say(news[self._told - 1][1], kind="fault")
 
     def snapshot(self, failsafes: Failsafes, orbit: Orbit | None, booted_ns: int) -> Snapshot:
         """The values that telemetry messages are made from, at this instant."""

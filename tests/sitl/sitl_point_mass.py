@@ -35,6 +35,7 @@ class PointMass:
         self.cmd_pos_ned_m: Vector | None = None
         self.wind_ned_mps = np.zeros(3)
         self.faults: tuple[Fault, ...] = ()
+        self.fault_news: list[tuple[int, str]] = []
         self.trace = None
         self.paths: list[FlightPath] = []
         self._ready_ns = int(ready_after_s * 1e9)
@@ -75,12 +76,14 @@ class PointMass:
 
     def inject(self, fault: Fault) -> None:
         self.faults = (*self.faults, fault)
+        self.fault_news.append((self.t_ns, f"Fault begins: {fault.kind}"))
 
     def happened(self, _what: str | int) -> None:
         """Nothing is configured to fail."""
 
     def end(self, fault: Fault) -> None:
         self.faults = tuple(other for other in self.faults if other != fault)
+        self.fault_news.append((self.t_ns, f"Fault ends: {fault.kind}"))
 
     def arm(self) -> None:
         self.armed = True

@@ -36,7 +36,7 @@ from sitl.links import RawLink
 
 NAMES = {"px4": "PX4", "ardupilot": "ArduPilot"}
 FOLDER = "firmware"  # of a run, where the firmware lives
-_HEARD = frozenset({31, 33, 46, 83, 85, 147, 242})  # what the feed takes from the relay
+_HEARD = frozenset({0, 31, 33, 46, 83, 85, 147, 162, 242})  # what the feed takes from the relay
 _TOLD_NS = 100_000_000  # after an instant, in which a position is told: two of its intervals
 _SAME_PARAMETER = 1e-4  # relative: parameters travel as 32-bit floats
 
@@ -169,6 +169,7 @@ class FirmwareFlyers(Flyers):
                         raw_link=raw_link,
                         known=Known(
                             vehicle.clock.truth.at,
+                            self.plant.fault_news,
                             takers,
                             vehicle.clock.truth.motors,
                             config.vehicle.control_rate_hz,

@@ -45,10 +45,10 @@ _VEHICLES = ("ArduPlane", "ArduRover", "Rover", "ArduSub", "AntennaTracker", "Bl
 _FIX_3D = 3
 _ARMED, _DISARMED = 10, 11  # EV
 _HOME = 1  # ORGN.Type; 0: the origin of its filter
-# ERR.Subsys of the failsafes.
+# ERR.Subsys of the failsafes: LogErrorSubsystem.
 _FAILSAFES = {
-    5: "radio", 6: "battery", 8: "ground station", 9: "fence", 16: "EKF check", 17: "EKF",
-    19: "terrain", 23: "vibration", 24: "internal", 29: "dead reckoning",
+    5: "radio", 6: "battery", 7: "GPS", 8: "ground station", 9: "fence", 17: "EKF", 19: "CPU",
+    20: "ADSB", 23: "terrain", 26: "sensors", 29: "vibration", 31: "dead reckoning",
 }  # fmt: skip
 
 

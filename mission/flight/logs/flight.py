@@ -57,6 +57,7 @@ class Found:
     missions: list[MissionRecord] = field(default_factory=list)
     current: list[tuple[int, int]] = field(default_factory=list)
     skipped: Counter[str] = field(default_factory=Counter)
+    _in_force: set[str] = field(default_factory=set)
 
     def messages(
         self,
@@ -97,6 +98,21 @@ class Found:
         if not self.modes or self.modes[-1][1] != name:
             self.modes.append((t_ns, name))
             self.event(t_ns, "mode", name)
+
+    def armed(self, t_ns: int, *, on: bool) -> None:
+        """Note whether the motors may turn at an instant; only a change counts."""
+        if on != ("armed" in self._in_force):
+            self._in_force ^= {"armed"}
+            self.event(t_ns, "armed", "armed" if on else "disarmed")
+
+    def failing(self, t_ns: int, what: str, *, on: bool) -> None:
+        """Note whether something that a failsafe is for is so at an instant; only that it begins,
+        or that the vehicle is armed meanwhile, counts."""
+        on = on and "armed" in self._in_force
+        if on != (what in self._in_force):
+            self._in_force ^= {what}
+            if on:
+                self.event(t_ns, "failsafe", what, severity=4)
 
     def heads_for(self, t_ns: int, seq: int) -> None:
         """Note the item that is flown to at an instant."""

@@ -62,6 +62,11 @@ def returns(items: Sequence[MissionItem]) -> bool:
     return bool(items) and items[-1].command in RETURNS + _LANDINGS
 
 
+def leads_on(items: Sequence[MissionItem], seq: int) -> bool:
+    """Whether a mission leads to a place after item `seq`, other than by its return or landing."""
+    return any(i.seq > seq and i.command in _LEADS + _TAKEOFFS + _CIRCLES for i in items)
+
+
 @dataclass(frozen=True)
 class MissionPath:
     """Where a mission leads from one of its items on, jumps and circles included."""

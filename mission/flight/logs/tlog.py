@@ -15,6 +15,7 @@ from mission.flight.logs.flight import DAMAGE, MOST_BYTES, Found
 from mission.flight.logs.items import KINDS
 from mission.log.values import FlightData
 from sitl.autopilot.codec.orders import MissionItem, read_item
+from sitl.observer import FAILING
 
 _HEAD = 8  # bytes of a time before each message: microseconds since 1970
 _FRAME = re.compile(rb"(?s)\xfd..|\xfe.")  # mark, length, and flags of MAVLink 2
@@ -132,10 +133,14 @@ class _Reader:
                     name = mode_mapping_acm.get(message.custom_mode, f"MODE {message.custom_mode}")
                 else:
                     name = interpret_px4_mode(message.base_mode, message.custom_mode)
+                armed = message.base_mode & mav.MAV_MODE_FLAG_SAFETY_ARMED
+                found.armed(t_ns, on=bool(armed))
                 found.mode(t_ns, name)
+                found.failing(t_ns, "failsafe", on=message.system_status in FAILING)
+            case "FENCE_STATUS":
+                found.failing(t_ns, "fence breached", on=bool(message.breach_status))
             case "STATUSTEXT":
-                kind = "failsafe" if "failsafe" in message.text.lower() else "status"
-                found.event(t_ns, kind, message.text, severity=message.severity)
+                found.event(t_ns, "status", message.text, severity=message.severity)
             case "MISSION_CURRENT":
                 found.heads_for(t_ns, message.seq)
             case "MISSION_ITEM_REACHED":

@@ -42,6 +42,8 @@ COMMANDS = {  # of position_setpoint.type
 _IDENTITIES = ("mission_id", "instance_count", "seq_total")
 MISSIONS = "aerofed_missions"  # what a ULog of ours holds more
 _MSL = mav.MAV_FRAME_GLOBAL
+_JUMP = mav.MAV_CMD_DO_JUMP
+_SETTLED_NS = 100_000_000
 _FIX_3D = 3
 _UNKNOWN = -1.0  # number of a battery
 
@@ -137,20 +139,14 @@ def _status(found: Found, data: Columns | None) -> None:
     if kinds and not kinds & set(_ROTARY):
         kind = _KINDS.get(min(kinds), f"a vehicle of kind {min(kinds)}")
         raise InputError(f"{found.path}: the log of {kind}: only multicopters' are compared")
-    armed = failsafe = False
     # The topic comes twice a second; when the mode changed it says exactly, where it says so.
     since = "nav_state_timestamp" if data and "nav_state_timestamp" in data else "timestamp"
     names = "nav_state", since, "arming_state", "failsafe"
     for t, state, since_us, arming, lost in _rows(data, *names):
         t_ns = int(t)
+        found.armed(t_ns, on=arming == _ARMED)
         found.mode(min(t_ns, _ns(since_us)), MODES.get(int(state), f"MODE {state:g}"))
-        if (arming == _ARMED) != armed:
-            armed = arming == _ARMED
-            found.event(t_ns, "armed", "armed" if armed else "disarmed")
-        if bool(lost) != failsafe:
-            failsafe = bool(lost)
-            if failsafe:
-                found.event(t_ns, "failsafe", "failsafe", severity=4)
+        found.failing(t_ns, "failsafe", on=bool(lost))
 
 
 def _heading_for(found: Found, topics: dict[str, Columns]) -> None:
@@ -165,10 +161,17 @@ def _heading_for(found: Found, topics: dict[str, Columns]) -> None:
         return
     since = [told[0][0], *(now[0] for last, now in pairwise(told) if now[3] != last[3])]
     missions: list[dict[int, MissionItem]] = [{} for _ in since]
+    jumps = ("item_do_jump_changed", "item_changed_index", "item_do_jump_remaining")
+    for t, target, jumped, seq, left in _rows(result, "seq_current", *jumps):
+        if jumped:  # of a DO_JUMP's times the first one leaves the most
+            times = (float(target), left + 1.0, 0.0, 0.0)
+            item = MissionItem(int(seq), _JUMP, mav.MAV_FRAME_MISSION, times, 0.0, 0.0, 0.0)
+            missions[max(bisect(since, t) - 1, 0)].setdefault(int(seq), item)
     modes, at = [t for t, _ in found.modes], [row[0] for row in told]
     names = ("current.valid", "current.type", "current.lat", "current.lon", "current.alt")
     for t, valid, kind, lat, lon, alt in _rows(topics.get("position_setpoint_triplet"), *names):
-        mode = found.modes[max(bisect(modes, t) - 1, 0)][1] if modes else ""
+        # An item that changes the mode is told before it does, with the place of the last one.
+        mode = found.modes[max(bisect(modes, t + _SETTLED_NS) - 1, 0)][1] if modes else ""
         if not valid or mode != "MISSION" or int(kind) not in COMMANDS:
             continue
         _, seq, finished, _ = told[max(bisect(at, t) - 1, 0)]

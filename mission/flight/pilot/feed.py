@@ -10,6 +10,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from pymavlink.dialects.v20 import common as mav
 
 from flightdyn.frames import frozen
 from flightdyn.state import BatteryState, GeodeticPoint, Kinematics, Moment
@@ -21,7 +22,7 @@ from mission.flight.pilot.raw_messages import follow
 from mission.flight.pilot.readiness import Readiness
 from mission.flight.track import Passage
 from sitl.autopilot.codec.orders import Fields
-from sitl.observer import EventKind, VehicleEvent, VehicleObserver, VehicleSample
+from sitl.observer import FAILING, EventKind, VehicleEvent, VehicleObserver, VehicleSample
 
 # Message number and rate: what this package and MAVSDK's plugins live on. Nobody but the vehicle
 # knows what it sends by itself; ArduPilot sends next to nothing.
@@ -36,6 +37,7 @@ STREAMS_HZ = {
     "EXTENDED_SYS_STATE": (245, 5.0),
 }
 ESTIMATOR_HZ = 2.0
+_FENCE_STATUS, _FENCE_HZ = 162, 1.0  # with ArduPilot, whose breaches are no failsafes elsewhere
 # ATTITUDE_QUATERNION and the setpoints ATTITUDE_TARGET and POSITION_TARGET_LOCAL_NED.
 _CONTROL = 31, 83, 85
 _UNKNOWN_PERCENT = -1
@@ -43,7 +45,7 @@ _ORDERED = ("x", "y", "z", "vx", "vy", "vz", "afx", "afy", "afz", "yaw", "yaw_ra
 _NS_PER_MS = 1_000_000
 _REBOOT_MS = 5_000  # no message is that late
 FLOWN_S = 120.0  # in which any battery loses more than a reading's 1 %
-_INFO = 6  # MAV_SEVERITY
+_WARNING, _INFO = 4, 6  # MAV_SEVERITY
 
 
 Takers = dict[str, Callable[[Fields], None]]  # who takes the messages of a name
@@ -54,6 +56,7 @@ class Known:
     """What our simulated world knows of a firmware's vehicle, whose clock is ours."""
 
     truth: Callable[[int], Moment]  # at an instant of our clock, ns
+    faults: Sequence[tuple[int, str]]  # when (ns) one began or ended, and which; it grows
     # To be filled by the feed, and called with each message, however fast time goes, in the order
     # of their coming; None: messages are MAVSDK's.
     takers: Takers | None = None
@@ -90,6 +93,8 @@ class TelemetryFeed:
         self._battery_id = math.inf
         self._moment: tuple[Kinematics, Kinematics] | None = None  # the newest truth and belief
         self._mode: tuple[str, bool] | None = None
+        self._failing: set[str] = set()
+        self._told = 0  # of the faults
         self._estimator = ""
         self._early: list[tuple[EventKind, str, int]] = []  # before there was a position
         self.readiness = Readiness(pilot.dialect.estimator)
@@ -97,6 +102,7 @@ class TelemetryFeed:
         self.first: asyncio.Future[GeodeticPoint] = asyncio.get_running_loop().create_future()
         self.reached_ns: dict[int, list[int]] = {}  # by item: when the vehicle said so
         self._reported = -1  # item, most recently
+        self.first_item = pilot.dialect.first_item  # of what is flown
         pilot.watch.listeners.append(self._take_text)
 
     @property
@@ -122,6 +128,8 @@ class TelemetryFeed:
         messages = self._pilot.messages
         for number, rate_hz in STREAMS_HZ.values():
             await messages.stream(number, rate_hz)
+        if self._pilot.dialect is not PX4:
+            await messages.stream(_FENCE_STATUS, _FENCE_HZ)
         for number in _CONTROL if self._control_hz else ():
             await messages.stream(number, self._control_hz)
         self.readiness.estimator_promised = await messages.stream(
@@ -131,6 +139,8 @@ class TelemetryFeed:
     async def watch(self) -> None:
         """Follow the messages until cancelled."""
         takers: Takers = {
+            "HEARTBEAT": self._hear_heartbeat,
+            "FENCE_STATUS": self._hear_fence,
             "GLOBAL_POSITION_INT": self._hear_position,
             "ATTITUDE_QUATERNION": self._hear_attitude,
             "BATTERY_STATUS": self._hear_battery,
@@ -217,6 +227,10 @@ class TelemetryFeed:
             self._happened("mode", mode, _INFO)
         if was is not None and was[1] != armed:
             self._happened("armed", "armed" if armed else "disarmed", _INFO)
+        faults = () if self._known is None else self._known.faults
+        while self._told < len(faults) and faults[self._told][0] <= belief.t_ns:
+            self._told += 1
+            self._happened("fault", faults[self._told - 1][1], _WARNING)
         if self.readiness.estimator != self._estimator:
             self._estimator = self.readiness.estimator
             self._happened("status", self._estimator, _INFO)
@@ -236,6 +250,19 @@ class TelemetryFeed:
 
     def _take_text(self, severity: int, text: str) -> None:
         self._happened("status", text.strip(), severity)
+
+    def _hear_heartbeat(self, fields: Fields) -> None:
+        if fields["autopilot"] != mav.MAV_AUTOPILOT_INVALID:  # else of a part, a camera, say
+            armed = fields["base_mode"] & mav.MAV_MODE_FLAG_SAFETY_ARMED
+            self._fails("failsafe", on=bool(armed) and fields["system_status"] in FAILING)
+
+    def _hear_fence(self, fields: Fields) -> None:
+        self._fails("fence breached", on=self._pilot.armed and bool(fields["breach_status"]))
+
+    def _fails(self, what: str, *, on: bool) -> None:
+        if on and what not in self._failing:
+            self._happened("failsafe", what, _WARNING)
+        self._failing = self._failing | {what} if on else self._failing - {what}
 
     def _hear_attitude(self, fields: Fields) -> None:
         q = np.array([fields["q1"], fields["q2"], fields["q3"], fields["q4"]])
@@ -280,7 +307,7 @@ class TelemetryFeed:
         )
 
     def _hear_reached(self, fields: Fields) -> None:
-        seq, before = fields["seq"] - self._pilot.dialect.first_item, self._reported
+        seq, before = fields["seq"] - self.first_item, self._reported
         self._reported = seq
         again = seq == before and seq in self.reached_ns  # as PX4 says once a second
         if self._moment is not None and not again:

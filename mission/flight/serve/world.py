@@ -50,11 +50,12 @@ class Recorder:
         link = self.link.model_copy(update={**patient, "url": self.url})
         with closing(self.logs):
             observers = self.logs, Milestones(clock.plant)
-            known = Known(clock.truth.at)
+            known = Known(clock.truth.at, clock.plant.fault_news)
             async with located(link, area=self.area, observers=observers, say=say, known=known) as (
                 pilot,
-                _,
+                feed,
             ):
+                feed.first_item = 0  # its lists are recorded as they are
                 held: list[tuple[MissionItem, ...]] = [(), (), ()]
                 said = None
                 async for fields in pilot.messages.of("MISSION_CURRENT"):
