@@ -73,16 +73,17 @@ class _Format:
 
     def __init__(self, name: str, length: int, columns: str, letters: str) -> None:
         self.name, self.length = name, length
-        self._packed = struct.Struct("<3x" + "".join(_LETTERS.get(x, ("", 1))[0] for x in letters))
-        self._columns = list(zip(columns.split(","), letters, strict=False))
+        known = [_LETTERS.get(letter, ("", 1.0)) for letter in letters]
+        self._packed = struct.Struct("<3x" + "".join(code for code, _ in known))
+        self._columns = list(zip(columns.split(","), (scale for _, scale in known), strict=False))
         self.sound = self._packed.size == length and columns.count(",") == len(letters) - 1
 
     def row(self, content: bytes, at: int) -> SimpleNamespace:
         """The row that begins at a byte, its columns as attributes."""
         found = SimpleNamespace()
-        values = self._packed.unpack_from(content, at)
-        for (name, letter), value in zip(self._columns, values, strict=True):
-            scale = _LETTERS[letter][1]
+        for (name, scale), value in zip(
+            self._columns, self._packed.unpack_from(content, at), strict=True
+        ):
             if isinstance(value, bytes):
                 value = value.partition(b"\0")[0].decode(errors="replace")
             setattr(found, name, value if scale == 1 else value / scale)

@@ -5,6 +5,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from pymavlink.dialects.v20 import common as mav
@@ -135,6 +136,17 @@ class Found:
         Raises:
             InputError: there are fewer than two positions, or the clock of the log goes back.
         """
+        timed: tuple[list[Any], ...] = (
+            self.modes,
+            self.events,
+            self.battery,
+            self.wind,
+            self.current,
+        )
+        for rows in timed:
+            known = [row for row in rows if abs(row[0]) < _BOUNDS[0]]
+            self.skipped["row without a time"] += len(rows) - len(known)
+            rows[:] = known
         places = self._of_one_clock(self.places)
         if len(places) < 2:
             damage = self.skipped[DAMAGE]
@@ -144,8 +156,8 @@ class Found:
             )
         # Home may be set anew on the ground: that of the flight is the last one before its top.
         top_ns = places[places[:, 3].argmax(), 0]
-        known = _places(self.homes)
-        homes = [*places[:1], *known[:1], *known[known[:, 0] <= top_ns]]
+        set_at = _places(self.homes)
+        homes = [*places[:1], *set_at[:1], *set_at[set_at[:, 0] <= top_ns]]
         home = GeodeticPoint(*homes[-1][1:].tolist())
         t_ns, ned = _ned(places, home)
         area = Area.around(home, ned, margin_m=_MARGIN_M)
@@ -187,7 +199,7 @@ class Found:
                 tuple(n for _, n in self.modes),
             ),
             current=(times, seqs),
-            gnss_ns=np.array(self.fixes, dtype=np.int64),
+            gnss_ns=np.array([t for t in self.fixes if t < _BOUNDS[0]], dtype=np.int64),
             source=Source(
                 self.kind, self.clock, None if spans else "believed", dict(+self.skipped)
             ),

@@ -46,7 +46,7 @@ _NUMBERS = {
     "float": "<f4", "double": "<f8", "bool": "<i1", "char": "<i1",
 }  # fmt: skip
 _FIELD = re.compile(r"(\w+)(?:\[(\d{1,4})\])? ([^;\s]+)")
-_MOST_NUMBERS = 0xFFFF  # in a row: the bytes of a message
+_MOST_NUMBERS = 1 << 17  # in the rows of all topics; PX4's have some 20,000
 # Kind and first bytes of each message, behind the two bytes of its length.
 _BEGINS = re.compile(
     rb"(?s)D|S/s\x13 %\x0c\xbb\x12|[LC][0-7]|F\w+:|A(?<=\x00A).{3}\w|[OR](?<=\x02\x00.)"
@@ -127,10 +127,14 @@ def _record(kind: str, data: bytes) -> bytes:
     return _HEADER.pack(len(data), ord(kind)) + data
 
 
+# Layout of a topic's rows, and how long they may be: PX4 leaves out what only fills them up.
+_Kind: TypeAlias = "tuple[np.dtype[Any], range]"
+
+
 @dataclass(frozen=True)
 class _Topic:
     kind: "np.dtype[Any]"
-    sizes: range  # of a row: PX4 leaves out what only fills it up at its end
+    sizes: range
     rows: bytearray
 
 
@@ -144,7 +148,7 @@ def decoded(content: bytes, found: Found) -> tuple[dict[str, Columns], dict[str,
     if len(content) < _SIZE_OF_START or not content.startswith(_MAGIC):
         raise InputError(f"{found.path}: not a ULog: it does not begin as one")
     formats, topics, told = dict[str, str](), dict[bytes, _Topic](), dict[str, list[list[str]]]()
-    firsts: dict[str, _Topic] = {}
+    firsts, kinds, room = dict[str, _Topic](), dict[str, _Kind](), _MOST_NUMBERS
 
     def end_of(at: int) -> int:
         size = int.from_bytes(content[at : at + 2], "little")
@@ -168,7 +172,10 @@ def decoded(content: bytes, found: Found) -> tuple[dict[str, Columns], dict[str,
                     formats[name] = fields
                 case "A":
                     name = body[3:].decode()
-                    topic = topics[body[1:3]] = _topic(name, formats)
+                    if name not in kinds:
+                        kinds[name] = _kind(name, formats, room)
+                        room -= len(kinds[name][0].names or ())
+                    topic = topics[body[1:3]] = _Topic(*kinds[name], bytearray())
                     if body[0] == 0:
                         firsts.setdefault(name, topic)
                 case "L":
@@ -191,17 +198,17 @@ def decoded(content: bytes, found: Found) -> tuple[dict[str, Columns], dict[str,
     return {
         name: {column: table[column] for column in table.dtype.names or ()}
         for name, table in tables.items()
-        if len(table)
+        if len(table) and "timestamp" in (table.dtype.names or ())
     }, told
 
 
-def _topic(name: str, formats: Mapping[str, str]) -> _Topic:
-    numbers = list(islice(_numbers(name, formats), _MOST_NUMBERS))
+def _kind(name: str, formats: Mapping[str, str], room: int) -> _Kind:
+    numbers = list(islice(_numbers(name, formats), room))
     size = np.dtype(numbers).itemsize
     while numbers[-1][0].startswith("_padding"):
         numbers.pop()
     kind = np.dtype(numbers)
-    return _Topic(kind, range(kind.itemsize, size + 1), bytearray())
+    return kind, range(kind.itemsize, size + 1)
 
 
 def _numbers(kind: str, formats: Mapping[str, str], name: str = "") -> Iterator[tuple[str, str]]:
@@ -213,5 +220,5 @@ def _numbers(kind: str, formats: Mapping[str, str], name: str = "") -> Iterator[
     if not fields:
         raise ValueError(kind)
     for inner, count, field in fields:
-        for at in [f"[{n}]" for n in range(int(count))] if count else [""]:
+        for at in (f"[{n}]" for n in range(int(count))) if count else ("",):
             yield from _numbers(inner, formats, f"{name}.{field}{at}".removeprefix("."))

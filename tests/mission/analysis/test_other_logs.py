@@ -444,6 +444,18 @@ def test_a_mission_in_a_ulog_that_is_none_is_one_line(
     assert line.startswith(f"aerofed: {log}: cannot be read as a .ulg flight log: damaged")
 
 
+def test_a_time_that_is_none_costs_its_row_alone(tmp_path: Path) -> None:
+    fields = "float voltage_v;float current_a;float discharged_mah;float remaining"
+    rows = [(t_s, 15.0, 1.0, 1.0, 0.5) for t_s in (1, 2, (2**64 - 1) / 1e6 - 9000)]
+    log = write_ulog(tmp_path / "x.ulg", instead={"battery_status": (fields, "ffff", rows)})
+    line = b"4" + b"\xff" * 8 + b"late"
+    log.write_bytes(log.read_bytes() + len(line).to_bytes(2, "little") + b"L" + line)
+    found = compared(log).run.data
+    assert found.battery.t_ns.tolist() == [1_000_000_000, 2_000_000_000]
+    assert "late" not in [event.text for event in found.events]
+    assert found.source.skipped == {"row without a time": 2}
+
+
 @pytest.mark.parametrize("letters", ["@LLf", "QLL", "QLLfff", ""])
 def test_rows_whose_format_is_damaged_are_counted(
     tmp_path: Path, capfd: pytest.CaptureFixture[str], letters: str
