@@ -9,7 +9,7 @@ from mission.base.errors import InputError
 from mission.base.interrupted_files import InterruptedFiles
 from mission.base.run_folder import RunFolder, RunSummary
 from mission.base.user_files import read_json
-from mission.log import DamagedLogError
+from mission.log import DamagedLogError, ForeignLogError
 from mission.log.contents import load_damaged
 from mission.log.reader import decode, read_log
 from mission.log.records import RoundRecord
@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from mission.analysis.passes import Judged
 
 _FINISHED = "finished"
+_READ = "folders of runs, .mcap logs, .ulg of PX4, .bin of ArduPilot, .tlog of ground stations"
 FOREIGN = (".ulg", ".bin", ".tlog")  # logs of PX4, of ArduPilot, of ground stations
 
 
@@ -137,7 +138,12 @@ def _load(path: Path) -> LoadedRun:
             from mission.flight.logs.reading import read_flight
 
             return LoadedRun(path, read_flight(path), {})
-        return LoadedRun(path, read_log(path), {})
+        try:
+            return LoadedRun(path, read_log(path), {})
+        except ForeignLogError as error:
+            if path.suffix.lower() == ".mcap":
+                raise
+            raise InputError(f"{error}; what is read: {_READ}") from None
     if not path.is_dir():
         wrong = "neither a folder nor a file" if path.exists() else "no such run folder or log file"
         raise InputError(f"{path}: {wrong}")

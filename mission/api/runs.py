@@ -200,8 +200,10 @@ def run(
         return flown(fly, path, resolved.limits, quiet=quiet)
 
 
-def resume(path: Path | str, *, quiet: bool = True) -> Run:
+def resume(path: Path | str, *, rounds: int | None = None, quiet: bool = True) -> Run:
     """Go on with a run that was interrupted or killed; it ends as if it never had been.
+
+    With `rounds` it has so many, as if it had been begun with them, also where it was finished.
 
     Raises:
         LimitsNotMetError: it has ended, and does not meet a limit of its table [limits].
@@ -219,7 +221,7 @@ def resume(path: Path | str, *, quiet: bool = True) -> Run:
         from mission.run.recorded import Around
         from mission.run.session import resume_session
 
-        return resume_session(found, Around(console))
+        return resume_session(found, Around(console), rounds=rounds)
 
     return flown(fly, found, limits, quiet=quiet)
 

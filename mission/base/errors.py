@@ -1,9 +1,14 @@
 """What can go wrong in a run, and the exit code it ends with."""
 
+import re
 from collections.abc import Mapping, Sequence
 from typing import Any, Self
 
 LIMITS_NOT_MET = 6
+_SEVERAL = re.compile(
+    r"(?:(?:vehicle|mission|link|area)\.)?(?:(?:n|num|number_of)_)?"
+    r"(?:count|instances?|vehicles|drones?|uavs?|aircrafts?|fleet|swarm)"
+)
 DIFFERENT = 7
 INTERRUPTED = 130
 
@@ -19,6 +24,13 @@ EXIT_CODES: Mapping[int, str] = {
     DIFFERENT: "logs differ, or a log has gaps",
     INTERRUPTED: "interrupted by Ctrl-C, SIGTERM or SIGHUP; a run goes on by aerofed run --resume",
 }
+
+
+def several(name: str) -> str:
+    """Say, where an unknown option or key asks for several aircraft, what there is; else empty."""
+    asks = _SEVERAL.fullmatch(name.lstrip("-").replace("-", "_"))
+    words = "one aircraft flies a run; aerofed sitl --count N and aerofed.vehicles(N) serve several"
+    return f"; {words}" if asks else ""
 
 
 class AerofedError(Exception):

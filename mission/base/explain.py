@@ -11,7 +11,7 @@ from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails, PydanticUndefined
 
 from fl.errors import did_you_mean, told
-from mission.base.errors import InputError
+from mission.base.errors import InputError, several
 
 _LONG = 60  # characters of a value that are shown
 _WORDS = (  # of pydantic, and those that users of files know
@@ -153,7 +153,8 @@ def _line(
         named = [key for key in blame.given if re.search(rf"(?<![\w.]){re.escape(key)}\b", reason)]
         source = blame.giver if named else blame.on(name)
         return f"{source}: {f'{name}: ' if name else ''}{reason}"
-    return refusal(name or "configuration", value, reason, blame)
+    more = several("vehicles") if name == "vehicle" and isinstance(value, list) else ""
+    return refusal(name or "configuration", value, reason + more, blame)
 
 
 def _reason(item: ErrorDetails, notation: Notation) -> str:
@@ -179,6 +180,8 @@ def _reason(item: ErrorDetails, notation: Notation) -> str:
 
 def _hint(key: Path, model: type[BaseModel], *, sets: bool, notation: Notation) -> str:
     """Suggest what an unknown key may mean, and list the known keys of its table."""
+    if words := several(".".join(map(str, key))):
+        return words
     *way, name = (0 if isinstance(part, int) else part for part in key)
     every = [(path, set(kind.model_fields)) for path, kind in tables(model)]
     elsewhere = [".".join(map(str, (*path, name))) for path, known in every if name in known]

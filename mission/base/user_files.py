@@ -20,6 +20,20 @@ DATA_BYTES = 1 << 31  # of one that programs wrote: a month of flight
 MOST_DEEP = 100  # tables or lists in one another; ours has 6
 
 
+# What takes a file by the end of its name.
+_TAKEN_BY = {
+    **dict.fromkeys((".plan", ".waypoints"), "aerofed fly flies it"),
+    **dict.fromkeys((".mcap", ".ulg", ".bin", ".tlog"), "aerofed compare reads it"),
+    ".toml": "aerofed run flies it",
+}
+
+
+def taken_by(path: Path) -> str:
+    """Say which command a file is for, where it was given to another; empty where none is known."""
+    words = _TAKEN_BY.get(path.suffix.lower())
+    return f"; {words}" if words else ""
+
+
 @contextmanager
 def or_input_error(place: object, cannot: str) -> Iterator[None]:
     """Context manager: turn an OSError into an InputError `place: cannot: reason`."""

@@ -47,6 +47,7 @@ def run(
     Example: aerofed run paper --data-dir data --rounds 6 --out paper6
     Example: aerofed run --gcs udpout://127.0.0.1:14550 --set link.speed=1
     Example: aerofed run my.toml --vehicle udpin://0.0.0.0:14540
+    Example: aerofed run --resume paper6 --rounds 20
 
     Parameters
     ----------
@@ -60,7 +61,8 @@ def run(
     seed
         Root of all randomness; overrides the configuration.
     rounds
-        Rounds at most; overrides mission.rounds.
+        Rounds at most; overrides mission.rounds. With --resume it lengthens a run, also one that is
+        finished: all files become those of a run that began with so many.
     set_
         Override any key: --set mission.strategy=no_cov --set vehicle.aircraft.wind.speed_mps=8
     gcs
@@ -74,9 +76,9 @@ def run(
     live_port
         Port of the live view; 0 takes a free one.
     resume
-        Go on with the run in this folder, from its last finished round; takes no other setting:
-        the folder has them all, also --no-report. What judges it may be given again: --limit and
-        --junit.
+        Go on with the run in this folder, from its last finished round; takes no other setting
+        than --rounds: the folder has them all, also --no-report. What judges it may be given again:
+        --limit and --junit.
     limit
         NAME=VALUE, once for each limit on a number of `aerofed compare`, beside those of the
         table [limits]: exit code 6 and a line for each that is not met.
@@ -92,12 +94,13 @@ def run(
     watching = console(quiet=quiet or as_json, live=live, live_port=live_port)
     stopwatch = Stopwatch()
     if resume is not None:
-        others = (config, out, data_dir, seed, rounds, vehicle, *set_, *gcs)
+        others = (config, out, data_dir, seed, vehicle, *set_, *gcs)
         if no_report or any(value is not None for value in others):
             raise InputError(
-                "--resume takes no other setting: the folder has them all but --limit and --junit"
+                "--resume takes no other setting: the folder has them all but --rounds, --limit "
+                "and --junit"
             )
-        return _resume(resume, limit, junit, watching, stopwatch, as_json=as_json)
+        return _resume(resume, rounds, limit, junit, watching, stopwatch, as_json=as_json)
     options = {
         "seed": seed,
         "mission.rounds": rounds,
@@ -134,6 +137,7 @@ def run(
 
 def _resume(
     path: Path,
+    rounds: int | None,
     limit: Sequence[str],
     junit: Path | None,
     watching: RunConsole,
@@ -144,7 +148,7 @@ def _resume(
     from mission.base.run_folder import RunFolder
     from mission.run.resume import read_checkpoint
 
-    if RunFolder(path).status() != "finished":
+    if rounds is not None or RunFolder(path).status() != "finished":
         read_checkpoint(path)  # refuses what cannot be resumed, before anything heavy is imported
     with stopwatch("setup"), watching.waiting("loading"):
         from mission.analysis.limits import limits_in
@@ -152,7 +156,8 @@ def _resume(
         from mission.run.session import resume_session
     bounds = bounds_of(limits_in(RunFolder(path).config), limit)
     with summary_of(path, as_json=as_json) as more:
-        code = resume_session(path, Around(watching, stopwatch, page=write_page))
+        around = Around(watching, stopwatch, page=write_page)
+        code = resume_session(path, around, rounds=rounds)
         return code or judge(path, bounds, junit, more, quiet=watching.out.quiet)
 
 

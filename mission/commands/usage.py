@@ -12,8 +12,12 @@ from cyclopts import (
     CoercionError,
     CycloptsError,
     MissingArgumentError,
+    RepeatArgumentError,
+    UnknownOptionError,
     UnusedCliTokensError,
 )
+
+from mission.base.errors import several
 
 _NOUNS = {int: "a whole number", float: "a number"}
 
@@ -38,9 +42,16 @@ def in_words(error: CycloptsError) -> str:
     if isinstance(error, CoercionError) and error.token is not None and error.msg is None:
         name = error.token.keyword or _positional(error)
         return f"{name} {error.token.value}: must be {_words(error.target_type)}"
+    if isinstance(error, UnknownOptionError):
+        option = error.token.keyword or error.token.value
+        if words := several(option.partition("=")[0]):
+            return f"{_command(error)}: unknown option {option}{words}"
+    if isinstance(error, RepeatArgumentError) and error.token.keyword == "--vehicle":
+        return f"--vehicle: given twice{several('vehicles')}"
     if isinstance(error, UnusedCliTokensError) and error.unused_tokens:
         command = _command(error)
-        return f"{command}: did not expect {error.unused_tokens[0]!r}; see {command} --help"
+        many = several("vehicles") if command.endswith(" fly") else ""
+        return f"{command}: did not expect {error.unused_tokens[0]!r}{many}; see {command} --help"
     return str(error)
 
 

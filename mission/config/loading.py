@@ -14,7 +14,7 @@ from fl.errors import did_you_mean, told
 from fl.plugin_code import register
 from mission.base.errors import InputError
 from mission.base.explain import Blame, explained, refusal, shown
-from mission.base.user_files import parse_toml, read_text, whole_path
+from mission.base.user_files import parse_toml, read_text, taken_by, whole_path
 from mission.config import Shipped
 from mission.config.models import RunConfig
 from mission.config.overrides import override
@@ -146,6 +146,8 @@ def _json(value: object) -> str:
 
 
 def _read(path: Path) -> dict[str, Any]:
+    if path.suffix != ".toml" and (words := taken_by(path)):
+        raise InputError(f"{path}: not a configuration{words}")
     text = read_text(path)
     try:
         return parse_toml(text)

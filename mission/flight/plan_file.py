@@ -17,7 +17,7 @@ from flightdyn.state import GeodeticPoint
 from mission.base.area import Area
 from mission.base.errors import InputError
 from mission.base.run_folder import write_atomically
-from mission.base.user_files import decoded, or_input_error, read_bytes
+from mission.base.user_files import decoded, or_input_error, read_bytes, taken_by
 from mission.flight.fence_zones import airspace_rings, fence_items
 from mission.flight.flight_plan import FlightPlan
 from mission.flight.mission_items import mission_items
@@ -54,7 +54,7 @@ def read_plan_file(path: Path) -> PlanFile:
     read = kinds.get(path.suffix.lower())
     if read is None:
         others = ", ".join(WAYPOINT_FILES)
-        raise InputError(f"{path}: neither a .plan nor a waypoint file ({others})")
+        raise InputError(f"{path}: neither a .plan nor a waypoint file ({others}){taken_by(path)}")
     content = read_bytes(path)
     text = decoded(content, path)
     if not text.strip():

@@ -36,7 +36,7 @@ from mcap_protobuf.decoder import DecoderFactory
 from flightdyn.errors import FlightInputError
 from mission.base.area import Area
 from mission.base.run_folder import write_atomically
-from mission.base.user_files import DATA_BYTES, read_bytes
+from mission.base.user_files import DATA_BYTES, read_bytes, taken_by
 from mission.log import SPOILT, DamagedLogError, ForeignLogError, LogError
 from mission.log.topics import FORMAT_VERSION, Topic
 from mission.log.values import NS_PER_S, area_from_text
@@ -165,7 +165,8 @@ def load_damaged(path: Path) -> Contents:
     # In memory: a file would make room for as much as a broken record promises.
     stream = io.BytesIO(read_bytes(path, most=DATA_BYTES))
     if stream.read(len(MCAP0_MAGIC)) != MCAP0_MAGIC:
-        raise ForeignLogError(path, "not an MCAP file")
+        other = "" if path.suffix == ".mcap" else taken_by(path)
+        raise ForeignLogError(path, f"not an MCAP file{other}")
     stream.seek(0)
     _read(stream, found)
     return found

@@ -5,6 +5,7 @@ It imports nothing heavy, so that a wrong folder is refused at once.
 
 import hashlib
 import json
+import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -15,9 +16,10 @@ from mission.base.errors import InputError
 from mission.base.run_folder import RunFolder, library_versions
 from mission.base.user_files import DATA_BYTES, parse_json, read_text
 
-FORMAT = 4
+FORMAT = 5
 ROUNDS = "rounds.json"
 SEAL = "sha256"
+_LENGTH = re.compile(r"^rounds = \d+$", re.MULTILINE)  # mission.rounds, which alters no round
 _HEAD = {"format", "config_sha256", "data_dir", "libraries"}
 
 
@@ -47,7 +49,7 @@ def header(
     return {
         **options,
         "format": FORMAT,
-        "config_sha256": hashlib.sha256(config_toml.encode()).hexdigest(),
+        "config_sha256": hashlib.sha256(_LENGTH.sub("", config_toml).encode()).hexdigest(),
         "data_dir": str(data_dir.resolve()) if data_dir else None,
         "libraries": library_versions(),
         "plugins": dict(plugins),

@@ -69,38 +69,44 @@ def fly_session(
         return _fly(ready, around)
 
 
-def resume_session(path: Path, around: Around) -> int:
+def resume_session(path: Path, around: Around, *, rounds: int | None = None) -> int:
     """Go on with a run that was interrupted or killed, from its last finished round.
 
     The rounds before are flown again by their plans, so that the folder ends like that of a run
     that was never interrupted; until that has caught up, the old log and tables are kept in the
-    checkpoint's folder. A page is made if the run was started with one, also where it alone is
+    checkpoint's folder. With `rounds` it has so many, as if it had been begun with them, also where
+    it was finished. A page is made if the run was started with one, also where it alone is
     missing. Returns the exit code.
 
     Raises:
         InputError: not a run, damaged, of a vehicle that cannot fly its rounds again, or
-            started with another configuration, version or data.
+            started with another configuration, version or data; or it has `rounds` already.
         AerofedError: as `fly_session`.
     """
     console, page, folder = around.console, around.page, RunFolder(path)
+    if rounds and folder.status() == "finished" and rounds == len(read_checkpoint(path)["rounds"]):
+        rounds = None
+    longer = {} if rounds is None else {"mission.rounds": rounds}
     with ExitStack() as opened:
-        if not _is_whole(folder, page):
+        if longer or not _is_whole(folder, page):
             refuse_others(folder)  # before the lock leaves its file there
             opened.enter_context(folder.lock())
-        if _is_whole(folder, page):  # now: another one may have been at it
-            console.say(f"{path} is finished: nothing to resume")
+        if not longer and _is_whole(folder, page):  # now: another one may have been at it
+            console.say(f"{path} is finished: nothing to resume; --rounds N gives it more rounds")
             return 0
-        if page is not None and folder.status() == "finished":
+        if not longer and page is not None and folder.status() == "finished":
             with console.waiting("writing the report"):
                 page(path)
             console.say(f"{path} is finished: made its {folder.report.name}, which was missing")
             return 0
         values = read_checkpoint(path)
+        if rounds is not None and rounds < (done := len(values["rounds"])):
+            raise InputError(f"--rounds {rounds}: {path} has {done} rounds already; give more")
         data_dir = Path(values["data_dir"]) if values["data_dir"] else None
         if not values["report"]:
             around = replace(around, page=None)
         with around.stopwatch("setup"), console.waiting(_SETTING_UP):
-            config = load_config(folder.config)
+            config = load_config(folder.config, longer, options={"mission.rounds": "--rounds"})
             checkpoint = CheckpointFolder(
                 folder.checkpoint, config=config, data_dir=data_dir, report=bool(values["report"])
             )
@@ -115,6 +121,9 @@ def resume_session(path: Path, around: Around) -> int:
             live = opened.enter_context(live_views(console))
             callbacks = make_callbacks(CallbackContext(folder.path, config))
             opened.enter_context(callbacks)
+            if longer:  # killed in here, it is one that was interrupted
+                folder.write_summary({**folder.read_summary(), "status": "interrupted"})
+                write_atomically(folder.config, config.to_toml())
             InterruptedFiles(folder).set_aside()
         ready = Ready(scenario, flyers, folder, checkpoint, state, callbacks, memory, live)
         return _fly(ready, around)

@@ -238,6 +238,63 @@ def test_messages_say_the_way_out(tokens, tmp_path: Path, monkeypatch, capsys) -
     assert MESSAGES[tokens] in refused(capsys, *tokens)
 
 
+TWICE = "--vehicle udpin://0.0.0.0:1 --vehicle udpin://0.0.0.0:2"
+SEVERAL = "aerofed sitl --count N and aerofed.vehicles(N) serve several"
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "run --count 3", "run --count=3", "run --vehicles 3", "run --drones 3", "run --instance 1",
+        "run --num-vehicles 3", "run --swarm", "fly a.plan --count 3", "sweep town --count 3",
+        "plan town --fleet 2", "world --px4 --count 2", f"run {TWICE}", f"fly a.plan {TWICE}",
+        "fly a.plan b.plan", "run --set vehicles=3", "run --set vehicle.count=3",
+        "run --set mission.vehicles=3", "fly a.plan --set vehicle.count=3", "run fleet.toml",
+        "run table.toml", "sitl --vehicles 3",
+    ],
+)  # fmt: skip
+def test_who_asks_for_several_aircraft_is_told_what_there_is(
+    line: str, tmp_path: Path, monkeypatch, capsys
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    town = builtin_config("town.toml").read_text().split("[mission]")
+    Path("fleet.toml").write_text("[mission]\nvehicles = 3".join(town))
+    Path("table.toml").write_text("[[vehicle]]\nsystem_id = 2\n" + "[mission]".join(town))
+    said = refused(capsys, *line.split())
+    assert SEVERAL in said
+    assert "Did you mean" not in said
+
+
+@pytest.mark.parametrize(
+    ("line", "words"),
+    [
+        ("run a.plan", "a.plan: not a configuration; aerofed fly flies it"),
+        ("plan a.waypoints", "a.waypoints: not a configuration; aerofed fly flies it"),
+        ("sweep a.plan", "a.plan: not a configuration; aerofed fly flies it"),
+        ("fly a.plan a.ulg", "a.ulg: not a configuration; aerofed compare reads it"),
+        ("run a.mcap", "a.mcap: not a configuration; aerofed compare reads it"),
+        ("fly a.toml", "a.toml: neither a .plan nor a .waypoints file; aerofed run flies it"),
+        ("fly a.tlog", "a.tlog: neither a .plan nor a .waypoints file; aerofed compare reads it"),
+        ("log info a.ulg", "a.ulg: not an MCAP file; aerofed compare reads it"),
+        ("log info a.mcap", "a.mcap: not an MCAP file"),
+        ("compare a.plan", "a.plan: not an MCAP file; aerofed fly flies it; what is read: "),
+        ("report junk.txt", "junk.txt: not an MCAP file; what is read: folders of runs, .mcap"),
+        ("compare junk", ".ulg of PX4, .bin of ArduPilot, .tlog of ground stations"),
+    ],
+)
+def test_a_file_that_another_command_takes_names_it(
+    line: str, words: str, tmp_path: Path, monkeypatch, capsys
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    for word in line.split():
+        Path(word).write_text("junk")
+    line = line.replace("fly a.plan a.ulg", "fly a.plan --config a.ulg")
+    said = refused(capsys, *line.split())
+    assert words in said
+    if words.endswith("MCAP file"):
+        assert said.rstrip().endswith(words)
+
+
 def npz(path: Path, **changes: Any) -> None:
     images = np.zeros((60, 8, 8), dtype=np.uint8)
     arrays: dict[str, Any] = {"images": images, "labels": np.arange(60) % 3, **changes}

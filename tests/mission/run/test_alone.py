@@ -59,7 +59,10 @@ def test_what_another_one_has_just_resumed_is_finished(tmp_path: Path) -> None:
     (folder.checkpoint / "rounds.json").touch()
     said = io.StringIO()
     assert resume_session(tmp_path, Around(RunConsole(Console(file=said, width=200)))) == 0
-    assert said.getvalue() == f"{tmp_path} is finished: nothing to resume\n"
+    assert (
+        said.getvalue()
+        == f"{tmp_path} is finished: nothing to resume; --rounds N gives it more rounds\n"
+    )
 
 
 class View:

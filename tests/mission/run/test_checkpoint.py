@@ -119,6 +119,62 @@ def test_a_run_that_can_go_on_is_said_to(stopped: Path, capsys: pytest.CaptureFi
     )
 
 
+def of_so_many(out: Path, whole: Path) -> None:
+    """See that a run that was lengthened is one that began with so many rounds."""
+    assert digests(out) == digests(whole)
+    assert (out / "config.toml").read_bytes() == (whole / "config.toml").read_bytes()
+    named = {path.name for path in (out / "plans").iterdir()}
+    assert named == {path.name for path in (whole / "plans").iterdir()}
+    summary = json.loads((out / "summary.json").read_text())
+    assert (summary["status"], summary["rounds"]) == ("finished", ROUNDS)
+    assert not (out / "checkpoint" / "interrupted").exists()
+
+
+@pytest.mark.slow
+def test_a_finished_run_is_lengthened_as_if_it_had_begun_so(
+    whole: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "short"
+    assert fly(out, rounds=1) == 0
+    assert call(["run", "--resume", str(out), "--rounds", str(ROUNDS), "--quiet"]) == 0
+    of_so_many(out, whole)
+    assert call(["run", "--resume", str(out), "--rounds", str(ROUNDS)]) == 0
+    assert "nothing to resume; --rounds N gives it more" in capsys.readouterr().out
+    assert call(["run", "--resume", str(out), "--rounds", "1"]) == 2
+    refused(capsys, f"--rounds 1: {out} has {ROUNDS} rounds already; give more")
+    assert call(["run", "--resume", str(out), "--rounds", "1000000"]) == 2
+    refused(capsys, "--rounds 1000000: must be less than or equal to 100000")
+    of_so_many(out, whole)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("nth", range(1, 7))
+def test_killed_while_it_is_lengthened_it_goes_on(unflown: Path, tmp_path: Path, nth: int) -> None:
+    out = tmp_path / "short"
+    assert fly(out, *UNFLOWN, rounds=1) == 0
+    longer = ["run", "--resume", str(out), "--rounds", str(ROUNDS), "--quiet"]
+    process = subprocess.run([sys.executable, "-c", KILLED_WRITING, str(nth), *longer])
+    assert process.returncode == -signal.SIGKILL
+    assert call(longer) == 0
+    of_so_many(out, unflown)
+
+
+@pytest.mark.slow
+def test_python_lengthens_a_run_that_was_begun_with_more(unflown: Path, tmp_path: Path) -> None:
+    out = tmp_path / "long"
+    code = "import sys, aerofed; print(aerofed.resume(sys.argv[1], rounds=2).status)"
+    process = subprocess.run(
+        [sys.executable, "-c", KILLED_WRITING, "9", "run", "--out", str(out), "--rounds", "50",
+         *SMALL, *UNFLOWN]
+    )  # fmt: skip
+    assert process.returncode == -signal.SIGKILL
+    done = len(json.loads((out / "checkpoint" / "rounds.json").read_text())["rounds"])
+    assert done <= ROUNDS
+    said = subprocess.run([sys.executable, "-c", code, str(out)], check=True, capture_output=True)
+    assert said.stdout == b"finished\n"
+    of_so_many(out, unflown)
+
+
 @pytest.mark.slow
 def test_a_finished_run_needs_no_resume(whole: Path, capsys: pytest.CaptureFixture[str]) -> None:
     before = digests(whole)
@@ -224,7 +280,7 @@ def test_resume_refuses_another_format(stopped: Path, capsys: pytest.CaptureFixt
     values["format"], values["libraries"]["aerofed"] = 9, "7.0"
     path.write_text(json.dumps(values))
     assert call(["run", "--resume", str(stopped)]) == 2
-    refused(capsys, "of format 9, written by aerofed 7.0", "reads format 4")
+    refused(capsys, "of format 9, written by aerofed 7.0", "reads format 5")
 
 
 @pytest.mark.parametrize("content", ["[]", "{}", "{", '{"libraries": {}}'])
