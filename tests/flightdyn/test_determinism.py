@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from flights import BREEZE, legs, make, path_along, run, take_off
+from patience import HANG_S
 
 from flightdyn.config import SensorsConfig
 
@@ -49,7 +50,7 @@ def test_in_another_process() -> None:
         text=True,
         check=True,
         env={**os.environ, "PYTHONPATH": path, "PYTHONHASHSEED": "7"},
-        timeout=900,
+        timeout=HANG_S,
     )
     assert result.stdout.strip() == digest(5)
 
