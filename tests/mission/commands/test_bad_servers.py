@@ -105,7 +105,7 @@ BAD: dict[str, tuple[bytes, int, str]] = {
     "a huge status": (answer(status=b"99999 OK"), 5, "not fetched"),
     "an escaped status": (
         answer(status=b"404 \x1b[31mred\x07\x9b2J\rover", body=b""), 5,
-        r"answers 404 \x1b[31mred\x07\x9b2J\x0dover",
+        r"answers 404 \x1b[31mred\x07\x9b2J\rover",
     ),
     "an escape as protocol": (b"\x1b]0;title\x07 200 OK\r\n\r\n", 5, "not fetched"),
     "a long line": (answer(b"X: " + LONG), 5, "not fetched"),
