@@ -273,8 +273,14 @@ def test_who_asks_for_several_aircraft_is_told_what_there_is(
         ("sweep a.plan", "a.plan: not a configuration; aerofed fly flies it"),
         ("fly a.plan a.ulg", "a.ulg: not a configuration; aerofed compare reads it"),
         ("run a.mcap", "a.mcap: not a configuration; aerofed compare reads it"),
-        ("fly a.toml", "a.toml: neither a .plan nor a .waypoints file; aerofed run flies it"),
-        ("fly a.tlog", "a.tlog: neither a .plan nor a .waypoints file; aerofed compare reads it"),
+        (
+            "fly a.toml",
+            "(.waypoints, .txt, .mission); aerofed run flies it",
+        ),
+        (
+            "fly a.tlog",
+            "(.waypoints, .txt, .mission); aerofed compare reads it",
+        ),
         ("log info a.ulg", "a.ulg: not an MCAP file; aerofed compare reads it"),
         ("log info a.mcap", "a.mcap: not an MCAP file"),
         ("compare a.plan", "a.plan: not an MCAP file; aerofed fly flies it; what is read: "),
