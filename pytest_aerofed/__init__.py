@@ -10,7 +10,7 @@ A package of its own, so that pytest loads this file and nothing else where no t
 
 import inspect
 import sys
-from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterable, Iterator
 from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -55,7 +55,7 @@ def vehicles(
             first, marked = ((), {}) if marker is None else (marker.args, dict(marker.kwargs))
             keys = *first, marked.pop("overrides", None), options.pop("overrides", None)
             given = {"logs": logs, **marked, **options}
-            _check(first, keys, given)
+            _check(keys, given)
             overrides = {key: value for some in keys for key, value in dict(some or {}).items()}
             try:
                 return opened.enter_context(aerofed.vehicles(count, overrides, **given))
@@ -65,7 +65,7 @@ def vehicles(
         yield made
 
 
-def _check(first: Sequence[object], keys: Iterable[object], options: Iterable[str]) -> None:
+def _check(keys: Iterable[object], options: Iterable[str]) -> None:
     """Raise InputError at what `aerofed.vehicles` would not take beside its count."""
     import aerofed
     from fl.errors import did_you_mean
@@ -78,8 +78,6 @@ def _check(first: Sequence[object], keys: Iterable[object], options: Iterable[st
                 f"aerofed's marker and vehicles(): {name}: unknown option"
                 f"{did_you_mean(name, known)} (known: {', '.join(known)})"
             )
-    if len(first) > 1:
-        raise aerofed.InputError(f"aerofed's marker: {first!r}: only overrides go without a name")
     for some in keys:
         checked("quickstart", some)
 

@@ -22,7 +22,7 @@ MOST_DEEP = 100  # tables or lists in one another; ours has 6
 
 # What takes a file by the end of its name.
 _TAKEN_BY = {
-    **dict.fromkeys((".plan", ".waypoints"), "aerofed fly flies it"),
+    **dict.fromkeys((".plan", ".waypoints", ".mission"), "aerofed fly flies it"),
     **dict.fromkeys((".mcap", ".ulg", ".bin", ".tlog"), "aerofed compare reads it"),
     ".toml": "aerofed run flies it",
 }
