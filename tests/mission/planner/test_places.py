@@ -19,8 +19,6 @@ from mission.planner.native.library import (
     square_bound,
 )
 
-pytestmark = pytest.mark.slow
-
 CHANNELS = st.sampled_from(sorted(CHANNEL_PRESETS))
 THOROUGH = settings(max_examples=25, deadline=None, derandomize=True)
 
@@ -136,6 +134,7 @@ def test_two_free_stops_agree_with_differential_evolution(seed, channel, per_ste
     assert plan.gap <= 0.0101
 
 
+@pytest.mark.slow
 @THOROUGH
 @given(SEEDS, CHANNELS, st.integers(2, 5), st.integers(1, 5), st.floats(20.0, 1500.0))
 def test_no_other_plan_lies_above_the_bound(seed, channel, steps, per_step, budget):
@@ -154,6 +153,7 @@ def test_no_other_plan_lies_above_the_bound(seed, channel, steps, per_step, budg
     assert max(others) <= min(plan.upper_bound, tighter.upper_bound) * (1.0 + 1e-9)
 
 
+@pytest.mark.slow
 @THOROUGH
 @given(SEEDS, CHANNELS, st.integers(2, 6), st.integers(1, 4), st.floats(100.0, 900.0))
 def test_both_searches_prove_no_less_than_the_best_plan(seed, channel, steps, per_step, budget):
@@ -193,6 +193,7 @@ def test_hundreds_of_devices_with_few_stops_are_proven_too():
     assert plan.gap <= 0.0201
 
 
+@pytest.mark.slow
 def test_where_there_is_no_room_for_open_nodes_the_gap_stays_honest():
     problem = random_problem(2, steps=4)
     best = CertifiedPlanner(gap=1e-3, max_nodes=3000).plan(problem)
