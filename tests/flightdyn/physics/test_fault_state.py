@@ -22,7 +22,7 @@ def test_a_fault_counts_from_what_it_comes_after_when_that_first_happens() -> No
         if north_mps := state.burst_ned_mps[0]:
             begun[t_s] = north_mps
     assert begun == {1: 1.0, 12: 2.0, 20: 4.0}
-    words = {1: "begins", 2: "ends", 12: "begins", 13: "ends", 20: "begins"}
+    words = {1: "begins", 2: "ends", 12: "begins", 13: "ends", 20: "begins", 21: "ends"}
     assert state.news == [(t_s * S, f"Fault {word}: wind_burst") for t_s, word in words.items()]
 
 

@@ -92,10 +92,9 @@ def tlog(
     told(0.0, mav.MAVLink_mission_count_message(1, 1, len(items), 0), station)
     for seq, (command, place, params) in enumerate(items):
         lat, lon, _ = Row(0.0, (*(place or (0.0, 0.0)), 0.0)).globe
-        at: Any = (round(lat * 1e7), round(lon * 1e7), UP_M) if place else (0, 0, 0.0)
-        frame = 3 if place else 2
+        frame, x, y, z = (3, round(lat * 1e7), round(lon * 1e7), UP_M) if place else (2, 0, 0, 0.0)
         told(0.1, mav.MAVLink_mission_item_int_message(
-            1, 1, seq, frame, command, 0, 1, *params, 0, 0, *at, 0), station)  # fmt: skip
+            1, 1, seq, frame, command, 0, 1, *params, 0, 0, x, y, z, 0), station)  # fmt: skip
     told(0.1, mav.MAVLink_mission_ack_message(255, 190, 0, 0))
     states = {id(row) for row in changes(flight, "mode", "armed", "failing")}
     heading = {id(row) for row in changes(flight, "current")}
@@ -147,13 +146,17 @@ def ulg(path: Path, flight: Sequence[Row], items: Items) -> Path:
     })  # fmt: skip
 
 
+ITEM = (
+    "QHHHffffLLfB",
+    "<QHHHffffiifB",
+    "TimeUS,CTot,CNum,CId,Prm1,Prm2,Prm3,Prm4,Lat,Lng,Alt,Frame",
+)
 FORMATS = {
     "FMT": (128, "BBnNZ", "<BB4s16s64s", "Type,Length,Name,Format,Columns"),
     "POS": (1, "QLLf", "<Qiif", "TimeUS,Lat,Lng,Alt"),
     "MODE": (3, "QBBB", "<QBBB", "TimeUS,Mode,ModeNum,Rsn"),
-    "CMD": (5, "QHHHffffLLfB", "<QHHHffffiifB",
-            "TimeUS,CTot,CNum,CId,Prm1,Prm2,Prm3,Prm4,Lat,Lng,Alt,Frame"),
-    "MISE": (6, "QHH", "<QHH", "TimeUS,CTot,CNum"),
+    "CMD": (5, *ITEM),
+    "MISE": (6, *ITEM),
     "EV": (9, "QB", "<QB", "TimeUS,Id"),
     "ERR": (10, "QBB", "<QBB", "TimeUS,Subsys,ECode"),
 }  # fmt: skip
@@ -173,12 +176,15 @@ def dataflash(path: Path, flight: Sequence[Row], items: Items, *, failsafe: int 
         said("FMT", number, size, name.encode(), form.encode(), columns.encode())
     flight = [row for row in flight if row.t_s >= 4.0]
     total = len(items) + 1
-    said("CMD", 1000, total, 0, 16, 0, 0, 0, 0, 0, 0, 0, 0)
+    listed: list[tuple[Any, ...]] = [(total, 0, 16, 0, 0, 0, 0, 0, 0, 0, 0)]
     for seq, (command, place, params) in enumerate(items, start=1):
         lat, lon, _ = Row(0.0, (*(place or (0.0, 0.0)), 0.0)).globe
         at = (round(lat * 1e7), round(lon * 1e7), UP_M, 3) if place else (0, 0, 0.0, 2)
         first, second = params
-        said("CMD", 1000, total, seq, command, first + (command == JUMP), second, 0, 0, *at)
+        first += command == JUMP
+        listed.append((total, seq, command, first, second, 0, 0, *at))
+    for values in listed:
+        said("CMD", 1000, *values)
     before = replace(flight[0], mode="", current=-1, armed=True, failing=False)
     for row in flight:
         t_us, lat, lon, alt = round(row.t_s * 1e6), *row.globe
@@ -189,7 +195,7 @@ def dataflash(path: Path, flight: Sequence[Row], items: Items, *, failsafe: int 
         if row.failing != before.failing:
             said("ERR", t_us, failsafe, int(row.failing))
         if row.current != before.current:
-            said("MISE", t_us, total, row.current + 1)
+            said("MISE", t_us, *listed[row.current + 1])
         said("POS", t_us, round(lat * 1e7), round(lon * 1e7), alt)
         before = row
     path.write_bytes(out)
