@@ -415,7 +415,7 @@ def _pass(
     )
     leg = leg_of(fit)
     known = way.height_known[1:][leg] & way.height_known[:-1][leg]
-    later = data.truth.between(end_ns + 1, end_ns + 2 * int(_STAY_S * NS_PER_S))
+    later = data.truth.between(end_ns + 1, end_ns + int(_SURE_S * NS_PER_S))
     return Pass(plan, record, track, way, fit, tuple(_passages(way, fit, track, later)), known)
 
 
