@@ -431,7 +431,7 @@ def _pass(
     )
     leg = leg_of(fit)
     known = way.height_known[1:][leg] & way.height_known[:-1][leg]
-    later = data.truth.between(end_ns + 1, end_ns + 2 * int(_STAY_S * NS_PER_S))
+    later = data.truth.between(end_ns + 1, end_ns + int(_SURE_S * NS_PER_S))
     passages = tuple(_passages(way, fit, track, later))
     return Pass(plan, record, start_ns, track, way, fit, passages, known)
 

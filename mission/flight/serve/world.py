@@ -139,6 +139,11 @@ def _bridge(config: RunConfig, autopilot: str, port: int, *, told: bool) -> Brid
     # Not validated: its firmware is somebody else's.
     vehicle = config.vehicle.model_copy(update={"autopilot": autopilot})
     for fault in config.vehicle.aircraft.faults:
+        if autopilot == "ardupilot" and fault.kind == "gnss_off":
+            raise InputError(
+                "vehicle.aircraft.faults: gnss_off: ArduPilot's JSON interface cannot leave "
+                "positions out; set its parameter SIM_GPS1_ENABLE to 0 yourself"
+            )
         if fault.after is not None and not told:
             raise InputError(
                 f"vehicle.aircraft.faults: after = {fault.after!r}: aerofed world is told when "

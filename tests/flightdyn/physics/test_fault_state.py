@@ -22,3 +22,18 @@ def test_a_fault_counts_from_what_it_comes_after_when_that_first_happens() -> No
         if north_mps := state.burst_ned_mps[0]:
             begun[t_s] = north_mps
     assert begun == {1: 1.0, 12: 2.0, 20: 4.0}
+    words = {1: "begins", 2: "ends", 12: "begins", 13: "ends", 20: "begins"}
+    assert state.news == [(t_s * S, f"Fault {word}: wind_burst") for t_s, word in words.items()]
+
+
+def test_a_fault_begun_twice_is_told_once() -> None:
+    burst = WindBurst(north_mps=1.0)
+    state = FaultState([], Mock(), receiver=None, imu=None)
+    state.begin(burst, 1)
+    state.begin(burst, 2)
+    state.begin(WindBurst(north_mps=2.0), 3)
+    state.end(burst, 4)
+    words = ["begins", "begins", "ends", "ends"]
+    assert [(t, text.split()[1].rstrip(":")) for t, text in state.news] == list(
+        zip([1, 3, 4, 4], words, strict=True)
+    )

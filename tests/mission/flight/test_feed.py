@@ -7,9 +7,12 @@ from typing import Any
 
 import pytest
 
+from flightdyn.frames import frozen
+from flightdyn.state import BatteryState, Kinematics, Moment
 from mission.commands.options import load
 from mission.flight.pilot.dialects import PX4
-from mission.flight.pilot.feed import TelemetryFeed
+from mission.flight.pilot.feed import Known, TelemetryFeed
+from sitl.observer import VehicleEvent
 
 
 def battery(number: int, percent: int) -> dict[str, object]:
@@ -42,3 +45,46 @@ def test_a_voltage_that_is_not_told_is_not_known() -> None:
     state = feed_of({**battery(0, 50), "voltages": [65_535] * 10})._battery
     assert math.isnan(state.voltage_v)
     assert state.current_a == 5.0
+
+
+def beat(state: int, *, armed: bool = True, autopilot: int = 12) -> dict[str, int]:
+    return {"autopilot": autopilot, "base_mode": 29 | 128 * armed, "system_status": state}
+
+
+def test_what_a_vehicle_calls_critical_is_a_failsafe_and_our_faults_are_told() -> None:
+    """CRITICAL (5), EMERGENCY (6), TERMINATION (8) in the air; not ACTIVE (4), not of a camera."""
+    told: list[VehicleEvent] = []
+    watcher: Any = SimpleNamespace(sampled=lambda _: None, happened=told.append)
+    faults = [(1_000_000_000, "Fault begins: gnss_off")]
+
+    def at(t_s: float) -> Kinematics:
+        still = frozen([0.0, 0.0, 0.0])
+        return Kinematics(round(t_s * 1e9), still, still, frozen([1.0, 0, 0, 0]), still)
+
+    async def fed() -> None:
+        pilot: Any = SimpleNamespace(
+            dialect=PX4, watch=SimpleNamespace(listeners=[]), mode="HOLD", armed=True, flying=True
+        )
+        known = Known(lambda t_ns: Moment(at(t_ns / 1e9), BatteryState(1, 1, 1, 1), None), faults)
+        feed = TelemetryFeed(
+            pilot, area=load(None, ()).area.build(), observers=[watcher], known=known
+        )
+        for second, fields in enumerate((
+            beat(4), beat(5, autopilot=8), beat(5, armed=False), beat(5), beat(6), beat(4), beat(8),
+        )):  # fmt: skip
+            feed._sampled(known.truth(second * 10**9), at(second))
+            feed._hear_heartbeat(fields)
+        for second, breached in enumerate((0, 1, 1), start=7):
+            feed._sampled(known.truth(second * 10**9), at(second))
+            feed._hear_fence({"breach_status": breached})
+        faults.append((10_500_000_000, "Fault ends: gnss_off"))  # later than what is told
+        feed._sampled(known.truth(10 * 10**9), at(10))
+
+    asyncio.run(fed())
+    found = [(e.t_ns // 10**9, e.kind, e.text) for e in told if e.kind in ("failsafe", "fault")]
+    assert found == [
+        (1, "fault", "Fault begins: gnss_off"),
+        (3, "failsafe", "failsafe"),
+        (6, "failsafe", "failsafe"),
+        (8, "failsafe", "fence breached"),
+    ]

@@ -76,6 +76,15 @@ def test_a_fault_after_what_nobody_tells_is_refused(capsys: pytest.CaptureFixtur
     assert "vehicle.aircraft.faults: after = 'take-off': aerofed world is told when" in line
 
 
+def test_a_fault_that_arducopter_cannot_be_given_is_refused(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    fault = 'vehicle.aircraft.faults=[{kind="gnss_off", at_s=40}]'
+    assert call(["world", "--ardupilot", "--set", fault]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "vehicle.aircraft.faults: gnss_off: ArduPilot's JSON interface cannot leave" in line
+
+
 def test_a_folder_that_cannot_be_written_to_is_refused(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
