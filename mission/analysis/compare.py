@@ -192,7 +192,8 @@ class RunComparison:
     @property
     def holes(self) -> tuple[Hole, ...]:
         """Holes in the positions of every pass or round, in order."""
-        return tuple(hole for measured in self.measured for hole in measured.holes)
+        found = {hole.start_s: hole for measured in self.measured for hole in measured.holes}
+        return tuple(found.values())
 
     @property
     def values(self) -> dict[str, object]:

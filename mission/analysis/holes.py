@@ -1,5 +1,6 @@
 """Holes in a log: times without positions, of which nobody knows what was flown."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,7 +18,7 @@ class Hole:
     """A time without positions, and the places (latitude, longitude) before and after it."""
 
     number: int  # of its pass or round
-    leg: int  # on which it begins
+    leg: int | None  # on which it begins; None: outside, where only events are hidden
     start_s: float
     end_s: float
     from_deg: tuple[float, float]
@@ -27,10 +28,11 @@ class Hole:
     def words(self) -> str:
         """One line of text: times, length, leg, and places before and after."""
         start_s, end_s = self.start_s, self.end_s
+        where = "outside the plan" if self.leg is None else f"leg {self.leg}"
         here, there = (f"{lat:.7f}, {lon:.7f}" for lat, lon in (self.from_deg, self.to_deg))
         return (
-            f"at {start_s:.1f}-{end_s:.1f} s no positions for {end_s - start_s:.1f} s, leg "
-            f"{self.leg}, {here} to {there}: what was flown there is not known"
+            f"at {start_s:.1f}-{end_s:.1f} s no positions for {end_s - start_s:.1f} s, "
+            f"{where}, {here} to {there}: what was flown there is not known"
         )
 
 
@@ -50,10 +52,14 @@ def position_gaps(run: FlightData, start_ns: int, end_ns: int) -> Floats:
     return gaps(t_ns, (start_ns, end_ns), usual=HOLE, ends_ns=ends_ns)
 
 
-def holes(run: FlightData, number: int, track: Track, leg: Ints, found: Floats) -> tuple[Hole, ...]:
-    """Describe the gaps (g, 2) in a pass or a round, whose samples (n,) were on the legs `leg`."""
-    ends = run.truth.at(np.round(found * NS_PER_S).astype(np.int64).ravel()).pos_m
-    places = [(p.lat_deg, p.lon_deg) for p in on_globe(run.area, ends[:, :2], ends[:, 2])]
-    first = np.minimum(np.searchsorted(track.t_ns / NS_PER_S, found[:, 0]), len(leg) - 1)
-    rows = zip(leg[first].tolist(), found.tolist(), places[::2], places[1::2], strict=True)
-    return tuple(Hole(number, on, *times, *where) for on, times, *where in rows)
+def holes(
+    run: FlightData, every: Floats, *, hidden: Floats, number: int, track: Track, leg: Ints
+) -> Iterator[Hole]:
+    """Describe `every` gap (g, 2) in the time of a pass or a round, whose samples (n,) were on the
+    legs `leg`; those that are not `hidden` in it are on none."""
+    for gap in every.tolist():
+        ends = run.truth.at(np.round(np.multiply(gap, NS_PER_S)).astype(np.int64)).pos_m
+        places = [(p.lat_deg, p.lon_deg) for p in on_globe(run.area, ends[:, :2], ends[:, 2])]
+        at = min(int(np.searchsorted(track.t_ns / NS_PER_S, gap[0])), len(leg) - 1)
+        on = int(leg[at]) if gap in hidden.tolist() else None
+        yield Hole(number, on, *gap, *places)

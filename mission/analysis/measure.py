@@ -174,6 +174,7 @@ def _measured(
     happened = [e for e in in_flight(run.events) if since_ns <= e.t_ns < until_ns]
     events = Counter(e.kind for e in happened if not e.text.startswith(_FAULT_ENDS))
     gaps_s = np.diff(gnss_gaps(run, since_ns, until_ns))
+    every = np.unique(np.vstack((hidden, position_gaps(run, since_ns, until_ns))), axis=0)
     blows = (run.wind.t_ns >= start_ns) & (run.wind.t_ns <= end_ns)
     return Measured(
         record=record,
@@ -184,7 +185,7 @@ def _measured(
             "failsafes": events["failsafe"],
             "faults": events["fault"],
             "gnss_gaps": len(gaps_s) if len(run.gnss_ns) else math.nan,
-            "gap_max_s": float(np.diff(hidden).max(initial=0.0)),
+            "gap_max_s": float(np.diff(every).max(initial=0.0)),
             "gnss_gap_max_s": float(gaps_s.max(initial=0.0)) if len(run.gnss_ns) else math.nan,
         },
         truth=truth,
@@ -197,7 +198,7 @@ def _measured(
         height_m=height_m * known,
         speed_mps=np.linalg.norm(velocity, axis=1) * known,
         wind_mps=np.linalg.norm(run.wind.vel_mps[blows, :2], axis=1),
-        holes=holes(run, record.round, truth, leg, hidden),
+        holes=tuple(holes(run, every, hidden=hidden, number=record.round, track=truth, leg=leg)),
         estimate_m=np.linalg.norm(error[:, :2], axis=1),
         estimate_height_m=error[:, 2],
         **arrays,

@@ -107,17 +107,20 @@ def test_nothing_is_measured_across_a_hole(
 
 
 @pytest.mark.parametrize("end", KINDS)
-def test_holes_that_are_no_part_of_the_mission_hide_nothing(
+def test_holes_outside_the_mission_hide_only_what_happened(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, end: str
 ) -> None:
     """On the ground, in the hover after it, and one of half a second, which is none."""
     holes = (1.0, 3.0), (70.0, 72.5), (30.0, 30.6)
     found = compared(write(monkeypatch, tmp_path / f"x{end}", *holes))
-    assert not found.holes
-    assert found.total.gap_max_s == 0.0
-    assert values(found, cross_track_max_m=1, slots_missed=0, gap_max_s=0) == dict.fromkeys(
-        ("cross_track_max_m", "slots_missed", "gap_max_s"), 0.0
-    )
+    assert [(hole.leg, round(hole.start_s)) for hole in found.holes] == [(None, 1), (None, 70)]
+    assert found.holes[0].words.startswith("at 1.0-3.0 s no positions for 2.0 s, outside the plan,")
+    assert found.total.gap_max_s == pytest.approx(2.6, abs=0.15)
+    assert values(found, cross_track_max_m=1, slots_missed=0, failsafes=0) == {
+        "cross_track_max_m": 0.0, "slots_missed": 0.0, "failsafes": None
+    }  # fmt: skip
+    assert values(found, gap_max_s=3, failsafes=0) == {"gap_max_s": 0.0, "failsafes": 0.0}
+    assert values(found, gap_max_s=2.2, failsafes=0)["failsafes"] is None
 
 
 @pytest.mark.parametrize("end", KINDS)
