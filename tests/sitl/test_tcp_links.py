@@ -206,6 +206,16 @@ async def test_a_signed_link_hears_only_who_has_the_key() -> None:
 
 
 @in_loop
+async def test_clients_hear_that_a_link_is_closed() -> None:
+    link = listening()
+    with calling(link) as sock:
+        await until(lambda: bool(link._begun))
+        sock.settimeout(HANG_S)
+        link.close()
+        assert sock.recv(1) == b""
+
+
+@in_loop
 async def test_a_port_in_use_is_named() -> None:
     link = listening()
     other = TcpLink(f"tcpin://127.0.0.1:{link.port}")

@@ -4,6 +4,7 @@ import asyncio
 from collections.abc import Callable
 
 import pytest
+from pymavlink.dialects.v20 import common as mav
 
 from mission.base.errors import FlightError, LinkLostError
 from mission.flight.flight_plan import Demand
@@ -149,6 +150,24 @@ def test_a_position_is_believed_when_everything_says_so() -> None:
     assert readiness.missing == "estimator without horizontal position"
     readiness._take_flags({"flags": 831})
     assert readiness.missing == ""
+
+
+def test_each_flag_of_an_estimator_has_its_words() -> None:
+    readiness = Readiness("ESTIMATOR_STATUS")
+    readiness._take_fix({"fix_type": 3})
+    readiness._take_home({"latitude": 436145000, "longitude": 70715000})
+    found = {}
+    for bit in range(12):
+        readiness._take_flags({"flags": 831 ^ 1 << bit})
+        found[1 << bit] = readiness.missing
+    assert {flag: words for flag, words in found.items() if words} == {
+        mav.ESTIMATOR_ATTITUDE: "estimator without attitude",
+        mav.ESTIMATOR_VELOCITY_HORIZ: "estimator without horizontal velocity",
+        mav.ESTIMATOR_VELOCITY_VERT: "estimator without vertical velocity",
+        mav.ESTIMATOR_POS_HORIZ_ABS: "estimator without horizontal position",
+        mav.ESTIMATOR_POS_VERT_ABS: "estimator without height",
+        mav.ESTIMATOR_GPS_GLITCH: "estimator not started, or misled by GPS",
+    }
 
 
 def test_a_vehicle_that_cannot_tell_of_its_estimator_is_believed_without() -> None:

@@ -18,7 +18,6 @@ from mission.planner.certified import CertifiedPlanner, ExploringPlanner
 from mission.planner.problem import RoundProblem
 from mission.planner.sqp import SqpPlanner
 
-pytestmark = pytest.mark.slow
 MOVED = 2e-4  # relative
 
 CASES = json.loads(Path(__file__).with_name("known_plans.json").read_text())
@@ -36,7 +35,15 @@ def problem(case):
 
 
 @pytest.mark.parametrize(
-    "case", CASES, ids=lambda case: "{channel}-{devices}-{steps}-{seed}".format(**case)
+    "case",
+    [
+        pytest.param(
+            case,
+            id="{channel}-{devices}-{steps}-{seed}".format(**case),
+            marks=[pytest.mark.slow] if case["devices"] >= 100 else [],
+        )
+        for case in CASES
+    ],
 )
 def test_plans_and_bounds_are_those_that_are_known(case):
     given = problem(case)

@@ -7,9 +7,11 @@ import numpy as np
 import pytest
 
 from fl.data.arrays import Samples
+from fl.radio.radio_map import RadioMap
 from mission.base.errors import InputError
 from mission.config.loading import builtin_config, load_config
 from mission.flight.flyers.open import set_up
+from mission.scenario.radio_maps import read_map, write_map
 from mission.scenario.scenario import build_scenario
 
 
@@ -87,3 +89,19 @@ def test_a_run_takes_no_failsafe_that_goes_by_wall_time() -> None:
     config = load_config(builtin_config("quickstart.toml"), settings)
     with pytest.raises(InputError, match=r"NAV_DLL_ACT = 2: this failsafe goes by wall time"):
         set_up(config, data_dir=None)
+
+
+def test_a_channel_is_that_of_the_lowest_altitude() -> None:
+    config = load_config(builtin_config("quickstart.toml"), {"mission.altitude_m": [40.0, 120.0]})
+    assert build_scenario(config, data_dir=None).channel.altitude_m == 40.0
+
+
+@pytest.mark.parametrize("name", ["height", "y", "x"])
+def test_a_radio_map_s_places_must_ascend(tmp_path: Path, name: str) -> None:
+    lines = {"height": [40.0, 60.0], "y": [2.0, 6.0], "x": [5.0, 15.0]}
+    for values in ([9.0, 8.0], [9.0, 9.0]):
+        axes = [np.array(line) for line in (lines | {name: values}).values()]
+        made = RadioMap(np.full((1, 2, 2, 2), -60.0), *axes, np.zeros((1, 2)))
+        write_map(tmp_path / "map.nc", made, {})
+        with pytest.raises(InputError, match=f"map.nc: {name} must ascend$"):
+            read_map(tmp_path / "map.nc")

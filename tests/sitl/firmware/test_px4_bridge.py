@@ -168,6 +168,12 @@ def test_px4_without_lockstep_is_refused(bridge: Px4Bridge, px4: Px4StandIn) -> 
         tick_often(bridge)
 
 
+def test_an_answer_to_what_was_sent_last_is_not_waited_for_again() -> None:
+    for sent_us, answered_us, ordered in ((8000, 8000, True), (8000, 4000, False), (0, 0, False)):
+        state = Hil(socket=-1, sent_us=sent_us, answered_us=answered_us)
+        assert (hil_wait(ctypes.addressof(state), 0) == ORDERED) is ordered
+
+
 def test_px4_that_hangs_up_is_noticed(bridge: Px4Bridge, px4: Px4StandIn) -> None:
     bridge.run(1)
     px4.close()

@@ -529,3 +529,21 @@ def test_the_nose_turns_to_what_is_looked_at_from_its_item_on() -> None:
     assert looked[0] is None
     np.testing.assert_allclose(looked[2], [50.0, 70.0, 0.0], atol=0.02)
     assert looked[4] is None
+
+
+@pytest.mark.parametrize(
+    ("radius_m", "speed_mps", "flown_mps"),
+    [(20.0, 3.0, 3.0), (-20.0, 3.0, -3.0), (20.0, -3.0, -3.0), (-20.0, -3.0, 3.0),
+     (20.0, 0.0, 0.0), (NAN, NAN, 2.0)],
+)  # fmt: skip
+def test_a_circle_is_flown_the_way_that_radius_and_speed_say(
+    radius_m: float, speed_mps: float, flown_mps: float
+) -> None:
+    desk = Desk()
+    desk.take_off(30.0)
+    orbit = mav.MAV_CMD_DO_ORBIT, radius_m, speed_mps, 0, NAN, NAN, NAN, NAN
+    assert desk.command(*orbit) == ACCEPTED
+    found = desk.vehicle.autopilot._orbits.current
+    assert found is not None
+    assert found.speed_mps == flown_mps
+    assert math.copysign(1.0, found.speed_mps) == math.copysign(1.0, flown_mps)
