@@ -3,6 +3,7 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from textwrap import wrap
 from typing import Any, TypeAlias
 
 import altair as alt
@@ -25,6 +26,8 @@ from mission.figures.style import (
 
 Values: TypeAlias = Sequence[float] | Floats
 
+_TITLE = 44  # characters of an axis title in a row: it fits a phone
+_LABEL = 26  # characters of a row's label beside it
 _MARKED = 25  # points of a line that are few enough to be marked
 _DASHED = [5, 4]
 _LOOKS = (([1, 0], [2, 3]), (_DASHED, [8, 3, 2, 3]))  # solid and dashed; where colours come again
@@ -71,8 +74,15 @@ def line_chart(
     drawn = [*series, *([] if marks is None else [marks])]
     values = [edge for item in drawn for edge in (item.y, item.low, item.high) if edge is not None]
     shown = np.concatenate([[1.0] if gate else [], *values])
-    scale_x = alt.Scale(zero=False, nice=False, padding=8)
-    across = alt.X("x:Q", title=x, scale=scale_x, axis=_whole(series) if whole_x else alt.Axis())
+    # Told, not found: where no value is known, an axis without ends could not be drawn.
+    along = _joined(drawn, "x")
+    known = along[np.isfinite(along)]
+    reach = [float(known.min()), float(known.max())] if known.size else [0.0, 1.0]
+    scale_x = alt.Scale(domain=reach, nice=False, padding=8)
+    words = wrap(x, _TITLE) if len(x) > _TITLE else x
+    across = alt.X(
+        "x:Q", title=words, scale=scale_x, axis=_whole(series) if whole_x else alt.Axis()
+    )
     up = alt.Y("y:Q", title=y, scale=alt.Scale(domain=_range(shown, most), nice=False, clamp=True))
     dashes = named(names, [_LOOKS[item.dashed][item.again] for item in series])
     key = line_keys(names)
@@ -109,7 +119,8 @@ def line_chart(
 def _gate(name: str) -> list[alt.Chart]:
     """Rule at 1, the limit of an innovation test, with its name."""
     at = alt.Chart(table(y=[1.0], name=[name]))
-    text = at.mark_text(color=BAD, align="right", baseline="bottom", dy=-3, fontSize=11)
+    where: dict[str, Any] = {"align": "right", "baseline": "bottom", "dy": -3, "clip": False}
+    text = at.mark_text(color=BAD, fontSize=11, **where)
     return [
         at.mark_rule(color=BAD, strokeDash=_DASHED).encode(alt.Y("y:Q")),
         text.encode(x=alt.value("width"), y=alt.Y("y:Q"), text=alt.Text("name:N")),
@@ -174,8 +185,11 @@ def dot_rows(title: str, rows: Sequence[DotRow], *, x: str, zero: bool = False) 
         low, high = min(low, 0.0), max(high, 0.0)
     air = 0.05 * (high - low)
     scale = alt.Scale(domain=[low - air, high + air], nice=False, clamp=True)
-    plain = alt.Axis(labelLimit=0, domain=False, ticks=False, labelColor=INK)
-    y = alt.Y("row:N", title=None, sort=order, axis=plain)
+    # A long label stands above its row: beside it, a phone would have no room for the row.
+    long = max(map(len, order)) > _LABEL
+    look: dict[str, Any] = {"labelLimit": 0, "domain": False, "ticks": False, "labelColor": INK}
+    look |= {"labelAlign": "left", "labelPadding": -2, "labelOffset": -10} if long else {}
+    y = alt.Y("row:N", title=None, sort=order, axis=alt.Axis(**look))
     x_axis = alt.X("x:Q", title=x, scale=scale, axis=alt.Axis(grid=True))
     colour = alt.Color("row:N", scale=named(order, [row.colour for row in rows]), legend=None)
     tip = [alt.Tooltip("row:N", title=" "), alt.Tooltip("x:Q", title=x, format=".4~g")]

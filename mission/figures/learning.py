@@ -1,11 +1,12 @@
 """Charts of learning and radio: accuracy, fairness, updates, packet error rates."""
 
 import math
+from collections.abc import Sequence
 from functools import partial
 
 import altair as alt
 
-from mission.analysis.compare import RunComparison
+from mission.analysis.compare import DeviceComparison, RunComparison
 from mission.base.palette import community_colour
 from mission.figures.charts import Series, bar_chart, finished, line_chart, ticks
 from mission.figures.style import (
@@ -65,8 +66,10 @@ def learning_charts(run: FlightData) -> list[Chart]:
 
 
 def radio_charts(run: FlightData, comparison: RunComparison) -> list[Chart]:
-    """Objective, packet error rates and participation."""
-    return [_objective(run), _error_rates(comparison), _participation(run)]
+    """Objective, packet error rates of those scheduled, and participation."""
+    scheduled = [device for device in comparison.devices if device.scheduled]
+    rates = [_error_rates(scheduled)] if scheduled else []
+    return [_objective(run), *rates, _participation(run)]
 
 
 def _objective(run: FlightData) -> Chart:
@@ -82,9 +85,8 @@ def _objective(run: FlightData) -> Chart:
     return line_chart("Objective", series, x="round", y="importance times success", whole_x=True)
 
 
-def _error_rates(comparison: RunComparison) -> Chart:
+def _error_rates(devices: Sequence[DeviceComparison]) -> Chart:
     """Planned, believed and true PER, a row a device."""
-    devices = [device for device in comparison.devices if device.scheduled]
     kinds = ("planned", "believed", "true")
     data = table(
         kind=[kind for kind in kinds for _ in devices],

@@ -60,11 +60,15 @@ CONFIG: dict[str, object] = {
 def layered(
     layers: Sequence[alt.Chart], *, title: Chart, width: float, height: float, **more: Any
 ) -> Chart:
-    """Layers as one chart; `more` are further keys of it, such as `params`."""
+    """Layers as one chart; `more` are further keys of it, such as `params`.
+
+    Those without data are left out, unless there are no others: scales have no ends without data.
+    """
     datasets: Chart = {}
     # What is described here is valid: the tests see to that, and it takes as long as drawing.
     inner = {"datasets": datasets, "top_level": False}
-    each = [layer.to_dict(validate=False, context=inner) for layer in layers]
+    some = [layer for layer in layers if layer.data["values"]] or layers
+    each = [layer.to_dict(validate=False, context=inner) for layer in some]
     return {
         "title": title, "width": width, "height": height, "layer": each, "datasets": datasets,
         **more,

@@ -131,7 +131,9 @@ def _best(
         inside = (points >= box[:2]) & (points <= box[2:])
         away = np.hypot(*(np.clip(rivals[:, :2], box[:2], box[2:]) - rivals[:, :2]).T)
         shared = np.minimum(box[2:], others[:, 2:]) - np.maximum(box[:2], others[:, :2])
-        out = (box < 0.0).any() or box[2] > frame.width or box[3] > frame.height
+        # On a phone a map is half as wide, and its words are as large.
+        far = np.tile(at, 2) + 2.0 * (box - np.tile(at, 2))
+        out = (far < 0.0).any() or far[2] > frame.width or far[3] > frame.height
         cost = (
             _ORDER * rank
             + _LINE * float(inside.all(axis=1).sum())

@@ -42,7 +42,8 @@
     const names = (spec.params ?? []).map((param) => param.name);
     for (const [name, columns] of Object.entries(spec.datasets)) {
       const keys = Object.keys(columns);
-      spec.datasets[name] = columns[keys[0]].map((_, row) =>
+      // Without rows there are no columns.
+      spec.datasets[name] = (columns[keys[0]] ?? []).map((_, row) =>
         Object.fromEntries(keys.map((key) => [key, columns[key][row]])));
     }
     // A map is as high as its width asks for.

@@ -136,8 +136,9 @@ def fly(
     seed: int = 1,
     mirrors: Sequence[Sink] = (),
     fence: Sequence[Zone] = (),
+    serves: bool = True,
 ) -> Fixed:
-    """Write a whole made-up run into `folder`: log and tables."""
+    """Write a whole made-up run into `folder`: log and tables; it serves those it passes."""
     rng = np.random.default_rng(seed)
     world = devices(rng)
     path = folder / "flight.mcap"
@@ -155,7 +156,7 @@ def fly(
             made.samples.append(sample)
             log.sampled(sample)
         for index in range(1, rounds + 1):
-            _round(drone, index, made, log)
+            _round(drone, index, made, log, serves=serves)
             log.round(made.rounds[-1])
             round_table.extend([made.rounds[-1]])
             uplink_table.extend(u for u in made.uplinks if u.round == index)
@@ -170,11 +171,13 @@ def _climb(drone: PointMass) -> Iterator[VehicleSample]:
         yield drone.sample(mode="takeoff")
 
 
-def _round(drone: PointMass, index: int, made: Fixed, log: FlightLog) -> None:
+def _round(drone: PointMass, index: int, made: Fixed, log: FlightLog, *, serves: bool) -> None:
     world, rng = made.world, drone.rng
     start = (drone.pos_m + drone.bias_m)[:2]
     order = _walk(world.pos_m, start, 850.0, rng)
     problem, plan = plan_round(world, start, order)
+    if not serves:
+        plan = replace(plan, schedule=np.zeros_like(plan.schedule), value=0.0)
     made.problems.append(problem)
     made.plans.append(plan)
     start_ns, reached = drone.t_ns, {}

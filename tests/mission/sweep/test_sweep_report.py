@@ -1,10 +1,8 @@
-"""A sweep's report: complete by itself, right in its numbers, and working in a real browser."""
+"""A sweep's report: complete by itself, and right in its numbers."""
 
 import json
 import re
-import shutil
 import struct
-import subprocess
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,7 +10,6 @@ import numpy as np
 import pytest
 from described import axes, charts, described, keys, layers, tables
 from drawing import drawn
-from patience import HANG_S
 
 from mission.figures.render import save_all
 from mission.report.sweep_page import sweep_html
@@ -22,7 +19,6 @@ from mission.sweep.outcome.figures import sweep_pictures
 from mission.sweep.results import Row, RunResult
 from mission.sweep.state import Missing, SweepState
 
-CHROMIUM = shutil.which("chromium")
 SEEDS = (1, 2, 3)
 # Final accuracy per seed; flying strategies first. Of "b" there are no runs of ideal.
 FINAL = {
@@ -79,6 +75,7 @@ def page() -> str:
 
 
 def row(page: str, title: str, first: str) -> list[str]:
+    page = page.replace("\xa0", " ")
     start = page.index(f"<h2>{title}</h2>")
     table = page[start : page.index("</table>", start)]
     for line in re.findall(r"<tr>(.*?)</tr>", table):
@@ -244,38 +241,3 @@ def test_a_sweep_that_goes_on_says_how_far_it_is_and_what_is_missing() -> None:
     assert "What cov gains" not in text
     assert row(text, "Not done", "no_cov-seed2") == ["no_cov-seed2", "not begun"]
     assert "Not done" not in sweep_html(state())
-
-
-@pytest.mark.slow
-@pytest.mark.real
-@pytest.mark.skipif(CHROMIUM is None, reason="needs Debian's chromium in the PATH")
-@pytest.mark.parametrize("width", [390, 1280])
-def test_it_works_in_a_browser(tmp_path: Path, page: str, width: int) -> None:
-    """Nothing sticks out, all text can be read, and the console stays empty."""
-    probe = """<script>
-      const told = () => document.documentElement.dataset.result = JSON.stringify({
-        drawn: document.documentElement.dataset.drawn,
-        overflow: document.documentElement.scrollWidth - window.innerWidth,
-        text: Math.min(...[...document.querySelectorAll("svg text")]
-          .map((e) => e.getBoundingClientRect().height).filter((h) => h > 0)),
-      });
-      const wait = () => document.documentElement.dataset.drawn ? told() : setTimeout(wait, 50);
-      wait();
-    </script></body>"""
-    html = tmp_path / "r.html"
-    html.write_text(page.removesuffix("</body>\n</html>\n") + probe, encoding="utf-8")
-    done = subprocess.run(
-        [
-            CHROMIUM or "", "--headless", "--no-sandbox", "--disable-gpu", "--hide-scrollbars",
-            "--disable-background-networking", "--no-first-run", "--enable-logging=stderr",
-            f"--user-data-dir={tmp_path / 'profile'}", f"--window-size={width},1500",
-            "--virtual-time-budget=60000", "--dump-dom", html.as_uri(),
-        ],
-        check=True, capture_output=True, text=True, timeout=HANG_S,
-    )  # fmt: skip
-    assert "CONSOLE" not in done.stderr
-    found = re.search(r'data-result="([^"]*)"', done.stdout)
-    assert found
-    shown = json.loads(found[1].replace("&quot;", '"'))
-    assert shown["overflow"] <= 0
-    assert shown["text"] >= 8.0
