@@ -43,7 +43,7 @@ def test_it_goes_round_a_building_once_a_layer(
     ring = [place, trigger, *[place] * 4, trigger]
     looks = mav.MAV_CMD_DO_SET_ROI_WPNEXT_OFFSET, mav.MAV_CMD_DO_SET_ROI_NONE
     assert [item.command for item in items] == [place, looks[0], *ring, *ring, looks[1], place]
-    assert items[1].params[1:] + (items[1].x, items[1].y, items[1].z) == pytest.approx(
+    assert (*items[1].params[1:], items[1].x, items[1].y, items[1].z) == pytest.approx(
         (0, 0, 0, -20, 0, 90)
     )
     every = [item.params[0] for item in items if item.command == trigger]

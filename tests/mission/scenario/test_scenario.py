@@ -100,8 +100,8 @@ def test_a_channel_is_that_of_the_lowest_altitude() -> None:
 def test_a_radio_map_s_places_must_ascend(tmp_path: Path, name: str) -> None:
     lines = {"height": [40.0, 60.0], "y": [2.0, 6.0], "x": [5.0, 15.0]}
     for values in ([9.0, 8.0], [9.0, 9.0]):
-        axes = [np.array(line) for line in (lines | {name: values}).values()]
-        made = RadioMap(np.full((1, 2, 2, 2), -60.0), *axes, np.zeros((1, 2)))
+        height_m, y_m, x_m = map(np.array, (lines | {name: values}).values())
+        made = RadioMap(np.full((1, 2, 2, 2), -60.0), height_m, y_m, x_m, np.zeros((1, 2)))
         write_map(tmp_path / "map.nc", made, {})
         with pytest.raises(InputError, match=f"map.nc: {name} must ascend$"):
             read_map(tmp_path / "map.nc")
