@@ -130,6 +130,8 @@ class _Reader:
                 found.mode(t_ns, mode_mapping_acm.get(number, f"MODE {number}"))
             case "MSG":
                 self._text(t_ns, row.Message)
+            case "MISE" if not hasattr(row, "CId"):  # nor the rest of the item
+                found.heads_for(t_ns, int(row.CNum))
             case "CMD" | "MISE":
                 command = row.CId if row.CNum else 0
                 params = (row.Prm1, row.Prm2, row.Prm3, row.Prm4)
