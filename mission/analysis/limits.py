@@ -11,7 +11,7 @@ import numpy as np
 from fl.errors import did_you_mean
 from fl.errors import told as printable
 from mission.analysis.compare import Comparison, Made, RunComparison
-from mission.analysis.measure import Measured, in_flight
+from mission.analysis.measure import Measured
 from mission.base.area import on_globe
 from mission.base.arrays import Floats
 from mission.base.errors import InputError, LimitsNotMetError
@@ -163,7 +163,7 @@ def kept(flights: Sequence[RunComparison], limits: Mapping[str, float]) -> tuple
 def _where(comparison: RunComparison, name: str) -> str:
     """Say where a number was worst (leg, time, position), or which event was first; else empty."""
     if name in _EVENTS:
-        events = [e for e in in_flight(comparison.run.data.events) if e.kind == _EVENTS[name]]
+        events = [e for e in comparison.run.data.flown_events if e.kind == _EVENTS[name]]
         return f"first at {events[0].t_ns / NS_PER_S:.1f} s: {events[0].text}" if events else ""
     worst = []
     for index, measured in enumerate(comparison.measured):

@@ -2,7 +2,7 @@
 
 import math
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -16,7 +16,7 @@ from mission.base.arrays import Floats, Ints
 from mission.base.errors import InputError
 from mission.base.gaps import gaps, inside
 from mission.log.records import LATE, RoundRecord, UplinkRecord, flat
-from mission.log.values import NS_PER_S, EventRecord, FlightData, PlanRecord, Track
+from mission.log.values import NS_PER_S, FlightData, PlanRecord, Track
 
 if TYPE_CHECKING:
     from mission.analysis.passes import Pass
@@ -171,7 +171,7 @@ def _measured(
         for here, corner in zip(near.T, fit.corner_points_m, strict=True)
     ]
     since_ns, until_ns = _span(run, record)
-    happened = [e for e in in_flight(run.events) if since_ns <= e.t_ns < until_ns]
+    happened = [e for e in run.flown_events if since_ns <= e.t_ns < until_ns]
     events = Counter(e.kind for e in happened if not e.text.startswith(_FAULT_ENDS))
     gaps_s = np.diff(gnss_gaps(run, since_ns, until_ns))
     every = np.unique(np.vstack((hidden, position_gaps(run, since_ns, until_ns))), axis=0)
@@ -205,26 +205,12 @@ def _measured(
     )
 
 
-def in_flight(events: Iterable[EventRecord]) -> Iterator[EventRecord]:
-    """Yield the events while the vehicle is armed, in order; all where nothing says whether."""
-    events = sorted(events, key=lambda event: event.t_ns)
-    armed = [event.text for event in events if event.kind == "armed"][:1] != ["armed"]
-    for event in events:
-        if event.kind == "armed":
-            armed = event.text == "armed"
-        elif armed:
-            yield event
-
-
 def _span(run: FlightData, record: RoundRecord) -> tuple[int, int]:
     """Return from when to when (ns) what happens counts for a round: up to the next one, since what
     ends it comes after it; the first from arming on, the last up to disarming."""
     starts = [round(other.start_t_s * NS_PER_S) for other in run.rounds]
     at = round(record.start_t_s * NS_PER_S)
-    switches = [event for event in run.events if event.kind == "armed"]
-    begins = [event.t_ns for event in switches[:1] if event.text == "armed"]
-    ends = [event.t_ns for event in switches[-1:] if event.text == "disarmed"]
-    first_ns, last_ns = [*begins, int(run.truth.t_ns[0])][0], [*ends, int(run.truth.t_ns[-1])][0]
+    first_ns, last_ns = run.armed_ns[0][0], run.armed_ns[-1][1]
     since_ns = first_ns if at <= min(starts) else at
     return since_ns, min((other for other in starts if other > at), default=last_ns)
 

@@ -163,19 +163,12 @@ def judged(path: object, data: FlightData, given: Plan | None) -> Judged:
 
 def _flown(data: FlightData) -> Modes:
     """Return the modes in which the vehicle was armed, and `_DISARMED` between."""
-    switches = [event for event in data.events if event.kind == "armed"]
-    times = np.unique([*data.modes.t_ns.tolist(), *(event.t_ns for event in switches)])
+    edges = np.ravel(data.armed_ns)
+    times = np.unique(np.append(data.modes.t_ns, edges)).astype(np.int64)
     modes = np.searchsorted(data.modes.t_ns, times, side="right") - 1
-    last = np.searchsorted([event.t_ns for event in switches], times, side="right") - 1
-    before = switches[:1] and switches[0].text == "armed"
-    names = (*data.modes.names, "mode unknown")
-    return Modes(
-        times.astype(np.int64),
-        tuple(
-            _DISARMED if (switches[at].text == "disarmed" if at >= 0 else before) else names[mode]
-            for mode, at in zip(modes.tolist(), last.tolist(), strict=True)
-        ),
-    )
+    armed = np.searchsorted(edges, times, side="right") % 2 == 1
+    names = np.array([*data.modes.names, "mode unknown"])[modes]
+    return Modes(times, tuple(np.where(armed, names, _DISARMED).tolist()))
 
 
 def _airborne(path: object, data: FlightData) -> tuple[int, int]:

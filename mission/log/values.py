@@ -404,6 +404,23 @@ class FlightData:
         return any("ArduPilot" in text for text in (self.source.kind, *said))
 
     @cached_property
+    def armed_ns(self) -> tuple[tuple[int, int], ...]:
+        """From when up to when the vehicle was armed; all of the track where nothing says so."""
+        begin_ns, end_ns = self.truth.t_ns[[0, -1]].tolist()
+        told = sorted((e.t_ns, e.text == "armed") for e in self.events if e.kind == "armed")
+        if not told or not told[0][1]:
+            told.insert(0, (begin_ns, True))
+        before = [False, *(on for _, on in told)]
+        edges = [t_ns for (t_ns, on), was in zip(told, before, strict=False) if on != was]
+        return tuple(zip(edges[::2], [*edges[1::2], end_ns + 1], strict=False))
+
+    @cached_property
+    def flown_events(self) -> tuple[EventRecord, ...]:
+        """The events while it was armed."""
+        spans = self.armed_ns
+        return tuple(e for e in self.events if any(since <= e.t_ns < to for since, to in spans))
+
+    @cached_property
     def config(self) -> Mapping[str, Any]:
         """The configuration that the log holds, as TOML has it; empty where it holds none."""
         try:

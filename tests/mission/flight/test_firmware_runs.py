@@ -262,6 +262,28 @@ def test_a_fault_comes_after_what_a_real_firmware_tells(
     told = [e.t_ns for e in log.events if e.text == f"item {after}: reported"] or [lifted]
     assert 0.9e9 < blows[0] - told[0] < 2.6e9  # the wind is logged once a second
     assert blows[-1] - blows[0] < 5e9
+    begun, ended = (event for event in log.events if event.kind == "fault")
+    assert [begun.text, ended.text] == ["Fault begins: wind_burst", "Fault ends: wind_burst"]
+    assert abs(ended.t_ns - begun.t_ns - 4e9) < 0.2e9
+
+
+@pytest.mark.real
+@pytest.mark.parametrize(("autopilot", "code"), [("px4", 0), ("ardupilot", 4)])
+def test_a_failsafe_of_a_real_firmware_is_counted(
+    tmp_path: Path, autopilot: str, code: int, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Without GNSS both descend: PX4 goes on with the mission after it, ArduPilot does not."""
+    survey, out = Path(__file__).parents[3] / "examples" / "survey.plan", tmp_path / "out"
+    keys = (
+        *(f"vehicle.autopilot={autopilot}", f"vehicle.firmware.path={real(autopilot)}"),
+        'vehicle.aircraft.faults=[{kind="gnss_off", after=7, duration_s=20}]',
+    )
+    words = ("--no-report", "--no-figures", "--set", *keys)
+    assert call(["fly", str(survey), "--out", str(out), *words]) == code
+    assert call(["compare", str(out), "--limit", "failsafes=0", "--limit", "faults=0"]) == 6
+    said = capsys.readouterr().err
+    assert "failsafes = 1: must be at most 0; first at" in said
+    assert "faults = 1: must be at most 0; first at" in said
 
 
 @pytest.mark.real
