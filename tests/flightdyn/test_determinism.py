@@ -43,7 +43,7 @@ def test_twice_in_one_process_interleaved_with_another_aircraft() -> None:
 def test_in_another_process() -> None:
     code = "from test_determinism import digest; print(digest(5))"
     root = Path(__file__).parents[2]
-    path = f"{root}:{Path(__file__).parent}"
+    path = f"{root}:{root}/tests:{Path(__file__).parent}"
     result = subprocess.run(
         [sys.executable, "-c", code],
         capture_output=True,

@@ -88,22 +88,47 @@ class _Hook:
         pass
 
 
-def build_hook(monkeypatch):
-    """`hatch_build.py`, whose base class need not be installed."""
-    interface = type(sys)("hatchling.builders.hooks.plugin.interface")
-    vars(interface)["BuildHookInterface"] = _Hook
-    parts = interface.__name__.split(".")
-    for end in range(1, len(parts)):
-        name = ".".join(parts[:end])
-        monkeypatch.setitem(sys.modules, name, type(sys)(name))
-    monkeypatch.setitem(sys.modules, interface.__name__, interface)
+def build_module(monkeypatch):
+    """`hatch_build.py`, whose base classes need not be installed."""
+    bases = ("builders.hooks", "BuildHookInterface"), ("metadata", "MetadataHookInterface")
+    for place, base in bases:
+        parts = f"hatchling.{place}.plugin.interface".split(".")
+        for end in range(1, len(parts) + 1):
+            name = ".".join(parts[:end])
+            if name not in sys.modules or end > 1:
+                monkeypatch.setitem(sys.modules, name, type(sys)(name))
+        vars(sys.modules[".".join(parts)])[base] = _Hook
     path = building.ROOT / "hatch_build.py"
     spec = importlib.util.spec_from_file_location("hatch_build", path)
     assert spec is not None
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
-    return module.NativeBuildHook(Path())
+    return module
+
+
+def test_the_packages_page_leads_to_where_the_project_is_kept(monkeypatch):
+    module = build_module(monkeypatch)
+    metadata: dict[str, Any] = {"version": "1.2.3"}
+    hook = module.LinkedMetadataHook()
+    hook.root = str(building.ROOT)
+    monkeypatch.setenv("AEROFED_REPOSITORY", "https://example.org/o/aerofed")
+    hook.update(metadata)
+    text = metadata["readme"]["text"]
+    place = "https://example.org/o/aerofed"
+    assert f"]({place}/raw/v1.2.3/docs/images/two-rounds.png)" in text
+    assert f"]({place}/blob/v1.2.3/docs/getting-started.md" in text
+    assert "](docs/" not in text
+    assert "](#" in text or "](http" in text
+    assert metadata["urls"]["Issues"] == f"{place}/issues"
+    monkeypatch.delenv("AEROFED_REPOSITORY")
+    hook.update(metadata)
+    assert metadata["readme"]["text"] == (building.ROOT / "README.md").read_text(encoding="utf-8")
+    assert list(metadata["urls"]) == ["Paper"]
+
+
+def build_hook(monkeypatch):
+    return build_module(monkeypatch).NativeBuildHook(Path())
 
 
 def test_a_wheel_is_for_every_python_of_its_platform(monkeypatch):
