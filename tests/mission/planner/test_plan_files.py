@@ -130,6 +130,9 @@ def test_no_devices_and_no_problems_are_fine(tmp_path):
             [{**GOOD, "start": ["0", 0]}],
             "start.0 = '0': must be a number",
         ),
+        ([{**GOOD, "deadline_s": "40"}], "deadline_s = '40': must be a number"),
+        ([{**GOOD, "energy_j": True}], "energy_j = true: must be a number"),
+        ([{**GOOD, "energy_j": 0}], "energy_j = 0: must be greater than 0"),
         ([{**GOOD, "start": [1]}], "start.1: missing"),
         ([{**GOOD, "start": 3}], "start = 3: must be a list"),
         (
