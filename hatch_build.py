@@ -38,6 +38,7 @@ class NativeBuildHook(BuildHookInterface):  # type: ignore[misc, type-arg]
         build_data["tag"] = f"py3-none-{host.replace('-', '_').replace('.', '_')}"
 
 
+# Hatchling is there in a build only: where types are checked its classes are Any.
 class LinkedMetadataHook(MetadataHookInterface):  # type: ignore[misc]
     """Links of the README lead to files, which the page of a package is not beside: they are made
     absolute by the address where the project is kept, AEROFED_REPOSITORY, which a release sets."""

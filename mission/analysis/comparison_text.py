@@ -135,7 +135,7 @@ def lines(comparison: RunComparison) -> list[str]:
     if judged is None:
         return found
     found += [spike.words for spike in spikes(comparison.run.data, comparison.measured)]
-    return [*found, *in_words(judged, holes=any(hole.leg for hole in comparison.holes))]
+    return [*found, *in_words(judged, holes=any(hole.leg is not None for hole in comparison.holes))]
 
 
 def in_words(found: "Judged", *, holes: bool = False) -> list[str]:

@@ -140,7 +140,7 @@ def verdicts(comparison: RunComparison, limits: Mapping[str, float]) -> tuple[Ve
         where = "" if met else _where(comparison, name)
         # A place that was never reached may have been in a hole; of others what is known counts.
         unknown = _MADE[name] in _HIDDEN and (met or name == "slots_missed")
-        hides = [hole for hole in holes if hole.leg or name in (*_EVENTS, "gap_max_s")]
+        hides = [hole for hole in holes if hole.leg is not None or name in (*_EVENTS, "gap_max_s")]
         if hides and (unknown or name == "gap_max_s"):
             value, met = math.nan if unknown else value, False
             where = max(hides, key=lambda hole: hole.end_s - hole.start_s).words

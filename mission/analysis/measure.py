@@ -19,7 +19,7 @@ from mission.log.records import LATE, RoundRecord, UplinkRecord, flat
 from mission.log.values import NS_PER_S, FlightData, PlanRecord, Track
 
 if TYPE_CHECKING:
-    from mission.analysis.passes import Pass
+    from mission.analysis.one_pass import Pass
 
 # A straight is what lies farther than this along the planned path from every corner.
 CORNER_M = 25.0

@@ -10,10 +10,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mission.analysis.alignment import Alignment, leg_of, matched
-from mission.analysis.holes import position_gaps
+from mission.analysis.one_pass import AT_END_M, Pass, match_pass
 from mission.base import polyline
-from mission.base.arrays import Bools, Floats, Ints
+from mission.base.arrays import Floats, Ints
 from mission.base.errors import InputError
 from mission.flight.fence_zones import item_zones
 from mission.flight.logs.items import (
@@ -25,8 +24,7 @@ from mission.flight.logs.items import (
     place_m,
     returns,
 )
-from mission.log.records import UNKNOWN_ROUND, RoundRecord
-from mission.log.values import NS_PER_S, FlightData, Modes, PlannedPlaces, PlanRecord, Track
+from mission.log.values import NS_PER_S, FlightData, Modes, PlannedPlaces, Track
 from sitl.autopilot.codec.orders import MissionItem
 from sitl.autopilot.flying.route import repeats
 from sitl.errors import SitlInputError
@@ -39,17 +37,11 @@ _PAUSES = ("HOLD", "LOITER")
 _DISARMED = "DISARMED"  # in place of the mode of a vehicle that has landed: it may be any
 _PAUSE_M = 30.0  # at most from where a mission was left to where it goes on, braking included
 _PAUSE_S = 60.0  # at most, before a return that belongs to the mission; who orders it may be slow
-_SURE_S = 5.0  # by which a return that is told may differ from one that shows
 _TOLD_NS = 1_000_000_000  # after a mode, in which the log tells the item that is flown to
 _LEAST_S = 2.0  # a pass, or a time outside, that is shorter is none
 _OFF_GROUND_M = 0.7
 _STILL_M = 0.3  # in a second
 _STANDING_M = 3.0  # that a position may wander on the ground
-_AT_END_M = 1.0  # of the path's end: what is flown there belongs to it no more
-_REACHED_M = 10.0  # passed no farther than this, a place counts as reached
-_BY_SAMPLE = ("along_m", "cross_m", "above_m")  # of a match
-_HERE_M = 1e-5  # before a place, so that what is there is on the leg that leads to it
-_CLOSE_M, _STAY_S = 1.0, 1.0  # what belongs to a closest approach
 _FAR_M = 2000.0  # from the flight a plan is of another place
 
 
@@ -61,29 +53,6 @@ class Plan:
     items: tuple[MissionItem, ...]
     since_ns: int = 0
     logged: bool = True  # in the log itself, so that its numbers of items are those of the log
-
-
-@dataclass(frozen=True)
-class Passage:
-    """Time and miss vector of passing an item; NaN if not passed, the miss also on a return."""
-
-    seq: int
-    t_s: float
-    miss_m: Floats  # (3,)
-
-
-@dataclass(frozen=True)
-class Pass:
-    """One pass through a mission, from one of its items on: plan, track and their alignment."""
-
-    plan: PlanRecord
-    record: RoundRecord
-    begin_ns: int  # of its time in the mission mode; where nothing was flown, before its track
-    track: Track
-    path: MissionPath
-    fit: Alignment
-    passages: tuple[Passage, ...]
-    known_height: Bools  # (n,) samples at which the plan says how high
 
 
 @dataclass(frozen=True)
@@ -315,8 +284,16 @@ def _passes(
             _check_place(path, plan, way, track)
             # Whoever ordered the flight knew what the vehicle makes of the mission.
             foreseen = [p.duration_s for p in data.plans if plan.logged and item == 0]
-            found = _pass(first, data, way, track, (times, seqs), [*foreseen, math.nan][0])
-            yield replace(found, begin_ns=start_ns)
+            yield match_pass(
+                data,
+                way,
+                track,
+                number=first,
+                begin_ns=start_ns,
+                current=(times, seqs),
+                returns_ns=_returns_ns(data, int(track.t_ns[0])),
+                foreseen_s=[*foreseen, math.nan][0],
+            )
             first += 1
 
 
@@ -338,7 +315,7 @@ def _left_at(data: FlightData, left: Pass, found: Pass) -> Pass:
 def _check_place(path: object, plan: Plan, way: MissionPath, track: Track) -> None:
     """Refuse a plan that no part of the flight comes near."""
     # Taking off on the spot and returning home say nothing of where a plan is.
-    moved = polyline.legs(way.points_m[:, :2]) > _AT_END_M
+    moved = polyline.legs(way.points_m[:, :2]) > AT_END_M
     led = (way.seqs >= 0) & way.height_known & np.concatenate(([False], moved))
     places = way.points_m[led][:, None, :2]
     away_m = np.linalg.norm(places - track.pos_m[None, ::10, :2], axis=2)
@@ -366,88 +343,6 @@ def _current(data: FlightData, plan: Plan) -> tuple[Ints, Ints]:
     return np.insert(times, 0, plan.since_ns), np.append(seqs, seqs[-1] + 1)
 
 
-def _pass(
-    number: int,
-    data: FlightData,
-    way: MissionPath,
-    track: Track,
-    current: tuple[Ints, Ints],
-    foreseen_s: float,
-) -> Pass:
-    at_m = polyline.along(way.points_m)
-    returns_ns = _returns_ns(data, int(track.t_ns[0])) if way.given < len(at_m) else math.inf
-    # Each log tells of a return in its own time: it begins where its place is passed meanwhile.
-    told = np.abs(track.t_ns - returns_ns) < _SURE_S * NS_PER_S
-    there = way.points_m[way.given - 1, :2]
-    sure_ns, miss_m = _closest(track.t_ns, track.pos_m[:, :2] - there, told)
-    if np.linalg.norm(miss_m) <= _REACHED_M:
-        track = track.at(np.union1d(track.t_ns, np.int64(sure_ns)))
-    else:
-        sure_ns = returns_ns
-    low, high = _windows(way, at_m, track, *current)
-    # Which items it flew to in a hole is told only after it.
-    for begin_s, end_s in position_gaps(data, int(track.t_ns[0]), int(track.t_ns[-1])):
-        told_ns = min(current[0][current[0] >= end_s * NS_PER_S].tolist(), default=math.inf)
-        first, last = np.searchsorted(track.t_ns, (begin_s * NS_PER_S, told_ns))
-        high[first:last] = high[last] if last < len(high) else at_m[-1]
-    low[track.t_ns >= sure_ns] = at_m[way.given - 1]
-    if math.isfinite(sure_ns):
-        high[track.t_ns < sure_ns] = np.minimum(high, at_m[way.given - 1])[track.t_ns < sure_ns]
-    track, fit = matched(track, way.points_m, between=(low, np.maximum(low, high)))
-    # To stand before the start and to hover at the end are no part of the way.
-    begin, end = _crossing(fit.along_m, _AT_END_M), _end(track, fit, way, len(way.points_m) - 1)
-    rows = np.arange(len(track.t_ns))
-    kept = np.unique(np.concatenate(([begin], rows[(rows > begin) & (rows < end)], [end])))
-    times = np.round(np.interp(kept, rows, track.t_ns)).astype(np.int64)
-    kept = kept[np.unique(times, return_index=True)[1]]  # none twice: speeds are between them
-    track = track.at(np.unique(times))
-    numbers = {name: np.interp(kept, rows, getattr(fit, name)) for name in _BY_SAMPLE}
-    fit = replace(fit, **numbers)
-    fit = _of_what_is_given(track, fit, way, sure_ns)
-    start_ns, end_ns = int(track.t_ns[0]), int(track.t_ns[-1])
-    plan = PlanRecord.of_flight(number, start_ns, way.points_m, duration_s=foreseen_s)
-    duration_s = (end_ns - start_ns) / NS_PER_S
-    flown_m, energy_j = polyline.length(track.pos_m[:, :2]), data.battery.energy_j(start_ns, end_ns)
-    battery = data.battery.remaining[data.battery.t_ns <= end_ns]
-    record = replace(
-        UNKNOWN_ROUND,
-        round=number,
-        start_t_s=start_ns / NS_PER_S,
-        duration_s=duration_s,
-        plan_path_m=plan.path_m,
-        flown_path_m=flown_m,
-        budget_used_m=flown_m,
-        time_used_s=duration_s,
-        energy_j=energy_j,
-        energy_used_j=energy_j,
-        battery_remaining=float(battery[-1]) if len(battery) else math.nan,
-    )
-    leg = leg_of(fit)
-    known = way.height_known[1:][leg] & way.height_known[:-1][leg]
-    later = data.truth.between(end_ns + 1, end_ns + int(_SURE_S * NS_PER_S))
-    passages = tuple(_passages(way, fit, track, later))
-    return Pass(plan, record, start_ns, track, way, fit, passages, known)
-
-
-def _crossing(values: Floats, bound: float) -> float:
-    """Return the fractional index at which nondecreasing values reach `bound`, interpolated; the
-    last index where none does."""
-    index = min(int(np.searchsorted(values, bound)), len(values) - 1)
-    before, after = values[max(index - 1, 0)], values[index]
-    return index - float(np.clip((after - bound) / ((after - before) or 1.0), 0.0, min(index, 1)))
-
-
-def _end(track: Track, fit: Alignment, way: MissionPath, index: int) -> float:
-    """Return the fractional sample index at which point `index` of the path is reached: on arrival,
-    or the closest approach after it if its height is known; the last sample if it never is."""
-    there = _crossing(fit.along_m, float(fit.waypoints_at_m[index]) - _AT_END_M)
-    if not way.height_known[index]:
-        return there
-    away_m = np.linalg.norm(track.pos_m[:, :2] - way.points_m[index, :2], axis=1)
-    farther = np.flatnonzero(np.diff(away_m[math.ceil(there) :], append=math.inf) >= 0.0)
-    return float(math.ceil(there) + farther[0])
-
-
 def _returns_ns(data: FlightData, start_ns: int) -> float:
     """Return when a return first began after an instant, in ns, by mode or by mission item, as not
     every autopilot changes its mode for an item; infinity if none did."""
@@ -457,116 +352,6 @@ def _returns_ns(data: FlightData, start_ns: int) -> float:
         times, seqs = _current(data, plan)
         found += times[np.isin(seqs, [i.seq for i in plan.items if i.command in RETURNS])].tolist()
     return min((t_ns for t_ns in found if t_ns > start_ns), default=math.inf)
-
-
-def _of_what_is_given(
-    track: Track, fit: Alignment, way: MissionPath, returns_ns: float
-) -> Alignment:
-    """Return the alignment with errors set to NaN on a return, whose way the vehicle chooses."""
-    last = way.given - 1
-    if way.given == len(way.points_m):
-        return fit
-    returning = track.t_ns >= returns_ns
-    returning[math.floor(_end(track, fit, way, last)) + 1 :] = True
-    returning |= fit.along_m >= fit.waypoints_at_m[last]
-    # A hover before it is still on the way there.
-    before = (track.t_ns < returns_ns) & math.isfinite(returns_ns)
-    most_m = np.where(before, fit.waypoints_at_m[last] - _HERE_M, math.inf)
-    corners = fit.corners_m < fit.waypoints_at_m[last] - _AT_END_M
-    return replace(
-        fit,
-        along_m=np.minimum(fit.along_m, most_m),
-        cross_m=np.where(returning, math.nan, fit.cross_m),
-        above_m=np.where(returning, math.nan, fit.above_m),
-        corners_m=fit.corners_m[corners],
-        corner_points_m=fit.corner_points_m[corners],
-    )
-
-
-def _windows(
-    way: MissionPath, at_m: Floats, track: Track, times: Ints, seqs: Ints
-) -> tuple[Floats, Floats]:
-    """(n,) and (n,) bounds of each sample's progress in metres: from the leg before the one to the
-    current item, to the leg after it; the whole path where the log does not name the item."""
-    stops = np.flatnonzero(way.seqs >= 0)
-    inside = (times > track.t_ns[0]) & (times <= track.t_ns[-1])
-    if not inside.any():
-        return np.zeros(len(track.t_ns)), np.full(len(track.t_ns), at_m[-1])
-    towards = np.zeros(len(track.t_ns), dtype=np.int64)
-    stop = 0
-    for t_ns, seq in zip(times[inside].tolist(), seqs[inside].tolist(), strict=True):
-        # An item without a place lies between two that have one.
-        ahead = [k for k in range(stop, len(stops)) if way.seqs[stops[k]] >= seq > 0]
-        if ahead:
-            exact = [k for k in ahead if way.seqs[stops[k]] == seq]
-            stop = (exact or ahead)[0]
-        towards[track.t_ns >= t_ns] = stop
-    ends = np.concatenate(([0.0, 0.0], at_m[stops], at_m[-1:]))
-    return ends[towards], ends[np.minimum(towards + 3, len(ends) - 1)]
-
-
-def _passages(way: MissionPath, fit: Alignment, track: Track, later: Track) -> Iterator[Passage]:
-    """Yield for each item with a place when the matched track passed it, and its miss vector. It
-    may stay at the last one in what is flown `later`."""
-    whole_ns = np.append(track.t_ns, later.t_ns)
-    whole_m = np.concatenate((track.pos_m, later.pos_m))
-    for index in np.flatnonzero(way.seqs >= 0):
-        at_m, place = fit.waypoints_at_m[index], way.points_m[index]
-        near = np.flatnonzero(np.abs(fit.along_m[:-1] - at_m) <= 3 * _REACHED_M)
-        pos_m = whole_m - place
-        if not way.height_known[index]:
-            pos_m[:, 2] = 0.0
-        rows = slice(near[0], near[-1] + 2) if len(near) else slice(0)
-        if rows.stop == len(track.t_ns):
-            rows = slice(rows.start, None)
-        t_ns, miss_m = _closest(whole_ns[rows], pos_m[rows])
-        passed = len(near) > 0 and (
-            _led_past(fit, track, int(near[-1]), at_m)
-            or float(np.linalg.norm(miss_m)) <= _REACHED_M
-        )
-        if not passed:
-            yield Passage(int(way.seqs[index]), math.nan, np.full(3, math.nan))
-            continue
-        # At which height a landing begins nobody knows; it ends on the ground.
-        if not way.height_known[index] and index == len(way.seqs) - 1:
-            t_ns = float(track.t_ns[near[-1] + 1])
-        if index >= way.given:
-            miss_m = np.full(3, math.nan)
-        yield Passage(int(way.seqs[index]), t_ns / NS_PER_S, miss_m)
-
-
-def _closest(t_ns: Ints, pos_m: Floats, among: Bools | slice = slice(None)) -> tuple[float, Floats]:
-    """Return when a track (n,), (n, 2 or 3), straight between samples, passed the origin, and its
-    nearest point, of what begins at one of the samples `among`; NaN where there is none.
-
-    Where it was nearest may be anywhere in a hover or a turn. So the time is the middle of that in
-    which it was not `_CLOSE_M` farther, and `_STAY_S` after the begin of it at most.
-    """
-    rows = np.arange(len(t_ns))[among]
-    rows = rows[rows < len(t_ns) - 1]
-    if not len(rows):
-        return math.nan, np.full(pos_m.shape[1], math.nan)
-    away_m, share = polyline.to_segments(np.zeros(pos_m.shape[1]), pos_m[:-1], pos_m[1:])
-    reach_m, far_m = (np.linalg.norm(m, axis=1) for m in (away_m, pos_m))
-    best = int(rows[reach_m[rows].argmin()])
-    at_ns = t_ns[best] + share[best] * (t_ns[best + 1] - t_ns[best])
-    left_ns = []
-    for side in (slice(best, None, -1), slice(best + 1, None)):
-        rising_m = np.maximum.accumulate(np.append(reach_m[best], far_m[side]))
-        at = _crossing(rising_m, reach_m[best] + _CLOSE_M)
-        left_ns.append(np.interp(at, np.arange(len(rising_m)), np.append(at_ns, t_ns[side])))
-    since_ns, until_ns = left_ns
-    passed_ns = since_ns + min((until_ns - since_ns) / 2, _STAY_S * NS_PER_S)
-    return round(passed_ns), -away_m[best]
-
-
-def _led_past(fit: Alignment, track: Track, last: int, at_m: float) -> bool:
-    """Whether a flight goes on past `at_m` from sample `last`, and not from before it to a later
-    part of the path, as where it is aborted on the way there."""
-    here_m, next_m = fit.along_m[last : last + 2]
-    jump_m = next_m - here_m - np.linalg.norm(np.diff(track.pos_m[last : last + 2], axis=0))
-    beyond = here_m if jump_m > 3 * _REACHED_M else fit.along_m[-1]
-    return bool(beyond > at_m + _AT_END_M)
 
 
 def _apart(

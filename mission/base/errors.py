@@ -5,12 +5,14 @@ from collections.abc import Mapping, Sequence
 from typing import Any, Self
 
 LIMITS_NOT_MET = 6
+DIFFERENT = 7
+INTERRUPTED = 130
+
+# Options and keys by which several aircraft are asked for.
 _SEVERAL = re.compile(
     r"(?:(?:vehicle|mission|link|area)\.)?(?:(?:n|num|number_of)_)?"
     r"(?:count|instances?|vehicles|drones?|uavs?|aircrafts?|fleet|swarm)"
 )
-DIFFERENT = 7
-INTERRUPTED = 130
 
 # In words, for the command line and the documentation.
 EXIT_CODES: Mapping[int, str] = {

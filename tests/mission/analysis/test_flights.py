@@ -19,7 +19,8 @@ from flightdyn.frames import LocalFrame
 from mission.analysis.compare import compare_run
 from mission.analysis.comparison_text import in_words
 from mission.analysis.load import LoadedRun, load_run
-from mission.analysis.passes import _closest, _led_past, judged
+from mission.analysis.one_pass import _closest, _led_past
+from mission.analysis.passes import judged
 from mission.analysis.spikes import spikes
 from mission.base.area import Area
 from mission.base.errors import InputError
