@@ -61,6 +61,11 @@ class Measured:
     per_shift: Floats  # true - planned
 
     @property
+    def hidden_s(self) -> Floats:
+        """(g, 2) begin and end of its holes, in seconds."""
+        return np.array([(hole.start_s, hole.end_s) for hole in self.holes]).reshape(-1, 2)
+
+    @property
     def cross_m(self) -> Floats:
         """(n,) horizontal distance (m) of the true track to its planned path; NaN on a return, and
         in holes."""

@@ -28,3 +28,11 @@ def inside(t_s: Floats, found: Floats) -> Bools:
     """(n,) which instants lie between begin and end of one of the gaps (g, 2)."""
     begin_s, end_s = found.T[..., None]
     return np.asarray(((begin_s < t_s) & (t_s < end_s)).any(axis=0))
+
+
+def outside(values: Floats, t_s: Floats, found: Floats) -> list[Floats]:
+    """Return what lies before, between and after the gaps (g, 2) of values (n, k) at instants (n,);
+    parts without any are left out."""
+    known, after = ~inside(t_s, found), np.searchsorted(found.mean(axis=1), t_s)
+    parts = [values[known & (after == number)] for number in range(len(found) + 1)]
+    return [part for part in parts if len(part)]

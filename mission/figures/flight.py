@@ -1,15 +1,17 @@
 """Pictures of flights of plan files: profiles along the planned path."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import altair as alt
 import numpy as np
 
 from mission.analysis.compare import RunComparison
 from mission.analysis.comparison_text import labels_of
+from mission.analysis.measure import Measured
 from mission.analysis.spikes import events, spikes
 from mission.base.airspace import thin
 from mission.base.arrays import Floats
+from mission.base.gaps import outside
 from mission.base.palette import community_colour
 from mission.figures.charts import Series, finished, line_chart
 from mission.figures.render import stacked
@@ -39,17 +41,17 @@ def profile_charts(flights: Sequence[RunComparison]) -> list[Chart]:
                 name = f"{name}, pass {measured.record.round}"
             track, fit = measured.truth, measured.fit
             t_s = (track.t_ns - track.t_ns[0]) / NS_PER_S
-            height.append(_thinned(name, colour, fit.along_m, track.pos_m[:, 2]))
+            height.append(_thinned(name, colour, measured, fit.along_m, track.pos_m[:, 2]))
             if fit.length_m > 0:
-                cross.append(_thinned(name, colour, fit.along_m, fit.cross_m))
-            speed.append(_thinned(name, colour, fit.along_m, measured.speed_mps))
+                cross.append(_thinned(name, colour, measured, fit.along_m, fit.cross_m))
+            speed.append(_thinned(name, colour, measured, fit.along_m, measured.speed_mps))
             if not len(measured.estimate_m):
                 continue
             sides = ("horizontal", COOL), ("height", GOOD)
             both = (measured.estimate_m, np.abs(measured.estimate_height_m))
             for (side, shade), values in zip(sides, both, strict=True):
                 label = side if alone and len(flight.measured) == 1 else f"{side}, {name}"
-                error.append(_thinned(label, shade if alone else colour, t_s, values))
+                error.append(_thinned(label, shade if alone else colour, measured, t_s, values))
                 if not alone:
                     break  # the horizontal one is enough to compare
     planned = Series("planned", PLANNED, along_m, plan.route_height_m, dashed=True)  # above all
@@ -69,24 +71,28 @@ def profile_charts(flights: Sequence[RunComparison]) -> list[Chart]:
 
 def timeline_chart(flight: RunComparison, *, alone: bool) -> Chart:
     """Errors over the log's time with what happened: events as lines, spikes with reasons."""
-    times = [measured.truth.t_ns / NS_PER_S for measured in flight.measured]
-    errors: tuple[tuple[str, str, list[Floats]], ...] = (
-        ("cross-track", FLOWN, [measured.cross_m for measured in flight.measured]),
-        ("height", GOOD, [np.abs(measured.height_m) for measured in flight.measured]),
-    )
-    lines = table(
-        series=[name for name, _, parts in errors for part in parts for _ in part],
-        x=np.concatenate([*times, *times]),
-        y=np.concatenate([part for _, _, parts in errors for part in parts]),
-    )
-    happened = events(flight.run.data, float(times[0][0]), float(times[-1][-1]))
+    errors: dict[tuple[str, str], Callable[[Measured], Floats]] = {
+        ("cross-track", FLOWN): lambda measured: measured.cross_m,
+        ("height", GOOD): lambda measured: np.abs(measured.height_m),
+    }
+    drawn = {
+        name: _broken([
+            part for item in flight.measured
+            for part in _parts(item, item.truth.t_ns / NS_PER_S, of(item))
+        ])
+        for (name, _), of in errors.items()
+    }  # fmt: skip
+    x_s, y_m = np.vstack(list(drawn.values())).T
+    lines = table(series=[name for name, rows in drawn.items() for _ in rows], x=x_s, y=y_m)
+    begin_ns, end_ns = flight.measured[0].truth.t_ns[0], flight.measured[-1].truth.t_ns[-1]
+    happened = events(flight.run.data, begin_ns / NS_PER_S, end_ns / NS_PER_S)
     peaks = spikes(flight.run.data, flight.measured)
     x, y = (
         alt.X("x:Q", title="time of the log (s)", scale=alt.Scale(zero=False)),
         alt.Y("y:Q", title="error (m)"),
     )
-    names = [name for name, _, _ in errors]
-    shades = named(names, [colour for _, colour, _ in errors])
+    names = list(drawn)
+    shades = named(names, [colour for _, colour in errors])
     colour = alt.Color("series:O", scale=shades, legend=line_keys(names))
     rules = table(
         x=[event.start_s for event in happened],
@@ -111,6 +117,18 @@ def timeline_chart(flight: RunComparison, *, alone: bool) -> Chart:
     return finished(layers, title=title, note=note)
 
 
-def _thinned(label: str, colour: str, x: Floats, y: Floats) -> Series:
-    kept = thin(np.column_stack((x, y)), _TOLERANCE)
+def _thinned(label: str, colour: str, measured: Measured, x: Floats, y: Floats) -> Series:
+    kept = _broken([thin(part, _TOLERANCE) for part in _parts(measured, x, y)])
     return Series(label, colour, kept[:, 0], kept[:, 1])
+
+
+def _parts(measured: Measured, x: Floats, y: Floats) -> list[Floats]:
+    """Points (n, 2) of what was measured at each sample, in the parts between holes."""
+    t_s = measured.truth.t_ns / NS_PER_S
+    return outside(np.column_stack((x, y)), t_s, measured.hidden_s)
+
+
+def _broken(parts: Sequence[Floats]) -> Floats:
+    """Lines (n, 2) as parts of one, which has no value behind each."""
+    rows = [rows for part in parts if len(part) for rows in (part, [(part[-1, 0], np.nan)])]
+    return np.vstack([np.empty((0, 2)), *rows])

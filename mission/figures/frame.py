@@ -7,9 +7,11 @@ import altair as alt
 import numpy as np
 
 from fl.radio.city import Building
+from mission.analysis.holes import position_gaps
 from mission.analysis.load import flown
 from mission.base.airspace import thin
 from mission.base.arrays import Floats
+from mission.base.gaps import outside
 from mission.figures.style import (
     BAND,
     FENCE,
@@ -25,7 +27,7 @@ from mission.figures.style import (
     named,
     table,
 )
-from mission.log.values import FlightData, PlanRecord
+from mission.log.values import NS_PER_S, FlightData, PlanRecord, Track
 
 NoFly: TypeAlias = Mapping[str, Any]  # an area of `area.no_fly`, as the configuration has it
 Lines: TypeAlias = list[tuple[str, int, Floats]]  # kind, round (0: of all), points (n, 2)
@@ -51,17 +53,23 @@ def run_lines(run: FlightData, plans: Sequence[PlanRecord]) -> Lines:
     lines = edges(fences, zones_of(run)[0], None if run.planned else run.area.size_m)
     lines += [("planned", plan.round, plan.route_m) for plan in plans]
     records = {record.round: record for record in run.rounds}
-    lines += [
-        ("flown", plan.round, thin(flown(run, records[plan.round]).pos_m[:, :2], TOLERANCE_M))
-        for plan in plans
-        if plan.round in records
-    ]
+    for plan in plans:
+        if plan.round in records:
+            track = flown(run, records[plan.round])
+            lines += [("flown", plan.round, part) for part in _flown_parts(run, track)]
     if run.planned is not None:
         end_ns = int(flown(run, run.rounds[-1]).t_ns[-1])
-        rest = run.truth.between(end_ns, int(run.truth.t_ns[-1])).pos_m[:, :2]
-        if len(rest) > 1 and np.ptp(rest, axis=0).max() > _STANDING_M:
-            lines.append(("after the last place", 0, thin(rest, TOLERANCE_M)))
+        rest = run.truth.between(end_ns, int(run.truth.t_ns[-1]))
+        if len(rest.t_ns) > 1 and np.ptp(rest.pos_m[:, :2], axis=0).max() > _STANDING_M:
+            lines += [("after the last place", 0, part) for part in _flown_parts(run, rest)]
     return lines
+
+
+def _flown_parts(run: FlightData, track: Track) -> Iterator[Floats]:
+    """Yield a track's path (n, 2), thinned, in the parts between the holes of a log."""
+    found = position_gaps(run, int(track.t_ns[0]), int(track.t_ns[-1]))
+    for part in outside(track.pos_m[:, :2], track.t_ns / NS_PER_S, found):
+        yield thin(part, TOLERANCE_M)
 
 
 def edges(

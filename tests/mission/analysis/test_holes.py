@@ -4,12 +4,14 @@ import json
 import math
 from collections.abc import Callable
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
 import made_up_logs
 import numpy as np
 import pytest
+from described import tables
 from made_up_logs import HOME, write_dataflash, write_tlog, write_ulog
 from synthetic_flight import fly
 
@@ -20,6 +22,8 @@ from mission.analysis.load import load_run
 from mission.analysis.spikes import events
 from mission.base.errors import LIMITS_NOT_MET
 from mission.cli import call
+from mission.figures.flight import profile_charts
+from mission.figures.frame import run_lines
 from mission.log.values import Track
 
 Write = Callable[..., Path]
@@ -104,6 +108,26 @@ def test_nothing_is_measured_across_a_hole(
     assert [hole.leg for hole in found.holes] == [3]
     (told,) = [e for e in events(found.run.data, 0.0, 99.0) if e.text.startswith("no positions")]
     assert (told.start_s, told.end_s) == pytest.approx(CORNER, abs=0.11)
+
+
+def test_no_line_is_drawn_across_a_hole(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    whole = compared(write(monkeypatch, tmp_path / "whole.ulg"))
+    found = compared(write(monkeypatch, tmp_path / "x.ulg", CORNER))
+    paths = [
+        [part for kind, _, part in run_lines(each.run.data, each.run.data.plans) if kind == "flown"]
+        for each in (whole, found)
+    ]
+    assert [len(parts) for parts in paths] == [1, 2]
+    # By CORNER's times at 8 m/s: where the one part ends and the other begins.
+    away_m = np.linalg.norm(paths[1][1][0] - paths[1][0][-1])
+    assert 40.0 < away_m < 72.0
+    for each, holes in ((whole, 0), (found, 1)):
+        for chart in profile_charts([each]):
+            (lines, *_) = tables(chart, "series", "x", "y")
+            flown = [row["y"] for row in lines if row["series"] == lines[0]["series"]]
+            # The line ends once more: at the hole; a return has no distance to be drawn.
+            ends = [a is None and b is not None for a, b in pairwise(flown)]
+            assert sum(ends) == holes, chart["title"]
 
 
 @pytest.mark.parametrize("end", KINDS)
