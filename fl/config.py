@@ -147,11 +147,16 @@ class RadioConfig(_Frozen):
     shadowing: bool = Field(
         True,
         description="buildings: add shadowing, a normal field over the places of the aircraft that "
-        "is the same in every round",
+        "is the same in every round, and let walls around devices differ",
     )
     indoors: Literal["entry-loss", "refused"] = Field(
         "entry-loss",
         description="buildings: a device within one pays the way through a wall, or is refused",
+    )
+    walls: Literal["low-loss", "high-loss"] = Field(
+        "low-loss",
+        description="buildings: 3GPP's walls around devices: 30 % plain glass and 70 % concrete, "
+        "or 70 % coated glass and 30 % concrete",
     )
     tx_power_dbm: float = Field(0.0, ge=-100.0, le=60.0, description="power that devices send")
     bandwidth_hz: float = Field(1e6, ge=1.0, le=1e10, description="width of the band")

@@ -1,32 +1,35 @@
-"""Obstacles on the ground, which wreck an aircraft that flies into them."""
+"""Obstacles, which wreck an aircraft that flies into them."""
 
 from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
-# (n, 2) corners north and east of home, around a building and its courtyards; its roof above home.
-Prism = tuple[Sequence[NDArray[np.float64]], float]
+# (n, 2) corners north and east of home, around a building and its courtyards; its floor (-inf: the
+# ground) and roof above home.
+Prism = tuple[Sequence[NDArray[np.float64]], float, float]
 
 
 class Obstacles:
-    """Prisms with flat roofs; in metres north and east of home, and above it."""
+    """Prisms with flat floors and roofs; in metres north and east of home, and above it."""
 
     def __init__(self, prisms: Sequence[Prism]) -> None:
         walls = [
-            np.hstack((ring, np.roll(ring, -1, axis=0))) for rings, _ in prisms for ring in rings
+            np.hstack((ring, np.roll(ring, -1, axis=0))) for rings, *_ in prisms for ring in rings
         ]
-        counts = [sum(map(len, rings)) for rings, _ in prisms]
+        counts = [sum(map(len, rings)) for rings, *_ in prisms]
         self._whose = np.repeat(np.arange(len(prisms)), counts)
         self._walls = np.vstack([np.empty((0, 4)), *walls])
-        self._roofs = np.array([roof for _, roof in prisms])
+        self._floors = np.array([floor for _, floor, _ in prisms])
+        self._roofs = np.array([roof for *_, roof in prisms])
         self._highest = float(self._roofs.max(initial=-np.inf))
 
     def contain(self, north: float, east: float, up: float) -> bool:
         """Whether a place (m north, east and above home) is inside one."""
         if up >= self._highest:
             return False
-        return bool((self.within(north, east) & (up < self._roofs)).any())
+        between = (self._floors < up) & (up < self._roofs)
+        return bool((self.within(north, east) & between).any())
 
     def within(self, north: float, east: float) -> NDArray[np.bool_]:
         """(P,) whether a place is within the walls of each, at any height, by ray casting."""

@@ -5,13 +5,14 @@
 
 #include "normal.h"
 
-/* Prisms with flat roofs; the walls of inner courtyards are walls like the others. */
+/* Prisms with flat floors and roofs; the walls of inner courtyards are walls like the others. */
 typedef struct {
     int64_t count;
     const double (*walls)[4]; /* both ends of each, x and y; a building's follow each other */
     const int64_t *first;     /* (count + 1) the first wall of each */
     const double (*boxes)[4]; /* least x and y, largest x and y of each */
-    const double *roofs;      /* height of each */
+    const double *floors;     /* height of each; -inf: it stands on the ground */
+    const double *roofs;
 } Buildings;
 
 enum { WAVES = 200 };
@@ -19,44 +20,68 @@ static const double PI = 3.14159265358979323846;
 
 /* A sum of plane waves of random direction and phase: nearly a normal field, of variance 1. */
 typedef struct {
-    double east[WAVES], north[WAVES], phase[WAVES]; /* turns a metre, turns */
+    double east[WAVES], north[WAVES], phase[WAVES]; /* turns a correlation distance, turns */
 } Field;
 
 typedef struct {
     const double (*devices)[3];  /* places of the senders */
     const Field (*fields)[2];    /* of the shadowing in sight of each and without, or NULL: none */
+    const double *entries;       /* loss of the wall of each, for those within a building */
     Buildings buildings;
     double carrier;
     int64_t macro; /* UMa, else UMi */
 } City;
 
-/* Whether the straight line between two places passes under a roof. */
+static inline double larger(double a, double b) { return a > b ? a : b; }
+
+/* Whether the straight line from a to b passes through building i. `leaves`: the share of the line at
+   which it leaves it for the first time if a is within it, else 0. */
+static int passes(const Buildings *all, int64_t i, const double a[3], const double b[3], double *leaves)
+{
+    /* Where along the line it is between floor and roof: from `begin` to `end`. */
+    const double floor = all->floors[i], roof = all->roofs[i], *box = all->boxes[i];
+    double begin = 0, end = 1, wall = 1;
+    *leaves = 0;
+    if ((a[2] >= roof && b[2] >= roof) || (a[2] <= floor && b[2] <= floor)) return 0;
+    if (a[2] >= roof) begin = (a[2] - roof) / (a[2] - b[2]);
+    if (a[2] <= floor) begin = (floor - a[2]) / (b[2] - a[2]);
+    if (b[2] >= roof) end = (roof - a[2]) / (b[2] - a[2]);
+    if (b[2] <= floor) end = (a[2] - floor) / (a[2] - b[2]);
+    const double dx = b[0] - a[0], dy = b[1] - a[1];
+    const double px = a[0] + begin * dx, py = a[1] + begin * dy;
+    const double qx = a[0] + end * dx, qy = a[1] + end * dy;
+    if ((px < box[0] && qx < box[0]) || (px > box[2] && qx > box[2])) return 0;
+    if ((py < box[1] && qy < box[1]) || (py > box[3] && qy > box[3])) return 0;
+    int within = 0, met = 0; /* within: whether p is, by the walls east of it */
+    for (int64_t j = all->first[i]; j < all->first[i + 1]; j++) {
+        const double *w = all->walls[j], ex = w[2] - w[0], ey = w[3] - w[1];
+        if ((w[1] > py) != (w[3] > py) && px < w[0] + (py - w[1]) / ey * ex) within = !within;
+        const double one = ex * (py - w[1]) - ey * (px - w[0]);
+        const double two = ex * (qy - w[1]) - ey * (qx - w[0]);
+        const double from = (qx - px) * (w[1] - py) - (qy - py) * (w[0] - px);
+        const double to = (qx - px) * (w[3] - py) - (qy - py) * (w[2] - px);
+        if ((one > 0) == (two > 0) || (from > 0) == (to > 0)) continue;
+        met = 1;
+        wall = one / (one - two) < wall ? one / (one - two) : wall;
+    }
+    if (within && begin == 0) *leaves = wall * end;
+    return within || met;
+}
+
+/* The share of the line at which it leaves the buildings around a; 0 if a is outdoors. */
+static double way_out(const Buildings *all, const double a[3], const double b[3])
+{
+    double last = 0, leaves;
+    for (int64_t i = 0; i < all->count; i++)
+        if (passes(all, i, a, b, &leaves)) last = larger(last, leaves);
+    return last;
+}
+
 static int hidden(const Buildings *all, const double a[3], const double b[3])
 {
-    for (int64_t i = 0; i < all->count; i++) {
-        /* Where along the line it is below the roof: from `begin` to `end`. */
-        const double roof = all->roofs[i], *box = all->boxes[i];
-        double begin = 0, end = 1;
-        if (a[2] >= roof && b[2] >= roof) continue;
-        if (a[2] >= roof) begin = (a[2] - roof) / (a[2] - b[2]);
-        if (b[2] >= roof) end = (roof - a[2]) / (b[2] - a[2]);
-        const double dx = b[0] - a[0], dy = b[1] - a[1];
-        const double px = a[0] + begin * dx, py = a[1] + begin * dy;
-        const double qx = a[0] + end * dx, qy = a[1] + end * dy;
-        if ((px < box[0] && qx < box[0]) || (px > box[2] && qx > box[2])) continue;
-        if ((py < box[1] && qy < box[1]) || (py > box[3] && qy > box[3])) continue;
-        int within = 0; /* whether p is, by the walls east of it */
-        for (int64_t j = all->first[i]; j < all->first[i + 1]; j++) {
-            const double *w = all->walls[j], ex = w[2] - w[0], ey = w[3] - w[1];
-            if ((w[1] > py) != (w[3] > py) && px < w[0] + (py - w[1]) / ey * ex) within = !within;
-            const double one = ex * (py - w[1]) - ey * (px - w[0]);
-            const double two = ex * (qy - w[1]) - ey * (qx - w[0]);
-            const double from = (qx - px) * (w[1] - py) - (qy - py) * (w[0] - px);
-            const double to = (qx - px) * (w[3] - py) - (qy - py) * (w[2] - px);
-            if ((one > 0) != (two > 0) && (from > 0) != (to > 0)) return 1;
-        }
-        if (within) return 1;
-    }
+    double leaves;
+    for (int64_t i = 0; i < all->count; i++)
+        if (passes(all, i, a, b, &leaves)) return 1;
     return 0;
 }
 
@@ -88,8 +113,6 @@ static double field_at(const Field *field, double x, double y)
 }
 
 static inline double log10_of(double x) { return log_of(x, 0) * 0.43429448190325182765; }
-static inline double larger(double a, double b) { return a > b ? a : b; }
-
 /* Below 22.5 m the aircraft is TR 38.901's base station and the device its terminal; above it is the
    terminal of TR 36.777, whose base stations are not that high. Nearer than 10 m its formulas are
    continued. */
@@ -121,27 +144,41 @@ static double path_loss(const City *at, double flat, double height, double devic
     return sight ? seen : larger(seen, 32.4 + (43.2 - 7.6 * up) * d + f);
 }
 
-/* Standard deviation of the shadowing. */
-static double shadowing(const City *at, double height, int sight)
+/* Standard deviation of the shadowing, and its correlation distance (TR 38.901, table 7.5-6). */
+static double shadowing(const City *at, double height, int sight, int indoors, double *correlation)
 {
+    *correlation = indoors ? 7 : at->macro ? (sight ? 37 : 50) : (sight ? 10 : 13);
+    if (indoors) return 7;
     if (height <= 22.5) return sight ? 4 : at->macro ? 6 : 7.82;
     if (!sight) return at->macro ? 6 : 8;
     const double fades = exp_of_negative(-(at->macro ? 0.0066 : 0.01) * height);
     return at->macro ? 4.64 * fades : larger(5 * fades, 2);
 }
 
-/* Gain from a sender to a place, whether they see each other, and the deviation of the shadowing. */
-static double gain_at(
-    const City *city, int64_t sender, const double to[3], uint8_t *seen, double *deviation)
+/* A path from a sender to the aircraft. */
+typedef struct {
+    double gain, deviation; /* of the shadowing */
+    int seen, indoors;      /* seen: nothing is in the way but the building that the sender is in */
+} Path;
+
+static Path path_of(const City *city, int64_t sender, const double to[3])
 {
-    const double *from = city->devices[sender];
-    const int sight = *seen = !hidden(&city->buildings, from, to);
-    const double height = larger(to[2], 0), flat = size3(to[0] - from[0], to[1] - from[1], 0);
-    const double loss = path_loss(city, flat, height, from[2], sight);
-    *deviation = shadowing(city, height, sight);
-    if (!city->fields) return -loss;
-    const Field *field = &city->fields[sender][!sight];
-    return *deviation * field_at(field, to[0], to[1]) - loss;
+    const double *from = city->devices[sender], height = larger(to[2], 0);
+    const double x = to[0] - from[0], y = to[1] - from[1], z = to[2] - from[2];
+    const double flat = size3(x, y, 0), out = way_out(&city->buildings, from, to);
+    /* The outdoor part begins a micrometre behind the wall, so that this one is not in its way. */
+    const double at = out + (out > 0 ? 1e-6 / larger(size3(x, y, z), 1e-6) : 0);
+    const double wall[3] = {from[0] + at * x, from[1] + at * y, from[2] + at * z};
+    double correlation;
+    Path path = {.seen = at >= 1 || !hidden(&city->buildings, wall, to), .indoors = out > 0};
+    path.gain = -path_loss(city, flat, height, from[2], path.seen);
+    path.deviation = shadowing(city, height, path.seen, path.indoors, &correlation);
+    if (path.indoors) path.gain -= city->entries[sender] + 0.5 * out * flat;
+    if (city->fields) {
+        const Field *field = &city->fields[sender][!path.seen && !path.indoors];
+        path.gain += path.deviation * field_at(field, to[0] / correlation, to[1] / correlation);
+    }
+    return path;
 }
 
 #endif

@@ -46,10 +46,9 @@ typedef struct {
     /* The average packet error rate (count,) at horizontal distances and heights. */
     int (*average_per)(const Channel *, int64_t count, const double *distance, const double *height,
                        double *per);
-    /* The gain (count,) from senders, by their numbers, to places (count, 3), whether they see
-       each other, and the deviation of their shadowing. */
+    /* The `Path` (count,) from senders, by their numbers, to places (count, 3). */
     int (*gains)(const City *, int64_t count, const int64_t *sender, const double (*places)[3],
-                 double *gain, uint8_t *seen, double *deviation);
+                 double *gain, double *deviation, uint8_t *seen, uint8_t *indoors);
     /* The share (count,) of the normal distribution under each value. */
     int (*normal_shares)(int64_t count, const double *value, double *share);
 } Learning;

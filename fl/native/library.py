@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,7 +48,7 @@ class _Functions(ctypes.Structure):
         ("train", ctypes.CFUNCTYPE(ctypes.c_int, *[_POINTER] * 3, _INT, _INT, *[_POINTER] * 5)),
         ("count_correct", ctypes.CFUNCTYPE(ctypes.c_int, *[_POINTER] * 4)),
         ("average_per", ctypes.CFUNCTYPE(ctypes.c_int, _POINTER, _INT, *[_POINTER] * 3)),
-        ("gains", ctypes.CFUNCTYPE(ctypes.c_int, _POINTER, _INT, *[_POINTER] * 5)),
+        ("gains", ctypes.CFUNCTYPE(ctypes.c_int, _POINTER, _INT, *[_POINTER] * 6)),
         ("normal_shares", ctypes.CFUNCTYPE(ctypes.c_int, _INT, *[_POINTER] * 2)),
     )
 
@@ -58,9 +59,9 @@ class _Field(ctypes.Structure):
 
 class _City(ctypes.Structure):
     _fields_ = (
-        *((name, _POINTER) for name in ("devices", "fields")),
+        *((name, _POINTER) for name in ("devices", "fields", "entries")),
         ("count", _INT),  # and what follows: `Buildings`
-        *((name, _POINTER) for name in ("walls", "first", "boxes", "roofs")),
+        *((name, _POINTER) for name in ("walls", "first", "boxes", "floors", "roofs")),
         *(("carrier", ctypes.c_double), ("macro", _INT)),
     )
 
@@ -252,21 +253,32 @@ def normal_shares(values: NDArray[np.float64]) -> NDArray[np.float64]:
     return shares
 
 
+class Paths(NamedTuple):
+    """Paths from devices to the aircraft, (n,) each."""
+
+    gain_db: NDArray[np.float64]
+    shadowing_db: NDArray[np.float64]  # its standard deviation, also where none is drawn
+    seen: NDArray[np.bool_]  # nothing is in the way but the building that the device is in
+    indoors: NDArray[np.bool_]
+
+
 class City:
     """Devices among buildings, and the gains of paths from them; see `city.h`."""
 
     def __init__(
         self,
         outlines: Sequence[Sequence[NDArray[np.float64]]],
-        roofs: NDArray[np.float64],
+        heights: NDArray[np.float64],
         *,
         devices: NDArray[np.float64],
+        entries: NDArray[np.float64],
         fields: NDArray[np.float64] | None,
         carrier_ghz: float,
         macro: bool,
     ) -> None:
-        """Outlines (n, 2) of each building and heights (B,) of their roofs; `devices` (K, 3);
-        `fields` (K, 2, 3, WAVES) of their shadowing.
+        """Outlines (n, 2) of each building and heights (2, B) of their floors (-inf: the ground)
+        and roofs; `devices` (K, 3); `entries` (K,) dB that their walls take, if they are within
+        one; `fields` (K, 2, 3, WAVES) of their shadowing.
 
         Raises:
             ValueError: arrays that do not fit together.
@@ -279,25 +291,24 @@ class City:
         boxes = np.empty((len(each), 4))
         for box, of in zip(boxes, each, strict=True):
             box[:2], box[2:] = of[:, :2].min(axis=0), of[:, :2].max(axis=0)
-        self._kept = devices, fields, walls, first, boxes, roofs  # C has their addresses only
+        # C has their addresses only.
+        self._kept = devices, fields, entries, walls, first, boxes, heights
         count = len(each)
         self._as_c = _City(
             address(devices, np.float64, (len(devices), 3)),
             fields if fields is None else address(fields, np.float64, (len(devices), 2, 3, WAVES)),
+            address(entries, np.float64, (len(devices),)),
             count,
             address(walls, np.float64, (len(walls), 4)),
             address(first, np.int64, (count + 1,)),
             address(boxes, np.float64, (count, 4)),
-            address(roofs, np.float64, (count,)),
+            *(address(height, np.float64, (count,)) for height in heights),
             carrier_ghz,
             macro,
         )
 
-    def gains(
-        self, device: Indices, places: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64], NDArray[np.bool_], NDArray[np.float64]]:
-        """Return for paths from devices (n,) to places (n, 3): gain in dB, whether there is line of
-        sight, and standard deviation of the shadowing in dB (also where no shadowing is drawn).
+    def gains(self, device: Indices, places: NDArray[np.float64]) -> Paths:
+        """Return the paths from devices (n,) to places (n, 3).
 
         Raises:
             ValueError: arrays that do not fit together, or no such device.
@@ -305,15 +316,12 @@ class City:
         count = len(device)
         if count and not 0 <= device.min() <= device.max() < len(self._kept[0]):
             raise ValueError(f"device must be from 0 to {len(self._kept[0]) - 1}")
-        gain, deviation = np.empty((2, count))
-        seen = np.empty(count, dtype=np.bool_)
+        paths = Paths(*np.empty((2, count)), *np.empty((2, count), dtype=np.bool_))
         _FUNCTIONS.gains(
             ctypes.byref(self._as_c),
             count,
             address(device, np.int64, (count,)),
             address(places, np.float64, (count, 3)),
-            gain.ctypes.data,
-            seen.ctypes.data,
-            deviation.ctypes.data,
+            *(values.ctypes.data for values in paths),
         )
-        return gain, seen, deviation
+        return paths

@@ -102,10 +102,16 @@ static int average_per(const Channel *channel, int64_t count, const double *dist
 }
 
 static int gains(const City *city, int64_t count, const int64_t *sender,
-                 const double (*places)[3], double *gain, uint8_t *seen, double *deviation)
+                 const double (*places)[3], double *gain, double *deviation, uint8_t *seen,
+                 uint8_t *indoors)
 {
-    for (int64_t i = 0; i < count; i++)
-        gain[i] = gain_at(city, sender[i], places[i], seen + i, deviation + i);
+    for (int64_t i = 0; i < count; i++) {
+        const Path path = path_of(city, sender[i], places[i]);
+        gain[i] = path.gain;
+        deviation[i] = path.deviation;
+        seen[i] = (uint8_t)path.seen;
+        indoors[i] = (uint8_t)path.indoors;
+    }
     return 0;
 }
 

@@ -3,8 +3,11 @@
 `native/city.h` has the formulas. A building is a prism with a flat roof. The path loss with and
 without line of sight is that of 3GPP TR 38.901 up to a height of 22.5 m, and TR 36.777's for
 aircraft above. Shadowing is a normal field over the places of the aircraft whose correlation falls
-as exp(-d / d_cor), the same in every round (TR 38.901, 7.4.4), made of plane waves. A device inside
-a building has the entry loss of its wall (7.4.3, low loss).
+as exp(-d / d_cor), the same in every round (TR 38.901, 7.4.4), made of plane waves.
+
+A device inside a building is in line of sight where the outdoor part of its path is. The way out
+takes the loss of a wall, 0.5 dB for each metre within, and what the wall of this device differs
+from others (7.4.3.1).
 """
 
 import math
@@ -17,22 +20,27 @@ import numpy as np
 from fl.arrays import Bools, Floats, Ints
 from fl.native import library
 
-# Metres: d_cor in sight, and without (TR 38.901, table 7.5-6).
-_CORRELATION_M = {"UMi": (10.0, 13.0), "UMa": (37.0, 50.0)}
+# Walls (TR 38.901, tables 7.4.3-1 and -2): share of windows, loss of their glass (and more of it
+# for each GHz), and standard deviation from wall to wall, in dB. The rest is concrete.
+_WALLS = {"low-loss": (0.3, 2.0, 0.2, 4.4), "high-loss": (0.7, 23.0, 0.3, 6.5)}
+STREET_M = 22.5  # up to this height the aircraft is a base station, above it a terminal in the air
 Ring: TypeAlias = Sequence[Sequence[float]]
 
 
 @dataclass(frozen=True)
 class Building:
-    """A building: a prism on the ground with a flat roof."""
+    """A building, or part of one: a prism with a flat floor and roof."""
 
     outlines_m: tuple[Floats, ...]  # (n, 2) corners, x east, y north: around it, then of courtyards
     height_m: float  # of the roof, above home
+    from_m: float = 0.0  # where it begins, above home; 0: on the ground
 
     @classmethod
-    def of(cls, polygon_m: Ring, height_m: float, holes_m: Sequence[Ring] = ()) -> Self:
+    def of(
+        cls, polygon_m: Ring, height_m: float, holes_m: Sequence[Ring] = (), from_m: float = 0.0
+    ) -> Self:
         """Make a building from a configuration's corners [x, y] of its outline and courtyards."""
-        return cls(tuple(map(np.array, (polygon_m, *holes_m))), height_m)
+        return cls(tuple(map(np.array, (polygon_m, *holes_m))), height_m, from_m)
 
 
 class City:
@@ -46,50 +54,62 @@ class City:
         device_height_m: float,
         carrier_hz: float,
         environment: Literal["UMi", "UMa"],
+        walls: Literal["low-loss", "high-loss"],
         rng: np.random.Generator | None,
     ) -> None:
-        """`devices_m` (K, 2). Shadowing is drawn from `rng`; without, there is none."""
+        """`devices_m` (K, 2). Shadowing, and how walls differ, is drawn from `rng`; without, there
+        is none."""
         count, carrier_ghz = len(devices_m), carrier_hz / 1e9
         places_m = np.column_stack((devices_m, np.full(count, device_height_m)))
+        *wall, self._wall_db = _WALLS[walls]
+        entry_db = np.full(count, _entry_loss_db(carrier_ghz, *wall))
+        fields = None if rng is None else _fields(rng, count)
+        if rng is not None:
+            entry_db += self._wall_db * rng.standard_normal(count)
+        floors_m = [building.from_m or -math.inf for building in buildings]
+        roofs_m = [building.height_m for building in buildings]
         self._native = library.City(
             [building.outlines_m for building in buildings],
-            np.array([building.height_m for building in buildings], dtype=np.float64),
+            np.array([floors_m, roofs_m], dtype=np.float64),
             devices=places_m,
-            fields=None if rng is None else _fields(rng, count, _CORRELATION_M[environment]),
+            entries=entry_db,
+            fields=fields,
             carrier_ghz=carrier_ghz,
             macro=environment == "UMa",
         )
-        self.indoors = ~self.in_sight(np.arange(count), places_m)  # (K,) of themselves
-        self._entry_db = np.where(self.indoors, _entry_loss_db(carrier_ghz), 0.0)
+        self.indoors = self._native.gains(np.arange(count), places_m).indoors  # (K,)
 
     def gain_db(self, device: Ints, place_m: Floats) -> Floats:
-        """Return path gains (n,) in dB, as `Gains.gain_db`; includes the loss into buildings."""
-        return self._native.gains(device, place_m)[0] - self._entry_db[device]
+        """Return path gains (n,) in dB, as `Gains.gain_db`; includes the way out of buildings."""
+        return self._native.gains(device, place_m).gain_db
 
     def in_sight(self, device: Ints, place_m: Floats) -> Bools:
-        """(n,) whether no building stands between devices (n,) and places (n, 3)."""
-        return self._native.gains(device, place_m)[1]
+        """(n,) whether no building stands between devices (n,) and places (n, 3), but that which
+        a device is in."""
+        return self._native.gains(device, place_m).seen
 
-    def shadowing_db(self, device: Ints, place_m: Floats) -> Floats:
-        """(n,) standard deviation of the shadowing on the paths from devices to places (n, 3)."""
-        return self._native.gains(device, place_m)[2]
+    def unknown_db(self, device: Ints, place_m: Floats) -> Floats:
+        """(n,) standard deviation of shadowing and walls on paths from devices to places (n, 3)."""
+        paths = self._native.gains(device, place_m)
+        return np.hypot(paths.shadowing_db, np.where(paths.indoors, self._wall_db, 0.0))
 
 
-def _entry_loss_db(carrier_ghz: float) -> float:
-    """Building entry loss in dB: a wall of 30 % window and 70 % concrete."""
-    glass_db, concrete_db = 2.0 + 0.2 * carrier_ghz, 5.0 + 4.0 * carrier_ghz
-    through = 0.3 * 10 ** (-glass_db / 10.0) + 0.7 * 10 ** (-concrete_db / 10.0)
+def _entry_loss_db(carrier_ghz: float, windows: float, glass_db: float, per_ghz: float) -> float:
+    """The mean loss of a wall in dB."""
+    glass_db, concrete_db = glass_db + per_ghz * carrier_ghz, 5.0 + 4.0 * carrier_ghz
+    through = windows * 10 ** (-glass_db / 10.0) + (1.0 - windows) * 10 ** (-concrete_db / 10.0)
     return 5.0 - 10.0 * math.log10(through)
 
 
-def _fields(rng: np.random.Generator, count: int, lengths_m: tuple[float, float]) -> Floats:
-    """Draw waves (count, 2, 3, WAVES), two fields a device: turns/m east and north, phase in turns.
+def _fields(rng: np.random.Generator, count: int) -> Floats:
+    """Draw waves (count, 2, 3, WAVES), two fields a device: turns a correlation distance d_cor east
+    and north, phase in turns.
 
     In the plane exp(-d / d_cor) is the transform of a density over wave numbers k that falls as
     (1 + (k d_cor)^2)^(-3/2), so that 1 / sqrt(1 + (k d_cor)^2) is uniform.
     """
     u = 1.0 - rng.random((count, 2, library.WAVES))  # in (0, 1]
-    k = np.sqrt(1.0 / u**2 - 1.0) / np.array(lengths_m)[:, None] / (2.0 * np.pi)
+    k = np.sqrt(1.0 / u**2 - 1.0) / (2.0 * np.pi)
     east, north = rng.standard_normal((2, *u.shape))  # of no preferred direction
     turns = k / np.sqrt(east**2 + north**2)
     return np.stack((turns * east, turns * north, rng.random(u.shape)), axis=2)

@@ -4,6 +4,7 @@ Area coordinates are x east, y north in metres from the south-west corner of the
 vehicle's frame is NED about the take-off point, which lies at `home_m` in the area.
 """
 
+import math
 from dataclasses import dataclass, field, replace
 from typing import Self
 
@@ -38,7 +39,11 @@ class Area:
     def obstacles(self) -> Obstacles | None:
         """The buildings as obstacles to an aircraft, in its local frame; None without buildings."""
         known = [
-            ([(ring - self.home_m)[:, ::-1] for ring in building.outlines_m], building.height_m)
+            (
+                [(ring - self.home_m)[:, ::-1] for ring in building.outlines_m],
+                building.from_m or -math.inf,
+                building.height_m,
+            )
             for building in self.buildings
         ]
         return Obstacles(known) if known else None

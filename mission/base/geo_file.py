@@ -25,7 +25,8 @@ _MOST_M = 100_000.0  # from an area's corner, as for the places in a configurati
 _MOST_DEG = {"lat": 85.0, "lon": 180.0}  # nearer to a pole no flight is configured
 _HOLDS_POINTS = "a point a device (GeoJSON), or a table with columns x, y or lat, lon (CSV)"
 _POLYGONS = ("Polygon", "MultiPolygon")
-_TELL = ("building", "height", "building:levels")  # properties of a building
+# Properties of a building, by OpenStreetMap's names.
+_TELL = ("building", "building:part", "height", "building:levels")
 _HOLDS_AREAS = "Polygons or MultiPolygons (GeoJSON)"
 
 
@@ -81,7 +82,7 @@ def read_rings(path: Path) -> tuple[Ring, ...]:
 
 def read_buildings(path: Path) -> tuple[tuple[Ring, ...], int]:
     """Read outlines of buildings, with holes, in a GeoJSON file, and count the features skipped:
-    points, lines, and polygons without a property of a building.
+    points, lines, and polygons without a property of a building or which say that there is none.
 
     Raises:
         InputError: it cannot be read, a polygon of a building is none, or there is no building.
@@ -90,7 +91,9 @@ def read_buildings(path: Path) -> tuple[tuple[Ring, ...], int]:
     found = [
         feature
         for feature in every
-        if feature[1] in _POLYGONS and any(feature[3].get(name) is not None for name in _TELL)
+        if feature[1] in _POLYGONS
+        and any(feature[3].get(name) is not None for name in _TELL)
+        and "no" not in (feature[3].get("building"), feature[3].get("building:part"))
     ]
     rings = tuple(ring for feature in found for ring in _rings(*feature, holes=True))
     if not rings:

@@ -52,12 +52,20 @@ class BuildingConfig(Table):
     polygon_m: Corners = Field(description="its corners in area coordinates")
     holes_m: tuple[Corners, ...] = Field((), description="corners of each courtyard")
     height_m: float = Field(gt=0, le=1000, description="of its roof above home")
+    from_m: float = Field(
+        0.0,
+        ge=0,
+        le=1000,
+        description="where it begins above home, as a bridge between houses does",
+    )
 
     @model_validator(mode="after")
     def _an_area(self) -> Self:
         for ring in (self.polygon_m, *self.holes_m):
             if wrong := flaw(np.array(ring)):
                 raise ValueError(f"its outline {wrong}")
+        if self.from_m >= self.height_m:
+            raise ValueError(f"from_m = {self.from_m:g} must be below height_m = {self.height_m:g}")
         if self.holes_m and not apart_within(
             np.array(self.polygon_m), list(map(np.array, self.holes_m))
         ):
@@ -89,7 +97,7 @@ class AreaConfig(Table):
     buildings_file: str | None = Field(
         None,
         description="the same as GeoJSON polygons, as OpenStreetMap exports them, with properties "
-        "height (metres) or building:levels (3 m each)",
+        "height and min_height (metres), or building:levels and building:min_level (3 m each)",
     )
     building_height_m: float | None = Field(
         None, gt=0, le=1000, description="of those that say nothing; none: the file is refused"
@@ -130,7 +138,10 @@ class AreaConfig(Table):
         """What must not be flown: the areas that are said to be so, and the buildings."""
         return *self.no_fly, *(
             NoFlyConfig.model_construct(  # of a checked one
-                name=f"building {index}", polygon_m=building.polygon_m, to_m=building.height_m
+                name=f"building {index}",
+                polygon_m=building.polygon_m,
+                from_m=building.from_m,
+                to_m=building.height_m,
             )
             for index, building in enumerate(self.buildings)
         )

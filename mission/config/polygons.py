@@ -150,31 +150,37 @@ def _check_beside(area: AreaConfig, buildings: Sequence[BuildingConfig], blame: 
 
 def _building(area: AreaConfig, ring: Ring, blame: Blame) -> BuildingConfig:
     key = "area.buildings_file"
-    told, source = ring.properties, f"{blame.on(key)}: {key}: {ring.where}"
-    height, levels = told.get("height"), told.get("building:levels")
-    if height is None and levels is None:
-        if area.building_height_m is None:
-            raise InputError(
-                f"{source}: has neither height nor building:levels; give it one, or set "
-                "area.building_height_m, the height of those that have none"
-            )
-        height_m = area.building_height_m
-    else:  # OpenStreetMap has text, metres where no unit stands there
-        name, value = ("height", height) if height is not None else ("building:levels", levels)
-        try:
-            height_m = float(str(value).removesuffix("m")) * (1.0 if name == "height" else _LEVEL_M)
-        except ValueError:
-            height_m = math.nan
-        if math.isnan(height_m):
-            wanted = "a number of metres" if name == "height" else "a number"
-            raise InputError(f"{source}: {name} = {shown(value)}: must be {wanted}")
+    source = f"{blame.on(key)}: {key}: {ring.where}"
+    height_m = _told_m(ring, source, "height", "building:levels")
+    if height_m is None and (height_m := area.building_height_m) is None:
+        raise InputError(
+            f"{source}: has neither height nor building:levels; give it one, or set "
+            "area.building_height_m, the height of those that have none"
+        )
     values = {
+        "from_m": _told_m(ring, source, "min_height", "building:min_level") or 0.0,
         "polygon_m": _corners(area, ring, blame),
         "holes_m": tuple(_on_map(area, ring.where, hole, blame) for hole in ring.holes_deg),
         "height_m": height_m,
     }
     with explained(BuildingConfig, values, Blame(source)):
         return BuildingConfig.model_validate(values, strict=True)
+
+
+def _told_m(ring: Ring, source: str, metres: str, levels: str) -> float | None:
+    """A height of a building: a property in metres, or one in levels; None if it has neither."""
+    name = metres if ring.properties.get(metres) is not None else levels
+    value = ring.properties.get(name)
+    if value is None:
+        return None
+    try:  # OpenStreetMap has text, metres where no unit stands there
+        told_m = float(str(value).removesuffix("m")) * (1.0 if name == metres else _LEVEL_M)
+    except ValueError:
+        told_m = math.nan
+    if math.isnan(told_m):
+        wanted = "a number of metres" if name == metres else "a number"
+        raise InputError(f"{source}: {name} = {shown(value)}: must be {wanted}")
+    return told_m
 
 
 def _corners(area: AreaConfig, ring: Ring, blame: Blame) -> tuple[Pair, ...]:

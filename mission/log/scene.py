@@ -63,7 +63,7 @@ def buildings(t_ns: int, area: Area) -> bytes:
     roofs: list[Floats] = []
     for building in area.buildings:
         for ring in building.outlines_m:
-            foot = np.column_stack((ring, np.zeros(len(ring))))
+            foot = np.column_stack((ring, np.full(len(ring), building.from_m)))
             top = np.column_stack((ring, np.full(len(ring), building.height_m)))
             foot2, top2 = np.roll(foot, -1, axis=0), np.roll(top, -1, axis=0)
             walls += [np.stack((foot, foot2, top2, foot, top2, top), axis=1).reshape(-1, 3)]

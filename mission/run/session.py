@@ -10,6 +10,7 @@ import numpy as np
 
 from fl.federation import rounds as learning
 from fl.plugin_code import passed
+from fl.radio.city import STREET_M
 from mission.base.errors import InputError
 from mission.base.interrupted_files import InterruptedFiles
 from mission.base.run_folder import RunFolder, write_atomically
@@ -197,6 +198,13 @@ def _warnings(scenario: Scenario) -> Iterator[str]:
                 f"mission.altitude_m = {list(mission.heights_m)}, also where a flight could pass "
                 "above or below it"
             )
+    radio, (low_m, high_m) = scenario.config.radio, mission.heights_m
+    if "buildings" in (radio.truth, radio.belief, radio.prior) and low_m <= STREET_M < high_m:
+        yield (
+            f"at a height of {STREET_M:g} m, between those of mission.altitude_m = "
+            f"{[low_m, high_m]}, 3GPP's path loss among buildings jumps by up to 6 dB, from the "
+            "formulas for base stations to those for aircraft"
+        )
 
 
 @contextmanager

@@ -82,7 +82,7 @@ def believed(
         radio = PlacedRadio(_map_of(config, devices_m), _terms(config))
     elif before == "buildings":  # as they stand, but nobody knows their shadowing before
         city = city_of(config, area, devices_m, None)
-        unknown_db = city.shadowing_db if config.radio.shadowing else None
+        unknown_db = city.unknown_db if config.radio.shadowing else None
         radio = PlacedRadio(city, _terms(config), unknown_db)
     prior = radio_grid(radio, channel, area, count)
     if not config.radio.listens:
@@ -123,6 +123,7 @@ def city_of(
         device_height_m=radio.device_height_m,
         carrier_hz=radio.carrier_hz,
         environment=radio.environment,
+        walls=radio.walls,
         rng=streams.generator("shadowing") if streams and radio.shadowing else None,
     )
     if radio.indoors == "refused" and city.indoors.any():

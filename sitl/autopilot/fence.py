@@ -55,7 +55,7 @@ class _Areas:
         circles = [(s.north_m, s.east_m, s.radius_m) for s in shapes if isinstance(s, Circle)]
         self._circles = np.array(circles).reshape(-1, 3).T
         rings = [shape for shape in shapes if not isinstance(shape, Circle)]
-        self._polygons = Obstacles([((ring,), np.inf) for ring in rings])  # of any height
+        self._polygons = Obstacles([((ring,), -np.inf, np.inf) for ring in rings])  # of any height
 
     def contain(self, north: float, east: float) -> NDArray[np.bool_]:
         """(S,) whether each contains a point."""

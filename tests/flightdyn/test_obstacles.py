@@ -15,7 +15,7 @@ from flightdyn.state import GeodeticPoint
 SQUARE = np.array([[-20.0, -20.0], [20.0, -20.0], [20.0, 20.0], [-20.0, 20.0]])
 COURT = SQUARE / 2.0
 KITE = np.array([[40.0, 0.0], [60.0, 15.0], [90.0, 5.0], [60.0, -15.0]])
-PRISMS = (((SQUARE, COURT), 12.0), ((KITE,), 40.0))
+PRISMS = (((SQUARE, COURT), 4.0, 12.0), ((KITE,), -np.inf, 40.0))
 
 
 def test_places_within_are_those_of_a_geometry_library() -> None:
@@ -23,7 +23,7 @@ def test_places_within_are_those_of_a_geometry_library() -> None:
     house, kite = shapely.Polygon(SQUARE, [COURT]), shapely.Polygon(KITE)
     for north, east, up in rng.uniform((-30, -30, 0), (100, 30, 50), (3000, 3)):
         at = shapely.Point(north, east)
-        expected = (house.contains(at) and up < 12.0) or (kite.contains(at) and up < 40.0)
+        expected = (house.contains(at) and 4.0 < up < 12.0) or (kite.contains(at) and up < 40.0)
         assert found.contain(north, east, up) == expected
     assert not Obstacles(()).contain(0.0, 0.0, 0.0)
 

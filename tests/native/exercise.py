@@ -94,7 +94,7 @@ def radio(environment):
     houses = [Building((corners + at,), float(h)) for *at, h in rng.uniform(5.0, 90.0, (30, 3)) * 8]
     city = City(
         houses, rng.uniform(0.0, 800.0, (6, 2)), device_height_m=1.5, carrier_hz=2.4e9,
-        environment=environment, rng=rng,
+        environment=environment, walls="high-loss", rng=rng,
     )  # fmt: skip
     device, places = rng.integers(0, 6, 500), rng.uniform(0.0, 800.0, (500, 3)) / (1.0, 1.0, 8.0)
     digest.update(city.gain_db(device, places).tobytes())

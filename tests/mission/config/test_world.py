@@ -625,6 +625,8 @@ BAD_HOUSES = {
     '{"height": -3}': "features[0]: height_m = -3.0: must be greater than 0",
     '{"height": "nan"}': "area.buildings_file: ",
     '{"height": "40 ft"}': "features[0]: height = '40 ft': must be a number of metres",
+    '{"height": 9, "min_height": "?"}': "features[0]: min_height = '?': must be a number of metres",
+    '{"height": 9, "building:min_level": 3}': "features[0]: from_m = 9 must be below height_m = 9",
 }
 
 
@@ -658,6 +660,34 @@ def test_trees_and_streets_between_buildings_are_passed_over(load, tmp_path: Pat
     ) as error:
         load(PLACED)
     assert "\n" not in str(error.value)
+
+
+def test_parts_of_buildings_begin_above_the_ground(load, tmp_path: Path) -> None:
+    bridge = {"building:part": "yes", "height": "12", "min_height": "6.5 m"}
+    levels = {"building:part": "yes", "building:levels": 5, "building:min_level": "2"}
+    gone: list[dict[str, Any]] = [
+        {"building": "no", "height": "9"},
+        {"building:part": "no", "height": 9},
+    ]
+    (tmp_path / "b.geojson").write_text(houses(TALL, bridge, levels, *gone))
+    config = load(PLACED)
+    heights = [(one.from_m, one.height_m) for one in config.area.buildings]
+    assert heights == [(0.0, 61.5), (6.5, 12.0), (6.0, 15.0)]
+    assert "2 features passed over" in config.notes[0]
+    assert load(config.to_toml()) == config
+    # A flight passes below it, as far as the margin goes.
+    assert [zone.counts_at(1.0, 1.0) for zone in config.area.zones] == [True, False, False]
+
+
+def test_three_corners_on_a_line_are_no_building(load, tmp_path: Path) -> None:
+    document = json.loads(houses(TALL, TALL))
+    line = [[7.121, 43.581], [7.122, 43.582], [7.123, 43.583], [7.121, 43.581]]
+    document["features"][1]["geometry"]["coordinates"] = [line]
+    (tmp_path / "b.geojson").write_text(json.dumps(document))
+    with pytest.raises(
+        InputError, match=r"b\.geojson: features\[1\]: its outline has no area: its"
+    ):
+        load(PLACED)
 
 
 def test_what_says_no_height_may_have_one_of_all(load, tmp_path: Path) -> None:

@@ -151,6 +151,12 @@ def test_a_vehicle_that_would_never_fly_is_refused(
 MAST: dict[str, object] = {"polygon_m": [[10, 10], [40, 10], [40, 40]], "name": "mast"}
 
 
+HOUSE: dict[str, object] = {
+    "area.buildings": [{"polygon_m": MAST["polygon_m"], "height_m": 9.0}],
+    "radio.truth": "buildings",
+}
+
+
 @pytest.mark.parametrize(
     ("overrides", "said"),
     [
@@ -162,6 +168,12 @@ MAST: dict[str, object] = {"polygon_m": [[10, 10], [40, 10], [40, 40]], "name": 
             "mast (area.no_fly) is kept out of at every altitude of mission.altitude_m = [40.0, ",
         ),
         ({"area.no_fly": [MAST], "mission.altitude_m": [40.0, 120.0]}, ""),
+        (
+            {**HOUSE, "mission.altitude_m": [22.5, 40.0]},
+            "at a height of 22.5 m, between those of m",
+        ),
+        ({**HOUSE, "mission.altitude_m": [23.0, 40.0]}, ""),
+        ({**HOUSE, "mission.altitude_m": [15.0, 22.5]}, ""),
         ({"area.no_fly": [MAST | {"to_m": 9.0}], "mission.altitude_m": [40.0, 120.0]}, ""),
     ],
 )
