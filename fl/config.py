@@ -55,6 +55,13 @@ class _NamedChannel(_Frozen):
         description="lose packets with the 'average' PER of radio.truth, or draw segment and "
         "shadowing of each on the channel ('instantaneous')",
     )
+    correlation_m: Positive | None = Field(
+        None,
+        le=1e5,
+        description="metres over which line of sight and shadowing change: they are drawn once for "
+        "each device and are the same at the same place in all rounds; by default they are drawn "
+        "for each packet, as in the paper",
+    )
     upload_rate_bps: Positive | None = Field(
         None,
         le=1e12,

@@ -19,6 +19,7 @@ import numpy as np
 
 from fl.arrays import Bools, Floats, Ints
 from fl.native import library
+from fl.radio import waves
 
 # Walls (TR 38.901, tables 7.4.3-1 and -2): share of windows, loss of their glass (and more of it
 # for each GHz), and standard deviation from wall to wall, in dB. The rest is concrete.
@@ -63,7 +64,7 @@ class City:
         places_m = np.column_stack((devices_m, np.full(count, device_height_m)))
         *wall, self._wall_db = _WALLS[walls]
         entry_db = np.full(count, _entry_loss_db(carrier_ghz, *wall))
-        fields = None if rng is None else _fields(rng, count)
+        fields = None if rng is None else waves.drawn(rng, count)
         if rng is not None:
             entry_db += self._wall_db * rng.standard_normal(count)
         floors_m = [building.from_m or -math.inf for building in buildings]
@@ -99,17 +100,3 @@ def _entry_loss_db(carrier_ghz: float, windows: float, glass_db: float, per_ghz:
     glass_db, concrete_db = glass_db + per_ghz * carrier_ghz, 5.0 + 4.0 * carrier_ghz
     through = windows * 10 ** (-glass_db / 10.0) + (1.0 - windows) * 10 ** (-concrete_db / 10.0)
     return 5.0 - 10.0 * math.log10(through)
-
-
-def _fields(rng: np.random.Generator, count: int) -> Floats:
-    """Draw waves (count, 2, 3, WAVES), two fields a device: turns a correlation distance d_cor east
-    and north, phase in turns.
-
-    In the plane exp(-d / d_cor) is the transform of a density over wave numbers k that falls as
-    (1 + (k d_cor)^2)^(-3/2), so that 1 / sqrt(1 + (k d_cor)^2) is uniform.
-    """
-    u = 1.0 - rng.random((count, 2, library.WAVES))  # in (0, 1]
-    k = np.sqrt(1.0 / u**2 - 1.0) / (2.0 * np.pi)
-    east, north = rng.standard_normal((2, *u.shape))  # of no preferred direction
-    turns = k / np.sqrt(east**2 + north**2)
-    return np.stack((turns * east, turns * north, rng.random(u.shape)), axis=2)

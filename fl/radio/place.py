@@ -11,7 +11,8 @@ from numpy.typing import ArrayLike
 from fl.arrays import Floats, Ints
 from fl.native import library
 from fl.plugins import PlugIn
-from fl.radio.channel import Channel, average_per
+from fl.radio import waves
+from fl.radio.channel import Channel, average_per, log_mean_snr, los_probability
 
 THERMAL_NOISE_DBM_HZ = -174.0  # at 290 K
 
@@ -44,6 +45,30 @@ class AverageRadio:
         """Return average packet error rates (n,), as `Radio.per`."""
         height_m = place_m[:, 2]
         return average_per(self.channel, self.distance_m(device, place_m), height_m=height_m)
+
+
+@dataclass(frozen=True)
+class SettledRadio:
+    """A `Radio` of a channel whose line of sight and shadowing are drawn once.
+
+    All packets of a device arrive at a place, or none: a second try meets what the first one met.
+    """
+
+    average: AverageRadio
+    waves: Floats  # (K, 2, 3, WAVES) of line of sight and shadowing
+    correlation_m: float
+
+    def per(self, device: Ints, place_m: Floats) -> Floats:
+        """Packet error rates (n,), 0 or 1; their mean over the draws is the average PER."""
+        channel, height_m = self.average.channel, place_m[:, 2]
+        far_m = self.average.distance_m(device, place_m)
+        sight, shadow = waves.values(self.waves, device, place_m, correlation_m=self.correlation_m)
+        seen = library.normal_shares(sight) < los_probability(channel, far_m, height_m=height_m)
+        los, nlos = log_mean_snr(channel, far_m, height_m=height_m)
+        log_snr = np.where(
+            seen, los + channel.sigma_los * shadow, nlos + channel.sigma_nlos * shadow
+        )
+        return np.asarray(log_snr < math.log(channel.snr_threshold), dtype=np.float64)
 
 
 class CustomRadio(PlugIn):

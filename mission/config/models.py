@@ -362,9 +362,17 @@ class RunConfig(Table):
 
     @model_validator(mode="after")
     def _drawn_on_the_channel(self) -> Self:
-        if self.channel.gate == "instantaneous" and self.radio.truth != "channel":
+        gate, correlation_m = self.channel.gate, self.channel.correlation_m
+        drawn = f"channel.correlation_m = {correlation_m}"
+        if gate == "instantaneous":
+            drawn = f"channel.gate = {gate!r}"
+            if correlation_m is not None:
+                raise ValueError(f"{drawn} draws each packet anew: leave out channel.correlation_m")
+        elif correlation_m is None:
+            return self
+        if self.radio.truth != "channel":
             raise ValueError(
-                "channel.gate = 'instantaneous' draws packets on the channel, so it needs "
+                f"{drawn} draws packets on the channel, so it needs "
                 f"radio.truth = 'channel', not {self.radio.truth!r}"
             )
         return self

@@ -6,11 +6,12 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 
 from fl.config import RADIOS
+from fl.radio import waves
 from fl.radio.channel import Channel
 from fl.radio.city import City
 from fl.radio.learned import Heard, Learned, Listener
 from fl.radio.per_grid import PerGrid
-from fl.radio.place import AverageRadio, CustomRadio, LinkTerms, PlacedRadio, Radio
+from fl.radio.place import AverageRadio, CustomRadio, LinkTerms, PlacedRadio, Radio, SettledRadio
 from fl.radio.radio_map import RadioMap
 from flightdyn.random import RandomStreams
 from mission.base.area import Area
@@ -50,7 +51,11 @@ def radio_of(
     """
     truth = config.radio.truth
     if truth == "channel":
-        return AverageRadio(channel, devices_m)
+        average, correlation_m = AverageRadio(channel, devices_m), config.channel.correlation_m
+        if correlation_m is None:
+            return average
+        fields = waves.drawn(streams.generator("shadowing"), len(devices_m))
+        return SettledRadio(average, fields, correlation_m)
     if truth not in RADIOS:
         return CustomRadio.made(truth, channel, devices_m)
     gains = (

@@ -751,6 +751,14 @@ def test_a_radio_among_buildings_needs_some_and_draws_by_their_rates(load) -> No
         InputError, match=r"draws packets on the channel, so it needs radio.truth ="
     ):
         load(CITY + "[radio]\ntruth = 'buildings'\n[channel]\ngate = 'instantaneous'\n")
+    with pytest.raises(
+        InputError, match=r"channel\.correlation_m = 30\.0 draws packets on the chan"
+    ):
+        load(CITY + "[radio]\ntruth = 'buildings'\n[channel]\ncorrelation_m = 30\n")
+    with pytest.raises(
+        InputError, match=r"'instantaneous' draws each packet anew: leave out channel"
+    ):
+        load(BASE + "[channel]\ngate = 'instantaneous'\ncorrelation_m = 30\n")
 
 
 MAP_FREE = CITY + "[radio]\nbelief = 'buildings'\n"
