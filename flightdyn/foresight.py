@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from flightdyn.config import LimitsConfig
-from flightdyn.physics.power import power_w
+from flightdyn.physics.power import least_power_w, power_w
 from flightdyn.state import Vector
 
 # From the reference's end until the aircraft stands there: 0.04 to 0.28 s in 56 calm flights.
@@ -52,7 +52,8 @@ def least_energy(
     fine steps, with at most `legs` straight legs, and with or without hovers between them.
 
     Every metre takes at least what it takes at the cheapest speed that can be had there: from
-    rest, and to rest, u^2 <= 2 a s. The wind blows from behind. Below the ordered speed a path
+    rest, and to rest, u^2 <= 2 a s. Hovering takes more than flying slowly: power is taken for the
+    least of a speed and all above. The wind blows from behind. Below the ordered speed a path
     accelerates by a throughout, but near changes of acceleration, where the trajectory is averaged:
     where there may be any number of these, accelerating costs nothing.
     """
@@ -60,7 +61,7 @@ def least_energy(
     window_s = limits.smoothing_s
 
     def level_w(speeds: Vector) -> Vector:
-        return power_w(np.maximum(0.0, np.abs(speeds) - wind_mps), density=density)
+        return least_power_w(np.maximum(0.0, np.abs(speeds) - wind_mps), density=density)
 
     # From each of these speeds to the next it is no less than what power at the lower one and
     # metres at the higher one make.
@@ -77,11 +78,11 @@ def least_energy(
     halves = lengths_m / 2.0  # the other half is the same in a mirror
     reached = np.sqrt(2.0 * accel * halves[1:])  # at the far end of each piece: the cheaper
     cheapest = np.minimum(np.searchsorted(speeds, reached), _SPEEDS) - 1
-    settling_j = float(power_w(np.zeros(1), density=density)[0]) * SETTLING_S
+    settling_j = float(power_w(np.array([wind_mps]), density=density)[0]) * SETTLING_S
 
-    def with_more(added: float) -> tuple[Vector, float]:
-        """Return joules if accelerating adds the share `added` to power, and the least J/m."""
-        per_m = watts * (1.0 + added) / counted
+    def with_more(added_w: float) -> tuple[Vector, float]:
+        """Return joules if accelerating adds so many watts, and the least J/m."""
+        per_m = (watts + added_w) / counted
         per_m[-1] = min(per_m[-1], cruise_w[0] / speed)
         per_m = np.minimum.accumulate(per_m)
         joules = 2.0 * np.cumsum(per_m[cheapest] * np.diff(halves)) + settling_j
@@ -90,12 +91,9 @@ def least_energy(
     free_j, _ = with_more(0.0)
     if math.isinf(legs):
         return free_j
-    still = np.zeros(1)
-    added = float(power_w(still, accel_mps2=accel)[0] / power_w(still)[0]) - 1.0
-    joules, per_m = with_more(added)
+    hovering = power_w(np.zeros(2), accel_mps2=np.array([0.0, accel]), density=density)
+    joules, per_m = with_more(float(np.diff(hovering)[0]))
     # Accelerating by b < a takes (b / a)^2 of that at least. A jump d of acceleration takes
     # |d|^2 window_s / 6 off the integral of its square; a leg has 4 a^2 of them, so has a corner.
-    spared_w = (per_m * counted - watts * (1.0 + added) + added * level_w(counted)).max()
-    slowed_w = added * (level_w(speeds[-1:]) - level_w(speeds[-1:] - accel * window_s / 4.0))[0]
-    spared_j = legs * window_s * (4.0 / 3.0 * spared_w + 4.0 * slowed_w)
+    spared_j = legs * window_s * 4.0 / 3.0 * (per_m * counted - watts).max()
     return np.asarray(np.maximum(free_j, joules - spared_j))

@@ -20,7 +20,7 @@ _GAINS = (
     0.16,  # s of lag of the attitude loop, led by the acceleration fed forward
     0.10,  # s of lag of the measured drag
     12.0,  # limit of the drag, m/s2; more is a collision
-    0.25,  # s of lag of the thrust effectiveness
+    0.15,  # s of lag of the thrust effectiveness: a flare changes it by a third in half a second
     0.06,  # s from ordered to measured thrust
     0.9,  # share of the full thrust that the outer loop may ask for
 )

@@ -59,7 +59,8 @@ static void measure_thrust(Guide *g, const Gains *k, const double force[3])
 {
     if (!(g->lagged > 0.05)) return;
     const double ratio = limited(-force[2] / (k->full * g->lagged), 0.3, 2.0);
-    g->effectiveness += k->dt / k->thrust_lag * (ratio - g->effectiveness);
+    const double share = k->dt / k->thrust_lag; /* of few samples no more: they are noisy */
+    g->effectiveness += (share < 0.4 ? share : 0.4) * (ratio - g->effectiveness);
 }
 
 /* Order a thrust (over mass), and remember it as the motors will follow it. */

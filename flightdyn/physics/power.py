@@ -9,6 +9,7 @@ from flightdyn.state import Vector
 
 _STILL = (0.0, 0.0, 0.0)
 _LEVEL_W = np.array(QUAD_X.level_power_w)
+_LEAST_W = np.minimum.accumulate(_LEVEL_W[::-1])[::-1].copy()
 
 
 def density_ratio(alt_msl_m: float) -> float:
@@ -22,8 +23,9 @@ def power_w(speed_mps: Vector, *, accel_mps2: Vector | float = 0.0, density: flo
 
     Level flight at constant speed is a table measured in JSBSim (`Airframe.level_power_w`); other
     air scales it by equivalent airspeed. Rotors that also accelerate the mass push with
-    m sqrt(g^2 + a^2), and their power goes with thrust to 3/2 (momentum theory). Kinetic
-    energy is not counted: braking returns it, so that it cancels from rest to rest.
+    m sqrt(g^2 + a^2). That adds what it adds in a hover, where power goes with thrust to 3/2
+    (momentum theory). Kinetic energy is not counted: braking returns it, so that it cancels
+    from rest to rest.
 
     Args:
         speed_mps: (n,) horizontal speed.
@@ -32,6 +34,12 @@ def power_w(speed_mps: Vector, *, accel_mps2: Vector | float = 0.0, density: flo
     """
     speeds, accels = np.broadcast_arrays(speed_mps, accel_mps2)
     return air_of(density).power(speeds.astype(np.float64), accels.astype(np.float64))
+
+
+def least_power_w(speed_mps: Vector, *, density: float = 1.0) -> Vector:
+    """Watts (n,) of level flight at these speeds or faster: convex, and nowhere falling."""
+    air = Air.made(_LEAST_W, density=density, wind_mps=_STILL)
+    return air.power(speed_mps, np.zeros(speed_mps.shape))
 
 
 def air_of(density: float, wind_mps: tuple[float, float, float] = _STILL) -> Air:

@@ -131,7 +131,24 @@ class Performance:
     @property
     def least_w(self) -> float:
         """Lower bound on electrical power in flight, in watts."""
-        return float(power_w(np.linspace(0.0, 40.0, 401), density=self.density).min()) / _ROUNDED
+        return float(self._cruise[1].min()) / _ROUNDED
+
+    @property
+    def best_endurance_mps(self) -> float:
+        """Speed through the air of the least power: the longest time of a battery."""
+        speeds_mps, watts = self._cruise
+        return float(speeds_mps[watts.argmin()])
+
+    @property
+    def best_range_mps(self) -> float:
+        """Speed of the least energy a metre, in still air: the longest way of a battery."""
+        speeds_mps, watts = self._cruise
+        return float(speeds_mps[(watts / speeds_mps).argmin()])
+
+    @cached_property
+    def _cruise(self) -> tuple[Floats, Floats]:
+        speeds_mps = np.linspace(0.1, 40.0, 400)
+        return speeds_mps, power_w(speeds_mps, density=self.density)
 
     def hover_j(self, duration_s: float) -> float:
         """Return the energy in joules of a hover of `duration_s` in the steady wind."""

@@ -319,8 +319,8 @@ static inline void unsmoothed(const Trajectory *path, double t, double area[3], 
 /* Watts of the whole aircraft at a speed through the air and a size of acceleration.
 
    Level flight at constant speed is a table; other air scales it by equivalent airspeed. Rotors that
-   also accelerate the mass push with m sqrt(g^2 + a^2), and their power goes with thrust to 3/2
-   (momentum theory). */
+   also accelerate the mass push with m sqrt(g^2 + a^2). That adds what it adds in a hover, where
+   power goes with thrust to 3/2 (momentum theory): drag takes no more. */
 static inline double power_at(double speed, double accel, const Air *air)
 {
     const double root = sqrt(air->density), x = speed * root, last = (double)(air->rows - 1);
@@ -328,7 +328,7 @@ static inline double power_at(double speed, double accel, const Air *air)
     const double share = x < last ? x - (double)i : 1;
     const double level = air->watts[i] + (air->watts[i + 1] - air->watts[i]) * share;
     const double push = sqrt(1 + accel * accel / (GRAVITY_MPS2 * GRAVITY_MPS2));
-    return level / root * (push * sqrt(push));
+    return (level + air->watts[0] * (push * sqrt(push) - 1)) / root;
 }
 
 /* Joules of a trajectory from its start to its end, in samples of power. */

@@ -144,12 +144,13 @@ def test_disarmed_in_the_air_it_falls() -> None:
 
 def test_losing_a_motor_brings_it_down_but_not_through_the_ground() -> None:
     aircraft = make(sensors=REALISTIC)
-    take_off(aircraft, 20.0)
+    # From higher up it may drift off, spinning, before it falls as fast as that.
+    take_off(aircraft, 12.0)
     aircraft.inject(MotorLoss(motor=2))
     run(aircraft, 1.0)
     assert aircraft.vehicle.rotor_speeds_radps()[2] < 60
     # Front left gone: it drops that corner and spins, for three rotors cannot balance their torque.
-    run(aircraft, 2.5)
+    run(aircraft, 1.0)
     assert 10 < abs(aircraft.truth.omega_frd_radps[2]) < 40
     run(aircraft, 20.0)
     assert aircraft.crashed

@@ -28,8 +28,8 @@ AHEAD_S, AHEAD_SHARE = 0.5, 0.02  # a flight may be ahead of its times by as muc
 TOLERANCE_M, ROUNDING = 1e-3, 1.0 + 1e-9
 # Watts of level flight at 0, 1, 2, ... m/s at sea level.
 POWER_W = (
-    156.6, 156.7, 156.9, 157.4, 158.1, 159.1, 160.6, 162.5, 164.9, 168.0, 171.8, 176.6, 183.7,
-    192.2, 202.5, 214.9, 230.3, 248.7, 270.6, 296.5, 327.0, 362.8, 403.8, 449.7, 502.5, 562.2,
+    156.6, 155.7, 153.4, 149.8, 145.4, 140.6, 136.1, 132.6, 130.4, 130.0, 131.7, 135.2, 140.0,
+    146.8, 156.3, 168.6, 183.9, 203.0, 225.8, 252.7, 285.3, 323.3, 364.6, 412.9, 468.6, 532.3,
 )  # fmt: skip
 
 
@@ -65,7 +65,7 @@ def worth(problem, height_m, waypoints, schedule):
 def power_w(speed, accel):
     """Watts at a speed (n,) and a size of the acceleration (n,)."""
     level = np.interp(speed, np.arange(len(POWER_W)), POWER_W)
-    return level * (1.0 + (accel / 9.81) ** 2) ** 0.75
+    return level + POWER_W[0] * ((1.0 + (accel / 9.81) ** 2) ** 0.75 - 1.0)
 
 
 def allowed_cut(sine, radius):

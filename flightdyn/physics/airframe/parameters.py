@@ -20,16 +20,16 @@ class Airframe:
     idle_collective: float = 0.03  # motors turning, no lift to speak of
     reach_m: float = 0.327  # farthest part that touches the ground, from the centre of gravity
     # Across the thrust, see `airspeed`; from steady flights.
-    drag: tuple[float, float, float] = (0.106, 0.0062, 0.0001)
+    drag: tuple[float, float, float] = (0.112, 0.0031, 0.00023)
     impact_limit_mps: float = 4.0  # the legs break where the ground is met faster than that
     # Electrical, at 0, 1, 2, ... m/s, sea level: flown in JSBSim.
     level_power_w: tuple[float, ...] = (
-        156.6, 156.7, 156.9, 157.4, 158.1,
-        159.1, 160.6, 162.5, 164.9, 168.0,
-        171.8, 176.6, 183.7, 192.2, 202.5,
-        214.9, 230.3, 248.7, 270.6, 296.5,
-        327.0, 362.8, 403.8, 449.7, 502.5,
-        562.2,
+        156.6, 155.7, 153.4, 149.8, 145.4,
+        140.6, 136.1, 132.6, 130.4, 130.0,
+        131.7, 135.2, 140.0, 146.8, 156.3,
+        168.6, 183.9, 203.0, 225.8, 252.7,
+        285.3, 323.3, 364.6, 412.9, 468.6,
+        532.3,
     )  # fmt: skip
 
 
