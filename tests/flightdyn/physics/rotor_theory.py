@@ -2,8 +2,8 @@
 
 `glauert` makes the propeller's tables, columns above 0, out of their axial column. `Blades` shares
 nothing with it but the axial column, to which its section is fitted. In this file coefficients and
-speeds are over tip speed (T / rho A (Omega R)^2, V / Omega R); the tables, and what is compared, are
-JSBSim's: T / rho n^2 D^4 and P / rho n^3 D^5.
+speeds are over tip speed (T / rho A (Omega R)^2, V / Omega R); the tables, and what is compared,
+are JSBSim's: T / rho n^2 D^4 and P / rho n^3 D^5.
 """
 
 import math
