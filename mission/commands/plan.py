@@ -18,7 +18,6 @@ if TYPE_CHECKING:
     from mission.config.models import RunConfig
     from mission.planner.config import PlannerConfig
     from mission.planner.files import NamedPlan, NamedProblem
-    from mission.planner.performance import Performance
     from mission.planner.problem import RoundPlan, RoundProblem
     from mission.scenario.scenario import Scenario
     from mission.scenario.strategies import Strategy
@@ -224,14 +223,6 @@ def _no_upload_fits(problem: "RoundProblem", made: "RoundPlan") -> str:
     return ""
 
 
-def _speeds(flying: "Performance") -> str:
-    """Return in words at which speeds a battery lasts the longest, and leads the farthest."""
-    return (
-        f"flown at {flying.speed_mps:g} m/s: power is least at {flying.best_endurance_mps:.1f} m/s "
-        f"through the air, energy of a metre at {flying.best_range_mps:.1f} m/s"
-    )
-
-
 _DIGITS = {"value": 4, "upper\nbound": 4, "gap\n%": 2, "served": 0, "nodes": 0, "ms": 0}
 
 
@@ -243,10 +234,9 @@ def _show(
     if loose := planner.loosely_proven([named.plan.gap for named in plans]):
         Terminal(**PLAIN).print(loose)
     limits = (entry.problem.limits for entry in problems)
-    for advice in sorted(
-        {_speeds(each.performance) for each in limits if each and each.energy_j < math.inf}
-    ):
-        Terminal(**PLAIN).print(advice)
+    told = {each.performance.best_speeds for each in limits if each and each.energy_j < math.inf}
+    for line in sorted(told):
+        Terminal(**PLAIN).print(line)
     by_id = {entry.id: entry.problem for entry in problems}
     for named in plans:
         if named.plan.ended:

@@ -145,6 +145,14 @@ class Performance:
         speeds_mps, watts = self._cruise
         return float(speeds_mps[(watts / speeds_mps).argmin()])
 
+    @property
+    def best_speeds(self) -> str:
+        """Its speed beside these two, in words."""
+        return (
+            f"flown at {self.speed_mps:g} m/s: power is least at {self.best_endurance_mps:.1f} m/s "
+            f"through the air, energy of a metre at {self.best_range_mps:.1f} m/s"
+        )
+
     @cached_property
     def _cruise(self) -> tuple[Floats, Floats]:
         speeds_mps = np.linspace(0.1, 40.0, 400)

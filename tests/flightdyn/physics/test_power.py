@@ -25,7 +25,7 @@ def test_steady_flight_takes_what_the_table_says(speed_mps: float, alt_m: float)
         run(aircraft, 0.1)
         watts.append(aircraft.battery.voltage_v * aircraft.battery.current_a)
     expected = power_w(np.array([speed_mps]), density=density_ratio(alt_m + HEIGHT_M))
-    # Rotor drag does not thin out with the air.
+    # What the motors' currents lose does not thin out with the air.
     assert np.mean(watts) == pytest.approx(expected[0], rel=0.02 if alt_m else 0.005)
 
 
@@ -52,4 +52,6 @@ def test_every_speed_of_the_table_takes_what_it_says() -> None:
 def test_acceleration_costs_and_thin_air_as_well() -> None:
     hover, pushing = power_w(np.zeros(2), accel_mps2=np.array([0.0, 5.0]))
     assert pushing / hover == pytest.approx((1 + (5 / 9.81) ** 2) ** 0.75)
+    fast, faster = power_w(np.full(2, 15.0), accel_mps2=np.array([0.0, 5.0]))
+    assert faster - fast == pytest.approx(pushing - hover)  # its drag is overcome already
     assert power_w(np.zeros(1), density=0.81)[0] == pytest.approx(hover / 0.9)
