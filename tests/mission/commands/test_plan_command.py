@@ -87,6 +87,7 @@ def test_uploads_that_fit_into_no_round_are_not_blamed_on_the_channel(
     said = " ".join(capsys.readouterr().out.split())
     assert f"round-1: no update can be sent: {words} the quickest upload takes" in said
     assert "gets through" not in said
+    assert ("power is least at 9.1 m/s" in said) == limit.startswith("round_energy")
 
 
 def test_a_configuration_s_first_round_is_planned(tmp_path: Path) -> None:
