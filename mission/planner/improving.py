@@ -2,13 +2,15 @@
 
 import math
 
-from mission.planner.fitting import varied
+from mission.planner.fitting import fitted, varied
 from mission.planner.problem import RoundPlan, RoundProblem
 
 _CHANGES, _USUAL = 40_000, 120  # that are tried at random, for so many devices times steps
 _FEWEST, _PAIRS = 200, 250  # of them; of outlines and vertices, whose ways take as long as a look
 # How many plans are improved, by which share of the changes, and what they may lose on the way.
 _STAGES = ((30, 0.2, 0.02), (4, 1.0, 0.01), (1, 2.0, 0.01), (1, 1.0, 0.0))
+# The same where hovers and readiness are both timed: a small change costs a device its turn.
+_RUGGED = ((30, 0.3, 0.05), (10, 1.0, 0.05), (4, 2.0, 0.05), (1, 4.0, 0.02), (1, 2.0, 0.0))
 _ON_GRID = 0.5
 _SERVED = 6  # devices that are as much work to leave out, one by one, as a look
 _ALIKE = 0.003  # of the value: plans that differ by less are taken for one
@@ -16,15 +18,18 @@ _ALIKE = 0.003  # of the value: plans that differ by less are taken for one
 
 def improved(problem: RoundProblem, plans: list[RoundPlan], enough: float) -> RoundPlan:
     """Return the best plan of a staged local search: all `plans` briefly, the best of those longer,
-    until one is worth `enough`."""
+    until one is worth `enough`; an open altitude is chosen anew for each of the best."""
     changes, some = _changes(problem), plans
-    for most, share, tolerance in _STAGES:
+    timed = problem.upload_s is not None and problem.ready_in_s is not None
+    for stage, (most, share, tolerance) in enumerate(_RUGGED if timed else _STAGES):
         if max(map(_value, some)) >= enough:
             break
         some = [
             varied(problem, plan, int(share * changes), tolerance=tolerance, seed=seed)
             for seed, plan in enumerate(_best(some, most))
         ]
+        if problem.altitudes_m is not None and stage > 0:
+            some = [fitted(problem, plan.waypoints_m, above=plan.value) or plan for plan in some]
     return max(some, key=_value)
 
 

@@ -54,13 +54,12 @@ class LimitedPlanner:
         problem = replace(problem, path_budget_m=problem.most_m, importance=servable(problem))
         if (plan := in_usual_size(self, problem)) is not None:
             return plan
-        large = problem.altitudes_m is not None and len(problem.devices_m) > _FEW
-        inner = self.brief if self.brief is not None and large else self.inner
+        # With uploads the search that counts them proves more, and only some of this is of use.
+        large = len(problem.devices_m) > _FEW or problem.upload_s is not None
+        short = self.brief is not None and large and problem.altitudes_m is not None
+        inner = self.brief if short else self.inner
         ideal = inner.plan(problem.unlimited)
         best, bound = self._within(problem, ideal)
-        if problem.altitudes_m is not None:
-            higher = fitted(problem, best.waypoints_m, above=best.value)
-            best = higher or replace(best, altitude_m=ideal.altitude_m)
         if problem.limits is not None:
             best = replace(best, foreseen=foresee_round(problem, best))
         best = bounded(problem, best, bound, ideal.nodes)
@@ -75,12 +74,14 @@ class LimitedPlanner:
         if not np.isnan(bound) and problem.airspace.allows(problem.start_m[None])[0]:
             bound = min(bound, reach_bound(problem))
         fixed = problem.at(ideal.altitude_m)
-        best = fitted(fixed, ideal.waypoints_m)
+        best = fitted(problem, ideal.waypoints_m)
         if best is None or best.value < ideal.value * (1.0 - _GAIN):
             tried = [standing(fixed), *([] if best is None else [best])]
             tried += [plan for path in self._paths(fixed) if (plan := fitted(fixed, path))]
             enough = bound * (1.0 - self.goal.gap) if self.goal else math.inf
-            best = improved(fixed, tried, enough)
+            at_m = ideal.altitude_m
+            tried = [replace(plan, altitude_m=plan.altitude_m or at_m) for plan in tried]
+            best = improved(problem, tried, enough)
             if self.goal is not None:
                 bound = min(bound, timed_bound(problem, best.value, self.goal))
         return best, bound

@@ -29,15 +29,16 @@ static void assign_steps(
     solve_assignment(NULL, NULL, devices, best, assigned, places);
 }
 
-/* The best schedule from where the steps are, of devices that are ready as steps begin, if `timed`. */
+/* The best schedule from where the steps are, of devices that may be heard at all and, if `timed`, are
+   ready as steps begin. */
 static void assign_ready(const Round *round, int timed, unsigned char *schedule, Desk *desk)
 {
     const int64_t devices = round->devices, steps = round->steps;
     for (int64_t n = 0; n < steps; n++)
         for (int64_t k = 0; k < devices; k++) {
-            const int late = timed && desk->begins[n] < round->ready[k];
-            desk->worth[k * steps + n] =
-                late ? 0.0 : desk->chances[n * devices + k] * round->importance[k];
+            const double chance = desk->chances[n * devices + k];
+            const int never = chance < HOPE || (timed && desk->begins[n] < round->ready[k]);
+            desk->worth[k * steps + n] = never ? 0.0 : chance * round->importance[k];
         }
     memset(schedule, 0, (size_t)(steps * devices));
     assign_steps(devices, steps, desk->worth, desk->best, desk->assigned, &desk->places);

@@ -9,6 +9,7 @@
 
 static const double WIDEST_M = 256.0; /* twice what a waypoint is moved by at most */
 enum { NARROWER = 8 };                /* halvings of that */
+static const double BRISK = 5.0;    /* m/s2 of a way there and back that takes some time */
 static const double TABLED = 1e-4; /* of a value: what it may be more, exactly */
 
 /* Points that the route through a round's waypoints has at most. */
@@ -44,11 +45,15 @@ static int64_t draw_under(int64_t limit, uint64_t *state)
 }
 
 /* Move a waypoint (of N, the first stays) or all that are at its place, put one near a device, elsewhere in
-   the order, or to the one before it, or reverse a stretch. */
-static void change_way(int64_t steps, Point *way, Point device, uint64_t *state)
+   the order, or to the one before it, or reverse a stretch. If devices get ready, also put one beside the
+   way for about as long as device k needs: steps begin at `begins` (N,), and nothing else waits for it. */
+static void change_way(
+    const Round *round, int64_t k, const double *begins, Point *way, uint64_t *state)
 {
+    const int64_t steps = round->steps;
+    const Point device = round->at[k];
     const int64_t n = 1 + draw_under(steps - 1, state), m = 1 + draw_under(steps - 1, state);
-    const int64_t kind = draw_under(7, state);
+    const int64_t kind = draw_under(round->ready ? 9 : 7, state);
     const double x = next_random(state), y = next_random(state), nearness = x * y;
     if (kind == 0 || kind == 6) {
         const double widest = WIDEST_M / (double)(1 << draw_under(NARROWER, state));
@@ -67,6 +72,12 @@ static void change_way(int64_t steps, Point *way, Point device, uint64_t *state)
     } else {
         Point put = kind == 3 ? way[n] : way[m - 1];
         if (kind == 4) put = between_at(device, put, nearness);
+        if (kind > 6) { /* there and back, from rest to rest */
+            const double east = x - 0.5, north = y - 0.5, more = next_random(state);
+            const double quarter = most(0.0, round->ready[k] - begins[m]) * (1.0 + more * more) / 4.0;
+            const double scale = BRISK * quarter * quarter / most(sqrt(east * east + north * north), 1e-9);
+            put = (Point){put.x + scale * east, put.y + scale * north};
+        }
         for (int64_t i = n; i < m; i++) way[i] = way[i + 1];
         for (int64_t i = n; i > m; i--) way[i] = way[i - 1];
         way[m] = put;
@@ -81,7 +92,7 @@ static int vary(
     const int64_t steps = round->steps;
     uint64_t state = 0x9E3779B97F4A7C15u ^ (uint64_t)seed;
     int64_t *worth, count = 0;
-    double *ways, value = plan->value;
+    double *ways, *begins, value = plan->value;
     Point *now, *way;
     CandidatePlan other;
     Desk desk;
@@ -93,22 +104,26 @@ static int vary(
         other.schedule = claim(&arena, steps * round->devices, 1);
         now = claim(&arena, steps, sizeof(Point));
         way = claim(&arena, steps, sizeof(Point));
+        begins = claim(&arena, steps, sizeof(double));
         worth = claim(&arena, round->devices, sizeof(int64_t));
         if (pass == 0 && !provide(&arena)) return -1;
     }
     for (int64_t i = 0; i < ROWS; i++) desk.row[i] = chance_by(round, (double)i, &desk);
     for (int64_t n = 0; n < steps; n++) now[n] = plan->route[plan->at[n]];
+    if (round->ready) time_steps(round, plan, &desk);
+    memcpy(begins, desk.begins, (size_t)steps * sizeof(double));
     for (int64_t k = 0; k < round->devices; k++)
         if (round->importance[k] > 0.0) worth[count++] = k;
     for (int64_t i = 0; i < changes && count && steps > 1; i++) {
         const double left = 1.0 - (double)i / (double)changes;
         const double above = value * (1.0 - tolerance * left * next_random(&state));
         memcpy(way, now, (size_t)steps * sizeof(Point));
-        change_way(steps, way, round->at[worth[draw_under(count, &state)]], &state);
+        change_way(round, worth[draw_under(count, &state)], begins, way, &state);
         desk.rows = ROWS;
         if (!fit_way(round, way, &other, metres, above, limited, &desk, ways)) continue;
         desk.rows = 0;
         value = other.value;
+        memcpy(begins, desk.begins, (size_t)steps * sizeof(double));
         for (int64_t n = 0; n < steps; n++) now[n] = other.route[other.at[n]];
         if (!(value > plan->value * (1.0 - TABLED)) ||
             !fit_way(round, way, &other, metres, plan->value, limited, &desk, ways))
