@@ -26,7 +26,7 @@ from mission.planner.native.library import (
     search_orders,
     search_places,
 )
-from mission.planner.problem import Planner, RoundPlan, RoundProblem
+from mission.planner.problem import Planner, RoundPlan, RoundProblem, relative_gap
 from mission.planner.reward import Altitudes, conjugates, reward_table
 
 REACH_STEP_M = 512  # of tables, so that the rounds of a mission share them
@@ -80,8 +80,18 @@ class CertifiedPlanner:
         if problem.per_grid is not None:
             return self._on_grid(problem, found)
         found = search(case, found, self.goal)
-        made = finish(problem, fit_budget(problem.start_m + found.way, problem.path_budget_m))
+        made = self._finished(problem, found)
+        # Who is without hope counts in the search's value, and not in the plan's.
+        loose = relative_gap(made.value, found.bound) > self.goal.gap >= found.gap
+        tighter = found.gap - relative_gap(made.value, found.value)
+        if loose and tighter > 0.0:
+            found = search(case, found, replace(self.goal, gap=tighter))
+            made = self._finished(problem, found)
         return replace(bounded(problem, made, found.bound, found.nodes), ended=found.ended)
+
+    @staticmethod
+    def _finished(problem: RoundProblem, found: Found) -> RoundPlan:
+        return finish(problem, fit_budget(problem.start_m + found.way, problem.path_budget_m))
 
     def _on_grid(self, problem: RoundProblem, found: Found) -> RoundPlan:
         """Plan on a PER grid, whose reward has many local maxima: improve several paths by random

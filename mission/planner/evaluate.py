@@ -196,7 +196,7 @@ def plan_without_moving(problem: RoundProblem) -> RoundPlan | None:
     """Return the optimal plan of a problem in which moving gains nothing, else None.
 
     That is one step, no path budget, no device, or no importance: all steps are served from the
-    start. The plan is its own bound, unless the altitude is open. Raises as `check_problem`.
+    start. Raises as `check_problem`.
     """
     check_problem(problem)
     if (
@@ -207,8 +207,6 @@ def plan_without_moving(problem: RoundProblem) -> RoundPlan | None:
     ):
         return None
     plan = plan_along(problem, np.tile(problem.start_m, (problem.steps, 1)))
-    if problem.altitudes_m is None:
-        return replace(plan, upper_bound=plan.value)
     return replace(plan, upper_bound=max(plan.value, _bound_at_rest(problem)))
 
 
@@ -229,9 +227,13 @@ def success_bounds(problem: RoundProblem, far_m: Floats) -> Floats:
 
 
 def _bound_at_rest(problem: RoundProblem) -> float:
-    """Return an upper bound on the value of serving from the start, at any open altitude."""
-    far_m = np.hypot(*(problem.devices_m - problem.start_m).T)
-    most = success_bounds(problem, far_m) * problem.importance
+    """Return an upper bound on the value of serving from the start, whoever is without
+    hope included, at any open altitude."""
+    if problem.altitudes_m is None:
+        bounds = success(problem, problem.start_m[None])
+    else:
+        bounds = success_bounds(problem, np.hypot(*(problem.devices_m - problem.start_m).T))
+    most = bounds * problem.importance
     places = problem.steps * problem.per_step
     return float(np.sort(most, axis=1)[:, ::-1][:, :places].sum(axis=1).max())
 

@@ -5,6 +5,7 @@
 
 #include "stops.h"
 
+static const double HOPE = 0.01; /* of success: with less nobody is asked to send */
 static const double ROUNDING_M = 1e-9; /* a path that is over its budget by less is not */
 static const double FILLED = 1.05;     /* of a limit: a device that seems to take no more is tried */
 static const double FULL = 0.999;      /* of a limit, to which a path is cut */
@@ -30,14 +31,15 @@ static void assign_steps(
 }
 
 /* The best schedule from where the steps are, of devices that may be heard at all and, if `timed`, are
-   ready as steps begin. */
+   ready as steps begin. While one without hope sends, others may get ready: there it may have its turn. */
 static void assign_ready(const Round *round, int timed, unsigned char *schedule, Desk *desk)
 {
     const int64_t devices = round->devices, steps = round->steps;
+    const double hope = round->ready && round->upload ? 0.0 : HOPE;
     for (int64_t n = 0; n < steps; n++)
         for (int64_t k = 0; k < devices; k++) {
             const double chance = desk->chances[n * devices + k];
-            const int never = chance < HOPE || (timed && desk->begins[n] < round->ready[k]);
+            const int never = chance < hope || (timed && desk->begins[n] < round->ready[k]);
             desk->worth[k * steps + n] = never ? 0.0 : chance * round->importance[k];
         }
     memset(schedule, 0, (size_t)(steps * devices));

@@ -319,7 +319,7 @@ static void match(Plan *plan, const Limits *limits, const Devices *devices, cons
                 nearest = with_room(memory, limits, devices->at[k], nearest, near);
             f = reward(sqrt(near), devices).f;
         }
-        if (f < HOPE) {
+        if (f <= 0.0) {
             assigned[k] = -1;
             best[k] = 0.0;
             continue;

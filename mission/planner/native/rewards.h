@@ -7,8 +7,6 @@
 
 #include "grid.h"
 
-static const double HOPE = 0.01; /* success with less of which nobody is asked to send */
-
 static inline int64_t fewer(int64_t a, int64_t b) { return b < a ? b : a; }
 
 static inline double between(Point a, Point b) { return sqrt(square_between(a, b)); }
@@ -30,9 +28,8 @@ static inline Reward reward(double r, const Devices *devices)
 /* What device k earns when it is served from a place. */
 static inline double worth(const Devices *devices, int64_t k, Point from)
 {
-    const double f = devices->grid ? spot_at(devices->grid, k, from).f
-                                   : reward(between(from, devices->at[k]), devices).f;
-    return f < HOPE ? 0.0 : devices->delta[k] * f;
+    if (devices->grid) return devices->delta[k] * spot_at(devices->grid, k, from).f;
+    return devices->delta[k] * reward(between(from, devices->at[k]), devices).f;
 }
 
 /* Metres that a stop takes beyond its leg, of that length at least; 0 where there may be none. */

@@ -75,7 +75,9 @@ static void change_way(
         if (kind > 6) { /* there and back, from rest to rest */
             const double east = x - 0.5, north = y - 0.5, more = next_random(state);
             const double quarter = most(0.0, round->ready[k] - begins[m]) * (1.0 + more * more) / 4.0;
-            const double scale = BRISK * quarter * quarter / most(sqrt(east * east + north * north), 1e-9);
+            const double speed = round->flying->speed, slow = most(0.0, speed / BRISK - quarter);
+            const double far = speed * (2.0 * quarter - speed / BRISK) + BRISK * slow * slow;
+            const double scale = far / most(sqrt(east * east + north * north), 1e-9);
             put = (Point){put.x + scale * east, put.y + scale * north};
         }
         for (int64_t i = n; i < m; i++) way[i] = way[i + 1];

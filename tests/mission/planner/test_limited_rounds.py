@@ -3,19 +3,21 @@
 import dataclasses
 import itertools
 import math
+from typing import Any
 
 import numpy as np
 import pytest
 from drawn_problems import drawn_problem, plan
 
+from fl.radio.channel import CHANNEL_PRESETS
 from flightdyn.config import LimitsConfig
 from mission.base.airspace import Airspace
 from mission.planner.check import check_plan
 from mission.planner.config import PlannerConfig
 from mission.planner.errors import InfeasiblePlanError
-from mission.planner.evaluate import plan_along
+from mission.planner.evaluate import plan_along, success
 from mission.planner.factory import make_planner
-from mission.planner.fitting import fitted
+from mission.planner.fitting import fitted, standing, varied
 from mission.planner.flyable import foresee_round
 from mission.planner.limited import LimitedPlanner
 from mission.planner.performance import Performance, RoundLimits
@@ -294,3 +296,57 @@ def test_who_cannot_be_served_sets_no_unit() -> None:
         for some in (weights, np.where(weights > 1.0, 0.0, weights))
     ]
     assert made[0].upper_bound == made[1].upper_bound
+
+
+@pytest.mark.parametrize("ready_s", [10.0, 20.0, 30.0])
+def test_nobody_else_sends_and_yet_a_device_is_waited_for(ready_s: float) -> None:
+    """A detour that takes as long is found by a few changes, whatever they are drawn from."""
+    alone = problem(
+        given=limits(ready_s + 6.0), devices_m=np.array([[430.0, 400.0]]), importance=np.ones(1),
+        upload_s=np.ones(1), ready_in_s=np.array([ready_s]), path_budget_m=800.0,
+    )  # fmt: skip
+    for seed in range(6):
+        served = varied(alone, standing(alone), 100, tolerance=0.02, seed=seed)
+        check_plan(alone, served)
+        assert served.value > 0.9
+
+
+def hopes(given: RoundProblem, made: RoundPlan) -> np.ndarray:
+    """The successes of those that are scheduled."""
+    return success(given.at(made.altitude_m), made.waypoints_m)[made.schedule]
+
+
+@pytest.mark.parametrize("kind", ["certified", "sqp", "paper"])
+@pytest.mark.parametrize(
+    "more",
+    [
+        {"given": None},
+        {"given": limits(40.0)},
+        {"given": limits(energy_j=7000.0)},
+        {"given": limits(45.0), "ready_in_s": np.linspace(0.0, 40.0, 12)},
+        {"given": None, "path_budget_m": 0.0},
+        {"given": None, "altitudes_m": (40.0, 120.0)},
+    ],
+)
+def test_nobody_without_hope_is_scheduled(kind: str, more: dict[str, Any]) -> None:
+    preset = CHANNEL_PRESETS["dense-urban"]
+    for seed in range(3):
+        given = problem(seed, devices=12, steps=8, channel=preset, **{"path_budget_m": 600.0, **more})
+        made = plan(given, kind)
+        assert hopes(given, made).min() >= 0.01
+        assert made.schedule.sum() < 12
+        if kind == "certified" and "ready_in_s" not in more:  # the bound is of all plans, theirs as well that ask in vain
+            in_vain = scheduled_all(given, made)
+            assert made.value < in_vain <= made.upper_bound * (1.0 + 1e-9)
+            assert more.get("given") or "path_budget_m" in more or made.gap <= 0.01 + 1e-9
+
+
+def scheduled_all(given: RoundProblem, made: RoundPlan) -> float:
+    """What the plan would be worth if who is left out sent as well, where there is room."""
+    chances = success(given.at(made.altitude_m), made.waypoints_m)
+    schedule, value = made.schedule.copy(), made.value
+    for k in np.flatnonzero(~made.schedule.any(axis=0)):
+        n = int(np.where(schedule.sum(axis=1) < given.per_step, chances[:, k], -1.0).argmax())
+        schedule[n, k] = True
+        value += chances[n, k] * given.importance[k]
+    return float(value)

@@ -6,6 +6,7 @@ from copy import deepcopy
 from pathlib import Path
 from typing import Any
 
+import best_plans
 import numpy as np
 import pytest
 import round_problems
@@ -111,6 +112,28 @@ def test_our_plans_keep_to_the_rules() -> None:
         else:  # nobody asked
             assert not {"duration_s", "energy_j"} & {*plan}
     assert limited == 17
+
+
+def test_the_better_plan_and_the_tighter_bound_are_kept() -> None:
+    entries = [round_problems.problem("all-12x10", number) for number in range(3)]
+    made = [[some_plan(entry, seed)[2] for entry in entries] for seed in (1, 2)]
+    for plans, bounds in zip(made, ((9.0, 8.0, 7.0), (8.0, 9.0, 7.0)), strict=True):
+        for plan, bound in zip(plans, bounds, strict=True):
+            plan["upper_bound"] = bound
+    names = [str(entry["id"]) for entry in entries]
+    known, new = (dict(zip(names, plans, strict=True)) for plans in made)
+    del new[names[2]]
+    best = best_plans.best_known(entries, known, new, "a stranger")
+    for name in names[:2]:
+        values = known[name]["value"], new[name]["value"]
+        assert best[name]["value"] == max(values)
+        assert best[name].get("origin") == ("a stranger" if values[1] > values[0] else None)
+        assert best[name]["upper_bound"] == 8.0
+        assert best[name]["gap"] == pytest.approx(1.0 - max(values) / 8.0)
+    assert best[names[2]] == known[names[2]] | {"gap": best[names[2]]["gap"]}
+    known[names[0]]["upper_bound"] = 0.0
+    with pytest.raises(ValueError, match="a bound says"):
+        best_plans.best_known(entries, known, new, "a stranger")
 
 
 def _farther(_: dict[str, Any], plan: dict[str, Any]) -> None:
