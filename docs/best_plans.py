@@ -1,10 +1,11 @@
 """The best known plan of each round problem: those published, or new ones where they are better.
 
     aerofed plan --problem docs/data/problems/problems.json --out new.json
-    python docs/best_plans.py docs/data/problems/plans.json new.json "Aerofed 0.2.0, 28 November 2026"
+    python docs/best_plans.py docs/data/problems/plans.json new.json "Aerofed, 28 November 2026"
 
-Values are those of the evaluator beside the problems, which knows nothing of our code. A bound holds for the
-problem, whichever plan it was proven with: the tighter one stays. `origin` says who made a plan.
+Values are those of the evaluator beside the problems, which knows nothing of our code. A bound holds
+for the problem, whichever plan it was proven with: the tighter one stays. `origin` says who made a
+plan.
 """
 
 import argparse

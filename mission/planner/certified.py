@@ -82,10 +82,12 @@ class CertifiedPlanner:
         found = search(case, found, self.goal)
         made = self._finished(problem, found)
         # Who is without hope counts in the search's value, and not in the plan's.
-        loose = relative_gap(made.value, found.bound) > self.goal.gap >= found.gap
-        tighter = found.gap - relative_gap(made.value, found.value)
-        if loose and tighter > 0.0:
-            found = search(case, found, replace(self.goal, gap=tighter))
+        lost = relative_gap(made.value, found.value)
+        if (
+            found.value > 0.0
+            and relative_gap(made.value, found.bound) > self.goal.gap >= found.gap > lost
+        ):
+            found = search(case, found, replace(self.goal, gap=found.gap - lost))
             made = self._finished(problem, found)
         return replace(bounded(problem, made, found.bound, found.nodes), ended=found.ended)
 

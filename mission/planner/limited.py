@@ -54,10 +54,10 @@ class LimitedPlanner:
         problem = replace(problem, path_budget_m=problem.most_m, importance=servable(problem))
         if (plan := in_usual_size(self, problem)) is not None:
             return plan
-        # With uploads the search that counts them proves more, and only some of this is of use.
+        # With uploads the search that counts them proves more: a brief one does before.
         large = len(problem.devices_m) > _FEW or problem.upload_s is not None
-        short = self.brief is not None and large and problem.altitudes_m is not None
-        inner = self.brief if short else self.inner
+        large = large and problem.altitudes_m is not None
+        inner = self.brief if self.brief is not None and large else self.inner
         ideal = inner.plan(problem.unlimited)
         best, bound = self._within(problem, ideal)
         if problem.limits is not None:

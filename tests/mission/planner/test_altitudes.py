@@ -140,7 +140,10 @@ def test_where_there_is_nothing_to_move_for(more) -> None:
     heights = np.arange(40.0, 120.01, 0.1)
     worth = [finish(given.at(float(h)), made.waypoints_m).value for h in heights]
     assert made.value == pytest.approx(max(worth), rel=1e-9)
-    assert made.value <= made.upper_bound <= max(worth) * 1.001 + 1e-9
+    in_vain = (
+        0.01 * given.importance[~made.schedule.any(axis=0)].sum()
+    )  # without hope, but not quite
+    assert made.value <= made.upper_bound <= max(worth) * 1.001 + in_vain + 1e-9
 
 
 def test_bounds_of_success_hold_between_their_samples() -> None:

@@ -331,11 +331,15 @@ def hopes(given: RoundProblem, made: RoundPlan) -> np.ndarray:
 def test_nobody_without_hope_is_scheduled(kind: str, more: dict[str, Any]) -> None:
     preset = CHANNEL_PRESETS["dense-urban"]
     for seed in range(3):
-        given = problem(seed, devices=12, steps=8, channel=preset, **{"path_budget_m": 600.0, **more})
+        given = problem(
+            seed, devices=12, steps=8, channel=preset, **{"path_budget_m": 600.0, **more}
+        )
         made = plan(given, kind)
         assert hopes(given, made).min() >= 0.01
         assert made.schedule.sum() < 12
-        if kind == "certified" and "ready_in_s" not in more:  # the bound is of all plans, theirs as well that ask in vain
+        if (
+            kind == "certified" and "ready_in_s" not in more
+        ):  # the bound is of all plans, theirs as well that ask in vain
             in_vain = scheduled_all(given, made)
             assert made.value < in_vain <= made.upper_bound * (1.0 + 1e-9)
             assert more.get("given") or "path_budget_m" in more or made.gap <= 0.01 + 1e-9

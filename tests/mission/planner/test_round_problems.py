@@ -131,7 +131,7 @@ def test_the_better_plan_and_the_tighter_bound_are_kept() -> None:
         assert best[name]["upper_bound"] == 8.0
         assert best[name]["gap"] == pytest.approx(1.0 - max(values) / 8.0)
     assert best[names[2]] == known[names[2]] | {"gap": best[names[2]]["gap"]}
-    known[names[0]]["upper_bound"] = 0.0
+    known[names[0]]["upper_bound"] = -1.0
     with pytest.raises(ValueError, match="a bound says"):
         best_plans.best_known(entries, known, new, "a stranger")
 
