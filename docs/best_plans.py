@@ -3,9 +3,9 @@
     aerofed plan --problem docs/data/problems/problems.json --out new.json
     python docs/best_plans.py docs/data/problems/plans.json new.json "Aerofed, 28 November 2026"
 
-Values are those of the evaluator beside the problems, which knows nothing of our code. A bound holds
-for the problem, whichever plan it was proven with: the tighter one stays. `origin` says who made a
-plan.
+Values are those of the evaluator beside the problems, which knows nothing of our code. A bound
+holds for the problem, whichever plan it was proven with: the tighter one stays. `origin` says who
+made a plan.
 """
 
 import argparse

@@ -255,7 +255,7 @@ def test_lists_and_tuples_are_arrays() -> None:
 
 
 def test_a_plan_is_printed_in_a_line() -> None:
-    many = np.zeros((300, 2))
+    many = np.full((300, 2), 400.0)
     crowd = problem(devices_m=many, importance=np.ones(300), steps=40, per_step=2)
     printed = repr(aerofed.finish(crowd, np.full((40, 2), 400.0)))
     assert printed.startswith("RoundPlan(value=")
