@@ -1,4 +1,4 @@
-"""Normal fields over the places of the aircraft, made of plane waves: always the same at a place."""
+"""Normal fields over places of the aircraft, made of plane waves: the same again at a place."""
 
 import numpy as np
 
