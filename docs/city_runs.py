@@ -1,4 +1,4 @@
-"""What planning with an average costs in three cities: runs, and the tables of docs/city.md.
+"""What planning with an average costs in four cities: runs, and the tables of docs/city.md.
 
     python docs/city_runs.py channels MAPS                      # the averages of `CHANNELS`
     python docs/city_runs.py runs RUNS --jobs 2 --flown         # a table for each seed and city
@@ -53,6 +53,7 @@ GAP = 0.1  # to be proven: closer proofs take up to a minute a run, for plans of
 WALLS_FIRST = "learned from buildings"  # learned, with them as its prior
 BELIEFS = ("channel", "buildings", "learned", WALLS_FIRST, "truth")
 REPLANS = ("round", "stop")
+COMPARED = ("channel", "learned", "truth")  # also at the stops, and also without flight
 LOOKS = dict(zip(BELIEFS, (BAD, WARM, COOL, "#56B4E9", GOOD), strict=True))
 FLOWN = "flown"  # value of `mission.flight`, folder of the flown runs, and name of their table
 KEYS = ["city", "seed", "belief", "replan"]
@@ -77,34 +78,47 @@ CHANNELS: dict[str, dict[str, float]] = {
         "a1_per_rad": 0.1,
         "a2": -1.266,
     },
+    "etoile": {
+        "alpha_los": 2.474,
+        "beta_los_db": -38.026,
+        "sigma_los": 0.728,
+        "beta_nlos_db": -40.0,
+        "sigma_nlos": 2.159,
+        "a1_per_rad": 3.924,
+        "a2": 0.409,
+    },
 }
 FITTED = {
     "alpha_los": (1.0, 6.0), "beta_los_db": (-90.0, 0.0), "sigma_los": (0.2, 6.0),
     "beta_nlos_db": (-140.0, -40.0), "sigma_nlos": (0.2, 9.0), "a1_per_rad": (0.1, 40.0),
     "a2": (-5.0, 20.0),
 }  # fmt: skip
+STARTS = {
+    "alpha_los": (2.0, 4.0), "beta_los_db": (-40.0,), "sigma_los": (1.0, 3.0),
+    "beta_nlos_db": (-47.0, -80.0), "sigma_nlos": (2.5,), "a1_per_rad": (3.5, 15.0), "a2": (4.0,),
+}  # fmt: skip
+KNOWN = ("alpha_los", "beta_los_db", "sigma_los")  # of the district: 3GPP's line of sight
 
 _HEAD = """\
-# What planning with an average costs, in three cities
+# What planning with an average costs, in four cities
 
 Made from flown.csv.gz and rounds.csv.gz by `python docs/city_runs.py tables docs/data/city`; the
 runs by `python docs/city_runs.py runs`: {rounds} rounds, seeds {first} to {last} ({count} of them).
 Mean ± 95 % interval over seeds (Student's t), differences seed by seed. Objectives are those of a
 round: of its first plan, and by the true success of all that were asked, twice who was asked twice;
 % is the second beside the first. Success is the mean of those who were asked in the last {late}
-rounds, as hoped for and true. For all three each seed counts with the mean of its cities. The runs
+rounds, as hoped for and true. For all four each seed counts with the mean of its cities. The runs
 are of commit 21a4bd0f, those that learned from buildings of abfa614f. They were flown; what that
 changed is at the end.
 """
 
 
-def traced(city: str, seed: int, folder: Path) -> Path:
+def mapped(city: str, seed: int, folder: Path) -> Path:
     """The radio map of a city for the devices of a seed."""
     path = folder / f"{city}-{seed}.nc"
     if not path.exists():
-        radio_map(
-            Path("city"), out=path, cell=CELL_M, engine="sionna", scene=city, set_=(f"seed={seed}",)
-        )
+        how = {} if city == "district" else {"engine": "sionna", "scene": city}
+        radio_map(Path("city"), out=path, cell=CELL_M, set_=(f"seed={seed}",), **how)
     return path
 
 
@@ -144,8 +158,9 @@ def walls(scene: str) -> list[BuildingConfig]:
     return found
 
 
-def averaged(maps: Sequence[Path]) -> tuple[dict[str, float], float]:
+def averaged(city: str, maps: Sequence[Path]) -> tuple[dict[str, float], float]:
     """The constants of the channel that comes nearest to maps, and how far off it is (rms)."""
+    free = [name for name in FITTED if city != "district" or name not in KNOWN]
     config = aerofed.config("city")
     radio, height_m = config.radio, float(config.mission.heights_m[0])
     terms = LinkTerms(
@@ -166,22 +181,22 @@ def averaged(maps: Sequence[Path]) -> tuple[dict[str, float], float]:
     count = np.bincount(bins)
     mean = np.bincount(bins, np.concatenate(success)) / count
     middle_m = 25.0 * (np.arange(len(count)) + 0.5)
-    base, names = config.channel.channel(altitude_m=height_m), list(FITTED)
+    base = config.channel.channel(altitude_m=height_m)
 
     def channel(values: Sequence[float]) -> Channel:
-        return replace(base, **dict(zip(names, map(float, values), strict=True)))
+        return replace(base, **dict(zip(free, map(float, values), strict=True)))
 
     def off(values: Sequence[float]) -> np.ndarray:
         believed = 1.0 - average_per(channel(values), middle_m, height_m=height_m)
         return np.asarray(np.sqrt(count / count.sum()) * (believed - mean))
 
-    starts = product((2.0, 4.0), (-40.0,), (1.0, 3.0), (-47.0, -80.0), (2.5,), (3.5, 15.0), (4.0,))
-    low, high = zip(*FITTED.values(), strict=True)
+    starts = product(*(STARTS[name] for name in free))
+    low, high = zip(*(FITTED[name] for name in free), strict=True)
     found = min(
         (least_squares(off, start, bounds=(low, high)) for start in starts),
         key=lambda one: one.cost,
     )
-    constants = dict(zip(names, np.round(found.x, 3).tolist(), strict=True))
+    constants = dict(zip(free, np.round(found.x, 3).tolist(), strict=True))
     return constants, float(np.sqrt((off(list(constants.values())) ** 2).sum()))
 
 
@@ -232,15 +247,14 @@ def rounds_of(
     ).round(4)
 
 
-def runs(city: str, seed: int, folder: Path, flight: str) -> str:
-    """All runs of a city and a seed; those that are flown, in a folder of their own."""
-    path = (folder if flight == "none" else folder / FLOWN) / f"{city}-{seed}.csv"
+def runs(city: str, seed: int, belief: str, folder: Path, flight: str) -> str:
+    """All runs of a city, a seed and a belief; those that are flown, in a folder of their own."""
+    name = f"{city}-{seed}-{belief.replace(' ', '-')}.csv"
+    path = (folder if flight == "none" else folder / FLOWN) / name
     if not path.exists():
-        made = None if city == "district" else traced(city, seed, folder)
-        every = [
-            rounds_of(city, seed, belief, replan, made, flight)
-            for belief, replan in product(BELIEFS, REPLANS)
-        ]
+        made = None if city == "district" else mapped(city, seed, folder)
+        replans = REPLANS if flight != "none" and belief in COMPARED else REPLANS[:1]
+        every = [rounds_of(city, seed, belief, replan, made, flight) for replan in replans]
         table = pd.concat(every).to_csv(index=False, lineterminator="\n")
         write_atomically(path, table)
     return path.name
@@ -273,10 +287,11 @@ def _shown(values: pd.Series, digits: int, *, sign: bool = False) -> str:
 def tables(runs: pd.DataFrame) -> str:
     """Markdown: each city, what a belief and what deciding at the stops gains."""
     parts = []
-    for city in (*CHANNELS, "all three"):
+    for city in (*CHANNELS, "all four"):
         here = runs.loc[city] if city in CHANNELS else runs.groupby(KEYS[1:]).mean()
         rows, gains = [], []
-        for belief, replan in product(BELIEFS, REPLANS):
+        ran = set(here.index.droplevel("seed"))
+        for belief, replan in (one for one in product(BELIEFS, REPLANS) if one in ran):
             mine = here.xs((belief, replan), level=("belief", "replan"))
             rows.append([
                 f"`{belief}`", f"`{replan}`", _shown(mine.delivered, 1),
@@ -305,19 +320,19 @@ def tables(runs: pd.DataFrame) -> str:
 def flown_table(flown: pd.DataFrame, still: pd.DataFrame) -> str:
     """Markdown: what flying changes, seed by seed."""
     rows = []
-    for city, belief, replan in product(CHANNELS, BELIEFS, REPLANS):
+    for city, belief in product(CHANNELS, COMPARED):
         mine, other = (
-            of.xs((city, belief, replan), level=("city", "belief", "replan"))
+            of.xs((city, belief, "round"), level=("city", "belief", "replan"))
             for of in (flown, still)
         )
         less = mine - other
         rows.append([
-            city, f"`{belief}`", f"`{replan}`", f"{other.delivered.mean():.1f}",
+            city, f"`{belief}`", f"{other.delivered.mean():.1f}",
             _shown(less.delivered, 1, sign=True), _shown(less.planned / ROUNDS, 3, sign=True),
             _shown(less.true / ROUNDS, 3, sign=True), _shown(other.short, 1, sign=True),
             _shown(less.short, 1, sign=True), _shown(less.accuracy, 1, sign=True),
         ])  # fmt: skip
-    heads = ["city", "belief", "replan", "updates, not flown", "flown less not flown: updates",
+    heads = ["city", "belief", "updates, not flown", "flown less not flown: updates",
              "objective planned", "as it was", "%, not flown", "flown less not flown: %, points",
              "accuracy, points"]  # fmt: skip
     return markdown(heads, rows)
@@ -369,6 +384,7 @@ def main() -> None:
     parser.add_argument("--jobs", type=int, default=1, help="processes")
     parser.add_argument("--flown", action="store_true", help="fly them")
     parser.add_argument("--cities", nargs="+", choices=CHANNELS, default=list(CHANNELS))
+    parser.add_argument("--beliefs", nargs="+", choices=BELIEFS, default=list(BELIEFS))
     parser.add_argument("--out", type=Path, default=Path("docs/data/city"))
     parser.add_argument("--figures", type=Path, default=Path("docs/images"))
     asked = parser.parse_args()
@@ -377,16 +393,17 @@ def main() -> None:
         return
     (asked.folder / FLOWN).mkdir(parents=True, exist_ok=True)
     if asked.what == "channels":
-        for city in list(CHANNELS)[1:]:
-            maps = [traced(city, seed, asked.folder) for seed in FIT_SEEDS]
-            print(city, *averaged(maps), flush=True)
+        for city in asked.cities:
+            maps = [mapped(city, seed, asked.folder) for seed in FIT_SEEDS]
+            print(city, *averaged(city, maps), flush=True)
         return
     os.environ.update(ENVIRONMENT)
     with ProcessPoolExecutor(asked.jobs) as pool:
-        for seed, city in product(SEEDS, asked.cities):
-            pool.submit(
-                runs, city, seed, asked.folder, FLOWN if asked.flown else "none"
-            ).add_done_callback(lambda done: print(done.result(), flush=True))
+        for each in product(asked.cities, SEEDS, asked.beliefs):
+            if asked.flown or each[2] in COMPARED:
+                pool.submit(
+                    runs, *each, asked.folder, FLOWN if asked.flown else "none"
+                ).add_done_callback(lambda done: print(done.result(), flush=True))
 
 
 if __name__ == "__main__":
