@@ -397,6 +397,9 @@ def main() -> None:
             maps = [mapped(city, seed, asked.folder) for seed in FIT_SEEDS]
             print(city, *averaged(city, maps), flush=True)
         return
+    for city, seed in product(asked.cities, SEEDS):  # one after the other: two would trace it twice
+        if city != "district":
+            mapped(city, seed, asked.folder)
     os.environ.update(ENVIRONMENT)
     with ProcessPoolExecutor(asked.jobs) as pool:
         for each in product(asked.cities, SEEDS, asked.beliefs):
