@@ -402,10 +402,10 @@ def main() -> None:
             mapped(city, seed, asked.folder)
     os.environ.update(ENVIRONMENT)
     with ProcessPoolExecutor(asked.jobs) as pool:
-        for each in product(asked.cities, SEEDS, asked.beliefs):
-            if asked.flown or each[2] in COMPARED:
+        for seed, city, belief in product(SEEDS, asked.cities, asked.beliefs):
+            if asked.flown or belief in COMPARED:
                 pool.submit(
-                    runs, *each, asked.folder, FLOWN if asked.flown else "none"
+                    runs, city, seed, belief, asked.folder, FLOWN if asked.flown else "none"
                 ).add_done_callback(lambda done: print(done.result(), flush=True))
 
 
