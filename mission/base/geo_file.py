@@ -80,6 +80,12 @@ def read_rings(path: Path) -> tuple[Ring, ...]:
     return rings
 
 
+def _is_building(properties: Mapping[str, object]) -> bool:
+    said = {name: value for name in _TELL if (value := properties.get(name)) is not None}
+    kinds = [said[name] for name in _TELL[:2] if name in said]
+    return bool(said) and (not kinds or any(kind != "no" for kind in kinds))
+
+
 def read_buildings(path: Path) -> tuple[tuple[Ring, ...], int]:
     """Read outlines of buildings, with holes, in a GeoJSON file, and count the features skipped:
     points, lines, and polygons without a property of a building or which say that there is none.
@@ -88,13 +94,7 @@ def read_buildings(path: Path) -> tuple[tuple[Ring, ...], int]:
         InputError: it cannot be read, a polygon of a building is none, or there is no building.
     """
     every = list(_features(path))
-    found = [
-        feature
-        for feature in every
-        if feature[1] in _POLYGONS
-        and any(feature[3].get(name) is not None for name in _TELL)
-        and "no" not in (feature[3].get("building"), feature[3].get("building:part"))
-    ]
+    found = [feature for feature in every if feature[1] in _POLYGONS and _is_building(feature[3])]
     rings = tuple(ring for feature in found for ring in _rings(*feature, holes=True))
     if not rings:
         raise InputError(

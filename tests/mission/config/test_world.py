@@ -663,17 +663,18 @@ def test_trees_and_streets_between_buildings_are_passed_over(load, tmp_path: Pat
 
 
 def test_parts_of_buildings_begin_above_the_ground(load, tmp_path: Path) -> None:
-    bridge = {"building:part": "yes", "height": "12", "min_height": "6.5 m"}
+    bridge = {"building": "no", "building:part": "yes", "height": "12", "min_height": "6.5 m"}
     levels = {"building:part": "yes", "building:levels": 5, "building:min_level": "2"}
     gone: list[dict[str, Any]] = [
         {"building": "no", "height": "9"},
         {"building:part": "no", "height": 9},
+        {"building": "no", "building:part": "no", "height": 9},
     ]
     (tmp_path / "b.geojson").write_text(houses(TALL, bridge, levels, *gone))
     config = load(PLACED)
     heights = [(one.from_m, one.height_m) for one in config.area.buildings]
     assert heights == [(0.0, 61.5), (6.5, 12.0), (6.0, 15.0)]
-    assert "2 features passed over" in config.notes[0]
+    assert "3 features passed over" in config.notes[0]
     assert load(config.to_toml()) == config
     # A flight passes below it, as far as the margin goes.
     assert [zone.counts_at(1.0, 1.0) for zone in config.area.zones] == [True, False, False]
