@@ -17,7 +17,7 @@ from mission.planner.fitting import serving_fewer
 from mission.planner.performance import Foreseen, RoundLimits, acceptance_radii
 from mission.planner.problem import Planner, RoundPlan, RoundProblem
 
-_BEGINS, _HALVINGS = 24, 12  # starts of a stretch that are tried; bisections of its length
+_BEGINS, _HALVINGS = 96, 12  # starts of a stretch that are tried; bisections of its length
 
 
 @dataclass(frozen=True)

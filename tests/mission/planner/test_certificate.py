@@ -102,7 +102,9 @@ def test_exhaustive_search_never_finds_more_than_the_bound(seed, preset, count, 
     check_plan(problem, plan)
     best = exhaustively(problem)
     assert best <= plan.upper_bound * (1 + 1e-6) + 1e-9
-    assert plan.value >= best * (1 - 2e-3) - 1e-9
+    # Nobody is scheduled whose success is below 1 %.
+    hopeless = 0.01 * problem.importance[~plan.schedule.any(axis=0)].sum()
+    assert plan.value + hopeless >= best * (1 - 2e-3) - 1e-9
 
 
 @SLOW

@@ -51,17 +51,20 @@ def test_plans_and_bounds_are_those_that_are_known(case):
     again = CertifiedPlanner(max_nodes=500).plan(given)
     assert np.array_equal(plan.waypoints_m, again.waypoints_m)
     assert (plan.upper_bound, plan.nodes) == (again.upper_bound, again.nodes)
+    # Nobody is scheduled whose success is below 1 %, as these plans did.
+    hopeless = 0.01 * given.importance[~plan.schedule.any(axis=0)].sum()
     enough_places = case["devices"] <= case["steps"] * case["per_step"]
     if case["steps"] > 4 and enough_places:
         assert case["certified"] <= plan.upper_bound * (1.0 + 1e-9)
         assert plan.value <= case["upper_bound"] * (1.0 + 1e-9)
         known_gap = 1.0 - case["certified"] / case["upper_bound"]
-        assert plan.gap <= max(0.01, known_gap) + MOVED
+        assert plan.gap <= max(0.01, known_gap) + MOVED + hopeless / plan.upper_bound
     else:  # another search, or a bound that was not one: places were given up for good
-        assert plan.value >= case["certified"] * (1.0 - MOVED)
+        assert plan.value + hopeless >= case["certified"] * (1.0 - MOVED)
     if case["steps"] <= 4:
-        assert plan.gap <= 0.01 + 1e-9
+        assert plan.gap <= 0.01 + hopeless / plan.upper_bound + 1e-9
     first = CertifiedPlanner(max_nodes=0).plan(given)
     assert first.value == pytest.approx(case["first"], rel=1e-12)
     explored = ExploringPlanner().plan(given)
-    assert SqpPlanner().plan(given).value >= explored.value >= case["sqp"] * (1.0 - 1e-3)
+    assert SqpPlanner().plan(given).value >= explored.value
+    assert explored.value + hopeless >= case["sqp"] * (1.0 - 1e-3)

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from scipy.optimize import differential_evolution, linear_sum_assignment
 from test_certificate import SEEDS, random_problem
@@ -85,7 +85,9 @@ def test_one_free_stop_agrees_with_a_grid_and_its_lipschitz_allowance(
     )
     plan = CertifiedPlanner().plan(problem)
     check_plan(problem, plan)
-    assert plan.gap <= 0.0101
+    # Nobody is scheduled whose success is below 1 %.
+    hopeless = 0.01 * problem.importance[~plan.schedule.any(axis=0)].sum()
+    assert plan.value + hopeless >= plan.upper_bound * (1.0 - 0.0101)
     spacing = 25.0
     line = np.arange(-spacing, 800.0 + 2.0 * spacing, spacing)
     grid = np.stack(np.meshgrid(line, line), axis=-1).reshape(-1, 2)
@@ -163,6 +165,7 @@ def test_both_searches_prove_no_less_than_the_best_plan(seed, channel, steps, pe
     devices, limits = instance(problem)
     relaxation = relax(problem, devices)
     best = CertifiedPlanner(max_nodes=300).plan(problem).value
+    assume(best > 0.0)  # somebody is scheduled
     nowhere = np.zeros((steps, 2)), np.full(8, -1)
     poor = Found(1e-6 * best, *nowhere, np.inf)  # the bound may not lean on a good plan
     known = Found(best, *nowhere, np.inf)  # nor close what holds a better one

@@ -107,7 +107,7 @@ def test_no_schedule_on_a_grid_exceeds_the_bound(seed: int, kind: str) -> None:
     if kind == "ready":
         given = dataclasses.replace(given, upload_s=None)
     if kind == "joules":
-        limits = RoundLimits(FLYING, 60.0, float(rng.uniform(3500, 7000)))
+        limits = RoundLimits(FLYING, 60.0, float(rng.uniform(2500, 5000)))
         given = dataclasses.replace(given, limits=limits)
     best = best_on_a_grid(given)
     assert best > 0.0

@@ -102,9 +102,9 @@ def test_a_round_without_a_limit_of_its_own_costs_what_its_metres_take() -> None
     given = budget(total_deadline_s=900, total_energy_j=1e6, path_budget_m=800)
     # 800 m at 20 m/s, 4 s to start and stop, 0.7 s of smoothing and settling.
     assert given.whole_round.seconds == pytest.approx(800 / 20 + 4 + 0.7)
-    assert 9_000 < given.whole_round.joules < 44.7 * 327
+    assert 800 * 10.8 < given.whole_round.joules < 44.7 * 285.4  # at the best range, at 20 m/s
     shorter = budget(total_deadline_s=900, round_energy_j=5000, total_energy_j=1e6)
-    assert shorter.whole_round.seconds < 0.6 * given.whole_round.seconds
+    assert shorter.whole_round.seconds < 0.62 * given.whole_round.seconds
     hovering = budget(strategy="barycenter", hover_s=5, total_deadline_s=13)
     # 5 s, and what it takes to settle where it is.
     assert hovering.whole_round.seconds == pytest.approx(6.05, abs=0.01)

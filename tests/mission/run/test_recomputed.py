@@ -15,7 +15,7 @@ PERIOD, BOOST, FLOOR = 2, 1.5, 0.1
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     out = tmp_path_factory.mktemp("runs") / "run"
     few = ["communities.0.devices=4", "communities.1.devices=4", "learning.local_epochs=1"]
-    hard = ["channel.extra_gain_db=-5", f"learning.cov_period_rounds={PERIOD}"]
+    hard = ["channel.extra_gain_db=-9", f"learning.cov_period_rounds={PERIOD}"]
     path = ["mission.steps=4", "mission.path_budget_m=250", "planner.gap=0.1"]
     path += ["planner.max_nodes=20", "mission.flight=none"]
     sets = ("--set", *few, *hard, *path)

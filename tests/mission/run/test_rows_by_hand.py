@@ -154,9 +154,9 @@ def test_each_round(folder: Path) -> None:
     uplinks = read_table(folder / "uplinks.csv", UplinkRecord)
     learning = rows(folder / "learning.csv")
     found = read_table(folder / "rounds.csv", RoundRecord)
-    # Joules that were foreseen: 327 W at 20 m/s at sea level, less in the air up there.
+    # Joules that were foreseen: 285 W at 20 m/s at sea level, less in the air up there.
     for record, (start_s, duration_s, path_m, foreseen_j) in zip(
-        found, ((0.0, 9.0, 180.0, 9.0 * 327.0), (9.0, 3.0, 60.0, 3.0 * 327.0)), strict=True
+        found, ((0.0, 9.0, 180.0, 9.0 * 285.0), (9.0, 3.0, 60.0, 3.0 * 285.0)), strict=True
     ):
         sent = [u for u in uplinks if u.round == record.round]
         planned, believed, true = (
@@ -241,7 +241,7 @@ def test_a_round_of_the_ideal(tmp_path: Path) -> None:
         assert (record.plan_path_m, record.flown_path_m) == (0.0, 0.0)
         assert record.budget_used_m == record.round * 300.0
         assert record.time_used_s == pytest.approx(record.round * 300.0 / 20.0)
-        assert record.energy_used_j == pytest.approx(record.round * 327.0 * 15.0, rel=0.02)
+        assert record.energy_used_j == pytest.approx(record.round * 285.0 * 15.0, rel=0.02)
         assert math.isnan(record.energy_j)
         assert record.cov == {"near": 1.0, "far": 1.0}
     uplinks = rows(tmp_path / "run" / "uplinks.csv")
