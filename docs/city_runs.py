@@ -140,7 +140,8 @@ def walls(scene: str) -> list[BuildingConfig]:
         corners = np.array(one.mi_mesh.vertex_positions_buffer()).reshape(-1, 3)
         whole = name.rpartition("-")[0] or name
         faces[whole].append(corners[np.array(one.mi_mesh.faces_buffer()).reshape(-1, 3)])
-    del faces["ground"]
+    for ground in ("ground", "Plane"):
+        faces.pop(ground, None)
     found = []
     for triangles in map(np.concatenate, faces.values()):
         flat = shapely.polygons(triangles[..., :2] + middle_m)
