@@ -127,6 +127,14 @@ class RadioConfig(_Frozen):
         description="belief learned, or your own: the tones of 'all' devices are heard (the "
         "default), or of those that are 'scheduled' in the round",
     )
+    pilot_s: float | None = Field(
+        None,
+        gt=0.0,
+        lt=1.0,
+        description="belief learned, or your own: air time of one tone. In each second tones come "
+        "first, one after another, and uploads have what is left, so they take longer; without it "
+        "tones take no time",
+    )
     map_file: Path | None = Field(
         None,
         description="truth or belief is a map: the file, as `aerofed radio-map` writes it",

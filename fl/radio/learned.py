@@ -1,8 +1,9 @@
 """Pilot tones that an aircraft hears on its way, and the radio belief learned from them.
 
 `Learned`, the built-in belief, is Gaussian process regression: it takes the error of the prior in
-dB for a normal field with correlation exp(-d / d_cor), and conditions that on the SNR of the tones
-(Rasmussen and Williams 2006, algorithm 2.1).
+dB for the sum of normal fields with correlations exp(-d / d_cor) and of a nugget, and conditions
+that on the SNR of the tones (Rasmussen and Williams 2006, algorithm 2.1). Of tones at the floor of
+the receiver it is known only that they are no stronger (Tobin's model).
 """
 
 import math
@@ -16,9 +17,12 @@ from fl.arrays import Bools, Floats, Ints
 from fl.radio.per_grid import PerGrid
 from fl.radio.place import LinkTerms, PlacedRadio
 
-# Of a belief's error. Walls decide over tens of metres; with a larger deviation than this, plans go
-# where nothing is known too often (`city.toml`, 3 seeds: 6, 10 and 15 dB; 20, 40 and 80 m).
-DEVIATION_DB, CORRELATION_M = 6.0, 40.0
+# Of a belief's error: deviation in dB, and the metres over which the correlation falls to 1/e, of
+# walls on the way, and of what a device has everywhere (it is indoors, its street is open).
+FIELDS = ((7.0, 25.0), (12.0, 300.0))
+NUGGET_DB = 2.5  # of it that is a place's own
+ERROR_DB = math.hypot(NUGGET_DB, *(deviation_db for deviation_db, _ in FIELDS))  # all of it
+TURNS = 60  # of `_uncensored`; more would only move what is far below the floor
 SURE = 1e-6  # rates nearer to 0 or 1 say nothing more of the SNR
 DIGITS = 6  # of what is learned: the last ones may differ from machine to machine
 CELL_M = 10.0  # of places that count as one
@@ -86,18 +90,28 @@ class Learned:
 
     def success(self, heard: Heard, place_m: Floats) -> Floats:
         """Return 1 - PER (K, n) at places (n, 3), as `Belief.success`."""
-        # Imported here: few runs learn.
-        from scipy.linalg import cholesky, solve_triangular
-        from scipy.special import ndtr, ndtri
+        # Imported here and below: few runs learn.
+        from scipy.special import ndtr
+
+        every, who = np.arange(len(self.prior.success))[:, None], np.unique(heard.device)
+        success = self.prior.between(self.prior.success, every, place_m)
+        if len(who):
+            mean_db, deviation_db = self.snr_db(heard, place_m)
+            spread_db = np.hypot(self.terms.fading_db, deviation_db[who])
+            over_db = mean_db[who] - self.terms.snr_threshold_db
+            success[who] = np.round(ndtr(over_db / spread_db), DIGITS)
+        return success
+
+    def snr_db(self, heard: Heard, place_m: Floats) -> tuple[Floats, Floats]:
+        """Mean and standard deviation (K, n) of the median SNR at places (n, 3), as believed."""
+        from scipy.linalg import cho_solve, cholesky, solve_triangular
+        from scipy.special import ndtri
 
         terms, prior, every = self.terms, self.prior, np.arange(len(self.prior.success))[:, None]
-        success = prior.between(prior.success, every, place_m)
-        if not len(heard.device):
-            return success
-        spread_db = math.hypot(terms.fading_db, DEVIATION_DB)
         clear = np.clip(prior.success, SURE, 1.0 - SURE)
-        mean_db = terms.snr_threshold_db + spread_db * ndtri(clear)
-        known_db = prior.between(mean_db, every, place_m)
+        prior_db = terms.snr_threshold_db + math.hypot(terms.fading_db, ERROR_DB) * ndtri(clear)
+        mean_db = prior.between(prior_db, every, place_m)
+        deviation_db = np.full(mean_db.shape, ERROR_DB)
         cells_m, times, total_db = _by_cell(heard, len(every))
         ways, way_of = np.unique(times, axis=0, return_inverse=True)
         for way, often in enumerate(ways):  # one, where all devices were heard alike
@@ -105,19 +119,21 @@ class Learned:
             at_m, often = cells_m[near], often[near]
             if not len(at_m):
                 continue
-            off_db = total_db[np.ix_(who, near)] / often
-            off_db -= prior.between(mean_db, who[:, None], at_m)
-            noise = np.diag(terms.fading_db**2 / often)
+            before_db = prior.between(prior_db, who[:, None], at_m)
+            noise = np.diag(NUGGET_DB**2 + terms.fading_db**2 / often)
             lower = cholesky(_covariance(at_m, at_m) + noise, lower=True)
+            off_db = total_db[np.ix_(who, near)] / often - before_db
+            floor_db = terms.snr_threshold_db - PILOT_GAIN_DB - before_db
+            off_db = _uncensored(off_db, floor_db, cho_solve((lower, True), np.eye(len(at_m))))
             whitened = solve_triangular(lower, off_db.T, lower=True)
             for first in range(0, len(place_m), _AT_ONCE):
                 some = slice(first, first + _AT_ONCE)
                 cross = _covariance(at_m, place_m[some, :2])
                 gain = solve_triangular(lower, cross, lower=True)
-                left = np.maximum(0.0, DEVIATION_DB**2 - (gain**2).sum(axis=0))
-                over_db = known_db[who, some] + whitened.T @ gain - terms.snr_threshold_db
-                success[who, some] = ndtr(over_db / np.sqrt(terms.fading_db**2 + left))
-        return np.round(success, DIGITS)
+                known_db2 = np.minimum((gain**2).sum(axis=0), ERROR_DB**2 - NUGGET_DB**2)
+                deviation_db[who, some] = np.sqrt(ERROR_DB**2 - known_db2)
+                mean_db[who, some] += whitened.T @ gain
+        return mean_db, deviation_db
 
 
 def _by_cell(heard: Heard, devices: int) -> tuple[Floats, Ints, Floats]:
@@ -136,4 +152,25 @@ def _by_cell(heard: Heard, devices: int) -> tuple[Floats, Ints, Floats]:
 
 def _covariance(a_m: Floats, b_m: Floats) -> Floats:
     far_m = np.hypot(*(a_m[:, None, :] - b_m[None, :, :]).transpose(2, 0, 1))
-    return np.asarray(DEVIATION_DB**2 * np.exp(-far_m / CORRELATION_M))
+    return np.asarray(sum(db**2 * np.exp(-far_m / over_m) for db, over_m in FIELDS))
+
+
+def _uncensored(off_db: Floats, floor_db: Floats, inverse: Floats) -> Floats:
+    """Replace the values (k, c) at the floor (k, c) by the mean that each has under it, given all
+    others. Of a single one that is exact.
+
+    `inverse` (c, c) of their covariance gives what is expected of one given the others (Rasmussen
+    and Williams 2006, equation 5.12)."""
+    from scipy.special import log_ndtr
+
+    low = off_db < floor_db + 1e-6  # all tones of a cell
+    spread_db2 = 1.0 / inverse.diagonal()
+    off_db = np.where(low, np.minimum(off_db, 0.0), off_db)  # the prior may be below the floor
+    for _ in range(TURNS if low.any() else 0):
+        others_db = off_db - off_db @ inverse * spread_db2
+        z = (floor_db - others_db) / np.sqrt(spread_db2)
+        under = np.exp(-0.5 * z**2 - log_ndtr(z)) / math.sqrt(2.0 * math.pi)
+        mean_db = others_db - np.sqrt(spread_db2) * under
+        # Half of the way: all move at once, and would swing.
+        off_db = np.where(low, (off_db + mean_db) / 2.0, off_db)
+    return off_db

@@ -330,7 +330,7 @@ class RunConfig(Table):
                 "radio.map_file or .scene, and 'map' as radio.truth, .belief or .prior, need each "
                 "other"
             )
-        for key in ("prior", "pilots"):
+        for key in ("prior", "pilots", "pilot_s"):
             if getattr(self.radio, key) is not None and not self.radio.listens:
                 raise ValueError(
                     f"radio.{key} is of a belief that listens: radio.belief = 'learned', or your "

@@ -92,7 +92,9 @@ class Scenario:
     def upload_s(self) -> Floats | None:
         """(K,) upload time of each device in seconds; None: uploads take no time."""
         rate_bps = self.config.channel.upload_rate_bps
-        return None if rate_bps is None else self.federation.upload_bits / rate_bps
+        if rate_bps is None:
+            return None
+        return self.federation.upload_bits / (rate_bps * (1.0 - _tones_s(self.config)))
 
     @property
     def _turn_s(self) -> Floats | None:
@@ -296,27 +298,43 @@ def device_places(config: RunConfig, area: Area, streams: RandomStreams) -> Floa
     return devices_m
 
 
+def _tones_s(config: RunConfig) -> float:
+    """How long pilot tones take in each second: of all, or of as many as a round may serve."""
+    mission, heard = config.mission, sum(community.devices for community in config.communities)
+    if config.radio.pilots == "scheduled":
+        heard = min(heard, mission.steps * mission.devices_per_step)
+    return heard * (config.radio.pilot_s or 0.0)
+
+
 def _unsent(config: RunConfig) -> Iterator[WrongKey]:
-    """Yield the keys of update sizes that are given without an upload rate."""
+    """Yield the keys of sizes and tones that are given without an upload rate, or leave nothing
+    of it."""
+    keys: list[tuple[str, object]] = [("radio.pilot_s", config.radio.pilot_s)]
+    if (tones_s := _tones_s(config)) >= 1.0:
+        reason = (
+            f"tones take {tones_s:g} s of each second, and leave nothing for uploads; have shorter "
+            "ones, or hear fewer: radio.pilots = 'scheduled'"
+        )
+        yield *keys[0], reason
     for index, community in enumerate(config.communities):
-        if community.upload_bits is not None and config.channel.upload_rate_bps is None:
-            yield (
-                f"communities.{index}.upload_bits",
-                community.upload_bits,
-                "needs channel.upload_rate_bps, the rate at which it is sent; give both or none",
-            )
+        keys.append((f"communities.{index}.upload_bits", community.upload_bits))
+    for key, value in keys:
+        if value is not None and config.channel.upload_rate_bps is None:
+            reason = "needs channel.upload_rate_bps, the rate of uploads; give both or none"
+            yield key, value, reason
 
 
 def _too_slow(config: RunConfig, bits: Floats) -> Iterator[WrongKey]:
     """Yield the key of an upload rate at which an update takes longer than an hour."""
-    rate_bps = config.channel.upload_rate_bps
-    if rate_bps is not None and bits.max() / rate_bps > _LONGEST_UPLOAD_S:
+    rate_bps, least_bps = config.channel.upload_rate_bps, bits.max() / _LONGEST_UPLOAD_S
+    left = 1.0 - _tones_s(config)
+    if rate_bps is not None and rate_bps * left < least_bps:
         yield (
             "channel.upload_rate_bps",
             rate_bps,
-            f"the largest update, {bits.max():.0f} bits, takes {bits.max() / rate_bps:.0f} s to "
-            f"send; {_LONGEST_UPLOAD_S:g} s at most are allowed, so at least "
-            f"{math.ceil(bits.max() / _LONGEST_UPLOAD_S)} bits a second",
+            f"the largest update, {bits.max():.0f} bits, takes {bits.max() / rate_bps / left:.0f} "
+            f"s to send; {_LONGEST_UPLOAD_S:g} s at most are allowed, so at least "
+            f"{math.ceil(least_bps / left)} bits a second",
         )
 
 

@@ -1,0 +1,159 @@
+"""Whether what the learned radio belief promises is met: runs, and a table of them.
+
+    python docs/belief_runs.py FOLDER                  # runs and maps are kept in FOLDER
+    python docs/belief_runs.py FOLDER --plain          # one field of 6 dB, floor values as measured
+    python docs/belief_runs.py FOLDER --seeds 301 302 --cities district
+
+Runs are those of `docs/city_runs.py`, unflown. As each round but the first begins, the SNR of all
+devices at 400 places is set beside the 90 % intervals of what is believed then. A value under the
+receiver's floor counts as within where the interval reaches down to it.
+"""
+
+import argparse
+from collections.abc import Callable
+from contextlib import nullcontext
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from unittest.mock import patch
+
+import city_runs
+import numpy as np
+import pandas as pd
+from apart_shift import markdown
+
+import aerofed
+from fl.radio import learned
+from fl.radio.learned import PILOT_GAIN_DB, Heard, Learned, Listener
+from fl.radio.place import PlacedRadio
+from mission.base.run_folder import write_atomically
+from mission.config.models import RunConfig
+from mission.scenario.scenario import build_scenario
+from mission.sweep.execute.worker import RunOrder, execute
+
+SEEDS = range(301, 317)  # no constant was chosen on them
+PLACES = 400
+LEAST_DB = -60.0  # no ray arrives where a map has less
+Z = 1.6449  # 90 % of a normal distribution lie within
+ETOILE = {
+    "alpha_los": 2.474, "beta_los_db": -38.026, "sigma_los": 0.728, "beta_nlos_db": -40.0,
+    "sigma_nlos": 2.159, "a1_per_rad": 3.924, "a2": 0.409,
+}  # fmt: skip
+CITIES = {"etoile": ETOILE} | city_runs.CHANNELS
+PLAIN: dict[str, object] = {
+    "FIELDS": ((6.0, 40.0),), "NUGGET_DB": 0.0, "ERROR_DB": 6.0,
+    "_uncensored": lambda off_db, *_: off_db,
+}  # fmt: skip
+
+
+def config_of(city: str, seed: int, folder: Path) -> RunConfig:
+    """A run of a city, whose map is traced where there is none yet."""
+    settings: dict[str, object] = {
+        "seed": seed,
+        "radio.belief": "learned",
+        "mission.rounds": city_runs.ROUNDS,
+        "mission.flight": "none",
+        "planner.gap": city_runs.GAP,
+        "learning.local_epochs": 1,
+        **{f"channel.{name}": value for name, value in CITIES[city].items()},
+    }
+    if city != "district":
+        made = str(city_runs.traced(city, seed, folder))
+        settings |= {"radio.truth": "map", "radio.map_file": made, "area.buildings_file": None}
+    return aerofed.config("city", settings)
+
+
+def run_of(config: RunConfig) -> pd.Series:
+    """What a run comes to: means over its rounds, shares of intervals that cover."""
+    scenario = build_scenario(config, data_dir=None)
+    truth, count = scenario.radio, len(scenario.devices_m)
+    assert isinstance(truth, PlacedRadio)
+    assert scenario.listener is not None
+    belief = scenario.listener.belief
+    assert isinstance(belief, Learned)
+    at_m = np.random.default_rng(config.seed).uniform(0.0, config.area.size_m, (PLACES, 2))
+    place_m = np.column_stack((at_m, np.full(PLACES, config.mission.heights_m[0])))
+    device = np.repeat(np.arange(count), PLACES)
+    snr_db = truth.snr_db(device, np.tile(place_m, (count, 1))).reshape(count, PLACES)
+    floor_db = config.radio.snr_threshold_db - PILOT_GAIN_DB
+    over, told, within, strict = snr_db > floor_db, snr_db > LEAST_DB, [], []
+    grid: Callable[..., object] = Listener.grid
+
+    def noted(listener: Listener, heard: Heard) -> object:
+        if len(heard.device):
+            mean_db, deviation_db = belief.snr_db(heard, place_m)
+            low, high = mean_db - Z * deviation_db, mean_db + Z * deviation_db
+            strict.append((low <= snr_db) & (snr_db <= high))
+            within.append(np.where(over, strict[-1], low <= floor_db))
+        return grid(listener, heard)
+
+    with TemporaryDirectory() as folder, patch.object(Listener, "grid", noted):
+        path = Path(folder) / "run"
+        end = execute(RunOrder("run", config, path, None, Path(), figures=False))
+        if end.exit_code != 0:
+            raise RuntimeError(end.message)
+        rounds, uplinks = (pd.read_csv(path / f"{name}.csv") for name in ("rounds", "uplinks"))
+    known = uplinks[uplinks["round"] > 1]  # of the first round, the prior promises
+    return pd.Series(
+        {
+            "over": np.mean([covers[over].mean() for covers in within]),
+            "all": np.mean(within),
+            "strict": np.mean([covers[told].mean() for covers in strict]),
+            "promised": 1.0 - known.plan_per.mean(),
+            "met": 1.0 - known.true_per.mean(),
+            "planned": rounds.plan_objective[1:].mean(),
+            "true": rounds.true_objective[1:].mean(),
+            "planned_1": rounds.plan_objective[0],
+            "true_1": rounds.true_objective[0],
+            "updates": rounds.delivered.mean(),
+        }
+    )
+
+
+def table(runs: pd.DataFrame) -> str:
+    """Markdown: a line a city, and of all."""
+    rows = []
+    for city in [*runs.city.unique(), "all"]:
+        mine = runs[runs.city == city] if city != "all" else runs
+        seeds = mine.groupby("seed").mean(numeric_only=True)
+        mean = seeds.mean()
+        of = city_runs.interval(seeds.updates.to_numpy())
+        short = 100.0 * (mean.true / mean.planned - 1.0)
+        every = (5.0 * mean.true + mean.true_1) / (5.0 * mean.planned + mean.planned_1)
+        rows.append([
+            city, f"{100 * mean.over:.0f} %", f"{100 * mean['all']:.0f} %",
+            f"{100 * mean.strict:.0f} %",
+            f"{mean.promised:.3f}", f"{mean.met:.3f}",
+            f"{mean.planned:.2f}", f"{mean.true:.2f}", f"{short:+.1f} %",
+            f"{100.0 * (every - 1.0):+.1f} %",
+            f"{of.mean:.2f} ± {of.half:.2f}",
+        ])  # fmt: skip
+    heads = ["city", "90 % intervals cover", "with floor values", "to the dB", "success promised",
+             "met", "objective promised", "met", "%", "% with the first rounds",
+             "updates a round"]  # fmt: skip
+    return markdown(heads, rows)
+
+
+def main() -> None:
+    """Do what was asked for."""
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("--plain", action="store_true", help="one field, floor values as measured")
+    parser.add_argument("--cities", nargs="+", choices=CITIES, default=list(CITIES))
+    parser.add_argument("--seeds", nargs="+", type=int, default=list(SEEDS))
+    asked = parser.parse_args()
+    asked.folder.mkdir(parents=True, exist_ok=True)
+    kind, rows = "plain" if asked.plain else "learned", []
+    with patch.multiple(learned, **PLAIN) if asked.plain else nullcontext():
+        for seed in asked.seeds:
+            for city in asked.cities:
+                path = asked.folder / f"{kind}-{city}-{seed}.csv"
+                if not path.exists():
+                    found = run_of(config_of(city, seed, asked.folder)).to_frame().T
+                    write_atomically(path, found.to_csv(index=False))
+                    print(path.name, found.round(3).to_dict("records")[0], flush=True)
+                rows.append(pd.read_csv(path).assign(city=city, seed=seed))
+    print(table(pd.concat(rows, ignore_index=True)))
+
+
+if __name__ == "__main__":
+    main()
