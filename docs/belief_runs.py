@@ -40,7 +40,7 @@ ETOILE = {
 }  # fmt: skip
 CITIES = {"etoile": ETOILE} | city_runs.CHANNELS
 PLAIN: dict[str, object] = {
-    "FIELDS": ((6.0, 40.0),), "NUGGET_DB": 0.0, "ERROR_DB": 6.0,
+    "FIELDS": {"channel": ((6.0, 40.0),)}, "NUGGET_DB": 0.0,
     "_uncensored": lambda off_db, *_: off_db,
 }  # fmt: skip
 

@@ -94,7 +94,7 @@ def believed(
         return prior, None
     assert isinstance(truth, PlacedRadio)
     learns = (
-        Learned(prior, truth.terms)
+        Learned(prior, truth.terms, before)
         if belief == "learned"
         else replace(CustomBelief.made(belief, prior, truth.terms, devices_m), devices=count)
     )

@@ -1,5 +1,8 @@
 """What is learned of the radio: against the formulas written out, and against the truth."""
 
+import math
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.stats import norm, truncnorm
@@ -25,15 +28,15 @@ class Hill:
 TRUTH = PlacedRadio(Hill(), TERMS)
 LISTENER = Listener(Learned(PRIOR, TERMS), TRUTH, PRIOR, 60.0)
 BOTH = np.ones(2, dtype=bool)
-ERROR_DB = np.sqrt(NUGGET_DB**2 + sum(db**2 for db, _ in FIELDS))
+ERROR_DB = math.hypot(NUGGET_DB, *(db for db, _ in FIELDS["channel"]))
 PRIOR_DB = 10.0 + np.hypot(3.0, ERROR_DB) * norm.ppf(0.3)
 FLOOR_DB = 0.0
 
 
-def field(a: Floats, b: Floats) -> Floats:
+def field(a: Floats, b: Floats, of: str = "channel") -> Floats:
     """What two places have in common of the prior's error: its covariance in dB^2."""
     away = np.linalg.norm(a[:, None, :2] - b[None, :, :2], axis=-1)
-    return np.asarray(sum(db**2 * np.exp(-away / over_m) for db, over_m in FIELDS))
+    return sum(db**2 * np.exp(-away / over_m) for db, over_m in FIELDS[of])
 
 
 def told(place_m: Floats, snr_db: list[float], *, device: int = 0) -> Heard:
@@ -48,10 +51,16 @@ def test_what_listened_to_nothing_believes_as_before() -> None:
     assert (LISTENER.grid(Heard()).success == PRIOR.success).all()
 
 
-def test_it_is_the_posterior_of_a_normal_field() -> None:
+@pytest.mark.parametrize("of", FIELDS)
+def test_it_is_the_posterior_of_a_normal_field(of: str) -> None:
     heard = over((15.0, 45.0), (65.0, 45.0), (65.0, 45.0), (45.0, 105.0))
     all_heard = LISTENER.hear(Heard(), heard, heard, BOTH, np.random.default_rng(3))
-    grid, again = LISTENER.grid(all_heard), np.random.default_rng(3)
+    belief, error_db = (
+        Learned(PRIOR, TERMS, of),
+        math.hypot(NUGGET_DB, *(db for db, _ in FIELDS[of])),
+    )
+    prior_db = 10.0 + math.hypot(3.0, error_db) * norm.ppf(0.3)
+    grid, again = replace(LISTENER, belief=belief).grid(all_heard), np.random.default_rng(3)
     snr_db = np.array(
         [
             TRUTH.snr_db(np.arange(2), np.tile(at, (2, 1))) + 3.0 * again.normal(size=2)
@@ -60,13 +69,13 @@ def test_it_is_the_posterior_of_a_normal_field() -> None:
     )
     assert snr_db.min() > 0.0  # above the floor
     same = (heard[:, None] == heard[None]).all(axis=-1)
-    inverse = np.linalg.inv(field(heard, heard) + NUGGET_DB**2 * same + 9.0 * np.eye(4))
+    inverse = np.linalg.inv(field(heard, heard, of) + NUGGET_DB**2 * same + 9.0 * np.eye(4))
     asked = over((75.0, 65.0), (65.0, 45.0), (15.0, 195.0))
-    cross = field(asked, heard)
-    known_db = PRIOR_DB + cross @ inverse @ (snr_db - PRIOR_DB)
-    left = ERROR_DB**2 - np.einsum("ij,jk,ik->i", cross, inverse, cross)
+    cross = field(asked, heard, of)
+    known_db = prior_db + cross @ inverse @ (snr_db - prior_db)
+    left = error_db**2 - np.einsum("ij,jk,ik->i", cross, inverse, cross)
     expected = norm.cdf((known_db - 10.0) / np.sqrt(9.0 + left)[:, None])
-    mean_db, deviation_db = Learned(PRIOR, TERMS).snr_db(all_heard, asked)
+    mean_db, deviation_db = belief.snr_db(all_heard, asked)
     np.testing.assert_allclose(mean_db, known_db.T)
     np.testing.assert_allclose(deviation_db, np.sqrt([left, left]))
     for k in range(2):
