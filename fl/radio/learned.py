@@ -3,7 +3,7 @@
 `Learned`, the built-in belief, is Gaussian process regression: it takes the error of the prior in
 dB for the sum of normal fields with correlations exp(-d / d_cor) and of a nugget, and conditions
 that on the SNR of the tones (Rasmussen and Williams 2006, algorithm 2.1). Of tones at the floor of
-the receiver it is known only that they are no stronger (Tobin's model).
+the receiver it is known only that they are no stronger (a Tobit model).
 """
 
 import math
