@@ -16,6 +16,7 @@ _SPACING_M = 0.5
 _MOST_NODES = 4000  # so that memory stays small: 500 bytes a sample
 _TURN_DEG = 5.0  # a path that turns by more has a corner
 _HALVINGS = 16  # of the time between two samples
+_PARTS = 33  # instants from one sample to the next, where whole legs lie between them
 
 
 @dataclass(frozen=True)
@@ -92,6 +93,16 @@ def matched(
     pos_m = track.pos_m[:, : path_m.shape[1]]
     fit = align(pos_m, path_m, between=between)
     leg = leg_of(fit)
+    passed_m = fit.waypoints_at_m[leg[1:]] - fit.waypoints_at_m[leg[:-1] + 1]
+    if len(at := np.flatnonzero(passed_m > LEAST_LEG_M)):  # whole legs lie between two samples
+        finer_ns = np.linspace(track.t_ns[at], track.t_ns[at + 1], _PARTS).astype(np.int64)
+        finer = track.at(np.union1d(track.t_ns, finer_ns))
+        if between is not None:
+            before = np.searchsorted(track.t_ns, finer.t_ns, side="right") - 1
+            between = between[0][before], between[1][np.searchsorted(track.t_ns, finer.t_ns)]
+        track, pos_m = finer, finer.pos_m[:, : path_m.shape[1]]
+        fit = align(pos_m, path_m, between=between)
+        leg = leg_of(fit)
     at = np.flatnonzero(np.diff(leg))
     left, entered = ((path_m[legs], path_m[legs + 1]) for legs in (leg[at], leg[at + 1]))
     early, late = np.zeros(len(at)), np.ones(len(at))

@@ -123,3 +123,35 @@ def test_where_a_corner_is_cut_counts_also_between_samples(step_s: float) -> Non
     assert fit.cross_m.max() == fit.cross_m[entered] == pytest.approx(5.0, abs=0.01)
     assert fit.along_m[entered] == 100.0
     assert np.all(np.diff(track.t_ns) > 0)
+
+
+def test_samples_at_corners_only_lie_on_the_path_also_where_rounding_leaves_them_short() -> None:
+    """As of a plan that nobody flies: straight from point to point, so nowhere off the path."""
+    path = np.array(
+        [[0.0, 0.0], [100.0, 0.0], [100.0, 80.0], [100.0, 80.0], [30.0, 80.0], [60.0, 80.0]]
+    )
+    short = np.array(
+        [[0.0, 0.0], [-1e-3, 0.0], [0.0, 1e-3], [0.0, -1e-3], [-1e-3, 0.0], [0.0, 0.0]]
+    )
+    track, fit = matched(Track(np.arange(6) * 10**9, path + short), path)
+    assert fit.cross_m.max() < 2e-3
+    assert set(leg_of(fit)) == {0, 1, 3, 4}
+    assert np.all(np.diff(track.t_ns) > 0)
+
+
+def test_a_leg_that_no_sample_is_close_to_is_flown_between_two_of_them() -> None:
+    """Straight across from leg to leg of a hairpin, 6 m before its end, half way 3 m from both; and
+    a rectangle's far side, of which the flight cuts off a half: 15 m from it in the middle."""
+    hairpin = np.array([[0.0, 0.0], [100.0, 0.0], [100.0, 6.0], [0.0, 6.0]])
+    flown = np.array([[0.0, 0.0], [94.0, 0.0], [94.0, 6.0], [0.0, 6.0]])
+    _, fit = matched(Track(np.arange(4) * 10**9, flown), hairpin)
+    assert fit.cross_m.max() == pytest.approx(3.0, abs=0.2)
+    wide = np.array([[0.0, 0.0], [100.0, 0.0], [100.0, 60.0], [0.0, 60.0]])
+    flown = np.array([[0.0, 0.0], [85.0, 0.0], [85.0, 60.0], [0.0, 60.0]])
+    low_m, high_m = np.array([0.0, 50.0, 100.0, 200.0]), np.array([50.0, 100.0, 200.0, 260.0])
+    for between in (None, (low_m, high_m)):
+        track, fit = matched(Track(np.arange(4) * 10**9, flown), wide, between=between)
+        middle = int(np.abs(track.pos_m[:, 1] - 30.0).argmin())
+        assert fit.cross_m[middle] == pytest.approx(15.0, abs=0.01)
+        assert fit.cross_m.max() == pytest.approx(15.0, abs=0.01)
+        assert set(leg_of(fit)) == {0, 1, 2}
