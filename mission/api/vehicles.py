@@ -2,8 +2,8 @@
 
 import math
 import os
-from collections.abc import Iterator, Mapping
-from contextlib import ExitStack, contextmanager
+from collections.abc import Mapping
+from contextlib import AbstractContextManager, ExitStack
 from numbers import Integral, Real
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias
@@ -71,7 +71,6 @@ def vehicle(
     return one
 
 
-@contextmanager
 def vehicles(
     count: int,
     overrides: Mapping[str, object] | None = None,
@@ -83,7 +82,7 @@ def vehicles(
     firmware: "Firmware | None" = None,
     pace: Pace = "steps",
     logs: Path | str | None = None,
-) -> "Iterator[list[SimulatedVehicle]]":
+) -> "AbstractContextManager[list[SimulatedVehicle]]":
     """Several vehicles side by side, 5 m apart towards the east, with system ids 1, 2, ...
 
     Each has a time of its own; arguments and errors are those of `vehicle`. A firmware flies one.
@@ -92,8 +91,24 @@ def vehicles(
         count, overrides, source=source, wind_mps=wind_mps, seed=seed, home=home,
         firmware=firmware, pace=pace, logs=logs,
     )  # fmt: skip
-    with ExitStack() as opened:
-        yield [opened.enter_context(each) for each in made]
+    return _Opened(made)
+
+
+class _Opened:
+    """Opens vehicles, which can be done once, and closes them."""
+
+    def __init__(self, vehicles: "list[SimulatedVehicle]") -> None:
+        self._vehicles, self._closing = vehicles, ExitStack()
+
+    def __enter__(self) -> "list[SimulatedVehicle]":
+        with ExitStack() as opened:
+            for each in self._vehicles:
+                opened.enter_context(each)
+            self._closing = opened.pop_all()
+        return self._vehicles
+
+    def __exit__(self, *raised: Any) -> bool | None:
+        return self._closing.__exit__(*raised)
 
 
 def _made(

@@ -175,6 +175,19 @@ def test_several_have_their_own_time_place_and_number() -> None:
         assert numbers == [1, 2, 3]
 
 
+def test_several_are_opened_once_as_one_is() -> None:
+    several = aerofed.vehicles(2)
+    with several as made:
+        made[1].step(0.1)
+        with pytest.raises(aerofed.InputError, match="opened once"), several:
+            pass
+        made[1].step(0.1)
+    with pytest.raises(aerofed.InputError, match="opened once"), several:
+        pass
+    with pytest.raises(aerofed.InputError, match="not open"):
+        made[0].step(0.1)
+
+
 def test_time_passes_by_itself_at_other_paces() -> None:
     with aerofed.vehicle(pace="moving") as vehicle:
         taken = vehicle.mavlink()
@@ -225,7 +238,7 @@ def test_options_that_are_refused(options: dict[str, Any], words: str) -> None:
 @pytest.mark.parametrize("count", ["2", 2.0, None, [1], math.nan])
 def test_a_count_that_is_none(count: Any) -> None:
     with pytest.raises(aerofed.InputError, match=r"count = .*: must be a whole number"):
-        aerofed.vehicles(count).__enter__()
+        aerofed.vehicles(count)
 
 
 def test_wrong_types_and_numbers_are_told_in_one_error() -> None:
