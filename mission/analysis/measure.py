@@ -76,8 +76,7 @@ def measure_pass(run: FlightData, found: "Pass") -> Measured:
     """Measure one pass of a flight through its mission."""
     passed = [item for item in found.passages if not math.isnan(item.t_s)]
     miss = np.array([item.miss_m for item in passed]).reshape(-1, 3)
-    # A mode is told a second after a hole at most: the pass may have begun in it.
-    hidden = position_gaps(run, found.begin_ns - NS_PER_S, int(found.track.t_ns[-1]) + 1)
+    hidden = position_gaps(run, *found.span_ns)
     miss[inside(np.array([item.t_s for item in passed]), hidden + _EDGE_S)] = math.nan
     pieces = leg_numbers(found.fit.waypoints_at_m, found.path.seqs[1:] >= 0)
     return _measured(

@@ -46,6 +46,12 @@ class Pass:
     passages: tuple[Passage, ...]
     known_height: Bools  # (n,) samples at which the plan says how high
 
+    @property
+    def span_ns(self) -> tuple[int, int]:
+        """From when to when a hole hides something of it. A mode is told a second after a hole at
+        most: the pass may have begun in it."""
+        return self.begin_ns - NS_PER_S, int(self.track.t_ns[-1]) + 1
+
 
 def match_pass(
     data: FlightData,

@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from mission.analysis.holes import position_gaps
 from mission.analysis.one_pass import AT_END_M, Pass, match_pass
 from mission.base import polyline
 from mission.base.arrays import Floats, Ints
@@ -125,6 +126,7 @@ def judged(path: object, data: FlightData, given: Plan | None) -> Judged:
             places,
             _rally_m(data),
             frozenset(passed),
+            in_holes=any(len(position_gaps(data, *found.span_ns)) for found in passes),
         ),
     )
     return Judged(data, tuple(passes), _apart(flown, passes, start_ns, end_ns), left_out)

@@ -12,13 +12,15 @@ _NEAR_M = 1.0  # places closer than this share one label
 _KINDS = {  # colour and shape of what is on the map
     "reached": (FLOWN, "circle"),
     "not reached": (FENCE, "cross"),
+    "not reached outside holes": (FENCE, "cross"),
     "rally point": (SOFT, "triangle-up"),
 }
 
 
 def places(frame: MapFrame, plan: PlannedPlaces) -> list[alt.Chart]:
     """Layer of a plan's places, reached or not, and of its rally points."""
-    kinds = ["reached" if seq in plan.reached else "not reached" for seq in plan.places_m]
+    missed = "not reached outside holes" if plan.in_holes else "not reached"
+    kinds = ["reached" if seq in plan.reached else missed for seq in plan.places_m]
     at_m = np.array([*plan.places_m.values(), *plan.rally_m]).reshape(-1, 3)
     kinds += ["rally point"] * len(plan.rally_m)
     names = [str(seq) for seq in plan.places_m] + [""] * len(plan.rally_m)

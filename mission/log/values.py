@@ -174,6 +174,7 @@ class PlannedPlaces:
     places_m: Mapping[int, Floats]  # (3,) where an item leads, by its number
     rally_m: tuple[Floats, ...]  # (3,) each: where a return may lead beside home
     reached: frozenset[int]  # items
+    in_holes: bool = False  # whether others may have been, as positions are missing
 
 
 @dataclass(frozen=True)

@@ -23,7 +23,8 @@ from mission.analysis.spikes import events
 from mission.base.errors import LIMITS_NOT_MET
 from mission.cli import call
 from mission.figures.flight import profile_charts
-from mission.figures.frame import run_lines
+from mission.figures.frame import run_frame, run_lines
+from mission.figures.places import places
 from mission.log.values import Track
 
 Write = Callable[..., Path]
@@ -128,6 +129,21 @@ def test_no_line_is_drawn_across_a_hole(tmp_path: Path, monkeypatch: pytest.Monk
             # The line ends once more: at the hole; a return has no distance to be drawn.
             ends = [a is None and b is not None for a, b in pairwise(flown)]
             assert sum(ends) == holes, chart["title"]
+
+
+def test_the_map_does_not_say_that_what_may_have_been_passed_in_a_hole_was_not(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for holes, words in (
+        ([], "not reached"),
+        ([(0.0, 2.5)], "not reached"),  # before the mission
+        ([CORNER], "not reached outside holes"),
+    ):
+        data = compared(write(monkeypatch, tmp_path / f"{len(words)}{holes}.ulg", *holes)).run.data
+        assert data.planned is not None
+        (layer,) = places(run_frame(data, 400), replace(data.planned, reached=frozenset()))
+        (rows,) = tables(run_frame(data, 400).finished([layer], "x"), "kind", "item")
+        assert {row["kind"] for row in rows} == {words}
 
 
 @pytest.mark.parametrize("end", KINDS)
