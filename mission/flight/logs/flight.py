@@ -1,5 +1,6 @@
 """What the readers of other programs' logs have in common: from what they find to a flight."""
 
+import math
 import re
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -209,6 +210,15 @@ class Found:
         """Return valid rows in time order, thinned to 20 ms; InputError: the clock goes back."""
         table = _places(rows)
         self.skipped["position without a value"] += len(rows) - len(table)
+        # Later than the two that follow, or earlier than the two before, which agree: it is damage.
+        t_ns = table[:, 0]
+        first = np.concatenate((t_ns[:1], t_ns[:1], t_ns))[: len(t_ns)]
+        last = np.concatenate((t_ns, t_ns[-1:], t_ns[-1:]))[-len(t_ns) :]
+        before, after = np.append(-math.inf, t_ns)[:-1], np.append(t_ns, math.inf)[1:]
+        early, late = t_ns < np.minimum(first, before), t_ns > np.maximum(after, last)
+        alone = (early | late) & (before <= after)
+        self.skipped["position at a time that cannot be"] += int(alone.sum())
+        table = table[~alone]
         back = np.flatnonzero(np.diff(table[:, 0]) < 0)
         if len(back):
             before, after = table[back[0], 0] / 1e9, table[back[0] + 1, 0] / 1e9

@@ -1,5 +1,6 @@
 """Clocks of logs that go back, be it by less than a second."""
 
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -40,6 +41,29 @@ def test_a_clock_that_goes_back_by_less_than_a_second_is_said_to(
     (line,) = capsys.readouterr().err.splitlines()
     assert "clock" in line
     assert f" back from 40.00 to {40.1 - by_s:.2f} s: the vehicle started anew or set it" in line
+
+
+@pytest.mark.parametrize("bit", [*range(18, 24), 40, 62, 63])
+def test_a_flipped_bit_in_a_time_costs_one_position(tmp_path: Path, bit: int) -> None:
+    """In microseconds. One of less than the time of two positions looks as a clock set back."""
+    whole = write_dataflash(tmp_path / "x.bin")
+    told, content = compare_run(load_run(whole)).total, whole.read_bytes()
+    kind = next(  # of the rows POS, by its FMT
+        content[at + 3]
+        for at in range(len(content))
+        if content[at : at + 3] == b"\xa3\x95\x80" and content[at + 5 : at + 9] == b"POS\0"
+    )
+    rows = [m.start() for m in re.finditer(b"(?s)\xa3\x95" + re.escape(bytes([kind])), content)]
+    for at in (0, 1, 300, len(rows) - 1):
+        damaged = bytearray(content)
+        damaged[rows[at] + 3 + bit // 8] ^= 1 << bit % 8
+        log = tmp_path / "damaged.bin"
+        log.write_bytes(damaged)
+        loaded = load_run(log)
+        assert sum(loaded.data.source.skipped.values()) <= 2
+        found = compare_run(loaded).total
+        assert found.cross_track_max_m == pytest.approx(told.cross_track_max_m, abs=0.9)
+        assert found.flown_path_m == pytest.approx(told.flown_path_m, abs=2.0)
 
 
 def test_a_position_that_was_overtaken_on_its_way_is_no_clock_that_goes_back(
