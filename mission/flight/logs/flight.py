@@ -211,7 +211,7 @@ class Found:
         table = _places(rows)
         self.skipped["position without a value"] += len(rows) - len(table)
         # Later than the two that follow, or earlier than the two before, which agree: it is damage.
-        t_ns = table[:, 0]
+        t_ns: Floats = table[:, 0]
         first = np.concatenate((t_ns[:1], t_ns[:1], t_ns))[: len(t_ns)]
         last = np.concatenate((t_ns, t_ns[-1:], t_ns[-1:]))[-len(t_ns) :]
         before, after = np.append(-math.inf, t_ns)[:-1], np.append(t_ns, math.inf)[1:]
@@ -221,9 +221,9 @@ class Found:
         table = table[~alone]
         back = np.flatnonzero(np.diff(table[:, 0]) < 0)
         if len(back):
-            before, after = table[back[0], 0] / 1e9, table[back[0] + 1, 0] / 1e9
+            last_s, back_s = table[back[0], 0] / 1e9, table[back[0] + 1, 0] / 1e9
             raise InputError(
-                f"{self.path}: its clock goes back from {before:.2f} to {after:.2f} s: the vehicle "
+                f"{self.path}: its clock goes back from {last_s:.2f} to {back_s:.2f} s: the vehicle "
                 "started anew or set it, or two logs were joined; cut it there"
             )
         _, kept = np.unique(np.round(table[:, 0] / _CLOSEST_NS), return_index=True)
