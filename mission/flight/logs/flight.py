@@ -13,7 +13,7 @@ from pymavlink.dialects.v20 import common as mav
 
 from flightdyn.state import GeodeticPoint
 from mission.base.area import Area
-from mission.base.arrays import Floats, Ints
+from mission.base.arrays import Bools, Floats, Ints
 from mission.base.errors import InputError
 from mission.base.gaps import HOLE, gaps, inside
 from mission.flight.logs.items import record_of
@@ -211,12 +211,12 @@ class Found:
         table = _places(rows)
         self.skipped["position without a value"] += len(rows) - len(table)
         # Later than the two that follow, or earlier than the two before, which agree: it is damage.
-        t_ns: Floats = table[:, 0]
+        t_ns = table[:, 0]
         first = np.concatenate((t_ns[:1], t_ns[:1], t_ns))[: len(t_ns)]
         last = np.concatenate((t_ns, t_ns[-1:], t_ns[-1:]))[-len(t_ns) :]
         before, after = np.append(-math.inf, t_ns)[:-1], np.append(t_ns, math.inf)[1:]
         early, late = t_ns < np.minimum(first, before), t_ns > np.maximum(after, last)
-        alone = (early | late) & (before <= after)
+        alone: Bools = (early | late) & (before <= after)
         self.skipped["position at a time that cannot be"] += int(alone.sum())
         table = table[~alone]
         back = np.flatnonzero(np.diff(table[:, 0]) < 0)
