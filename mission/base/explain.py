@@ -17,7 +17,7 @@ _LONG = 60  # characters of a value that are shown
 _WORDS = (  # of pydantic, and those that users of files know
     ("a valid (array|tuple|list)", "a list"),
     ("a valid integer", "a whole number"),
-    (r"a valid dictionary or instance of \w+", "an object"),
+    (r"a valid dictionary( or instance of \w+)?", "an object"),
     ("a valid ", "a "),
 )
 

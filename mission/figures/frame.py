@@ -283,7 +283,7 @@ def named_areas(
 
 def _heights(zone: NoFly) -> str:
     """Format the range of heights in which a no-fly area counts."""
-    low, high = zone.get("from_m"), zone.get("to_m")
+    low, high = zone.get("from_m", 0.0), zone.get("to_m")
     if high is None:
         return f"from {low:g} m"
     return f"{low:g} to {high:g} m" if low else f"up to {high:g} m"

@@ -19,6 +19,7 @@ from mission.log.records import (
     described,
     from_json,
 )
+from mission.log.settings import check_settings
 from mission.log.topics import Topic
 from mission.log.values import (
     NS_PER_S,
@@ -55,8 +56,10 @@ def decode(contents: Contents) -> FlightData:
 
     Raises:
         LogError: it is not a log of ours.
+        InputError: its configuration is none.
     """
     area = contents.area
+    check_settings(contents.path, contents.attachments.get("config.toml", b""))
     try:
         devices = _devices(contents)
         truth, belief = _common(track(contents, topics.TRUE_POSE), track(contents, topics.EST_POSE))

@@ -424,10 +424,7 @@ class FlightData:
     @cached_property
     def config(self) -> Mapping[str, Any]:
         """The configuration that the log holds, as TOML has it; empty where it holds none."""
-        try:
-            return tomllib.loads(self.attachments.get("config.toml", b"").decode(errors="replace"))
-        except ValueError:
-            return {}
+        return tomllib.loads(self.attachments.get("config.toml", b"").decode())
 
 
 def area_to_text(area: Area) -> dict[str, str]:

@@ -39,7 +39,7 @@ def about(run: LoadedRun) -> dict[str, object]:
 def _wind(config: Mapping[str, Any]) -> str:
     """The wind as it was configured, in words; empty where nothing says it."""
     wind = config.get("vehicle", {}).get("aircraft", {}).get("wind")
-    if not isinstance(wind, dict):
+    if wind is None:
         return ""
     speed_mps, severity = wind.get("speed_mps", 0.0), wind.get("turbulence_severity", 0)
     gusts = wind.get("gusts", [])

@@ -223,8 +223,8 @@ class Found:
         if len(back):
             last_s, back_s = table[back[0], 0] / 1e9, table[back[0] + 1, 0] / 1e9
             raise InputError(
-                f"{self.path}: its clock goes back from {last_s:.2f} to {back_s:.2f} s: the vehicle "
-                "started anew or set it, or two logs were joined; cut it there"
+                f"{self.path}: its clock goes back from {last_s:.2f} to {back_s:.2f} s: the "
+                "vehicle started anew or set it, or two logs were joined; cut it there"
             )
         _, kept = np.unique(np.round(table[:, 0] / _CLOSEST_NS), return_index=True)
         return table[kept]
