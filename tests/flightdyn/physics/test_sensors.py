@@ -118,6 +118,16 @@ def test_magnetometer_turns_the_field_into_the_body() -> None:
     assert sample.t_ns == 7
 
 
+def test_the_field_at_home_is_central_europes() -> None:
+    """Of WMM2025 at 47.4 degrees north, 8.5 degrees east, rounded: 48 400 nT, which
+    dips by 63 degrees and points 3.4 degrees east of true north."""
+    field = MagConfig()
+    north, east, down = field.field_north_gauss, field.field_east_gauss, field.field_down_gauss
+    assert math.hypot(north, east, down) == pytest.approx(0.484, abs=0.01)
+    assert math.degrees(math.atan2(down, math.hypot(north, east))) == pytest.approx(63.3, abs=1.0)
+    assert math.degrees(math.atan2(east, north)) == pytest.approx(3.4, abs=0.5)
+
+
 def test_sensors_draw_from_streams_of_their_own() -> None:
     """Noise of one sensor is the same whether or not another one is asked."""
     alone = imu_rows(ImuConfig(), 1.0, 9)

@@ -125,6 +125,7 @@ def test_no_line_is_drawn_across_a_hole(tmp_path: Path, monkeypatch: pytest.Monk
     for each, holes in ((whole, 0), (found, 1)):
         for chart in profile_charts([each]):
             (lines, *_) = tables(chart, "series", "x", "y")
+            assert not any("pass" in row["series"] for row in lines)  # there is one
             flown = [row["y"] for row in lines if row["series"] == lines[0]["series"]]
             # The line ends once more: at the hole; a return has no distance to be drawn.
             ends = [a is None and b is not None for a, b in pairwise(flown)]

@@ -2,14 +2,19 @@
 
 import asyncio
 import math
+from contextlib import nullcontext
 from types import SimpleNamespace
 from typing import Any
 
 import pytest
+from patience import HANG_S
 
 from flightdyn.frames import frozen
-from flightdyn.state import BatteryState, Kinematics, Moment
+from flightdyn.state import BatteryState, GeodeticPoint, Kinematics, Moment
+from mission.base.area import Area
+from mission.base.errors import InputError
 from mission.commands.options import load
+from mission.flight.flyers import contact
 from mission.flight.pilot.dialects import PX4
 from mission.flight.pilot.feed import Known, TelemetryFeed
 from sitl.observer import VehicleEvent
@@ -88,3 +93,21 @@ def test_what_a_vehicle_calls_critical_is_a_failsafe_and_our_faults_are_told() -
         (6, "failsafe", "failsafe"),
         (8, "failsafe", "fence breached"),
     ]
+
+
+@pytest.mark.parametrize(("away_m", "far"), [(0.0, False), (4_950.0, False), (5_050.0, True)])
+def test_a_vehicle_more_than_five_kilometres_away_is_of_another_place(
+    away_m: float, far: bool
+) -> None:
+    """A degree of latitude has 111.2 km, here within half a percent."""
+    area = Area((800.0, 800.0), (0.0, 0.0), GeodeticPoint(47.0, 8.0, 500.0))
+    place = GeodeticPoint(47.0 + away_m / 111_195.0, 8.0, 500.0)
+
+    async def locate() -> None:
+        first: asyncio.Future[GeodeticPoint] = asyncio.get_running_loop().create_future()
+        first.set_result(place)
+        feed: Any = SimpleNamespace(first=first, readiness=SimpleNamespace(missing=""))
+        await contact._locate(feed, area, timeout_s=HANG_S, say=print)
+
+    with pytest.raises(InputError, match="5 km from the area: set") if far else nullcontext():
+        asyncio.run(locate())

@@ -103,6 +103,17 @@ def test_a_fence_in_the_way_is_named_and_never_moved(
     assert not limits.adjustments(DEMAND)
 
 
+@pytest.mark.parametrize("kinds", range(8))
+def test_bits_say_which_of_arducopters_fences_are_meant(kinds: int) -> None:
+    """FENCE_TYPE, by its documentation: 1 the greatest height, 2 the circle, 4 areas."""
+    limits = told(
+        ARDUPILOT_LIMITS, FENCE_ENABLE=1, FENCE_ALT_MAX=50, FENCE_RADIUS=300, FENCE_TYPE=kinds
+    )
+    phrases = limits.shortfalls(DEMAND, adjusted=False)
+    assert sum("50 m above home" in phrase for phrase in phrases) == (kinds & 1 > 0)
+    assert sum("300 m from home" in phrase for phrase in phrases) == (kinds & 2 > 0)
+
+
 def flown(table: Table, say: Callable[[str], None], end: BaseException | None) -> None:
     async def run() -> None:
         async with adjusted(table, {"MPC_XY_VEL_MAX": (12.0, 20.0)}, say=say):
