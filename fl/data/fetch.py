@@ -69,7 +69,9 @@ def fetch(
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise SettingError("data_dir", str(data_dir), f"cannot be written: {error}") from error
+        raise SettingError(
+            "data_dir", str(data_dir), f"cannot be written: {error.strerror}"
+        ) from error
     paths = []
     for name, checksum in wanted.items():
         path = folder / name
@@ -161,7 +163,8 @@ def _pieces(url: str) -> Iterator[tuple[bytes, int, int | None]]:
         raise FetchError(url, f"the server answers {error.code} {error.reason}") from error
     except OSError as error:
         reason = getattr(error, "reason", error)
-        raise FetchError(url, f"{reason}; is there a network?") from error
+        words = getattr(reason, "strerror", None) or reason
+        raise FetchError(url, f"{words}; is there a network?") from error
     except (http.client.HTTPException, ValueError, OverflowError) as error:
         raise FetchError(url, f"no answer that can be read: {first_line(error)}") from error
     if total not in (None, done):

@@ -85,7 +85,11 @@ def test_only_the_checksum_that_is_asked_for_is_kept(
         (("--version", "9.9.9"), 5, "arducopter: not fetched: the server answers 404"),
         (("--version", "../x"), 2, "--version ../x: such as 4.6.3, or stable, beta, latest"),
         (("--sha256", "abc"), 2, "--sha256 abc: must be 64 hexadecimal digits"),
-        (("--site", "http://127.0.0.1:1/"), 5, "is there a network?"),
+        (
+            ("--site", "http://127.0.0.1:1/"),
+            5,
+            "not fetched: Connection refused; is there a network?",
+        ),
     ],
 )
 def test_what_cannot_be_fetched_is_said_in_a_line(
