@@ -143,7 +143,7 @@ def test_the_map_does_not_say_that_what_may_have_been_passed_in_a_hole_was_not(
         data = compared(write(monkeypatch, tmp_path / f"{len(words)}{holes}.ulg", *holes)).run.data
         assert data.planned is not None
         (layer,) = places(run_frame(data, 400), replace(data.planned, reached=frozenset()))
-        (rows,) = tables(run_frame(data, 400).finished([layer], "x"), "kind", "item")
+        (rows,) = tables(run_frame(data, 400).finished([layer], {"text": "x"}), "kind", "item")
         assert {row["kind"] for row in rows} == {words}
 
 

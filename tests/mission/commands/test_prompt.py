@@ -193,6 +193,8 @@ MESSAGES = {
     ("plan", "--problem"): "--problem needs a value: JSON file with a list of problems",
     ("sitl", "--speed", "abc"): '--speed abc: must be a number or "max"',
     ("run", "--rounds", "abc"): "--rounds abc: must be a whole number",
+    ("completion", "tcsh"): 'aerofed: SHELL tcsh: must be one of "bash", "zsh", "fish"',
+    ("firmware", "fetch", "betaflight"): 'aerofed: FIRMWARE betaflight: must be "arducopter"',
     ("plan", "--method", "foo"): '--method foo: must be one of "certified", "sqp", "paper"',
     ("plan", "--gap", "7"): "--gap 7.0: must be less than 1",
     ("run", "--rounds", "0"): "--rounds 0: must be greater than or equal to 1",

@@ -57,9 +57,10 @@ def zigzag(problem, length):
     return fit_budget(problem.start_m + way - way[0], length)
 
 
+@pytest.mark.parametrize("budget", [701.0, 800.0])  # which holds a step of 40 m back, and does not
 @pytest.mark.parametrize("steps", [3, 5, 12])
-def test_a_step_agrees_with_cvxpy(steps):
-    problem = random_problem(steps, steps=steps)
+def test_a_step_agrees_with_cvxpy(steps, budget):
+    problem = random_problem(steps, steps=steps, budget=budget)
     plan = plan_along(problem, zigzag(problem, 700.0))
     model = surroundings(problem, plan)
     step = StepProgram(steps).solve(model, 40.0)
