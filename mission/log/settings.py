@@ -32,6 +32,7 @@ class _Area(_Read):
         model_config = ConfigDict(extra="forbid")
         polygon_m: _Ring
         height_m: FiniteFloat
+        from_m: FiniteFloat = 0.0
         holes_m: list[_Ring] = []
 
     no_fly: list[NoFly] = []

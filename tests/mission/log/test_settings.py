@@ -8,7 +8,8 @@ from synthetic_flight import CONFIG, fly
 
 from mission.base.errors import InputError
 from mission.cli import call
-from mission.log import contents
+from mission.config.area import BuildingConfig
+from mission.log import contents, settings
 from mission.log.reader import read_log
 
 WRONG = [
@@ -64,3 +65,7 @@ def test_keys_of_other_versions_are_not_read(tmp_path: Path, text: bytes) -> Non
     fly(tmp_path, rounds=1)
     with_config(tmp_path / "flight.mcap", text)
     assert call(["compare", str(tmp_path / "flight.mcap")]) == 0
+
+
+def test_all_that_a_building_may_be_is_read_back() -> None:
+    assert settings._Area.Building.model_fields.keys() == BuildingConfig.model_fields.keys()
