@@ -42,6 +42,8 @@ class Performance:
     density: float = 1.0  # of the air, over that at sea level
     wind_mps: tuple[float, float] = (0.0, 0.0)  # the air's velocity, east and north
     pace: float = 1.0  # times as long as the guidance's own: of vehicles that fly otherwise
+    # Until the aircraft stands where it hovers on its way; at the flight's end `SETTLING_S`.
+    stopping_s: float = SETTLING_S
 
     __getstate__ = given_alone
 
@@ -59,7 +61,7 @@ class Performance:
         return rounds.Flying(
             self.guidance is not None, steering_of(self.guidance or LimitsConfig()),
             air_of(self.density, (*self.wind_mps, 0.0)), self.speed_mps, self.widest_m, self.pace,
-            SETTLING_S, *ahead, duration_s, energy_j,
+            self.stopping_s, SETTLING_S, *ahead, duration_s, energy_j,
         )  # fmt: skip
 
     def foresee_hover(self, hover_s: float) -> Foreseen:
@@ -118,7 +120,7 @@ class Performance:
         if self.guidance is None:
             return 0.0, 0.0
         speed_mps = self.fastest_mps * self.pace
-        fixed_m = speed_mps * (self.guidance.smoothing_s + SETTLING_S)
+        fixed_m = speed_mps * (self.guidance.smoothing_s + self.stopping_s)
         return fixed_m, speed_mps**2 / self.guidance.acceleration_mps2
 
     def cheapest_j(self, legs: float = math.inf) -> float:

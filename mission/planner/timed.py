@@ -14,6 +14,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from flightdyn.foresight import SETTLING_S
 from mission.base.arrays import Floats
 from mission.planner.certified import Case, Goal, case_of
 from mission.planner.native.library import MOST_DEVICES, Found, search_orders
@@ -122,7 +123,8 @@ def _limits(problem: RoundProblem) -> Iterator[PathAllowance]:
         least_j = partial(performance.least_j, legs=none)
         spared_j = least_j(_FAR_M) - performance.least_j(_FAR_M, problem.legs)
         per_m = performance.cheapest_j(none)
-        beyond = np.array([least_j(leg) for leg in _LEGS_M]) / per_m - _LEGS_M
+        sooner_j = performance.hover_j(SETTLING_S - performance.stopping_s)
+        beyond = (np.array([least_j(leg) for leg in _LEGS_M]) - sooner_j) / per_m - _LEGS_M
         least = np.array([(beyond - _braking(brake))[1:].min() for brake in _BRAKES_M])
         best = int(np.where(least >= 0.0, least + _BRAKES_M, -1.0).argmax())  # beyond a long leg
         each = (float(least[best]), float(_BRAKES_M[best])) if hovers else stop

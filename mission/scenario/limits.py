@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from flightdyn.config import LimitsConfig, WindConfig
+from flightdyn.foresight import STOPPING_S
 from flightdyn.physics.power import density_ratio
 from flightdyn.physics.wind import steady_wind_ned
 from mission.base.explain import WrongKey
@@ -69,8 +70,9 @@ def performance_of(
     north, east, _ = (0.0, 0.0, 0.0) if wind is None else steady_wind_ned(wind)
     density = density_ratio(home_alt_msl_m + mission.heights_m[0])
     return Performance(
-        mission.speed_mps, mission.acceptance_radius_m, guidance, density, (east, north), pace
-    )
+        mission.speed_mps, mission.acceptance_radius_m, guidance, density, (east, north), pace,
+        STOPPING_S,
+    )  # fmt: skip
 
 
 def guidance_of(vehicle: VehicleConfig) -> LimitsConfig:

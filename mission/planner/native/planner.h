@@ -60,7 +60,8 @@ typedef struct {
     Steering steering;
     Air air; /* x, y and up */
     double speed, widest;         /* m/s; acceptance radius at most */
-    double pace, settling;        /* times the guidance's own seconds; those from its end to rest */
+    double pace;                  /* times the guidance's own seconds */
+    double stopping, settling;    /* seconds from its end to rest: at a stop on the way, and at the last */
     double ahead, ahead_share;    /* by which a flight may be ahead of what was foreseen */
     double duration, energy;      /* s, J */
 } Flying;

@@ -23,8 +23,8 @@ class Flying(ctypes.Structure):
 
     _fields_ = (
         ("guided", _INT), ("steering", Steering), ("air", Air), ("speed", _DOUBLE),
-        ("widest", _DOUBLE), ("pace", _DOUBLE), ("settling", _DOUBLE), ("ahead", _DOUBLE),
-        ("ahead_share", _DOUBLE), ("duration", _DOUBLE), ("energy", _DOUBLE),
+        ("widest", _DOUBLE), ("pace", _DOUBLE), ("stopping", _DOUBLE), ("settling", _DOUBLE),
+        ("ahead", _DOUBLE), ("ahead_share", _DOUBLE), ("duration", _DOUBLE), ("energy", _DOUBLE),
     )  # fmt: skip
 
 

@@ -187,9 +187,11 @@ static double fly_stops(const Flying *flying, double radius, double *joules, Des
         double moving = 0.0, moved = 0.0;
         if (flying->guided) {
             moving = fly_run(flying, radius, run, count, joules ? &moved : NULL, desk);
-            moving += flying->settling;
+            /* A hover where it begins takes the aircraft to where it believes to be. */
+            const double rests = last == final || !last ? flying->settling : flying->stopping;
+            moving += rests;
             /* What takes longer than the guidance's own is spent hovering. */
-            moved += hover_w * (flying->settling + most(0.0, moving * (flying->pace - 1.0)));
+            moved += hover_w * (rests + most(0.0, moving * (flying->pace - 1.0)));
             moving *= flying->pace;
             for (int64_t i = 1; i < count; i++) desk->passed[i] *= flying->pace;
         } else {

@@ -161,6 +161,18 @@ def test_a_resumed_run_has_the_same_bytes(
 
 
 @pytest.mark.slow
+def test_a_round_of_many_stops_takes_as_long_as_foreseen_in_wind(tmp_path: Path) -> None:
+    """Half a second at most in all, where a stop foreseen 0.25 s too long adds up to 1.5."""
+    wind = ("--set", "vehicle.aircraft.wind.speed_mps=6")
+    many = ("--set", "mission.steps=12", "--set", "mission.devices_per_step=1", *LIMITS[-4:])
+    with outlined():
+        assert fly(tmp_path / "run", *wind, *many, rounds=1) == 0
+    (round_,), uplinks = tables(tmp_path / "run")
+    assert len({uplink.step for uplink in uplinks}) >= 6
+    assert round_.duration_s == pytest.approx(round_.plan_duration_s, abs=0.5)
+
+
+@pytest.mark.slow
 def test_log_and_comparison_take_the_plan_as_it_became(run: Path) -> None:
     rounds, uplinks = tables(run)
     assert any(len(tries) > 1 for tries in by_device(uplinks))
