@@ -1,4 +1,5 @@
-"""What was flown where communities live apart, judged in the words of docs/data/PLAN.md, stage 3.
+"""What was flown where communities live apart, judged in the words of docs/data/PLAN.md, stage 3,
+and in a reviewer's.
 
     python docs/apart_flown.py FLOWN --out docs/data/apart-flown --figures docs/images
 
@@ -10,6 +11,7 @@ from itertools import product
 from pathlib import Path
 
 import apart_runs
+import numpy as np
 import pandas as pd
 from apart_gains import (
     CELL,
@@ -29,10 +31,37 @@ from apart_shift import corrected_half, holm, markdown, two_sided
 
 from mission.figures.charts import DotRow, dot_rows
 from mission.figures.render import save_all
-from mission.figures.style import COOL, WARM, WIDTH, Chart, arranged, heading
+from mission.figures.style import COOL, INK, WARM, WIDTH, Chart, arranged, heading, table
 from mission.sweep.outcome.curves import interval
 
 CLAIM, MOST_LOST = 0.14, 2.0  # the paper's relative gain; points of MNIST that it may cost
+SEED, RESAMPLES = 54, 100_000  # of the bootstrap
+# Flown where both communities stand all over the area: the sweep, and how a newcomer calls it.
+MIXED = {"n10": "spread out, 30 slots", "n3": "spread out, 9 slots"}
+
+
+def relative(ahead: Floats, level: Floats) -> tuple[float, float, float]:
+    """Percent of the other's mean that (seeds,) are ahead, and the ends of its 95 % interval by
+    bootstrap: seeds are drawn anew, each with its two runs."""
+    drawn = np.random.default_rng(SEED).integers(len(ahead), size=(RESAMPLES, len(ahead)))
+    low, high = np.quantile(ahead[drawn].mean(axis=1) / level[drawn].mean(axis=1), [0.025, 0.975])
+    return 100.0 * ahead.mean() / level.mean(), 100.0 * float(low), 100.0 * float(high)
+
+
+def reviewed(ahead: Floats, level: Floats, mnist: Floats) -> list[str]:
+    """What a reviewer asks of a cell and a way: how much at least, at whose cost, and in all."""
+    share, low, high = relative(ahead, level)
+    beyond, price, both = (
+        interval(of) for of in (ahead - CLAIM * level, mnist, (ahead + mnist) / 2.0)
+    )
+    word = "open" if abs(beyond.mean) <= beyond.half else "yes" if beyond.mean > 0.0 else "no"
+    least = price.mean - price.half
+    return [
+        f"{share:+.1f} ({low:+.1f} to {high:+.1f})",
+        f"{word} ({beyond.mean:+.1f} ± {beyond.half:.1f})",
+        f"{least:+.1f}: {'yes' if least >= -MOST_LOST else 'no'}",
+        f"{both.mean:+.1f} ± {both.half:.1f}",
+    ]
 
 
 def verdict_of(ahead: Floats, level: Floats, mnist: Floats, p: float) -> str:
@@ -97,6 +126,42 @@ def picture(rounds: pd.DataFrame) -> Chart:
     return arranged(panels, how="hconcat", spacing=24, title=title)
 
 
+def overview(rounds: pd.DataFrame, data: Path) -> Chart:
+    """A panel a task: how much more accurate `cov` is than `no_cov`, in percent, by where people
+    live and how many slots a round has; `data` has the sweeps of `MIXED`."""
+    settings: dict[str, dict[str, list[pd.DataFrame]]] = {}
+    for sweep, name in MIXED.items():
+        every = pd.read_csv(data / sweep / "rounds.csv.gz")
+        settings[name] = {
+            str(strategy): [run for _, run in runs.groupby("seed")]
+            for strategy, runs in every.groupby("strategy")
+        }
+    for cell, runs in zip(apart_runs.JUDGED, cells_of(rounds).values(), strict=False):
+        settings[f"opposite corners, {cell.steps * cell.per_step} slots"] = runs
+    panels = []
+    for task, kind in (("cifar10", "harder"), ("mnist", "easier")):
+        rows = []
+        for name, runs in settings.items():
+            ahead, level = gains(runs, "no_cov", task, "metre")
+            share, low, high = relative(ahead, level)
+            each = tuple((100.0 * ahead / level.mean()).tolist())
+            rows.append(DotRow(name, WARM, each, share, (low, high)))
+        name = f"{NAMES[task]} (the {kind} task)"
+        panel = dot_rows(name, rows, x="more accurate by, %", zero=True)
+        panel["width"] = WIDTH / 2
+        panels.append(panel)
+    claimed = {
+        "data": table(x=[100.0 * CLAIM]),
+        "mark": {"type": "rule", "color": INK, "strokeDash": [4, 3]},
+        "encoding": {"x": {"field": "x", "type": "quantitative"}},
+    }
+    panels[0]["layer"].append(claimed)
+    title = heading(
+        "What the paper's method gains, flown", "dashed: the 14 % that the paper reports"
+    )
+    return arranged(panels, how="hconcat", spacing=24, title=title)
+
+
 def tables(rounds: pd.DataFrame) -> str:
     """README.md of stage 3.
 
@@ -118,7 +183,7 @@ def tables(rounds: pd.DataFrame) -> str:
     found = {
         what: gains(runs, other, "cifar10", way) for what, (runs, other, way) in tested.items()
     }
-    rows = []
+    rows, asked = [], []
     every_p = [two_sided(ahead) for ahead, _ in found.values()]
     for index, (p, (what, (runs, other, way))) in enumerate(
         zip(holm(every_p), tested.items(), strict=True)
@@ -128,11 +193,15 @@ def tables(rounds: pd.DataFrame) -> str:
         ends = f"{ahead.mean() - half:+.1f} to {ahead.mean() + half:+.1f} (p {p:.1g})"
         verdict = verdict_of(ahead, level, mnist, p)
         rows.append([*what, gain(ahead, level), ends, gain(mnist, there), verdict])
+        asked.append([*what, *reviewed(ahead, level, mnist)])
     seeds, wanted = len(paper["cov"]), len(apart_runs.JUDGING_SEEDS)
     undecided = "" if seeds == wanted else "; until all are, nothing is decided"
     heads = ["cell", "hypothesis, per", "CIFAR-10", "corrected by Holm", "MNIST", "in PLAN's words"]
     head = _HEAD.format(seeds=seeds, of=wanted, undecided=undecided)
-    return f"{head}\n{markdown(heads, rows)}\n\n## What each comes to\n\n{levels(every)}\n"
+    questions = ["CIFAR-10, %, by bootstrap", "14 % or more", "MNIST at least", "both tasks"]
+    review = f"{_REVIEW}\n{markdown([*heads[:2], *questions], asked)}\n"
+    outcome = f"## What each comes to\n\n{levels(every)}\n"
+    return f"{head}\n{markdown(heads, rows)}\n{review}\n{outcome}"
 
 
 _HEAD = """\
@@ -143,6 +212,20 @@ Made from rounds.csv.gz by `python docs/apart_flown.py`; the runs by `python doc
 
 Points that `cov` is ahead, mean ± 95 % interval over seeds; in brackets over the other's mean, and
 in how many seeds ahead; then CIFAR-10's interval at the level at which Holm tests it.
+"""
+
+_REVIEW = """
+## In a reviewer's words
+
+A hypothesis holds where the gain is above 0. None says that it is 14 % or more, nor do PLAN's
+words: they want a mean above 14 %. What follows was not planned before, and is not corrected.
+
+- CIFAR-10: over the other's mean, with the 95 % interval of 100,000 bootstraps over seeds, which of
+  so few is a little narrow. 14 % or more: points beyond 14 % of the other, ± Student's 95 %
+  interval, and what that says: yes, no, or open.
+- MNIST at least: lower end of its 95 % interval, in points, and whether it loses less than 2. PLAN
+  names no margin of non-inferiority: the 2 points that it allows the mean were taken afterwards.
+- Both tasks: points of the mean of both accuracies.
 """
 
 
@@ -156,7 +239,10 @@ def main() -> None:
     rounds = collected(options.runs)
     write(options.out, rounds, tables(rounds))
     if options.figures:
-        save_all({"apart-flown.png": picture(rounds)}, options.figures)
+        overall = overview(rounds, Path(__file__).parent / "data")
+        save_all(
+            {"apart-flown.png": picture(rounds), "reproduction-claim.png": overall}, options.figures
+        )
 
 
 if __name__ == "__main__":

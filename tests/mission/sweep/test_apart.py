@@ -244,9 +244,10 @@ def test_what_was_flown_is_judged_in_the_plans_words() -> None:
     ]
     made = apart_flown.tables(pd.DataFrame(rows))
     assert "3 of 12 seeds are whole" in made
-    (paper,) = (line for line in made.splitlines() if "H19" in line)
+    paper, asked = (line for line in made.splitlines() if "H19" in line)
     assert "+6.1 ± 0.2 (+20 %, 3 of 3)" in paper
     assert paper.endswith("| +0.0 ± 0.0 (+0 %, 0 of 3) | the claim holds |")
+    assert asked.endswith("| yes (+1.9 ± 0.2) | +0.0: yes | +3.0 ± 0.1 |")
     with pytest.raises(SystemExit, match="2 of 12 seeds are whole"):
         apart_flown.tables(pd.DataFrame(rows[:-1]))
 
@@ -268,3 +269,19 @@ def test_words_are_the_plans(
 ) -> None:
     level = np.full(3, 30.0)
     assert apart_flown.verdict_of(np.array(ahead), level, np.array(mnist), p) == word
+
+
+def test_a_reviewer_is_told_how_much_at_least_and_at_whose_cost() -> None:
+    """Two seeds, of which a bootstrap draws each pair in a quarter of cases and both in half."""
+    ahead, level = np.array([2.0, 4.0]), np.array([20.0, 20.0])
+    assert apart_flown.relative(ahead, level) == pytest.approx((15.0, 10.0, 20.0))
+    # Of three seeds: 14 % of 20 are 2.8, Student's factor 4.30, so 4.0 +- 2.5 - 2.8 is open.
+    ahead, level, mnist = np.array([3.0, 4.0, 5.0]), np.full(3, 20.0), np.array([-1.1, -1.0, -0.9])
+    share, most, least, both = apart_flown.reviewed(ahead, level, mnist)
+    assert share == "+20.0 (+15.0 to +25.0)"
+    assert most == "open (+1.2 ± 2.5)"
+    assert least == "-1.2: yes"
+    assert both == "+1.5 ± 1.4"
+    _, most, least, _ = apart_flown.reviewed(2.0 * ahead, level, 2.0 * mnist)
+    assert (most, least) == ("yes (+5.2 ± 5.0)", "-2.5: no")
+    assert apart_flown.reviewed(ahead / 4.0, level, mnist)[1] == "no (-1.8 ± 0.6)"
