@@ -1,6 +1,7 @@
 """The channel presets with their numbers, and how far each reaches."""
 
 from dataclasses import fields
+from pathlib import Path
 
 from fl.radio.channel import (
     CHANNEL_PRESETS,
@@ -85,6 +86,12 @@ How the packet error rate of a device at horizontal distance r follows:
 
 [Learning](learning.md#radio) says how the fate of a packet is drawn.
 
+## What is assumed
+
+Of the whole model; *ours* is what neither the paper nor a standard says.
+
+%ASSUMED%
+
 ## The logistic stand-in
 
 The paper's planner uses a curve in place of this packet error rate that is easier to optimise:
@@ -119,7 +126,14 @@ def page() -> str:
     for name, channel in presets:
         lines.append(f"| `{name}` | " + " | ".join(_of(channel, n) for n in differing) + " |")
     lines += ["", *(f"- `{name}`: {SYMBOLS[name]}" for name in differing)]
-    return HEAD + "\n".join(lines) + "\n" + TAIL
+    return HEAD + "\n".join(lines) + "\n" + TAIL.replace("%ASSUMED%", _assumed())
+
+
+def _assumed() -> str:
+    """The table of assumptions; a row a line: what, where from, what else would be."""
+    rows = Path(__file__).with_name("assumed.txt").read_text(encoding="utf-8").splitlines()
+    heads = ["assumed|from|if it were not so", "---|---|---"]
+    return "\n".join(f"| {row.replace('|', ' | ')} |" for row in heads + rows)
 
 
 def _of(channel: Channel, name: str) -> str:

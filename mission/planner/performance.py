@@ -68,6 +68,16 @@ class Performance:
         """Predict a hover on the spot of `hover_s` seconds."""
         return self.foresee(np.zeros((1, 2)), [hover_s], self.widest_m)
 
+    def with_hovers_begun(self, flight: Foreseen, count: int) -> Foreseen:
+        """Return the flight with what `count` hovers on the spot take until they begin."""
+        hover = self.foresee_hover(1.0)
+        begun_s, begun_j = hover.duration_s - 1.0, hover.energy_j - self.hover_j(1.0)
+        return Foreseen(
+            flight.arrived_s,
+            flight.duration_s + count * begun_s,
+            flight.energy_j + count * begun_j,
+        )
+
     def longest_m(self, duration_s: float) -> float:
         """Return an upper bound (m) on the path flown in `duration_s`, whatever its corners."""
         if self.guidance is None:

@@ -44,6 +44,7 @@ class _Flown:
     served: list[UplinkRecord] = field(default_factory=list)
     rests: list[RoundPlan] = field(default_factory=list)  # planned at its stops, flown or not
     used_j: float = 0.0
+    on_the_spot: int = 0  # rests that begin with a hover, which the whole has in the stop before
 
 
 @dataclass(kw_only=True)
@@ -267,7 +268,9 @@ class FlownExperiment(Experiment):
         while True:
             problem, plan, mission = flown.course.problem, flown.course.plan, flyer.mission
             whole = flight_of_round(problem, plan, hold_s=sortie.hold_s, mission=mission)
-            flown.foreseen = whole.foreseen(flyer.performance)
+            flown.foreseen = flyer.performance.with_hovers_begun(
+                whole.foreseen(flyer.performance), flown.on_the_spot
+            )
             rest = flown.course.flight(mission) if flown.course.begins else whole
             logged = False
             for part in rest.parts(np.asarray(plan.schedule.any(axis=1))) if by_stop else [rest]:
@@ -324,6 +327,7 @@ class FlownExperiment(Experiment):
         flown.rests.append(rest)
         course = flown.course.onwards(problem, rest)
         flown.course = course or flown.course
+        flown.on_the_spot += course is not None and bool(rest.schedule[0].any())
         return course is not None
 
     def _used(

@@ -4,6 +4,7 @@ import math
 import shutil
 from collections import defaultdict
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -170,6 +171,20 @@ def test_a_round_of_many_stops_takes_as_long_as_foreseen_in_wind(tmp_path: Path)
     (round_,), uplinks = tables(tmp_path / "run")
     assert len({uplink.step for uplink in uplinks}) >= 6
     assert round_.duration_s == pytest.approx(round_.plan_duration_s, abs=0.5)
+
+
+@pytest.mark.slow
+def test_asking_again_on_the_spot_is_foreseen(run: Path) -> None:
+    """A hover of its own, which takes a second until it begins."""
+    rounds, uplinks = tables(run)
+    again = [
+        first.round
+        for first, other in pairwise(uplinks)
+        if (first.round, first.device) == (other.round, other.device)
+    ]
+    assert again
+    for record in rounds:
+        assert record.duration_s == pytest.approx(record.plan_duration_s, abs=0.6)
 
 
 @pytest.mark.slow
