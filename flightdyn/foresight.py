@@ -8,8 +8,8 @@ from flightdyn.config import LimitsConfig
 from flightdyn.physics.power import least_power_w, power_w
 from flightdyn.state import Vector
 
-# From the reference's end until the aircraft stands there: 0.04 to 0.28 s in 56 calm flights. Of many
-# stops each takes what most do, 0.02 to 0.04 s, in wind and turbulence too.
+# From the reference's end until the aircraft stands there: 0.04 to 0.28 s in 56 calm flights, at
+# most of many stops 0.02 to 0.04 s, in wind and turbulence too.
 SETTLING_S, STOPPING_S = 0.3, 0.05
 _SPEEDS = 2000
 

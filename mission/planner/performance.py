@@ -42,8 +42,7 @@ class Performance:
     density: float = 1.0  # of the air, over that at sea level
     wind_mps: tuple[float, float] = (0.0, 0.0)  # the air's velocity, east and north
     pace: float = 1.0  # times as long as the guidance's own: of vehicles that fly otherwise
-    # Until the aircraft stands where it hovers on its way; at the flight's end `SETTLING_S`.
-    stopping_s: float = SETTLING_S
+    stopping_s: float = SETTLING_S  # until it stands for a hover on its way
 
     __getstate__ = given_alone
 
@@ -72,11 +71,11 @@ class Performance:
         """Return the flight with what `count` hovers on the spot take until they begin."""
         hover = self.foresee_hover(1.0)
         begun_s, begun_j = hover.duration_s - 1.0, hover.energy_j - self.hover_j(1.0)
-        return Foreseen(
-            flight.arrived_s,
+        duration_s, energy_j = (
             flight.duration_s + count * begun_s,
             flight.energy_j + count * begun_j,
         )
+        return Foreseen(flight.arrived_s, duration_s, energy_j)
 
     def longest_m(self, duration_s: float) -> float:
         """Return an upper bound (m) on the path flown in `duration_s`, whatever its corners."""

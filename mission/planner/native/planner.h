@@ -60,8 +60,8 @@ typedef struct {
     Steering steering;
     Air air; /* x, y and up */
     double speed, widest;         /* m/s; acceptance radius at most */
-    double pace;                  /* times the guidance's own seconds */
-    double stopping, settling;    /* seconds from its end to rest: at a stop on the way, and at the last */
+    /* Times the guidance's own seconds; those from its end to rest, on the way and at the last stop. */
+    double pace, stopping, settling;
     double ahead, ahead_share;    /* by which a flight may be ahead of what was foreseen */
     double duration, energy;      /* s, J */
 } Flying;
