@@ -268,10 +268,11 @@ class FlownExperiment(Experiment):
         while True:
             problem, plan, mission = flown.course.problem, flown.course.plan, flyer.mission
             whole = flight_of_round(problem, plan, hold_s=sortie.hold_s, mission=mission)
+            rest = flown.course.flight(mission) if flown.course.begins else whole
+            flown.on_the_spot += rest is not whole and rest.stops[0].hold_s > 0.0
             flown.foreseen = flyer.performance.with_hovers_begun(
                 whole.foreseen(flyer.performance), flown.on_the_spot
             )
-            rest = flown.course.flight(mission) if flown.course.begins else whole
             logged = False
             for part in rest.parts(np.asarray(plan.schedule.any(axis=1))) if by_stop else [rest]:
                 with self.stopwatch("fly"):
@@ -327,7 +328,6 @@ class FlownExperiment(Experiment):
         flown.rests.append(rest)
         course = flown.course.onwards(problem, rest)
         flown.course = course or flown.course
-        flown.on_the_spot += course is not None and bool(rest.schedule[0].any())
         return course is not None
 
     def _used(

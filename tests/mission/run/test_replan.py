@@ -46,7 +46,7 @@ LIMITS = (
     *("--set", "mission.path_budget_m=900", "--set", "mission.round_deadline_s=40"),
     *("--set", "mission.round_energy_j=11000", "--set", "mission.total_deadline_s=100"),
     *("--set", "communities.0.devices=6", "--set", "communities.1.devices=6"),
-    *("--set", "channel.extra_gain_db=-6", "--set", "seed=2"),  # some are lost, and asked again
+    *("--set", "channel.extra_gain_db=-12", "--set", "seed=2"),  # some are lost, and asked again
 )
 
 
@@ -134,7 +134,7 @@ def test_a_round_keeps_its_limits_with_all_that_is_planned_anew(
         assert record.duration_s <= 40.0 * (1.0 + 1e-6 if flight == "none" else 1.03)
         energy_j = record.plan_energy_j if flight == "none" else record.energy_j
         assert energy_j <= 11_000.0 * (1.0 + 1e-6 if flight == "none" else 1.05)
-        assert record.plan_duration_s == pytest.approx(record.duration_s, rel=0.08)
+        assert record.plan_duration_s == pytest.approx(record.duration_s, rel=0.01)
     assert rounds[-1].time_used_s == pytest.approx(sum(r.duration_s for r in rounds))
 
 
@@ -165,7 +165,7 @@ def test_a_resumed_run_has_the_same_bytes(
 def test_a_round_of_many_stops_takes_as_long_as_foreseen_in_wind(tmp_path: Path) -> None:
     """Half a second at most in all, where a stop foreseen 0.25 s too long adds up to 1.5."""
     wind = ("--set", "vehicle.aircraft.wind.speed_mps=6")
-    many = ("--set", "mission.steps=12", "--set", "mission.devices_per_step=1", *LIMITS[-4:])
+    many = ("--set", "mission.steps=12", "--set", "mission.devices_per_step=1", *LOSING[:4])
     with outlined():
         assert fly(tmp_path / "run", *wind, *many, rounds=1) == 0
     (round_,), uplinks = tables(tmp_path / "run")
