@@ -49,7 +49,7 @@ class Library:
     name: str
     folder: Path
     levelled: str | None  # the source that is compiled for every level, if there is one
-    border: str  # the source that is called, and hands out the levels
+    border: str  # the source that is called, hands out the levels, and declares what Python uses
 
     @property
     def path(self) -> Path:
@@ -60,11 +60,6 @@ class Library:
     def built(self) -> list[Path]:
         """Files of all builds of the library, of whatever sources."""
         return sorted(self.folder.glob(f"lib{self.name}-*.so"))
-
-    @property
-    def has_sources(self) -> bool:
-        """Whether the C sources are there; False in an installed wheel."""
-        return (self.folder / self.border).exists()
 
     @cached_property
     def _digest(self) -> str:

@@ -1,8 +1,9 @@
-"""Loading a library, choosing its level, and checking what it is given."""
+"""Loading a library with what it declares, choosing its level, and checking what it is given."""
 
 import ctypes
 import os
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -10,44 +11,45 @@ from numpy.typing import DTypeLike, NDArray
 
 from native.building import Library, build, levels
 from native.errors import LibraryError
+from native.headers import declared
 
 LEVEL = "AEROFED_LEVEL"  # environment variable: a level lower than the processor's best
 FOLDER = "AEROFED_LIBRARIES"  # environment variable: libraries from here, as they are
 
 
 def load(library: Library) -> ctypes.CDLL:
-    """Load a library, built first where its sources are at hand and have changed.
+    """Load a library, built first where it is not there for the present sources.
 
     Raises:
-        LibraryError: it is not there and cannot be built.
+        LibraryError: it cannot be built.
     """
     folder = os.environ.get(FOLDER)
-    if folder:
-        return ctypes.CDLL(str(Path(folder, f"lib{library.name}.so")))
-    if library.has_sources:
-        path = library.path
-        if not path.exists():
-            build(library)
-    elif library.built:
-        path = library.built[0]
-    else:
-        raise LibraryError(f"{library.folder}: holds no library; install aerofed anew")
+    path = Path(folder, library.path.name) if folder else library.path
+    if not folder and not path.exists():
+        build(library)
     return ctypes.CDLL(str(path))
 
 
-def check_sizes(loaded: ctypes.CDLL, **structures: type[ctypes.Structure]) -> None:
-    """Refuse ctypes structures whose size differs from that of C under their names.
+def interface(library: Library, *, keeps_lock: bool = False) -> Any:
+    """Load a library, and return all that its sources declare as attributes: structures, constants
+    and functions, at its level and exported; their calls release Python's lock or keep it.
 
     Raises:
-        LibraryError: one differs, and what is read through it would be anything.
+        LibraryError: it cannot be built, or has no such level.
     """
-    for name, structure in structures.items():
-        size, here = (
-            ctypes.c_int64.in_dll(loaded, f"size_of_{name}").value,
-            ctypes.sizeof(structure),
-        )
-        if size != here:
-            raise LibraryError(f"{loaded._name}: {name} has {size} bytes there, {here} in Python")
+    loaded, found = load(library), declared(library.folder / library.border)
+    kind = ctypes.PYFUNCTYPE if keeps_lock else ctypes.CFUNCTYPE
+    made = {
+        name: kind(*types)((name, loaded))
+        for name, types in found.items()
+        if isinstance(types, list)
+    }
+    if library.levelled is not None:
+        table = found[library.name.capitalize()]
+        loaded.at_level.restype = ctypes.c_void_p
+        here = table.from_address(loaded.at_level(level(loaded)))
+        made |= {name: kind(*types)(getattr(here, name)) for name, types in table.functions.items()}
+    return SimpleNamespace(**{**found, **made})
 
 
 def level(loaded: ctypes.CDLL) -> int:
@@ -61,12 +63,6 @@ def level(loaded: ctypes.CDLL) -> int:
     if asked not in possible:
         raise LibraryError(f"{LEVEL}={asked}: this processor has {', '.join(possible)}")
     return possible.index(asked)
-
-
-def functions(loaded: ctypes.CDLL, table: type[ctypes.Structure]) -> Any:
-    """Return the library's functions at its level, as a structure of ctypes prototypes."""
-    loaded.at_level.restype = ctypes.POINTER(table)
-    return loaded.at_level(level(loaded)).contents
 
 
 def address(

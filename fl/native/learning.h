@@ -1,4 +1,4 @@
-/* What Python and the library hand each other; `library.py` says the same in ctypes. */
+/* What Python and the library hand each other; Python reads it here (`native.headers`). */
 #ifndef LEARNING_H
 #define LEARNING_H
 
@@ -52,7 +52,5 @@ typedef struct {
     /* The share (count,) of the normal distribution under each value. */
     int (*normal_shares)(int64_t count, const double *value, double *share);
 } Learning;
-
-extern const Learning learning_baseline, learning_avx2, learning_avx512;
 
 #endif

@@ -6,64 +6,26 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from native.building import library
-from native.loading import address, check_sizes, functions, load
+from native.headers import columns
+from native.loading import address, interface
 
-MOST_BLOCKS = MOST_LAYERS = 8
+LEARNING = interface(library("learning"))
 KERNELS = (3, 5)
-WAVES = 200  # of a field of shadowing
-
-_POINTER, _INT, _FLOAT = ctypes.c_void_p, ctypes.c_int64, ctypes.c_float
+WAVES: int = LEARNING.WAVES  # of a field of shadowing
+_CHANNEL = columns(
+    LEARNING.Channel,
+    "a1 a2 nearest los_margin los_alpha los_sigma nlos_margin nlos_alpha nlos_sigma",
+)
+_FIELD = columns(LEARNING.Field, "east north phase")
 
 Floats = NDArray[np.float32]
 Indices = NDArray[np.int64]
-
-
-class _Network(ctypes.Structure):
-    _fields_ = (
-        *(("height", _INT), ("width", _INT), ("channels", _INT), ("blocks", _INT)),
-        *((name, _INT * MOST_BLOCKS) for name in ("maps", "kernel", "padding")),
-        *(("layers", _INT), ("outputs", _INT * MOST_LAYERS)),
-    )
-
-
-class _Images(ctypes.Structure):
-    _fields_ = (
-        ("count", _INT),
-        *((name, _POINTER) for name in ("bytes", "floats", "labels", "scale", "shift")),
-    )
-
-
-class _Rates(ctypes.Structure):
-    _fields_ = (("learning_rate", _FLOAT), ("momentum", _FLOAT), ("mu", _FLOAT))
-
-
-class _Functions(ctypes.Structure):
-    _fields_ = (
-        ("train", ctypes.CFUNCTYPE(ctypes.c_int, *[_POINTER] * 3, _INT, _INT, *[_POINTER] * 5)),
-        ("count_correct", ctypes.CFUNCTYPE(ctypes.c_int, *[_POINTER] * 4)),
-        ("average_per", ctypes.CFUNCTYPE(ctypes.c_int, _POINTER, _INT, *[_POINTER] * 3)),
-        ("gains", ctypes.CFUNCTYPE(ctypes.c_int, _POINTER, _INT, *[_POINTER] * 6)),
-        ("normal_shares", ctypes.CFUNCTYPE(ctypes.c_int, _INT, *[_POINTER] * 2)),
-    )
-
-
-class _Field(ctypes.Structure):
-    _fields_ = tuple((name, ctypes.c_double * WAVES) for name in ("east", "north", "phase"))
-
-
-class _City(ctypes.Structure):
-    _fields_ = (
-        *((name, _POINTER) for name in ("devices", "fields", "entries")),
-        ("count", _INT),  # and what follows: `Buildings`
-        *((name, _POINTER) for name in ("walls", "first", "boxes", "floors", "roofs")),
-        *(("carrier", ctypes.c_double), ("macro", _INT)),
-    )
 
 
 @dataclass(frozen=True)
@@ -78,7 +40,8 @@ class Network:
 
     def __post_init__(self) -> None:
         """Raise ValueError for sizes that the C code does not support."""
-        if len(self.maps) > MOST_BLOCKS or not 0 < len(self.outputs) <= MOST_LAYERS:
+        most = LEARNING.MOST_LAYERS
+        if len(self.maps) > LEARNING.MOST_BLOCKS or not 0 < len(self.outputs) <= most:
             raise ValueError(f"{len(self.maps)} blocks and {len(self.outputs)} dense layers")
         if not len(self.maps) == len(self.kernels) == len(self.padding):
             raise ValueError("each block has its maps, kernel and padding")
@@ -111,12 +74,14 @@ class Network:
         """Number of classes: outputs of the last dense layer."""
         return self.outputs[-1]
 
-    def as_c(self) -> _Network:
+    def as_c(self) -> Any:
         """Convert it to the structure that C takes."""
-        blocks, layers = _INT * MOST_BLOCKS, _INT * MOST_LAYERS
-        each = (blocks(*sizes) for sizes in (self.maps, self.kernels, self.padding))
-        dense = len(self.outputs), layers(*self.outputs)
-        return _Network(*self.image_shape, len(self.maps), *each, *dense)
+        height, width, channels = self.image_shape
+        return LEARNING.Network(
+            height=height, width=width, channels=channels, blocks=len(self.maps), maps=self.maps,
+            kernel=self.kernels, padding=self.padding, layers=len(self.outputs),
+            outputs=self.outputs,
+        )  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -128,29 +93,20 @@ class Images:
     scale: Floats
     shift: Floats
 
-    def as_c(self, network: Network) -> _Images:
+    def as_c(self, network: Network) -> Any:
         """Convert them to the structure that C takes; the arrays have to outlive it."""
         count, channels = len(self.labels), network.image_shape[2]
         if count and not 0 <= self.labels.min() <= self.labels.max() < network.classes:
             raise ValueError(f"labels must be from 0 to {network.classes - 1}")
         kind = np.uint8 if self.pixels.dtype == np.uint8 else np.float32
         pixels = address(self.pixels, kind, (count, *network.image_shape))
-        return _Images(
-            count,
-            pixels if kind is np.uint8 else None,
-            None if kind is np.uint8 else pixels,
-            address(self.labels, np.int64, (count,)),
-            address(self.scale, np.float32, (channels,)),
-            address(self.shift, np.float32, (channels,)),
+        return LEARNING.Images(
+            count=count,
+            labels=address(self.labels, np.int64, (count,)),
+            scale=address(self.scale, np.float32, (channels,)),
+            shift=address(self.shift, np.float32, (channels,)),
+            **{"bytes" if kind is np.uint8 else "floats": pixels},
         )
-
-
-_LIBRARY = load(library("learning"))
-check_sizes(
-    _LIBRARY, Network=_Network, Images=_Images, Rates=_Rates, Learning=_Functions,
-    City=_City, Field=_Field,
-)  # fmt: skip
-_FUNCTIONS = functions(_LIBRARY, _Functions)
 
 
 def train(
@@ -160,7 +116,7 @@ def train(
     model: Floats,
     *,
     correction: Floats | None,
-    rates: Sequence[float],
+    rates: tuple[float, float, float],
 ) -> tuple[Floats, float]:
     """Run SGD steps on the batches of `order` (steps, batch); -1 pads a smaller one.
 
@@ -183,9 +139,11 @@ def train(
     if not order.size or order.max() >= len(images.labels) or order[:, 0].min() < 0:
         raise ValueError("every step needs images, and there must be all that are asked for")
     shape = (network.parameters,)
-    shared = network.as_c(), images.as_c(network), _Rates(*rates)
+    learning_rate, momentum, mu = rates
+    as_c = LEARNING.Rates(learning_rate=learning_rate, momentum=momentum, mu=mu)
+    shared = network.as_c(), images.as_c(network), as_c
     weights, loss = np.empty_like(model), ctypes.c_double()
-    failed = _FUNCTIONS.train(
+    failed = LEARNING.train(
         ctypes.addressof(shared[0]),
         ctypes.addressof(shared[1]),
         address(order, np.int64, (steps, batch)),
@@ -211,7 +169,7 @@ def count_correct(network: Network, images: Images, weights: Floats) -> Indices:
     """
     correct = np.zeros(network.classes, dtype=np.int64)
     shared = network.as_c(), images.as_c(network)
-    failed = _FUNCTIONS.count_correct(
+    failed = LEARNING.count_correct(
         ctypes.addressof(shared[0]),
         ctypes.addressof(shared[1]),
         address(weights, np.float32, (network.parameters,)),
@@ -235,8 +193,8 @@ def average_per(
         ValueError: arrays that do not fit together.
     """
     per = np.empty(distance_m.shape)
-    _FUNCTIONS.average_per(
-        address(constants, np.float64, (9,)),
+    LEARNING.average_per(
+        address(constants, np.float64, (_CHANNEL,)),
         per.size,
         address(distance_m, np.float64, per.shape),
         address(height_m, np.float64, per.shape),
@@ -249,7 +207,7 @@ def normal_shares(values: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the standard normal distribution function at values (n,)."""
     shares = np.empty(values.shape)
     at = address(values, np.float64, values.shape)
-    _FUNCTIONS.normal_shares(values.size, at, shares.ctypes.data)
+    LEARNING.normal_shares(values.size, at, shares.ctypes.data)
     return shares
 
 
@@ -294,17 +252,21 @@ class City:
         # C has their addresses only.
         self._kept = devices, fields, entries, walls, first, boxes, heights
         count = len(each)
-        self._as_c = _City(
-            address(devices, np.float64, (len(devices), 3)),
-            fields if fields is None else address(fields, np.float64, (len(devices), 2, 3, WAVES)),
-            address(entries, np.float64, (len(devices),)),
-            count,
-            address(walls, np.float64, (len(walls), 4)),
-            address(first, np.int64, (count + 1,)),
-            address(boxes, np.float64, (count, 4)),
-            *(address(height, np.float64, (count,)) for height in heights),
-            carrier_ghz,
-            macro,
+        shape = len(devices), 2, _FIELD // WAVES, WAVES
+        self._as_c = LEARNING.City(
+            devices=address(devices, np.float64, (len(devices), 3)),
+            fields=fields if fields is None else address(fields, np.float64, shape),
+            entries=address(entries, np.float64, (len(devices),)),
+            buildings=LEARNING.Buildings(
+                count=count,
+                walls=address(walls, np.float64, (len(walls), 4)),
+                first=address(first, np.int64, (count + 1,)),
+                boxes=address(boxes, np.float64, (count, 4)),
+                floors=address(heights[0], np.float64, (count,)),
+                roofs=address(heights[1], np.float64, (count,)),
+            ),
+            carrier=carrier_ghz,
+            macro=macro,
         )
 
     def gains(self, device: Indices, places: NDArray[np.float64]) -> Paths:
@@ -317,7 +279,7 @@ class City:
         if count and not 0 <= device.min() <= device.max() < len(self._kept[0]):
             raise ValueError(f"device must be from 0 to {len(self._kept[0]) - 1}")
         paths = Paths(*np.empty((2, count)), *np.empty((2, count), dtype=np.bool_))
-        _FUNCTIONS.gains(
+        LEARNING.gains(
             ctypes.byref(self._as_c),
             count,
             address(device, np.int64, (count,)),

@@ -121,4 +121,6 @@ static int normal_shares(int64_t count, const double *value, double *share)
     return 0;
 }
 
-const Learning NAMED(learning) = {train, count_correct, average_per, gains, normal_shares};
+const Learning NAMED(learning) = {
+    .train = train, .count_correct = count_correct, .average_per = average_per, .gains = gains,
+    .normal_shares = normal_shares};

@@ -11,19 +11,19 @@ from flightdyn.native.library import Guide
 from flightdyn.native.ticks import Inner
 from flightdyn.physics.airframe.parameters import Airframe
 
-# Of the outer loop, chosen by step responses of this airframe; in the order of C's `Gains`.
-_GAINS = (
-    1.6,  # position, 1/s
-    4.5,  # velocity, 1/s
-    2.5,  # integral, 1/s2
-    6.0,  # its limit, m/s2
-    0.16,  # s of lag of the attitude loop, led by the acceleration fed forward
-    0.10,  # s of lag of the measured drag
-    12.0,  # limit of the drag, m/s2; more is a collision
-    0.15,  # s of lag of the thrust effectiveness: a flare changes it by a third in half a second
-    0.06,  # s from ordered to measured thrust
-    0.9,  # share of the full thrust that the outer loop may ask for
-)
+# Of the outer loop, chosen by step responses of this airframe; by the names of C's `Gains`.
+_GAINS = {
+    "position": 1.6,  # 1/s
+    "velocity": 4.5,  # 1/s
+    "integral": 2.5,  # 1/s2
+    "integral_limit": 6.0,  # m/s2
+    "lead": 0.16,  # s of lag of the attitude loop, led by the acceleration fed forward
+    "drag_lag": 0.10,  # s of lag of the measured drag
+    "drag_limit": 12.0,  # m/s2; more is a collision
+    "thrust_lag": 0.15,  # s of lag of its effectiveness: a flare changes it by a third in 0.5 s
+    "motor_lag": 0.06,  # s from ordered to measured thrust
+    "most_thrust": 0.9,  # share of the full thrust that the outer loop may ask for
+}
 
 
 class Setpoint(NamedTuple):
@@ -69,10 +69,11 @@ def outer_loop(
     """Make guidance and outer loop in C, run every `dt_s`, whose orders go to `inner`."""
     full = 4 * airframe.rotor_max_thrust_n / airframe.mass_kg  # m/s2 at collective 1
     slope = math.tan(math.radians(limits.tilt_deg))
-    guide = Guide((
-        dt_s, gravity_mps2, full, slope, airframe.idle_collective, *_GAINS,
-        math.radians(limits.yaw_rate_degps),
-    ), inner)  # fmt: skip
+    guide = Guide({
+        "dt": dt_s, "gravity": gravity_mps2, "full": full, "slope": slope,
+        "idle": airframe.idle_collective, **_GAINS,
+        "yaw_rate": math.radians(limits.yaw_rate_degps),
+    }, inner)  # fmt: skip
     guide.memory.effectiveness = 1.0
     guide.memory.thrust[2] = -1.0
     return guide

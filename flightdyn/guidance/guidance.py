@@ -23,7 +23,7 @@ from flightdyn.native.library import (
     TRACK,
     Guide,
     Strapdown,
-    Vertex,
+    Structure,
 )
 
 _LEASH_M = 0.6  # how far the reference that goes after a target may run ahead
@@ -46,7 +46,7 @@ class Guidance:
         memory.landed = memory.contact = memory.touching = True
         self._limits = limits
         self._dt = dt_s
-        self._corners: list[Vertex] = []
+        self._corners: list[Structure] = []  # `Vertex` of C
         self._next = 0
         memory.soon = math.inf
         self.corner_near = False  # it may be passed before the next guidance step
@@ -96,7 +96,7 @@ class Guidance:
         self._memory.too_fast = bool(path.speeds_mps.max() > self._limits.speed_mps)
         self._corners, self._next = corners, 1
         self._look_ahead()
-        self.progress.passed = corners[0].count
+        self.progress.passed = corners[0].passed
 
     def _begin(self, trajectory: Trajectory, yaw: float, *, course: bool) -> None:
         m = self._memory
@@ -175,7 +175,7 @@ class Guidance:
             progress.finished = True
             progress.missed_m = self._memory.missed
             if self._corners:
-                progress.passed = self._corners[-1].count
+                progress.passed = self._corners[-1].passed
                 self._next = len(self._corners)
                 self._look_ahead()
         return True
@@ -186,8 +186,8 @@ class Guidance:
         m.soon = math.inf
         if self._next < len(self._corners) - 1:
             corner = self._corners[self._next]
-            m.soon = corner.t_s - corner.half_s - _EARLY_S
-            m.corner[:], m.normal[:] = corner.point, corner.normal
+            m.soon = corner.t - corner.half - _EARLY_S
+            m.corner[:], m.normal[:] = corner.p, corner.normal
 
     def pass_corners(self, pos: Triple, vel: Triple) -> None:
         """Count the corner whose plane of closest approach the position has crossed."""
@@ -195,10 +195,10 @@ class Guidance:
         while t >= self._memory.soon:
             corner = self._corners[self._next]
             n = corner.normal if any(corner.normal) else vel  # zeros at a reversal
-            beyond = sum((pos[i] - corner.point[i]) * n[i] for i in range(3))
-            if beyond < 0 and t < corner.t_s + corner.half_s + _LATE_S:
+            beyond = sum((pos[i] - corner.p[i]) * n[i] for i in range(3))
+            if beyond < 0 and t < corner.t + corner.half + _LATE_S:
                 return
-            self.progress.passed = corner.count
+            self.progress.passed = corner.passed
             self._next += 1
             self._look_ahead()
 

@@ -6,12 +6,12 @@ from flightdyn.config import LimitsConfig
 from flightdyn.frames import Triple
 from flightdyn.guidance.path import FlightPath
 from flightdyn.guidance.trajectory import Trajectory
-from flightdyn.native.library import PathProfile, Steering, Vertex
+from flightdyn.native.library import PathProfile, Structure, steering
 
 
-def steering_of(limits: LimitsConfig) -> Steering:
+def steering_of(limits: LimitsConfig) -> Structure:
     """Convert the limits to the structure that C takes."""
-    return Steering(*(getattr(limits, name) for name, *_ in Steering._fields_))
+    return steering(limits)
 
 
 def profile_of(path: FlightPath, limits: LimitsConfig) -> PathProfile:
@@ -32,7 +32,7 @@ def plan_path(
     *,
     start_vel: Triple = (0.0, 0.0, 0.0),
     braking: bool = False,
-) -> tuple[Trajectory, list[Vertex]]:
+) -> tuple[Trajectory, list[Structure]]:
     """The trajectory along `path` from its first point, and its corners in order.
 
     A velocity at the start that leads along the first leg is kept, unless it is `braking`; any

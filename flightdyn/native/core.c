@@ -19,5 +19,8 @@ static void power(
     for (int64_t i = 0; i < count; i++) watts[i] = power_at(speed[i], accel[i], air);
 }
 
-const Flight NAMED(flight) = {integrate, carry,  transition,         innovate,    reference, guide,
-                              land,      cruise, compute_trajectory, pass_points, power};
+const Flight NAMED(flight) = {
+    .integrate = integrate, .carry = carry, .transition = transition, .innovate = innovate,
+    .reference = reference, .guide = guide, .land = land, .cruise = cruise,
+    .compute_trajectory = compute_trajectory, .pass_points = pass_points, .power = power,
+    .read_gauges = read_gauges, .sample = sample, .drive = drive_tick};

@@ -6,12 +6,12 @@
 #include "strapdown.h"
 
 /* A tick of the physics, sampled by the IMU; its rates go to the inner loops. */
-static inline int tick(Imu *imu, Inner *inner, void *run, double *values)
+static inline int tick(Imu *imu, Inner *inner, Object run, double *values)
 {
     return call(imu->python, run) && sample(imu, values) && feed(inner, imu->rates);
 }
 
-static int64_t cruise(Loop *loop, void *run, int64_t ticks, Increment *sums, const Guidance *guidance)
+static int64_t cruise(Loop *loop, Object run, int64_t ticks, Increment *sums, const Guidance *guidance)
 {
     const int64_t noted = guidance->memory->noted;
     for (int64_t flown = 0; flown < ticks;) {

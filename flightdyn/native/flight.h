@@ -1,4 +1,4 @@
-/* What Python and the library hand each other; `library.py` says the same in ctypes. SI units, axes
+/* What Python and the library hand each other; Python reads it here (`native.headers`). SI units, axes
    as in `flightdyn.inertial`: NED and FRD. */
 #ifndef FLIGHT_H
 #define FLIGHT_H
@@ -140,7 +140,7 @@ typedef struct {
     /* So many ticks, and the guidance steps between them, but none after the last tick. It ends
        before, with a guidance step, where that notes something else. Sums of the samples up to each
        step are left in `sums`. Returns the ticks, -1 where Python has an error set. */
-    int64_t (*cruise)(Loop *, void *run, int64_t ticks, Increment *sums, const Guidance *);
+    int64_t (*cruise)(Loop *, Object run, int64_t ticks, Increment *sums, const Guidance *);
     /* `compute_trajectory` and the times of `foresee_path` (trajectory.h). */
     double (*compute_trajectory)(PathProfile *, const Steering *, const double velocity[3],
                                  int braking);
@@ -148,8 +148,11 @@ typedef struct {
     /* Watts (count,) at speeds through the air and sizes of acceleration. */
     void (*power)(const Air *, int64_t count, const double *speed, const double *accel,
                   double *watts);
+    /* These say whether it went well; where not, Python has an error set. */
+    int (*read_gauges)(const Interpreter *, const Gauge *, int64_t count, double *values);
+    int (*sample)(Imu *, double values[AXES]);
+    /* A tick of an aircraft that another brain drives. */
+    int (*drive)(Driven *, const double motors[4], double values[AXES]);
 } Flight;
-
-extern const Flight flight_baseline, flight_avx2, flight_avx512;
 
 #endif

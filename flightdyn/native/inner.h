@@ -7,7 +7,7 @@
 
 typedef struct { /* the inner loops' end, `Multirotor.inner_loops` */
     const Interpreter *python;
-    void *set_rates[3], *set_errors[3], *set_feeds[3], *set_collective;
+    Object set_rates[3], set_errors[3], set_feeds[3], set_collective;
     double bias[3];            /* to be taken off the rates */
     double rate[3];            /* believed, of this tick */
     double error[3], feed[3];  /* rotation still to be made (rad), rate fed forward (rad/s) */

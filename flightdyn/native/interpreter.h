@@ -6,6 +6,8 @@
 #include <stddef.h>
 #include <stdint.h>
 
+typedef void *Object; /* of Python's, which whoever sets it keeps alive */
+
 typedef struct { /* of the interpreter */
     void *(*call)(void *callable, void *const *arguments, size_t count, void *names);
     double (*value)(void *number); /* -1 where it is none, with an error set */
@@ -16,7 +18,7 @@ typedef struct { /* of the interpreter */
 
 /* A number that JSBSim hands out, in SI units: (get() - offset) scale. */
 typedef struct {
-    void *get;
+    Object get;
     double offset, scale;
 } Gauge;
 

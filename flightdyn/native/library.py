@@ -5,55 +5,27 @@ The calls take well under a microsecond, so they keep Python's lock.
 
 import ctypes
 from array import array
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
-from flightdyn.native.ticks import Gauges, Imu, Inner
-from native.building import library
-from native.loading import address, check_sizes, functions, load
+from flightdyn.native.ticks import FLIGHT, Gauges, Imu, Inner
+from native.headers import Structure as Structure
+from native.headers import columns
+from native.loading import address
 
-_POINTER, _INT, _DOUBLE = ctypes.c_void_p, ctypes.c_int64, ctypes.c_double
-SAMPLE, INCREMENT = 6, 7  # numbers each
-STATE, BIAS, EARTH, GAINED, FORCE, DOWN = 0, 10, 16, 19, 22, 25  # where they begin in `Strapdown`
-
-STATES, ROWS, KINDS = 22, 8, 4  # of the filter
-PIECE, GAINS, TRACE = 13, 16, 31  # numbers each
-NOTHING, TRACK, TARGET, ATTITUDE = range(4)
-FINISHED, STALLED, LIMITED, NEAR = 1, 2, 4, 8
+SAMPLE = columns(FLIGHT.Sample, "rate force")
+INCREMENT = columns(FLIGHT.Increment, "dt angle velocity")
+PIECE = columns(FLIGHT.Piece, "t0 p v a area")
+TRACE: int = FLIGHT.TRACE  # numbers of a row
+STATES, ROWS, KINDS = FLIGHT.STATES, FLIGHT.ROWS, FLIGHT.KINDS  # of the filter
+NOTHING, TRACK, TARGET, ATTITUDE = FLIGHT.NOTHING, FLIGHT.TRACK, FLIGHT.TARGET, FLIGHT.ATTITUDE
+FINISHED, STALLED, LIMITED, NEAR = FLIGHT.FINISHED, FLIGHT.STALLED, FLIGHT.LIMITED, FLIGHT.NEAR
 
 _Triple = tuple[float, float, float]
 _Quaternion = tuple[float, float, float, float]
 _Floats = NDArray[np.float64]
-
-
-class _Functions(ctypes.Structure):
-    _fields_ = (
-        ("integrate", ctypes.PYFUNCTYPE(None, _POINTER, _INT, _DOUBLE, _POINTER, _POINTER)),
-        ("carry", ctypes.PYFUNCTYPE(None, _POINTER, _POINTER, _INT)),
-        ("transition", ctypes.PYFUNCTYPE(None, _POINTER, _POINTER, _POINTER, _DOUBLE)),
-        ("innovate", ctypes.PYFUNCTYPE(
-            None, _POINTER, _POINTER, _POINTER, _POINTER, _POINTER, _POINTER)),
-        ("reference", ctypes.PYFUNCTYPE(None, _POINTER, _DOUBLE, _DOUBLE, _POINTER)),
-        ("guide", ctypes.PYFUNCTYPE(ctypes.c_int, _POINTER, _POINTER, _POINTER)),
-        ("land", ctypes.PYFUNCTYPE(None, _POINTER, _DOUBLE)),
-        ("cruise", ctypes.PYFUNCTYPE(
-            _INT, _POINTER, ctypes.py_object, _INT, _POINTER, _POINTER)),
-        ("compute_trajectory", ctypes.PYFUNCTYPE(
-            _DOUBLE, _POINTER, _POINTER, _POINTER, ctypes.c_int)),
-        ("pass_points", ctypes.PYFUNCTYPE(None, _POINTER, _POINTER, _POINTER)),
-        ("power", ctypes.PYFUNCTYPE(None, _POINTER, _INT, _POINTER, _POINTER, _POINTER)),
-    )  # fmt: skip
-
-
-_LIBRARY = load(library("flight"))
-_FUNCTIONS = functions(_LIBRARY, _Functions)
-_INTEGRATE, _CARRY = _FUNCTIONS.integrate, _FUNCTIONS.carry
-_TRANSITION, _INNOVATE = _FUNCTIONS.transition, _FUNCTIONS.innovate
-_REFERENCE, _GUIDE, _LAND = _FUNCTIONS.reference, _FUNCTIONS.guide, _FUNCTIONS.land
-_CRUISE = _FUNCTIONS.cruise
-_COMPUTE, _PASS, _POWER = _FUNCTIONS.compute_trajectory, _FUNCTIONS.pass_points, _FUNCTIONS.power
 
 
 _ROOM = 8  # times as many increments, so that they are seldom moved to the front
@@ -84,7 +56,7 @@ class Increments:
         if count % SAMPLE:
             raise ValueError(f"{count} numbers of samples, not {SAMPLE} each")
         to = self.reserve(1)
-        _INTEGRATE(where, count // SAMPLE, dt_s, to, None if carried is None else carried.at)
+        FLIGHT.integrate(where, count // SAMPLE, dt_s, to, None if carried is None else carried.at)
         self.count += 1
 
     def reserve(self, count: int) -> int:
@@ -116,17 +88,29 @@ class Increments:
         return self._at + (self._first + first) * self._size
 
 
+columns(FLIGHT.State, "p v q")
+columns(FLIGHT.ImuBias, "gyro accel")
+columns(FLIGHT.Earth, "gravity rate_north rate_down")
+_PARTS = [
+    slice(field.offset // 8, (field.offset + field.size) // 8)
+    for name in ("state", "bias", "earth", "gained", "force")
+    if (field := getattr(FLIGHT.Strapdown, name))
+]
+_CARRIED = ctypes.sizeof(FLIGHT.Strapdown) // 8
+
+
 class Strapdown:
     """Strapdown integration: position, velocity (NED) and attitude, carried by increments."""
 
     def __init__(self, earth: Sequence[float], *, most: int) -> None:
         """`earth`: gravity (m/s2), its rate north and down (rad/s); `most` increments at a time."""
         self._most = most
-        self._memory = memory = np.zeros(DOWN + most)
-        self.at = address(memory, np.float64, (DOWN + most,), written=True)
-        memory[EARTH:GAINED] = earth
-        self._state, self._bias = memory[STATE:BIAS], memory[BIAS:EARTH]
-        self._gained, self._force = memory[GAINED:FORCE], memory[FORCE:DOWN]
+        self._memory = memory = np.zeros(_CARRIED + most)
+        self.at = address(memory, np.float64, memory.shape, written=True)
+        self._state, self._bias, its_earth, self._gained, self._force = (
+            memory[part] for part in _PARTS
+        )
+        its_earth[:], self._down = earth, memory[_CARRIED:]
 
     def place(self, p: _Triple, v: _Triple, q: _Quaternion) -> None:
         """Set the state from which increments are integrated."""
@@ -148,7 +132,7 @@ class Strapdown:
         """
         if count > self._most:
             raise ValueError(f"{count} increments at once, {self._most} at most")
-        _CARRY(self.at, increments.rows(first, count), count)
+        FLIGHT.carry(self.at, increments.rows(first, count), count)
 
     @property
     def numbers(self) -> list[float]:
@@ -170,7 +154,7 @@ class Strapdown:
 
     def downs(self, count: int) -> list[float]:
         """Return the position down (m) after each of the `count` increments of the last `carry`."""
-        downs: list[float] = self._memory[DOWN : DOWN + count].tolist()
+        downs: list[float] = self._down[:count].tolist()
         return downs
 
 
@@ -192,7 +176,7 @@ class Transition:
         `gained` (m/s, NED) by specific force."""
         self._q[:] = q
         self._gained[:] = gained
-        _TRANSITION(*self._at, dt_s)
+        FLIGHT.transition(*self._at, dt_s)
 
 
 class Innovations:
@@ -227,15 +211,8 @@ class Innovations:
         if covariance.shape != (STATES, STATES):
             raise ValueError(f"a covariance (22, 22) is needed, not {covariance.shape}")
         self._covariance[:] = covariance
-        _INNOVATE(*self._at)
+        FLIGHT.innovate(*self._at)
         return self._std.tolist(), self._nis.tolist()
-
-
-class _Trajectory(ctypes.Structure):
-    _fields_ = (
-        ("pieces", _POINTER), ("count", _INT), ("half", _DOUBLE), ("start", _DOUBLE),
-        ("end", _DOUBLE),
-    )  # fmt: skip
 
 
 class Pieces:
@@ -251,164 +228,83 @@ class Pieces:
             raise ValueError("a trajectory has at least one piece")
         self._kept = pieces
         where = address(pieces, np.float64, (len(pieces), PIECE))
-        self._trajectory = _Trajectory(where, len(pieces), half_s, start_s, end_s)
+        self._trajectory = FLIGHT.Trajectory(
+            pieces=where, count=len(pieces), half=half_s, start=start_s, end=end_s
+        )
         self.at = ctypes.addressof(self._trajectory)
         self._pva = np.zeros(9)
         self._out = address(self._pva, np.float64, (9,), written=True)
 
     def reference(self, t: float) -> list[float]:
         """Return smoothed position, velocity and acceleration at `t` seconds: nine numbers."""
-        _REFERENCE(self.at, t, 0.0, self._out)  # none of them later than the others
+        FLIGHT.reference(self.at, t, 0.0, self._out)  # none of them later than the others
         found: list[float] = self._pva.tolist()
         return found
 
 
-_THREE = _DOUBLE * 3
+def steering(limits: object) -> Structure:
+    """Limits of the guidance as C takes them; those of `limits` have the same names."""
+    fields = FLIGHT.Steering._fields_
+    made: Structure = FLIGHT.Steering(**{name: getattr(limits, name) for name, _ in fields})
+    return made
 
 
-class Steering(ctypes.Structure):
-    """Limits of the guidance, in the layout of C; see `trajectory.h`."""
-
-    _fields_ = tuple(
-        (name, _DOUBLE)
-        for name in (
-            "acceleration_mps2", "vertical_acceleration_mps2", "smoothing_s", "speed_mps",
-            "climb_mps", "descent_mps", "corner_cut",
-        )
-    )  # fmt: skip
+def air(watts: _Floats, *, density: float, wind_mps: _Triple) -> Structure:
+    """Density, wind and power of level flight as C takes them: `watts` (n,), two or more, at 0, 1,
+    2, ... m/s, which have to outlive it."""
+    at, rows = address(watts, np.float64, watts.shape), len(watts)
+    made: Structure = FLIGHT.Air(density=density, wind=wind_mps, watts=at, rows=rows)
+    return made
 
 
-class Air(ctypes.Structure):
-    """Density, wind and power of level flight, in the layout of C; see `trajectory.h`."""
-
-    _fields_ = (
-        ("density", _DOUBLE), ("wind", _THREE), ("watts", _POINTER), ("rows", _INT),
-    )  # fmt: skip
-
-    @classmethod
-    def made(cls, watts: _Floats, *, density: float, wind_mps: _Triple) -> "Air":
-        """Make it of `watts` (n,), two or more, at 0, 1, 2, ... m/s, which have to outlive it."""
-        rows = len(watts)
-        return cls(density, _THREE(*wind_mps), address(watts, np.float64, (rows,)), rows)
-
-    def power(self, speed_mps: _Floats, accel_mps2: _Floats) -> _Floats:
-        """Watts (n,) at speeds through the air and sizes of acceleration (n,)."""
-        watts = np.empty(speed_mps.shape)
-        where = [address(given, np.float64, watts.shape) for given in (speed_mps, accel_mps2)]
-        _POWER(ctypes.addressof(self), watts.size, *where, watts.ctypes.data)
-        return watts
-
-
-class Vertex(ctypes.Structure):
-    """A point of a path, and the leg that ends there; see `trajectory.h`."""
-
-    _fields_ = (
-        ("point", _THREE), ("radius", _DOUBLE), ("count", _INT),
-        ("u", _THREE), ("length", _DOUBLE), ("top", _DOUBLE), ("accel", _DOUBLE),
-        ("v", _DOUBLE), ("sine", _DOUBLE), ("bend", _DOUBLE),
-        ("normal", _THREE), ("t_s", _DOUBLE), ("half_s", _DOUBLE),
-    )  # fmt: skip
-
-
-class _PathProfile(ctypes.Structure):
-    _fields_ = (
-        ("count", _INT), ("points", _POINTER), ("speeds", _POINTER), ("acceptance", _POINTER),
-        ("at", _POINTER), ("pieces", _POINTER), ("piece_count", _INT), ("legs", _INT),
-    )  # fmt: skip
+def power(air: Structure, speed_mps: _Floats, accel_mps2: _Floats) -> _Floats:
+    """Watts (n,) at speeds through the air and sizes of acceleration (n,)."""
+    watts = np.empty(speed_mps.shape)
+    where = [address(given, np.float64, watts.shape) for given in (speed_mps, accel_mps2)]
+    FLIGHT.power(ctypes.addressof(air), watts.size, *where, watts.ctypes.data)
+    return watts
 
 
 class PathProfile:
     """A path in the layout of C, from which its trajectory or its passing times are computed."""
 
     def __init__(
-        self, points: _Floats, speeds: _Floats, acceptance: _Floats, steering: Steering
+        self, points: _Floats, speeds: _Floats, acceptance: _Floats, steering: Structure
     ) -> None:
         """Points (n, 3), two or more, speeds (n - 1,) and acceptance radii (n,)."""
         self._count = count = len(points)
         self._kept = points, speeds, acceptance, steering
-        self._vertices, self._pieces = (Vertex * count)(), np.empty((4 * count, PIECE))
-        self._profile = _PathProfile(
-            count,
-            address(points, np.float64, (count, 3)),
-            address(speeds, np.float64, (count - 1,)),
-            address(acceptance, np.float64, (count,)),
-            ctypes.addressof(self._vertices),
-            self._pieces.ctypes.data,
+        self._vertices, self._pieces = (FLIGHT.Vertex * count)(), np.empty((4 * count, PIECE))
+        self._profile = FLIGHT.PathProfile(
+            count=count,
+            points=address(points, np.float64, (count, 3)),
+            speeds=address(speeds, np.float64, (count - 1,)),
+            acceptance=address(acceptance, np.float64, (count,)),
+            at=ctypes.addressof(self._vertices),
+            pieces=self._pieces.ctypes.data,
         )
         self._at = ctypes.addressof(self._profile), ctypes.addressof(steering)
 
     def trajectory(
         self, velocity: _Triple, *, braking: bool
-    ) -> tuple[_Floats, list[Vertex], float]:
+    ) -> tuple[_Floats, list[Structure], float]:
         """Return pieces (m, 13) from a velocity (m/s, NED) at the start on, vertices, and end (s);
         `braking` begins with a stop."""
-        end_s: float = _COMPUTE(*self._at, _THREE(*velocity), braking)
+        start = (ctypes.c_double * 3)(*velocity)
+        end_s: float = FLIGHT.compute_trajectory(*self._at, start, braking)
         profile = self._profile
         return self._pieces[: profile.piece_count].copy(), self._vertices[: profile.legs + 1], end_s
 
     def passing_times(self) -> _Floats:
         """Seconds (n,) after which each point is passed from rest to rest."""
         passed = np.empty(self._count)
-        _PASS(*self._at, passed.ctypes.data)
+        FLIGHT.pass_points(*self._at, passed.ctypes.data)
         return passed
 
 
-class Memory(ctypes.Structure):
-    """State of guidance, outer loop and land detector, in the layout of C; see `flight.h`."""
-
-    _fields_ = (
-        ("mode", _INT), ("armed", _INT),
-        ("course", _INT), ("interested", _INT), ("interest", _THREE),
-        ("yaw_order", _DOUBLE), ("spin", _DOUBLE),
-        ("path", _INT), ("too_fast", _INT),
-        ("soon", _DOUBLE), ("corner", _THREE), ("normal", _THREE),
-        ("oriented", _INT), ("q", _DOUBLE * 4), ("rates", _THREE),
-        ("thrust_order", _DOUBLE), ("climb", _DOUBLE),
-        ("pointed", _INT), ("p", _THREE), ("v", _THREE), ("a", _THREE),
-        ("yaw", _DOUBLE), ("yaw_rate", _DOUBLE),
-        ("t", _DOUBLE), ("rate", _DOUBLE), ("smooth_rate", _DOUBLE), ("room", _DOUBLE),
-        ("along", _THREE), ("waited", _DOUBLE), ("went", _DOUBLE), ("over", _DOUBLE),
-        ("missed", _DOUBLE), ("finished", _INT), ("stalled", _INT),
-        ("saturated", _INT), ("integral", _THREE), ("drag", _DOUBLE * 2), ("lagged", _DOUBLE),
-        ("effectiveness", _DOUBLE), ("thrust", _THREE), ("wanted_yaw", _DOUBLE),
-        ("error", _THREE), ("feed", _THREE), ("collective", _DOUBLE), ("lift", _DOUBLE),
-        ("descend", _DOUBLE), ("sink", _DOUBLE), ("knock", _DOUBLE),
-        ("quiet", _DOUBLE), ("touching", _INT), ("contact", _INT), ("landed", _INT),
-        ("noted", _INT),
-    )  # fmt: skip
-
-    def land(self, dt_s: float) -> None:
-        """Run the land detector's part of a guidance step alone."""
-        _LAND(ctypes.addressof(self), dt_s)
-
-
-class _Strapdown(ctypes.Structure):
-    _fields_ = (("numbers", _DOUBLE * DOWN),)
-
-
-class _Guidance(ctypes.Structure):
-    _fields_ = (("memory", _POINTER), ("gains", _POINTER), ("path", _POINTER), ("trace", _POINTER))
-
-
-class _Trace(ctypes.Structure):
-    _fields_ = (
-        ("rows", _POINTER), ("gauges", _POINTER), ("room", _INT), ("every", _INT), ("count", _INT),
-        ("steps", _INT),
-    )  # fmt: skip
-
-
-class _Loop(ctypes.Structure):
-    _fields_ = (
-        ("imu", _POINTER), ("inner", _POINTER), ("carried", _POINTER), ("samples", _POINTER),
-        ("interval", _INT), ("taken", _INT), ("dt", _DOUBLE),
-    )  # fmt: skip
-
-
-check_sizes(
-    _LIBRARY, Flight=_Functions, Strapdown=_Strapdown, Trajectory=_Trajectory, Guide=Memory,
-    Guidance=_Guidance, Trace=_Trace, Loop=_Loop, Steering=Steering, Vertex=Vertex,
-    PathProfile=_PathProfile, Air=Air,
-)  # fmt: skip
+def land(memory: Structure, dt_s: float) -> None:
+    """Run the land detector's part of a guidance step alone."""
+    FLIGHT.land(ctypes.addressof(memory), dt_s)
 
 
 class Trace:
@@ -420,7 +316,7 @@ class Trace:
         self._kept, self._rows = actuators, np.zeros((room, TRACE))
         self._scale = np.array([step_ns, *[1.0] * (TRACE - 1)])
         where = address(self._rows, np.float64, (room, TRACE), written=True)
-        self._memory = _Trace(where, actuators.at, room, every)
+        self._memory = FLIGHT.Trace(rows=where, gauges=actuators.at, room=room, every=every)
         self.at = ctypes.addressof(self._memory)
 
     def take(self) -> _Floats:
@@ -433,18 +329,14 @@ class Trace:
 class Guide:
     """Guidance and outer loop in C, a step at a time."""
 
-    def __init__(self, gains: Sequence[float], inner: Inner) -> None:
-        """`gains`: those of `Gains` in `flight.h`, in its order; `inner` takes the orders.
-
-        Raises:
-            ValueError: another number of them.
-        """
-        self.memory = Memory()
-        self._gains = np.array(gains, dtype=np.float64)
+    def __init__(self, gains: Mapping[str, float], inner: Inner) -> None:
+        """`gains`: those of `Gains` in `flight.h`; `inner` takes the orders."""
+        self.memory: Structure = FLIGHT.Guide()
+        self._gains = FLIGHT.Gains(**gains)
         self._inner = inner
         self._pieces: Pieces | None = None
-        where = address(self._gains, np.float64, (GAINS,))
-        self._guidance = _Guidance(ctypes.addressof(self.memory), where)
+        memory, its_gains = ctypes.addressof(self.memory), ctypes.addressof(self._gains)
+        self._guidance = FLIGHT.Guidance(memory=memory, gains=its_gains)
         self._at = ctypes.addressof(self._guidance)
 
     def track(self, pieces: Pieces | None) -> None:
@@ -470,7 +362,7 @@ class Guide:
 
     def step(self, nav: Strapdown) -> None:
         """Run one guidance step from the state `nav`; its events are flags in `memory.noted`."""
-        _GUIDE(self.at, nav.at, self._inner.at)
+        FLIGHT.guide(self.at, nav.at, self._inner.at)
 
 
 class Loop:
@@ -484,7 +376,14 @@ class Loop:
         self.samples = array("d", bytes(8 * SAMPLE * interval))  # the newest ones
         self._imu, self._kept = imu, (inner, carried)
         where, _ = self.samples.buffer_info()
-        self._memory = _Loop(imu.at, inner.at, carried.at, where, interval, 0, dt_s)
+        self._memory = FLIGHT.Loop(
+            imu=imu.at,
+            inner=inner.at,
+            carried=carried.at,
+            samples=where,
+            interval=interval,
+            dt=dt_s,
+        )
         self._at = ctypes.addressof(self._memory)
 
     @property
@@ -512,6 +411,6 @@ class Loop:
         self._imu.draw(ticks)
         before = self.count
         sums = increments.reserve((before + ticks) // self.interval)
-        flown: int = _CRUISE(self._at, run, ticks, sums, guide.at)
+        flown: int = FLIGHT.cruise(self._at, run, ticks, sums, guide.at)
         increments.count += (before + flown) // self.interval
         return flown

@@ -17,18 +17,9 @@ typedef struct {
 
 typedef struct { /* motors that a brain other than ours drives */
     Imu *imu;
-    void *run;
-    void *set_motors[4];
+    Object run, set_motors[4];
     double motors[4]; /* duty cycles, as ordered last */
 } Driven;
-
-/* Each returns whether it went well; where not, Python has an error set. */
-typedef struct {
-    int (*read_gauges)(const Interpreter *, const Gauge *, int64_t count, double *values);
-    int (*sample)(Imu *, double values[AXES]);
-    /* A tick of another brain's. */
-    int (*drive)(Driven *, const double motors[4], double values[AXES]);
-} Ticks;
 
 /* The IMU's sample of this tick. The force that JSBSim shows is that of the tick before: the rates
    of then go with it. */

@@ -6,84 +6,36 @@ from one such call to the next costs more than what is done in them. The calls k
 
 import ctypes
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from native.building import library
-from native.loading import address, check_sizes, load
+from native.loading import address, interface
 
-AXES = 6  # of a sample: body rates (rad/s), specific force (m/s2)
+FLIGHT = interface(library("flight"), keeps_lock=True)
+AXES: int = FLIGHT.AXES  # of a sample: body rates (rad/s), specific force (m/s2)
 _ROW = 8 * AXES  # bytes
-
-_POINTER, _INT, _DOUBLE = ctypes.c_void_p, ctypes.c_int64, ctypes.c_double
-_OBJECT, _OK = ctypes.py_object, ctypes.c_int
-_THREE, _SIX = _DOUBLE * 3, _DOUBLE * AXES
 
 Getter = Callable[[], float]
 Setter = Callable[[float], object]
 
 
-class _Interpreter(ctypes.Structure):
-    _fields_ = tuple((name, _POINTER) for name in ("call", "value", "error", "number", "release"))
+def addresses(*functions: Any) -> tuple[int | None, ...]:
+    """Addresses of functions, for C."""
+    return tuple(ctypes.cast(function, ctypes.c_void_p).value for function in functions)
 
 
-def of_python(*names: str) -> tuple[int | None, ...]:
-    """Addresses of functions of Python's C interface."""
-    return tuple(ctypes.cast(getattr(ctypes.pythonapi, name), _POINTER).value for name in names)
-
-
-_PYTHON = _Interpreter(*of_python(
-    "PyObject_Vectorcall", "PyFloat_AsDouble", "PyErr_Occurred", "PyFloat_FromDouble", "Py_DecRef"
-))  # fmt: skip
-
-
-class _Gauge(ctypes.Structure):
-    _fields_ = (("get", _OBJECT), ("offset", _DOUBLE), ("scale", _DOUBLE))
-
-
-class _Imu(ctypes.Structure):
-    _fields_ = (
-        ("python", _POINTER), ("gauges", _POINTER), ("errors", _POINTER), ("fault", _SIX),
-        ("rates", _THREE),
-    )  # fmt: skip
-
-
-class _Inner(ctypes.Structure):
-    _fields_ = (
-        ("python", _POINTER), ("set_rates", _OBJECT * 3), ("set_errors", _OBJECT * 3),
-        ("set_feeds", _OBJECT * 3), ("set_collective", _OBJECT), ("bias", _THREE),
-        ("rate", _THREE), ("error", _THREE), ("feed", _THREE), ("collective", _DOUBLE),
-        ("dt", _DOUBLE),
-    )  # fmt: skip
-
-
-class _Driven(ctypes.Structure):
-    _fields_ = (
-        ("imu", _POINTER), ("run", _OBJECT), ("set_motors", _OBJECT * 4), ("motors", _DOUBLE * 4),
-    )  # fmt: skip
-
-
-class _Ticks(ctypes.Structure):
-    _fields_ = (
-        ("read_gauges", ctypes.PYFUNCTYPE(_OK, _POINTER, _POINTER, _INT, _POINTER)),
-        ("sample", ctypes.PYFUNCTYPE(_OK, _POINTER, _POINTER)),
-        ("drive", _POINTER),  # called from C
-    )
-
-
-_LIBRARY = load(library("flight"))
-check_sizes(
-    _LIBRARY, Interpreter=_Interpreter, Gauge=_Gauge, Imu=_Imu, Inner=_Inner, Driven=_Driven,
-    Ticks=_Ticks,
+_API = ctypes.pythonapi
+_CALL, _VALUE, _ERROR, _NUMBER, _RELEASE = addresses(
+    _API.PyObject_Vectorcall, _API.PyFloat_AsDouble, _API.PyErr_Occurred, _API.PyFloat_FromDouble,
+    _API.Py_DecRef,
 )  # fmt: skip
-_LIBRARY.ticks.restype = ctypes.POINTER(_Ticks)
-_TICKS = _LIBRARY.ticks().contents
-_READ, _SAMPLE = _TICKS.read_gauges, _TICKS.sample
+_PYTHON = FLIGHT.Interpreter(
+    call=_CALL, value=_VALUE, error=_ERROR, number=_NUMBER, release=_RELEASE
+)
 PYTHON_AT = ctypes.addressof(_PYTHON)
-# For C: a gauge's reading, and a tick of an aircraft that another brain drives.
-READ_AT = ctypes.cast(_TICKS.read_gauges, _POINTER).value
-DRIVE_AT = _TICKS.drive
 
 
 class Gauges:
@@ -92,9 +44,10 @@ class Gauges:
     def __init__(self, gauges: Sequence[tuple[Getter, float, float]]) -> None:
         """Each is a getter, an offset and a scale: (get() - offset) scale."""
         self.count = len(gauges)
-        self._gauges = (_Gauge * self.count)(*(_Gauge(*gauge) for gauge in gauges))
+        each = (FLIGHT.Gauge(get=get, offset=by, scale=scale) for get, by, scale in gauges)
+        self._gauges = (FLIGHT.Gauge * self.count)(*each)
         self.at = ctypes.addressof(self._gauges)
-        self._values = (_DOUBLE * self.count)()
+        self._values = (ctypes.c_double * self.count)()
 
     def bind(self, getters: Sequence[Getter]) -> None:
         """Replace the getters; offsets and scales stay."""
@@ -103,7 +56,7 @@ class Gauges:
 
     def read(self) -> list[float]:
         """Values of the gauges at this tick."""
-        _READ(PYTHON_AT, self.at, self.count, ctypes.addressof(self._values))
+        FLIGHT.read_gauges(PYTHON_AT, self.at, self.count, ctypes.addressof(self._values))
         return self._values[:]
 
 
@@ -119,9 +72,10 @@ class Inner:
         *,
         dt_s: float,
     ) -> None:
-        self._memory = _Inner(
-            PYTHON_AT, tuple(rates), tuple(errors), tuple(feeds), collective, dt=dt_s
-        )
+        self._memory = FLIGHT.Inner(
+            python=PYTHON_AT, set_rates=tuple(rates), set_errors=tuple(errors),
+            set_feeds=tuple(feeds), set_collective=collective, dt=dt_s,
+        )  # fmt: skip
         self.at = ctypes.addressof(self._memory)
 
     def correct(self, bias: Sequence[float]) -> None:
@@ -139,12 +93,12 @@ class Imu:
         if gauges.count != AXES:
             raise ValueError(f"an IMU has {AXES} gauges, not {gauges.count}")
         self._gauges, self._draw = gauges, draw
-        self._memory = _Imu(PYTHON_AT, gauges.at)
+        self._memory = FLIGHT.Imu(python=PYTHON_AT, gauges=gauges.at)
         self.at = ctypes.addressof(self._memory)
         self._errors = np.zeros((1, AXES))
         self._end = address(self._errors, np.float64, (1, AXES))  # behind the errors left
         self._memory.errors = self._end
-        self._sample = (_DOUBLE * AXES)()
+        self._sample = (ctypes.c_double * AXES)()
 
     @property
     def rates(self) -> tuple[float, float, float]:
@@ -172,7 +126,7 @@ class Imu:
     def sample(self) -> list[float]:
         """IMU sample of this tick: rates (rad/s), specific force (m/s2)."""
         self.draw(1)
-        _SAMPLE(self.at, ctypes.addressof(self._sample))
+        FLIGHT.sample(self.at, ctypes.addressof(self._sample))
         return self._sample[:]
 
 
@@ -182,7 +136,7 @@ class Driven:
     def __init__(self, imu: Imu, setters: Sequence[Setter], run: Callable[[], object]) -> None:
         """`setters` take the four motors' duty cycles, which are 0 now."""
         self._imu = imu
-        self._memory = _Driven(imu.at, run, tuple(setters))
+        self._memory = FLIGHT.Driven(imu=imu.at, run=run, set_motors=tuple(setters))
         self.at = ctypes.addressof(self._memory)
 
     def ready(self, run: Callable[[], object], ticks: int) -> None:

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from flightdyn.native.library import Air
+from flightdyn.native.library import Structure, air, power
 from flightdyn.physics.airframe.parameters import QUAD_X
 from flightdyn.physics.atmosphere import pressure_pa, temperature_k
 from flightdyn.state import Vector
@@ -33,15 +33,15 @@ def power_w(speed_mps: Vector, *, accel_mps2: Vector | float = 0.0, density: flo
         density: of the air, over that at sea level.
     """
     speeds, accels = np.broadcast_arrays(speed_mps, accel_mps2)
-    return air_of(density).power(speeds.astype(np.float64), accels.astype(np.float64))
+    return power(air_of(density), speeds.astype(np.float64), accels.astype(np.float64))
 
 
 def least_power_w(speed_mps: Vector, *, density: float = 1.0) -> Vector:
     """Watts (n,) of level flight at these speeds or faster: convex, and nowhere falling."""
-    air = Air.made(_LEAST_W, density=density, wind_mps=_STILL)
-    return air.power(speed_mps, np.zeros(speed_mps.shape))
+    still = air(_LEAST_W, density=density, wind_mps=_STILL)
+    return power(still, speed_mps, np.zeros(speed_mps.shape))
 
 
-def air_of(density: float, wind_mps: tuple[float, float, float] = _STILL) -> Air:
+def air_of(density: float, wind_mps: tuple[float, float, float] = _STILL) -> Structure:
     """Make the air for C: density over that at sea level, wind (NED), power of flight in it."""
-    return Air.made(_LEVEL_W, density=density, wind_mps=wind_mps)
+    return air(_LEVEL_W, density=density, wind_mps=wind_mps)

@@ -10,6 +10,7 @@ import numpy as np
 from flightdyn.config import LimitsConfig
 from flightdyn.foresight import SETTLING_S, least_duration, least_energy, longest_within
 from flightdyn.guidance.path_plan import steering_of
+from flightdyn.native.library import Structure
 from flightdyn.physics.power import air_of, power_w
 from mission.base.arrays import Floats, given_alone
 from mission.planner.native import rounds
@@ -51,16 +52,18 @@ class Performance:
         return Foreseen(*rounds.foresee(self._flying, points_m, hold_s, radius_m))
 
     @cached_property
-    def _flying(self) -> rounds.Flying:
+    def _flying(self) -> Structure:
         return self.flying()
 
-    def flying(self, duration_s: float = math.inf, energy_j: float = math.inf) -> rounds.Flying:
+    def flying(self, duration_s: float = math.inf, energy_j: float = math.inf) -> Structure:
         """Return the C structure of performance and a round's limits of time and energy."""
-        ahead = (0.0, 0.0) if self.guidance is None else (AHEAD_S, AHEAD_SHARE)
-        return rounds.Flying(
-            self.guidance is not None, steering_of(self.guidance or LimitsConfig()),
-            air_of(self.density, (*self.wind_mps, 0.0)), self.speed_mps, self.widest_m, self.pace,
-            self.stopping_s, SETTLING_S, *ahead, duration_s, energy_j,
+        guided = self.guidance is not None
+        return rounds.flying(
+            guided=guided, steering=steering_of(self.guidance or LimitsConfig()),
+            air=air_of(self.density, (*self.wind_mps, 0.0)), speed=self.speed_mps,
+            widest=self.widest_m, pace=self.pace, stopping=self.stopping_s, settling=SETTLING_S,
+            ahead=guided * AHEAD_S, ahead_share=guided * AHEAD_SHARE, duration=duration_s,
+            energy=energy_j,
         )  # fmt: skip
 
     def foresee_hover(self, hover_s: float) -> Foreseen:
@@ -223,7 +226,7 @@ class RoundLimits:
     __getstate__ = given_alone
 
     @cached_property
-    def flying(self) -> rounds.Flying:
+    def flying(self) -> Structure:
         """C structure of performance and limits."""
         return self.performance.flying(self.duration_s, self.energy_j)
 

@@ -1,9 +1,10 @@
 /* Which of the levels that a library is compiled for this processor can run: 0 baseline, 1 AVX2
-   with FMA, 2 AVX-512 (on x86-64; elsewhere there is one). */
+   with FMA, 2 AVX-512 (on x86-64; elsewhere there is one). And the table of functions of each. */
 #ifndef LEVELS_H
 #define LEVELS_H
 
-#include "sizes.h"
+#include "exported.h"
+#include <stdint.h>
 
 #if defined(__x86_64__)
 #include <cpuid.h>
@@ -26,8 +27,20 @@ EXPORTED int best_level(void)
     if (!__get_cpuid_count(7, 0, &a, &b, &c, &d) || !(b & avx2)) return 0;
     return (b & avx512) == avx512 && (saved_registers() & 0xe6) == 0xe6 ? 2 : 1;
 }
+
+#define HANDED_OUT(Table, name) \
+    extern const Table name##_baseline, name##_avx2, name##_avx512; \
+    EXPORTED const Table *at_level(int level) \
+    { \
+        static const Table *const LEVELS[] = {&name##_baseline, &name##_avx2, &name##_avx512}; \
+        return LEVELS[level]; \
+    }
 #else
 EXPORTED int best_level(void) { return 0; }
+
+#define HANDED_OUT(Table, name) \
+    extern const Table name##_baseline; \
+    EXPORTED const Table *at_level(int level) { return level ? 0 : &name##_baseline; }
 #endif
 
 #endif

@@ -30,9 +30,10 @@ typedef struct {
     double half, start, end; /* s */
 } Trajectory;
 
-/* What guidance keeps to, of `flightdyn.config.LimitsConfig`. */
+/* What guidance keeps to, by the names of `flightdyn.config.LimitsConfig`. */
 typedef struct {
-    double accel, vertical_accel, smoothing, speed, climb, descent, corner_cut;
+    double acceleration_mps2, vertical_acceleration_mps2, smoothing_s;
+    double speed_mps, climb_mps, descent_mps, corner_cut;
 } Steering;
 
 /* A point of the path, several where they coincide, and the leg that ends there. */
@@ -105,12 +106,13 @@ static inline int64_t vertices_of(
         Vertex *end = at + ++n;
         *end = (Vertex){.p = {q[0], q[1], q[2]}, .radius = radius, .passed = i + 1, .length = length};
         for (int j = 0; j < 3; j++) end->u[j] = d[j] / length;
-        end->top = fmin(path->speeds[i - 1], steering->speed);
-        end->accel = steering->accel;
+        end->top = fmin(path->speeds[i - 1], steering->speed_mps);
+        end->accel = steering->acceleration_mps2;
         const double steep = fabs(end->u[2]);
         if (steep > 1e-6) {
-            end->top = fmin(end->top, (end->u[2] < 0 ? steering->climb : steering->descent) / steep);
-            end->accel = fmin(end->accel, steering->vertical_accel / steep);
+            const double fastest = end->u[2] < 0 ? steering->climb_mps : steering->descent_mps;
+            end->top = fmin(end->top, fastest / steep);
+            end->accel = fmin(end->accel, steering->vertical_acceleration_mps2 / steep);
         }
     }
     return n;
@@ -271,9 +273,10 @@ static inline double compute_trajectory(
     Pen pen = {.pieces = path->pieces, .p = {start[0], start[1], start[2]}};
     int64_t n = vertices_of(path, start, steering);
     if (braking || !n || !set_speeds(at, n, steering, velocity)) {
-        const double speed = size3(velocity[0], velocity[1], velocity[2]), share = -steering->accel / speed;
+        const double speed = size3(velocity[0], velocity[1], velocity[2]);
+        const double share = -steering->acceleration_mps2 / speed;
         const double accel[3] = {velocity[0] * share, velocity[1] * share, velocity[2] * share};
-        if (speed > 0.05) draw(&pen, velocity, accel, speed / steering->accel, NULL);
+        if (speed > 0.05) draw(&pen, velocity, accel, speed / steering->acceleration_mps2, NULL);
         n = vertices_of(path, pen.p, steering);
         if (n) set_speeds(at, n, steering, STILL);
     }
@@ -366,11 +369,13 @@ static inline double foresee_path(
     static const double STILL[3] = {0, 0, 0};
     const int64_t legs = vertices_of(path, path->points[0], steering);
     if (legs) set_speeds(path->at, legs, steering, STILL);
-    const double moving = passing_times(path->at, legs, steering->smoothing, passed);
+    const double moving = passing_times(path->at, legs, steering->smoothing_s, passed);
     if (air) {
-        const double half = fmax(steering->smoothing / 2, 1e-3);
+        const double half = fmax(steering->smoothing_s / 2, 1e-3);
         const double end = compute_trajectory(path, steering, STILL, 0);
-        const Trajectory trajectory = {path->pieces, path->piece_count, half, -half, end + half};
+        const Trajectory trajectory = {
+            .pieces = path->pieces, .count = path->piece_count, .half = half, .start = -half,
+            .end = end + half};
         *joules = joules_of(&trajectory, air);
     }
     return moving;

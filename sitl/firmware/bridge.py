@@ -6,7 +6,7 @@ from abc import ABC, abstractmethod
 
 from flightdyn.plant import Plant
 from sitl.errors import LinkError, SitlInputError
-from sitl.firmware.native.library import Hil, Json, Stepped
+from sitl.firmware.native.library import Stepped, Structure
 
 # Wall time that a firmware may take for a tick. On a busy machine it takes long for one now and
 # then; one that takes longer than this is stuck.
@@ -18,7 +18,7 @@ LOOPBACK = "127.0.0.1"
 class Bridge(ABC):
     """A simulator link to one firmware: sends sensor readings, steps the plant by its orders."""
 
-    def __init__(self, plant: Plant, link: Hil | Json, port: int) -> None:
+    def __init__(self, plant: Plant, link: Structure, port: int) -> None:
         """`link` is the C structure of what is exchanged with the firmware.
 
         Raises:

@@ -48,9 +48,9 @@ def test_when_points_are_passed_is_known_without_making_a_trajectory(seed: int) 
     twice = np.repeat(path.points_ned_m, 1 + seed % 2, axis=0)  # some of them coincide
     path = path_along(twice, speed_mps=20.0, acceptance_m=5.0)
     trajectory, corners = plan_path(path, LIMITS)
-    closest_s = [corner.t_s - trajectory.start_s for corner in corners[1:-1]]
+    closest_s = [corner.t - trajectory.start_s for corner in corners[1:-1]]
     closest_s.append(trajectory.end_s - trajectory.start_s)
-    passed_s, counts = passing_times(path, LIMITS), [corner.count for corner in corners]
+    passed_s, counts = passing_times(path, LIMITS), [corner.passed for corner in corners]
     assert [passed_s[count - 1] for count in counts[1:]] == pytest.approx(closest_s, abs=1e-9)
     assert foresee(path).arrived_s.tolist() == passed_s
 

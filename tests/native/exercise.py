@@ -43,6 +43,16 @@ digest = hashlib.sha256()
 rng = np.random.Generator(np.random.PCG64(3))
 
 
+def contents(structure, *names):
+    """What the fields have, by their names: wherever they lie."""
+    for name in names or sorted(name for name, _ in structure._fields_):
+        field, value = getattr(type(structure), name), getattr(structure, name)
+        if isinstance(value, ctypes.Structure):
+            contents(value)
+        else:
+            digest.update(bytes(structure)[field.offset : field.offset + field.size])
+
+
 def learn(name, shape, dtype, count, convnet=None):
     net = make_network(name, convnet=convnet, image_shape=shape, classes=10)
     pixels = rng.integers(0, 256, (count, *shape)).astype(dtype)
@@ -117,7 +127,7 @@ def hil(ticks):
             junk[marker] = 0xFD
         theirs.sendall(junk)
         bridge.hil_wait(at, False)
-        digest.update(bytes(link)[bridge.Hil.sensor.offset : bridge.Hil.socket.offset])
+        contents(link, "sensor", "motors", "sent_us", "answered_us")
 
 
 def json(ticks):
@@ -141,7 +151,7 @@ def json(ticks):
         theirs.send(b"\x1a\x48" + rng.bytes(38))
         for _ in range(2):
             digest.update(bytes((bridge.json_wait(at),)))
-        digest.update(bytes(link)[bridge.Json.sample.offset : bridge.Json.socket.offset])
+        contents(link, "sample", "state", "errors", "motors", "count", "answered", "asked", "came")
 
 
 def fly():
@@ -158,7 +168,12 @@ def fly():
         (0.0, 0.0, -30.0), (9.0, 2.0, 0.0), goal=(5.0, 5.0, -40.0), limits=LimitsConfig()
     )
     digest.update(np.array(joined.at(joined.end_s / 2)).tobytes())
-    gains = [0.02, 9.81, 41.5, 1.7, 0.05, 1.6, 4.5, 2.5, 6.0, 0.16, 0.1, 12.0, 0.25, 0.06, 0.9, 1.0]
+    gains = {
+        "dt": 0.02, "gravity": 9.81, "full": 41.5, "slope": 1.7, "idle": 0.05, "position": 1.6,
+        "velocity": 4.5, "integral": 2.5, "integral_limit": 6.0, "lead": 0.16, "drag_lag": 0.1,
+        "drag_limit": 12.0, "thrust_lag": 0.25, "motor_lag": 0.06, "most_thrust": 0.9,
+        "yaw_rate": 1.0,
+    }  # fmt: skip
     told: list[float] = []
     axes = [told.append] * 3
     inner = Inner(axes, axes, axes, told.append, dt_s=dt)
@@ -182,15 +197,15 @@ def fly():
                 (place[0], place[1], place[2]), (speed[0], speed[1], speed[2]), (w, x, y, z)
             )
         guide.step(carried)
-        digest.update(np.array([*carried.numbers, *carried.gained]).tobytes())
-        digest.update(bytes(memory))
+        digest.update(np.array([*carried.numbers, *carried.gained, *carried.downs(1)]).tobytes())
+        contents(memory)
     memory.mode = TRACK
     imu = Imu(Gauges([(rng.standard_normal, 0.1, 0.3)] * 6), lambda: rng.normal(size=(50, 6)))
     loop = Loop(imu, inner, carried, interval=5, dt_s=dt)
     for _ in range(200):
         increments.drop(increments.count)
         digest.update(np.array([loop.fly(dict, 12, increments, guide), *carried.numbers]).tobytes())
-        digest.update(bytes(memory))
+        contents(memory)
     digest.update(np.array(told).tobytes())
     matrix, noise = rng.normal(size=(8, 22)), np.eye(8)
     innovations, root = Innovations(matrix, noise), rng.normal(size=(22, 22))

@@ -1,6 +1,5 @@
 """What the C code must not be given is refused before it is."""
 
-import ctypes
 from dataclasses import replace
 from typing import Any
 
@@ -10,9 +9,7 @@ import pytest
 from fl.native import library as learning
 from flightdyn.native.ticks import Gauges
 from mission.planner.native import library as planner
-from native import building
-from native.errors import LibraryError
-from native.loading import address, check_sizes, load
+from native.loading import address
 
 NET = learning.Network((6, 6, 1), (2,), (3,), (1,), (4,))
 WEIGHTS = np.zeros(NET.parameters, np.float32)
@@ -119,15 +116,6 @@ def test_problems_that_the_search_cannot_take():
         planner.explore(devices(0), limits, starts=1, tries=1)
     with pytest.raises(ValueError, match="must be finite"):
         planner.assign(np.array([[np.nan]]), np.ones(1), 1)
-
-
-def test_a_structure_of_another_size_than_in_c():
-    class Short(ctypes.Structure):
-        _fields_ = (("steps", ctypes.c_int64), ("per_step", ctypes.c_int64))
-
-    loaded = load(building.library("planner"))
-    with pytest.raises(LibraryError, match=r"Limits has \d+ bytes there, 16 in Python$"):
-        check_sizes(loaded, Limits=Short)
 
 
 def test_a_gauge_that_shows_no_number_is_an_error():

@@ -45,16 +45,11 @@ def test_a_change_of_any_source_is_built_and_the_old_library_goes(library):
 
 
 @pytest.mark.slow
-def test_without_sources_the_library_is_taken_as_it_is(library):
-    path = building.build(library)
-    for source in (*library.folder.glob("*.c"), *library.folder.glob("*.h")):
-        source.unlink()
-    installed = replace(library)
-    assert not installed.has_sources
-    loading.load(installed)
-    path.unlink()
-    with pytest.raises(LibraryError, match="holds no library; install aerofed anew"):
-        loading.load(installed)
+def test_an_installed_library_needs_no_compiler(library, request):
+    """A wheel has the sources of its libraries."""
+    building.build(library)
+    request.getfixturevalue("no_compiler")
+    loading.load(replace(library))
 
 
 @pytest.mark.usefixtures("no_compiler")

@@ -33,7 +33,7 @@ def others() -> list[str]:
 def compile_all(folder: Path, compiler: list[str], flags: tuple[str, ...] = ()) -> None:
     """All libraries, into a folder, for `exercised`."""
     for library in building.LIBRARIES:
-        building.compile_to(folder / f"lib{library.name}.so", library, compiler, flags=flags)
+        building.compile_to(folder / library.path.name, library, compiler, flags=flags)
 
 
 def exercised(folder: Path | None = None, **environment: str) -> subprocess.CompletedProcess[str]:

@@ -1,22 +1,19 @@
 /* What Python calls: `airspace.h` for many places at a time. */
 
 #include "airspace.h"
-
-#include "sizes.h"
-
-SIZE_OF(Airspace);
+#include "exported.h"
 
 /* Which legs are further than `away` from every outline. */
 EXPORTED void keep_away(
     const Airspace *space, int64_t count, const Point *from, const Point *to, double away,
-    unsigned char *kept)
+    uint8_t *kept)
 {
-    for (int64_t i = 0; i < count; i++) kept[i] = (unsigned char)keeps(space, from[i], to[i], away);
+    for (int64_t i = 0; i < count; i++) kept[i] = (uint8_t)keeps(space, from[i], to[i], away);
 }
 
-EXPORTED void allow(const Airspace *space, int64_t count, const Point *place, unsigned char *allowed)
+EXPORTED void allow(const Airspace *space, int64_t count, const Point *place, uint8_t *allowed)
 {
-    for (int64_t i = 0; i < count; i++) allowed[i] = (unsigned char)is_allowed(space, place[i]);
+    for (int64_t i = 0; i < count; i++) allowed[i] = (uint8_t)is_allowed(space, place[i]);
 }
 
 EXPORTED void measure_away(const Airspace *space, int64_t count, const Point *place, double *metres)

@@ -1,4 +1,4 @@
-"""The C interface of an airspace (`native/include/airspace.h`)."""
+"""The C interface of an airspace (`airspace.c`, `native/include/airspace.h`)."""
 
 import ctypes
 from collections.abc import Callable, Sequence
@@ -10,31 +10,11 @@ from numpy.typing import NDArray
 
 from mission.base.arrays import Bools, Floats, Ints
 from native.building import library
-from native.loading import address, check_sizes, load
+from native.headers import columns
+from native.loading import address, interface
 
-_POINTER, _INT, _DOUBLE = ctypes.c_void_p, ctypes.c_int64, ctypes.c_double
-
-
-class Structure(ctypes.Structure):
-    """The C struct `Airspace` of `airspace.h`: outlines, vertices, shortest paths between them."""
-
-    _fields_ = (
-        ("outlines", _INT), ("fenced", _INT), ("first", _POINTER), ("corner", _POINTER),
-        ("low", _POINTER), ("high", _POINTER), ("clear", _DOUBLE), ("touching", _DOUBLE),
-        ("beside", _DOUBLE), ("vertices", _INT), ("places", _INT), ("vertex", _POINTER),
-        ("shifts", _INT), ("shift", _POINTER), ("length", _POINTER), ("before", _POINTER),
-    )  # fmt: skip
-
-
-_LIBRARY = load(library("airspace"))
-check_sizes(_LIBRARY, Airspace=Structure)
-_keep = ctypes.CFUNCTYPE(None, _POINTER, _INT, _POINTER, _POINTER, _DOUBLE, _POINTER)
-_ask = ctypes.CFUNCTYPE(None, _POINTER, _INT, _POINTER, _POINTER)
-_keep_away, _allow = _keep(("keep_away", _LIBRARY)), _ask(("allow", _LIBRARY))
-_measure_away = _ask(("measure_away", _LIBRARY))
-_move_all = ctypes.CFUNCTYPE(_INT, _POINTER, _INT, _POINTER)(("move_all", _LIBRARY))
-_find_ways = ctypes.CFUNCTYPE(None, _POINTER)(("find_ways", _LIBRARY))
-_find_route = ctypes.CFUNCTYPE(_INT, _POINTER, _INT, *[_POINTER] * 4)(("find_route", _LIBRARY))
+_AIRSPACE = interface(library("airspace"))
+_POINT = columns(_AIRSPACE.Point, "x y")
 
 
 class Outlines:
@@ -60,14 +40,17 @@ class Outlines:
             np.array([end(ring, axis=0) for ring in rings]) for end in (np.min, np.max)
         ), shifts]  # fmt: skip
         at = [array.ctypes.data for array in self._kept]
-        self._space = Structure(len(rings), fenced, *at[:4], *margins_m)
+        clear, touching, beside = margins_m
+        self._space = _AIRSPACE.Airspace(
+            outlines=len(rings), fenced=fenced, first=at[0], corner=at[1], low=at[2], high=at[3],
+            clear=clear, touching=touching, beside=beside, shifts=len(shifts), shift=at[4],
+        )  # fmt: skip
         self._at = ctypes.addressof(self._space)
         vertices_m, places_m = (points[self.free(points)] for points in (vertices_m, places_m))
         vertices = np.vstack((vertices_m, places_m))
         self._kept.append(vertices)
         self._space.vertices, self._space.places = len(vertices_m), len(places_m)
         self._space.vertex = vertices.ctypes.data
-        self._space.shifts, self._space.shift = len(shifts), at[4]
 
     @cached_property
     def at(self) -> int:
@@ -75,21 +58,21 @@ class Outlines:
         count = self._space.vertices
         self._kept += [np.empty((count, count)), np.empty((count, count), np.int32)]
         self._space.length, self._space.before = (m.ctypes.data for m in self._kept[-2:])
-        _find_ways(self._at)
+        _AIRSPACE.find_ways(self._at)
         return self._at
 
     def keep(self, from_m: Floats, to_m: Floats, away_m: float) -> Bools:
         """(S,) whether legs (S, 2) -> (S, 2) are farther than `away_m` from every outline."""
         count, kept = len(to_m), np.empty(len(to_m), np.bool_)
         ends = [np.ascontiguousarray(points_m, dtype=np.float64) for points_m in (from_m, to_m)]
-        at = [address(points_m, np.float64, (count, 2)) for points_m in ends]
-        _keep_away(self._at, count, *at, away_m, kept.ctypes.data)
+        at = [address(points_m, np.float64, (count, _POINT)) for points_m in ends]
+        _AIRSPACE.keep_away(self._at, count, *at, away_m, kept.ctypes.data)
         return kept
 
     def allow(self, points_m: Floats) -> Bools:
         """(P,) whether points (P, 2) may be flown, margin aside; not those on an outline."""
         allowed = np.empty(len(points_m), np.bool_)
-        _call(_allow, self._at, points_m, allowed)
+        _call(_AIRSPACE.allow, self._at, points_m, allowed)
         return allowed
 
     def free(self, points_m: Floats) -> Bools:
@@ -99,7 +82,7 @@ class Outlines:
     def away(self, points_m: Floats) -> Floats:
         """(P,) metres from points (P, 2) to the nearest outline, margin aside; 0 where allowed."""
         metres = np.empty(len(points_m))
-        _call(_measure_away, self._at, points_m, metres)
+        _call(_AIRSPACE.measure_away, self._at, points_m, metres)
         return metres
 
     def moved(self, points_m: Floats) -> Floats:
@@ -109,7 +92,7 @@ class Outlines:
             ValueError: no free place was found for a point.
         """
         moved = np.array(points_m, dtype=np.float64)
-        if _call(_move_all, self._at, moved) < len(moved):
+        if _call(_AIRSPACE.move_all, self._at, moved) < len(moved):
             raise ValueError("nowhere is free")
         return moved
 
@@ -117,7 +100,7 @@ class Outlines:
         """Return the route (P, 2) through waypoints (N, 2), and their indices (N,) in it."""
         steps, spare = len(waypoints_m), np.empty(2 * self.corners)
         route, at = np.empty((steps * (self.corners + 1), 2)), np.empty(steps, np.int64)
-        points = _call(_find_route, self.at, waypoints_m, route, at, spare)
+        points = _call(_AIRSPACE.find_route, self.at, waypoints_m, route, at, spare)
         return route[:points].copy(), at
 
     @property
@@ -133,6 +116,6 @@ class Outlines:
 
 def _call(function: Callable[..., Any], space: int, points_m: Floats, *arrays: NDArray[Any]) -> int:
     points_m = np.ascontiguousarray(points_m, dtype=np.float64)
-    where = address(points_m, np.float64, (len(points_m), 2))
+    where = address(points_m, np.float64, (len(points_m), _POINT))
     called: int = function(space, len(points_m), where, *(array.ctypes.data for array in arrays))
     return called

@@ -11,24 +11,15 @@ from fl.radio.per_grid import PerGrid
 from mission.base.arrays import Bools, Floats, Ints
 from mission.planner.reward import Conjugates
 from native.building import library
-from native.loading import address, check_sizes, functions, load
+from native.headers import Structure, columns
+from native.loading import address, interface
 
-MOST_DEVICES = 40  # of a search
-
-
-_POINTER, _INT, _DOUBLE = ctypes.c_void_p, ctypes.c_int64, ctypes.c_double
-
-
-class Grid(ctypes.Structure):
-    """C structure of success probabilities on a grid of places; see `planner.h`."""
-
-    _fields_ = (
-        ("success", _POINTER), ("rows", _INT), ("columns", _INT), ("x", _DOUBLE), ("y", _DOUBLE),
-        ("cell", _DOUBLE),
-    )  # fmt: skip
+PLANNER = interface(library("planner"))
+MOST_DEVICES: int = PLANNER.MOST_DEVICES  # of a search
+POINT = columns(PLANNER.Point, "x y")
 
 
-def grid_as_c(grid: PerGrid | None, devices: int) -> Grid | None:
+def grid_as_c(grid: PerGrid | None, devices: int) -> Structure | None:
     """Return the C structure of a PER grid, which must outlive it; None without a grid.
 
     Raises:
@@ -39,59 +30,11 @@ def grid_as_c(grid: PerGrid | None, devices: int) -> Grid | None:
     rows, columns = grid.success.shape[1:]
     if min(rows, columns) < 2 or not grid.cell_m > 0.0:
         raise ValueError(f"no grid: {rows} x {columns} places every {grid.cell_m} m")
-    at = address(grid.success, np.float64, (devices, rows, columns))
-    return Grid(at, rows, columns, *grid.first_m, grid.cell_m)
-
-
-class _Devices(ctypes.Structure):
-    _fields_ = (
-        ("count", _INT), ("at", _POINTER), ("delta", _POINTER), ("hover", _POINTER),
-        ("after", _POINTER), ("sends", _POINTER), ("rows", _INT), ("table", _POINTER),
-        ("grid", _POINTER),
-    )  # fmt: skip
-
-
-class _Limits(ctypes.Structure):
-    _fields_ = (
-        ("steps", _INT), ("per_step", _INT), ("length", _DOUBLE), ("stop", _DOUBLE * 2),
-        ("turn", _DOUBLE * 2),
-    )  # fmt: skip
-
-
-class _Relaxation(ctypes.Structure):
-    _fields_ = (
-        ("radii", _INT), ("splines", _INT), ("coefficients", _POINTER), ("spacing", _POINTER),
-        ("ends", _POINTER), ("row", _POINTER), ("ladder", _POINTER), ("radius_m", _POINTER),
-        ("promise", _POINTER),
-    )  # fmt: skip
-
-
-class _Functions(ctypes.Structure):
-    _fields_ = (
-        ("explore", ctypes.CFUNCTYPE(
-            _DOUBLE, _POINTER, _POINTER, _INT, _INT, _POINTER, _POINTER)),
-        ("search_orders", ctypes.CFUNCTYPE(
-            _INT, _POINTER, _POINTER, _POINTER, _DOUBLE, _INT, _INT, _POINTER, _POINTER, _POINTER,
-            _POINTER, _POINTER)),
-        ("search_places", ctypes.CFUNCTYPE(
-            _INT, _POINTER, _POINTER, _DOUBLE, _INT, _INT, _POINTER, _POINTER, _POINTER, _POINTER,
-            _POINTER)),
-        ("assign", ctypes.CFUNCTYPE(ctypes.c_int, _INT, _INT, _INT, _POINTER, _POINTER)),
-        ("fit", ctypes.CFUNCTYPE(
-            ctypes.c_int, _POINTER, _POINTER, _POINTER, _DOUBLE, _DOUBLE, ctypes.c_int)),
-        ("vary", ctypes.CFUNCTYPE(
-            ctypes.c_int, _POINTER, _POINTER, _DOUBLE, _INT, _DOUBLE, _INT, ctypes.c_int)),
-        ("leave_out", ctypes.CFUNCTYPE(ctypes.c_int, _POINTER, _POINTER)),
-        ("judge", ctypes.CFUNCTYPE(ctypes.c_int, _POINTER, _POINTER, _POINTER)),
-        ("foresee", ctypes.CFUNCTYPE(
-            _DOUBLE, _POINTER, _INT, _POINTER, _POINTER, _DOUBLE, _POINTER, _POINTER)),
-        ("match", ctypes.CFUNCTYPE(_DOUBLE, _POINTER, _POINTER, _POINTER, _POINTER)),
-        ("order_bound", ctypes.CFUNCTYPE(
-            _DOUBLE, _POINTER, _POINTER, _POINTER, _POINTER, _POINTER, _DOUBLE)),
-        ("square_bound", ctypes.CFUNCTYPE(
-            _DOUBLE, _POINTER, _POINTER, _DOUBLE, _DOUBLE, _DOUBLE)),
-        ("conjugate", ctypes.CFUNCTYPE(_DOUBLE, _POINTER, _INT, _DOUBLE)),
-    )  # fmt: skip
+    at, (x, y) = address(grid.success, np.float64, (devices, rows, columns)), grid.first_m
+    made: Structure = PLANNER.Grid(
+        success=at, rows=rows, columns=columns, first=PLANNER.Point(x=x, y=y), cell=grid.cell_m
+    )
+    return made
 
 
 @dataclass(frozen=True)
@@ -107,26 +50,27 @@ class Devices:
     after: Floats | None = None  # (K,) most metres of time from its turn on, its hover included
     sends: Floats | None = None  # (K,) metres that could be flown while each sends
 
-    def as_c(self) -> _Devices:
+    def as_c(self) -> Any:
         """The structure as C takes it; the arrays have to outlive it."""
         count, rows = len(self.delta), len(self.rows)
         if not count or not rows:
             raise ValueError("no device, or an empty table")
-        return _Devices(
-            count,
-            address(self.u, np.float64, (count, 2)),
-            address(self.delta, np.float64, (count,)),
-            *(
-                None if metres is None else address(metres, np.float64, (count,))
-                for metres in (self.hover, self.after, self.sends)
-            ),
-            rows,
-            address(self.rows, np.float64, (rows, 3)),
-            None if self._grid is None else ctypes.addressof(self._grid),
+        return PLANNER.Devices(
+            count=count,
+            at=address(self.u, np.float64, (count, POINT)),
+            delta=address(self.delta, np.float64, (count,)),
+            rows=rows,
+            table=address(self.rows, np.float64, (rows, 3)),
+            grid=None if self._grid is None else ctypes.addressof(self._grid),
+            **{
+                name: address(metres, np.float64, (count,))
+                for name in ("hover", "after", "sends")
+                if (metres := getattr(self, name)) is not None
+            },
         )
 
     @cached_property
-    def _grid(self) -> Grid | None:
+    def _grid(self) -> Structure | None:
         return grid_as_c(self.grid, len(self.delta))
 
 
@@ -142,11 +86,16 @@ class PathLimits:
     stop: tuple[float, float] = (0.0, 0.0)
     turn: tuple[float, float] = (0.0, 0.0)
 
-    def as_c(self) -> _Limits:
+    def as_c(self) -> Any:
         """The structure as C takes it."""
         if self.steps < 2 or self.per_step < 1 or not 0.0 < self.length < np.inf:
             raise ValueError(f"nothing to move for: {self}")
-        return _Limits(self.steps, self.per_step, self.length, self.stop, self.turn)
+        stop, turn = (
+            PLANNER.Stopping(least=least, brake=brake) for least, brake in (self.stop, self.turn)
+        )
+        return PLANNER.Limits(
+            steps=self.steps, per_step=self.per_step, length=self.length, stop=stop, turn=turn
+        )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -155,27 +104,27 @@ class Relaxation(Conjugates):
 
     promise: Floats  # (K, B) bound of delta f for a device out of reach of radius b
 
-    def as_c(self, devices: int) -> _Relaxation:
+    def as_c(self, devices: int) -> Any:
         """The structure as C takes it; the arrays have to outlive it."""
         rows, splines = self.coefficients.shape
         radii = len(self.radii_m)
         if splines < 4 or radii > np.iinfo(np.int8).max:
             raise ValueError(f"splines of {splines} coefficients between {radii} radii")
-        result = _Relaxation(
-            radii,
-            splines,
-            address(self.coefficients, np.float64, (rows, splines)),
-            address(self.spacing, np.float64, (rows,)),
-            address(self.ends, np.int64, (rows, 2)),
-            address(self.row, np.int64, (radii, radii)),
-            address(self.ladder, np.int64, (radii,)),
-            address(self.radii_m, np.float64, (radii,)),
-            address(self.promise, np.float64, (devices, radii)),
+        made = PLANNER.Relaxation(
+            radii=radii,
+            splines=splines,
+            coefficients=address(self.coefficients, np.float64, (rows, splines)),
+            spacing=address(self.spacing, np.float64, (rows,)),
+            ends=address(self.ends, np.int64, (rows, 2)),
+            row=address(self.row, np.int64, (radii, radii)),
+            ladder=address(self.ladder, np.int64, (radii,)),
+            radius_m=address(self.radii_m, np.float64, (radii,)),
+            promise=address(self.promise, np.float64, (devices, radii)),
         )
         _check_range("ends", self.ends, radii)
         _check_range("ladder", self.ladder, radii)
         _check_range("row", self.row[np.triu_indices(radii, 1)], rows)
-        return result
+        return made
 
 
 def _check_range(name: str, indices: Ints, end: int) -> None:
@@ -183,17 +132,12 @@ def _check_range(name: str, indices: Ints, end: int) -> None:
         raise ValueError(f"{name} must be from 0 to {end - 1}")
 
 
-_ENDED = (  # by `Ended` of planner.h
-    "after {nodes} nodes nothing was left to divide",
-    "it ended after {nodes} nodes, as many as it may look into",
-    "it ended after {nodes} of {most} nodes, as at its pace the rest of them would not do",
-)
-LIBRARY = load(library("planner"))
-check_sizes(
-    LIBRARY, Grid=Grid, Devices=_Devices, Limits=_Limits, Relaxation=_Relaxation,
-    Planner=_Functions,
-)  # fmt: skip
-FUNCTIONS = functions(LIBRARY, _Functions)
+_ENDED = {
+    PLANNER.DONE: "after {nodes} nodes nothing was left to divide",
+    PLANNER.OUT_OF_NODES: "it ended after {nodes} nodes, as many as it may look into",
+    PLANNER.TOO_SLOW: "it ended after {nodes} of {most} nodes, as at its pace the rest of them "
+    "would not do",
+}
 
 
 def explore(
@@ -210,7 +154,7 @@ def explore(
     """
     way, assigned = np.zeros((limits.steps, 2)), np.full(len(devices.delta), -1, dtype=np.int64)
     shared = devices.as_c(), limits.as_c()
-    value = FUNCTIONS.explore(
+    value = PLANNER.explore(
         *map(ctypes.addressof, shared),
         min(starts, len(devices.delta)),
         tries,
@@ -265,7 +209,7 @@ def search_orders(
     if count > MOST_DEVICES:
         raise ValueError(f"{count} devices: a search takes at most {MOST_DEVICES}")
     shared = devices.as_c(), limits.as_c(), relaxation.as_c(count)
-    return _searched(FUNCTIONS.search_orders, shared, limits, plan, effort)
+    return _searched(PLANNER.search_orders, shared, limits, plan, effort)
 
 
 def search_places(devices: Devices, limits: PathLimits, *, plan: Found, effort: Effort) -> Found:
@@ -278,12 +222,12 @@ def search_places(devices: Devices, limits: PathLimits, *, plan: Found, effort: 
         MemoryError: there is too little memory.
     """
     shared = devices.as_c(), limits.as_c()
-    return _searched(FUNCTIONS.search_places, shared, limits, plan, effort)
+    return _searched(PLANNER.search_places, shared, limits, plan, effort)
 
 
 def _searched(
     function: Any,
-    shared: tuple[ctypes.Structure, ...],
+    shared: tuple[Structure, ...],
     limits: PathLimits,
     plan: Found,
     effort: Effort,
@@ -292,14 +236,14 @@ def _searched(
         raise ValueError(f"nothing to search for: {plan.value=}")
     _check_range("assigned", plan.assigned + 1, limits.steps + 1)
     way, assigned = plan.way.copy(), plan.assigned.copy()
-    value, bound, ended = _DOUBLE(plan.value), _DOUBLE(), _INT()
+    value, bound, ended = ctypes.c_double(plan.value), ctypes.c_double(), ctypes.c_int64()
     nodes = function(
         *map(ctypes.addressof, shared),
         effort.gap,
         effort.max_nodes,
         effort.max_open,
         ctypes.addressof(value),
-        address(way, np.float64, (limits.steps, 2), written=True),
+        address(way, np.float64, (limits.steps, POINT), written=True),
         address(assigned, np.int64, (shared[0].count,), written=True),
         ctypes.addressof(bound),
         ctypes.addressof(ended),
@@ -335,7 +279,7 @@ def assign(success: Floats, importance: Floats, per_step: int) -> Bools:
         raise ValueError("what assignments are worth must be finite")
     by_device, served = np.ascontiguousarray(worth.T), np.empty(devices, dtype=np.int64)
     at = address(by_device, np.float64, (devices, steps))
-    if FUNCTIONS.assign(devices, steps, per_step, at, served.ctypes.data):
+    if PLANNER.assign(devices, steps, per_step, at, served.ctypes.data):
         raise MemoryError("too little memory to assign devices")
     here = np.flatnonzero(served >= 0)
     schedule[served[here], here] = True
@@ -346,9 +290,9 @@ def match(devices: Devices, limits: PathLimits, way: Floats) -> tuple[float, Int
     """The best assignment of devices to the steps of a path (N, 2), and what it earns."""
     assigned = np.full(len(devices.delta), -1, dtype=np.int64)
     shared = devices.as_c(), limits.as_c()
-    value = FUNCTIONS.match(
+    value = PLANNER.match(
         *map(ctypes.addressof, shared),
-        address(way, np.float64, (limits.steps, 2)),
+        address(way, np.float64, (limits.steps, POINT)),
         assigned.ctypes.data,
     )
     return enough_memory(value), assigned
@@ -373,7 +317,7 @@ def order_bound(
         raise ValueError(f"{count} devices: an order has at most {MOST_DEVICES}")
     _check_range("interval", interval, len(relaxation.spacing))
     shared = devices.as_c(), limits.as_c(), relaxation.as_c(count)
-    bound: float = FUNCTIONS.order_bound(
+    bound: float = PLANNER.order_bound(
         *map(ctypes.addressof, shared),
         address(interval, np.int64, (count,)),
         address(merged, np.int64, (count,)),
@@ -385,14 +329,14 @@ def order_bound(
 def square_bound(devices: Devices, limits: PathLimits, x: float, y: float, half: float) -> float:
     """Bound of what a stop earns somewhere in the square around (x, y), its side 2 `half` long."""
     shared = devices.as_c(), limits.as_c()
-    return enough_memory(FUNCTIONS.square_bound(*map(ctypes.addressof, shared), x, y, half))
+    return enough_memory(PLANNER.square_bound(*map(ctypes.addressof, shared), x, y, half))
 
 
 def conjugate(relaxation: Relaxation, row: int, s: float) -> float:
     """Evaluate the conjugate H of a distance interval (see `Conjugates`) at s >= 0."""
     _check_range("row", np.array([row]), len(relaxation.spacing))
     shared = relaxation.as_c(len(relaxation.promise))
-    value: float = FUNCTIONS.conjugate(ctypes.addressof(shared), row, s)
+    value: float = PLANNER.conjugate(ctypes.addressof(shared), row, s)
     return value
 
 

@@ -1,4 +1,4 @@
-/* What Python and the library hand each other; `library.py` says the same in ctypes. */
+/* What Python and the library hand each other; Python reads it here (`native.headers`). */
 #ifndef PLANNER_H
 #define PLANNER_H
 
@@ -87,7 +87,7 @@ typedef struct {
     int64_t points;
     Point *route;            /* (points,) waypoints, and the corners between them */
     int64_t *at;             /* (N,) which of them are the waypoints, rising */
-    unsigned char *schedule; /* (N, K) who sends as each step is passed */
+    uint8_t *schedule;       /* (N, K) who sends as each step is passed */
     double value;            /* what that earns */
 } CandidatePlan;
 
@@ -160,7 +160,5 @@ typedef struct {
     /* H of a distance interval at s >= 0. */
     double (*conjugate)(const Relaxation *, int64_t row, double s);
 } Planner;
-
-extern const Planner planner_baseline, planner_avx2, planner_avx512;
 
 #endif

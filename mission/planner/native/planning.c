@@ -201,5 +201,7 @@ static double foresee(
 }
 
 const Planner NAMED(planner) = {
-    explore, search_orders, search_places, assign,      fit,          vary,     leave_out,
-    judge,   foresee,       match_devices, order_bound, square_bound, conjugate};
+    .explore = explore, .search_orders = search_orders, .search_places = search_places,
+    .assign = assign, .fit = fit, .vary = vary, .leave_out = leave_out, .judge = judge,
+    .foresee = foresee, .match = match_devices, .order_bound = order_bound,
+    .square_bound = square_bound, .conjugate = conjugate};

@@ -2,59 +2,25 @@
 
 import ctypes
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from fl.radio.per_grid import PerGrid
-from flightdyn.native.library import Air, Steering
 from mission.base.airspace import OPEN, Airspace
 from mission.base.arrays import Bools, Floats, Ints
-from mission.base.native.library import Structure
-from mission.planner.native.library import FUNCTIONS, LIBRARY, enough_memory, grid_as_c
-from native.loading import address, check_sizes
+from mission.planner.native.library import PLANNER, POINT, enough_memory, grid_as_c
+from native.headers import Structure
+from native.loading import address
 
-_POINTER, _INT, _DOUBLE = ctypes.c_void_p, ctypes.c_int64, ctypes.c_double
 _NO_RADII = np.zeros(0)
+_CHANNEL = ctypes.sizeof(PLANNER.Channel) // 8
 
 
-class Flying(ctypes.Structure):
-    """C structure of flight performance and a round's limits; see `planner.h`."""
-
-    _fields_ = (
-        ("guided", _INT), ("steering", Steering), ("air", Air), ("speed", _DOUBLE),
-        ("widest", _DOUBLE), ("pace", _DOUBLE), ("stopping", _DOUBLE), ("settling", _DOUBLE),
-        ("ahead", _DOUBLE), ("ahead_share", _DOUBLE), ("duration", _DOUBLE), ("energy", _DOUBLE),
-    )  # fmt: skip
-
-
-class _Round(ctypes.Structure):
-    _fields_ = (
-        ("devices", _INT), ("steps", _INT), ("per_step", _INT), ("at", _POINTER),
-        ("importance", _POINTER), ("upload", _POINTER), ("ready", _POINTER),
-        ("channel", _POINTER), ("altitude", _DOUBLE), ("grid", _POINTER), ("space", _POINTER),
-        ("radii", _INT), ("radius", _POINTER), ("hold", _DOUBLE), ("flying", _POINTER),
-    )  # fmt: skip
-
-
-class _CandidatePlan(ctypes.Structure):
-    _fields_ = (
-        ("points", _INT), ("route", _POINTER), ("at", _POINTER), ("schedule", _POINTER),
-        ("value", _DOUBLE),
-    )  # fmt: skip
-
-
-class _Evaluation(ctypes.Structure):
-    _fields_ = (
-        ("radius", _DOUBLE), ("share", _DOUBLE), ("stop", _POINTER), ("hold", _POINTER),
-        ("offset", _POINTER), ("begins", _POINTER),
-    )  # fmt: skip
-
-
-check_sizes(
-    LIBRARY, Airspace=Structure, Flying=Flying, Round=_Round, CandidatePlan=_CandidatePlan,
-    Evaluation=_Evaluation,
-)  # fmt: skip
+def flying(**values: Any) -> Structure:
+    """C structure of flight performance and a round's limits, `Flying` of `planner.h`."""
+    made: Structure = PLANNER.Flying(**values)
+    return made
 
 
 class CandidatePlan(NamedTuple):
@@ -92,7 +58,7 @@ class Round:
         grid: PerGrid | None = None,
         airspace: Airspace = OPEN,
         radii_m: Floats = _NO_RADII,
-        flying: Flying | None = None,
+        flying: Structure | None = None,
         upload_s: Floats | None = None,
         ready_in_s: Floats | None = None,
         hold_s: float = 0.0,
@@ -107,24 +73,26 @@ class Round:
             (steps, len(devices_m)),
             steps * (1 if airspace.is_open else airspace.outlines.corners + 1),
         )
-        kept = [
-            None if values is None else np.ascontiguousarray(values, dtype=np.float64)
-            for values in (devices_m, importance, upload_s, ready_in_s)
-        ]
-        as_c = grid_as_c(grid, len(devices_m))
-        self._kept = *kept, channel, radii_m, flying, airspace, grid, as_c
-        shapes = ((self._size[1], 2), *[(self._size[1],)] * 3)
-        where = [
-            None if values is None else address(values, np.float64, shape)
-            for values, shape in zip(kept, shapes, strict=True)
-        ]
-        self._round = _Round(
-            self._size[1], steps, per_step, *where,
-            None if channel is None else address(channel, np.float64, (9,)), altitude_m,
-            None if as_c is None else ctypes.addressof(as_c),
-            None if airspace.is_open else airspace.outlines.at,
-            len(radii_m), address(radii_m, np.float64, (len(radii_m),)), hold_s,
-            None if flying is None else ctypes.addressof(flying),
+        count = len(devices_m)
+        given = {  # with the shape of each
+            "at": (devices_m, (count, POINT)), "importance": (importance, (count,)),
+            "upload": (upload_s, (count,)), "ready": (ready_in_s, (count,)),
+            "channel": (channel, (_CHANNEL,)), "radius": (radii_m, (len(radii_m),)),
+        }  # fmt: skip
+        arrays = {
+            name: (np.ascontiguousarray(values, dtype=np.float64), shape)
+            for name, (values, shape) in given.items()
+            if values is not None
+        }
+        as_c = grid_as_c(grid, count)
+        self._kept = arrays, flying, airspace, grid, as_c
+        self._round = PLANNER.Round(
+            devices=count, steps=steps, per_step=per_step, altitude=altitude_m,
+            grid=None if as_c is None else ctypes.addressof(as_c),
+            space=None if airspace.is_open else airspace.outlines.at,
+            radii=len(radii_m), hold=hold_s,
+            flying=None if flying is None else ctypes.addressof(flying),
+            **{name: address(array, np.float64, shape) for name, (array, shape) in arrays.items()},
         )  # fmt: skip
         self.at = ctypes.addressof(self._round)
 
@@ -144,9 +112,9 @@ class Round:
             np.zeros((0, 2)), np.zeros(steps, np.int64), np.zeros(self._size, np.bool_), 0.0
         )
         given = self._as_c(plan)
-        found = FUNCTIONS.fit(
-            self.at, address(waypoints_m, np.float64, (steps, 2)), ctypes.addressof(given), metres,
-            above, limited,
+        found = PLANNER.fit(
+            self.at, address(waypoints_m, np.float64, (steps, POINT)), ctypes.addressof(given),
+            metres, above, limited,
         )  # fmt: skip
         return self._made(plan, given) if enough_memory(found) else None
 
@@ -170,7 +138,7 @@ class Round:
         other = self._with_room(*plan)
         given = self._as_c(other, len(plan.route))
         at = ctypes.addressof(given)
-        enough_memory(FUNCTIONS.vary(self.at, at, metres, changes, tolerance, seed, limited))
+        enough_memory(PLANNER.vary(self.at, at, metres, changes, tolerance, seed, limited))
         return self._made(other, given)
 
     def _with_room(self, route: Floats, at: Ints, schedule: Bools, value: float) -> CandidatePlan:
@@ -186,7 +154,7 @@ class Round:
         """
         plan = plan._replace(schedule=plan.schedule.copy())
         given = self._as_c(plan)
-        enough_memory(FUNCTIONS.leave_out(self.at, ctypes.addressof(given)))
+        enough_memory(PLANNER.leave_out(self.at, ctypes.addressof(given)))
         return plan._replace(value=given.value)
 
     def judged(self, plan: CandidatePlan) -> Evaluation:
@@ -197,27 +165,28 @@ class Round:
         """
         points, steps = len(plan.route), self._size[0]
         kept = np.empty(points, np.int64), np.empty(points), np.empty(steps), np.zeros(steps)
-        found = _Evaluation(0.0, 0.0, *(array.ctypes.data for array in kept))
+        stop, hold, offset, begins = (array.ctypes.data for array in kept)
+        found = PLANNER.Evaluation(stop=stop, hold=hold, offset=offset, begins=begins)
         given = self._as_c(plan)
-        enough_memory(FUNCTIONS.judge(self.at, ctypes.addressof(given), ctypes.addressof(found)))
+        enough_memory(PLANNER.judge(self.at, ctypes.addressof(given), ctypes.addressof(found)))
         return Evaluation(found.radius, found.share, *kept)
 
-    def _as_c(self, plan: CandidatePlan, points: int | None = None) -> _CandidatePlan:
+    def _as_c(self, plan: CandidatePlan, points: int | None = None) -> Any:
         room = len(plan.route)
-        return _CandidatePlan(
-            room if points is None else points,
-            address(plan.route, np.float64, (room, 2)),
-            address(plan.at, np.int64, self._size[:1]),
-            address(plan.schedule, np.bool_, self._size),
-            plan.value,
+        return PLANNER.CandidatePlan(
+            points=room if points is None else points,
+            route=address(plan.route, np.float64, (room, POINT)),
+            at=address(plan.at, np.int64, self._size[:1]),
+            schedule=address(plan.schedule, np.bool_, self._size),
+            value=plan.value,
         )
 
-    def _made(self, plan: CandidatePlan, given: _CandidatePlan) -> CandidatePlan:
+    def _made(self, plan: CandidatePlan, given: Structure) -> CandidatePlan:
         return plan._replace(route=plan.route[: given.points].copy(), value=given.value)
 
 
 def foresee(
-    flying: Flying, stops_m: Floats, hold_s: Sequence[float], radius_m: float
+    flying: Structure, stops_m: Floats, hold_s: Sequence[float], radius_m: float
 ) -> tuple[Floats, float, float]:
     """Predict a flight through stops (S, 2): arrival times (S,) in s, duration in s, energy in J.
 
@@ -226,11 +195,12 @@ def foresee(
         MemoryError: there is too little memory.
     """
     stops = np.ascontiguousarray(stops_m, dtype=np.float64)
-    holds, arrived_s, joules = np.array(hold_s, dtype=np.float64), np.empty(len(stops)), _DOUBLE()
+    holds, arrived_s = np.array(hold_s, dtype=np.float64), np.empty(len(stops))
+    joules = ctypes.c_double()
     if not len(stops):
         raise ValueError("a flight has at least one stop")
-    seconds = enough_memory(FUNCTIONS.foresee(
-        ctypes.addressof(flying), len(stops), address(stops, np.float64, (len(stops), 2)),
+    seconds = enough_memory(PLANNER.foresee(
+        ctypes.addressof(flying), len(stops), address(stops, np.float64, (len(stops), POINT)),
         address(holds, np.float64, (len(stops),)), radius_m, arrived_s.ctypes.data,
         ctypes.addressof(joules),
     ))  # fmt: skip

@@ -1,6 +1,7 @@
 /* What Python calls. See bridge.h. */
 
 #include "bridge.h"
+#include "exported.h"
 
 #include <errno.h>
 #include <netinet/in.h>
@@ -9,11 +10,6 @@
 
 #include "hil.h"
 #include "json.h"
-#include "sizes.h"
-
-SIZE_OF(Hil);
-SIZE_OF(Json);
-SIZE_OF(Ring);
 
 /* Datagrams that are looked at in a call: nobody who sends many keeps it from returning. */
 enum { AT_ONCE = 64 };

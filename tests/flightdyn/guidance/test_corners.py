@@ -21,7 +21,7 @@ def cut_of(sine: float, radius: float, share: float) -> float:
     trajectory, corners = plan_path(
         FlightPath(points, np.full(2, 30.0), np.full(3, radius)), limits
     )
-    return math.dist(trajectory.at(corners[1].t_s).p, corners[1].point)
+    return math.dist(trajectory.at(corners[1].t).p, corners[1].p)
 
 
 def _off_the_leg(cut: float, sine: float, radius: float) -> float:

@@ -2,16 +2,17 @@
 
 import numpy as np
 
-from flightdyn.native.library import Memory
+from flightdyn.native.library import Structure, land
+from flightdyn.native.ticks import FLIGHT
 
 DT_S = 0.02
 
 
-def standing() -> Memory:
-    return Memory(touching=True, contact=True, landed=True)
+def standing() -> Structure:
+    return FLIGHT.Guide(touching=True, contact=True, landed=True)
 
 
-def airborne() -> Memory:
+def airborne() -> Structure:
     detector = standing()
     update(detector, 1, descend=0.0, sink=-1.0, lift=1.2)
     assert not detector.landed
@@ -19,7 +20,7 @@ def airborne() -> Memory:
 
 
 def update(
-    detector: Memory,
+    detector: Structure,
     steps: int,
     *,
     armed: bool = True,
@@ -31,7 +32,7 @@ def update(
     detector.armed, detector.descend, detector.sink = armed, descend, sink
     detector.lift, detector.knock = lift, knock
     for _ in range(steps):
-        detector.land(DT_S)
+        land(detector, DT_S)
 
 
 class InPython:

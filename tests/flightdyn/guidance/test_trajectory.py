@@ -15,7 +15,7 @@ from flightdyn.errors import FlightInputError, PathError
 from flightdyn.guidance.path import FlightPath
 from flightdyn.guidance.path_plan import brake_and_go, plan_path
 from flightdyn.guidance.trajectory import Trajectory
-from flightdyn.native import library
+from flightdyn.native.ticks import FLIGHT
 from flightdyn.state import Vector
 
 LIMITS = LimitsConfig()
@@ -53,10 +53,10 @@ def test_corner_is_cut_as_the_parabola_says(turn: float) -> None:
     trajectory, corners = plan_path(path_along(points), LIMITS)
     p, _, _ = sample(trajectory, 0.001)
     miss = float(np.min(corner_distance(points, p)))
-    at = trajectory.at(corners[1].t_s)
+    at = trajectory.at(corners[1].t)
     # Before the averaging, where the leg is left: a hair of the window lies on either side.
     sharp, _ = plan_path(path_along(points), LIMITS.model_copy(update={"smoothing_s": 0.0}))
-    speed = math.dist((0, 0, 0), sharp.at(corners[1].t_s - corners[1].half_s).v)
+    speed = math.dist((0, 0, 0), sharp.at(corners[1].t - corners[1].half).v)
     sine = math.sin(math.radians(turn) / 2)
     a = LIMITS.acceleration_mps2
     # v^2 s^2 / 2a, and a T^2 / 24 of the averaging window on top.
@@ -103,11 +103,11 @@ def test_any_path_keeps_the_limits_and_ends_where_it_should(
     # Velocity and acceleration are the derivatives of position and velocity.
     assert np.diff(p, axis=0) == pytest.approx((v[1:] + v[:-1]) * 0.02, abs=0.002)
     assert np.diff(v, axis=0) == pytest.approx((a[1:] + a[:-1]) * 0.02, abs=0.03)
-    assert corners[-1].count == len(points)
-    times = [corner.t_s for corner in corners]
+    assert corners[-1].passed == len(points)
+    times = [corner.t for corner in corners]
     assert times == sorted(times)
     for corner in corners[1:-1]:
-        nearest = trajectory.at(corner.t_s).p
+        nearest = trajectory.at(corner.t).p
         assert math.dist(nearest, corner.point) <= LIMITS.corner_cut * radius + 0.05
 
 
@@ -170,7 +170,7 @@ def test_the_acceleration_alone_is_led() -> None:
     out, lead = (ctypes.c_double * 9)(), 0.12
     changes = 0
     for t in np.arange(trajectory.start_s, trajectory.end_s, 0.01).tolist():
-        library._REFERENCE(trajectory.pieces.at, t, lead, ctypes.addressof(out))
+        FLIGHT.reference(trajectory.pieces.at, t, lead, ctypes.addressof(out))
         now, ahead = trajectory.at(t), trajectory.at(t + lead)
         assert out[:] == pytest.approx([*now.p, *now.v, *ahead.a], rel=1e-9, abs=1e-9)
         changes += now.a != ahead.a
