@@ -58,7 +58,8 @@ def main() -> None:
         for path in (FOLDER / "problems.json", asked.known, asked.new)
     )
     content = best_known(problems, known, new, asked.origin)
-    asked.known.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
+    lines = ",\n ".join(f"{json.dumps(name)}: {json.dumps(plan)}" for name, plan in content.items())
+    asked.known.write_text(f"{{{lines}}}\n", encoding="utf-8")
 
 
 if __name__ == "__main__":
