@@ -31,3 +31,4 @@ def _known(reduce: Callable[[Floats], float]) -> Callable[[Floats], float]:
 rms = _known(lambda values: math.sqrt((values**2).mean()))
 mean = _known(np.mean)
 greatest = _known(np.max)
+least = _known(np.min)

@@ -18,7 +18,8 @@ from google.protobuf.descriptor_pb2 import (
 from mission.base.area import Area
 from mission.base.arrays import Floats, Ints
 from mission.base.tables import told
-from mission.log.values import ControlTrack
+from mission.log.signals import Signal, euler_deg
+from mission.log.values import NS_PER_S, ControlTrack, Track
 
 NAME = "aerofed.Control"
 _AXES = dict(told(ControlTrack, tuple))  # names of each field's numbers
@@ -85,3 +86,32 @@ def track(t_ns: Ints, found: Sequence[bytes]) -> ControlTrack:
     if any((made[name] != head).any() for name, head in _HEADS.items()):
         raise ValueError("/control is of another layout")
     return ControlTrack(t_ns, **{name: made[name].astype(np.float64) for name in _AXES})
+
+
+def ned_attitude(turns: Floats) -> Floats:
+    """Convert attitudes (n, 4), FLU to ENU as (x, y, z, w), to FRD to NED as (w, x, y, z)."""
+    x, y, z, w = turns.reshape(-1, 4).T
+    turned = np.column_stack((w + z, x + y, x - y, w - z))
+    return np.asarray(turned / np.linalg.norm(turned, axis=1, keepdims=True))
+
+
+def signals(area: Area, found: ControlTrack, belief: Track) -> dict[str, Signal]:
+    """What the control was told and what it did, as it believed."""
+    frd, ned = np.degrees([1.0, -1.0, -1.0]), np.array([1.0, 1.0, -1.0])
+    place, here = found.position_setpoint_m, belief.pos_m
+    here_ned = area.to_ned(here[:, :2], here[:, 2])
+    by_name = {
+        "wanted_position_m": area.to_ned(place[:, :2], place[:, 2]),
+        "wanted_velocity_mps": found.velocity_setpoint_mps[:, [1, 0, 2]] * ned,
+        "wanted_attitude_deg": euler_deg(ned_attitude(found.attitude_setpoint)),
+        "attitude_deg": euler_deg(ned_attitude(found.attitude)),
+        "wanted_rates_degps": found.rates_setpoint_radps * frd,
+        "rates_degps": found.rates_radps * frd,
+        "motors": found.motors,
+    }
+    t_s, at_s = found.t_ns / NS_PER_S, belief.t_ns / NS_PER_S
+    made = {name: Signal(t_s, values) for name, values in by_name.items()}
+    if len(at_s) > 1:
+        made["position_m"] = Signal(at_s, here_ned)
+        made["velocity_mps"] = Signal(at_s, np.gradient(here_ned, at_s, axis=0))
+    return {name: each for name, each in made.items() if np.isfinite(each.values).any()}

@@ -20,6 +20,7 @@ from mission.log.records import (
     from_json,
 )
 from mission.log.settings import check_settings
+from mission.log.signals import Signal
 from mission.log.topics import Topic
 from mission.log.values import (
     NS_PER_S,
@@ -41,6 +42,9 @@ from mission.log.values import (
     Zone,
 )
 
+# The innovations that `signals.AXES` names, in that order.
+_RATIOS = ("gnss_velocity", "gnss_position", "baro", "heading")
+
 
 def read_log(path: Path) -> FlightData:
     """Read and decode a whole flight log.
@@ -61,7 +65,7 @@ def decode(contents: Contents) -> FlightData:
     area = contents.area
     check_settings(contents.path, contents.attachments.get("config.toml", b""))
     try:
-        devices = _devices(contents)
+        devices, told = _devices(contents), _control(contents)
         truth, belief = _common(track(contents, topics.TRUE_POSE), track(contents, topics.EST_POSE))
         return FlightData(
             area=area,
@@ -82,7 +86,8 @@ def decode(contents: Contents) -> FlightData:
             missions=_timed(MissionRecord, contents.decoded(topics.MISSION)),
             setpoints=_timed(SetpointRecord, contents.decoded(topics.SETPOINT)),
             modes=_modes(contents),
-            control=_control(contents),
+            control=told,
+            signals=_signals(contents, told, belief),
             radio_believed=_grids(contents, topics.RADIO_BELIEVED),
             radio_true=next((grid for _, grid in _grids(contents, topics.RADIO_TRUE)), None),
             gnss_ns=np.array(
@@ -173,6 +178,23 @@ def _control(contents: Contents) -> ControlTrack | None:
     rows = contents.messages.get(topics.CONTROL.name, ())
     times = np.array([row.log_time for row in rows], dtype=np.int64)
     return control.track(times, [row.data for row in rows]) if rows else None
+
+
+def _signals(contents: Contents, told: ControlTrack | None, belief: Track) -> dict[str, Signal]:
+    found = {} if told is None else control.signals(contents.area, told, belief)
+    ratios = [
+        (row["t_s"], *(row[key] and row[key]["ratio"] for key in _RATIOS))
+        for _, row in contents.decoded(topics.INNOVATIONS)
+    ]
+    if ratios:
+        rows = np.array(ratios, dtype=np.float64)
+        at_s, at = np.unique(rows[:, 0], return_index=True)
+        found["innovation_ratio"] = Signal(at_s, rows[at, 1:])
+    fixes = [(t, m.position_covariance[0]) for t, m in contents.decoded(topics.GNSS)]
+    if fixes:
+        t_ns, square = np.array(fixes).T
+        found["gnss_accuracy_m"] = Signal(t_ns / NS_PER_S, np.sqrt(square)[:, None])
+    return found
 
 
 def _grids(contents: Contents, topic: Topic) -> tuple[tuple[int, PerGrid], ...]:

@@ -35,6 +35,7 @@ from mission.log.records import (
     UplinkRecord,
     described,
 )
+from mission.log.signals import Signal
 
 XYZ = tuple[float, float, float]
 
@@ -360,6 +361,7 @@ class Source:
     skipped: Mapping[str, int] = field(default_factory=dict)  # what was not read, and how often
 
 
+COPTER, PLANE, ROVER = "copter", "plane", "rover"
 OURS = Source("MCAP", "simulated time")
 _NONE: Ints = np.zeros(0, dtype=np.int64)
 NO_MODES = Modes(_NONE, ())
@@ -396,13 +398,17 @@ class FlightData:
     radio_believed: tuple[tuple[int, PerGrid], ...] = ()
     radio_true: PerGrid | None = None
     gnss_ns: Ints = field(default_factory=lambda: _NONE)  # when satellites gave a position
+    signals: Mapping[str, Signal] = field(default_factory=dict)  # by name, of `signals.AXES`
+    dropouts_s: Floats = field(default_factory=lambda: np.zeros((0, 2)))  # when, how long: as told
+    vehicle: str = COPTER  # or PLANE, ROVER
     source: Source = OURS
 
     @property
     def climbs_straight(self) -> bool:
         """Whether ArduPilot flew: up from where it stands, wherever its take-off names."""
         said = [event.text for event in self.events if event.text.startswith(AUTOPILOT)]
-        return any("ArduPilot" in text for text in (self.source.kind, *said))
+        ours = any("ArduPilot" in text for text in (self.source.kind, *said))
+        return ours and self.vehicle == COPTER
 
     @cached_property
     def armed_ns(self) -> tuple[tuple[int, int], ...]:

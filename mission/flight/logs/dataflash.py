@@ -6,18 +6,20 @@ https://ardupilot.org/dev/docs/code-overview-adding-a-new-log-message.html
 
 import re
 import struct
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 from pymavlink.dialects.v20 import common as mav
-from pymavlink.mavutil import mode_mapping_acm
 
 from mission.base.errors import InputError
 from mission.base.user_files import read_bytes
-from mission.flight.logs.flight import MOST_BYTES, Found
-from mission.log.values import FlightData
+from mission.flight.logs.flight import MOST_BYTES, Found, ardupilot_mode
+from mission.flight.logs.sources import DATAFLASH
+from mission.log.signals import Columns, gathered, motors
+from mission.log.values import COPTER, PLANE, ROVER, FlightData
 from sitl.autopilot.codec.orders import MissionItem
 
 _MAGIC = b"\xa3\x95"
@@ -32,8 +34,10 @@ _LETTERS = {  # of a format: the number in Python's `struct`, and what it is div
 _MISSION, _RELATIVE = mav.MAV_MISSION_TYPE_MISSION, mav.MAV_FRAME_GLOBAL_RELATIVE_ALT
 _READ = (
     *("POS", "MODE", "MSG", "ORGN", "CMD", "MISE", "GPS", "BAT", "XKF2", "ERR", "ARM", "EV"),
-    *("FNCE", "RALY"),
+    *("FNCE", "RALY", "PARM", "FMTU", "MULT"),
 )
+_SIGNALS = {source.message.split()[0] for source in DATAFLASH} | {"RCOU"}
+_INSTANCE = ("I", "C", "IMU", "Instance")  # columns that number the sensors of a kind
 _FENCE = {  # FNCE.Type: AC_PolyFenceType
     98: mav.MAV_CMD_NAV_FENCE_POLYGON_VERTEX_INCLUSION,
     97: mav.MAV_CMD_NAV_FENCE_POLYGON_VERTEX_EXCLUSION,
@@ -41,7 +45,11 @@ _FENCE = {  # FNCE.Type: AC_PolyFenceType
     **dict.fromkeys((93, 96), mav.MAV_CMD_NAV_FENCE_CIRCLE_EXCLUSION),
     95: mav.MAV_CMD_NAV_FENCE_RETURN_POINT,
 }
-_VEHICLES = ("ArduPlane", "ArduRover", "Rover", "ArduSub", "AntennaTracker", "Blimp")
+_VEHICLES = {  # by what the firmware calls itself
+    **dict.fromkeys(("ArduCopter", "ArduSub", "Blimp"), COPTER),
+    **dict.fromkeys(("ArduRover", "Rover"), ROVER),
+    "ArduPlane": PLANE,
+}
 _FIX_3D = 3
 _ARMED, _DISARMED = 10, 11  # EV
 _HOME = 1  # ORGN.Type; 0: the origin of its filter
@@ -56,27 +64,34 @@ def read_dataflash(path: Path) -> FlightData:
     """The flight in a DataFlash log.
 
     Raises:
-        InputError: it cannot be read, has no positions, or another kind of vehicle flew.
+        InputError: it cannot be read, or has no positions.
     """
     content = read_bytes(path, most=MOST_BYTES)
     if not content.startswith(_MAGIC):
         raise InputError(f"{path}: not a DataFlash log: it does not begin as one")
     reader = _Reader(Found(path, "DataFlash of ArduPilot", "seconds since ArduPilot started"))
-    for kind, row in _rows(content, reader.found):
+    raw: dict[_Format, list[bytes]] = {}
+    for kind, row in _rows(content, reader.found, raw):
         reader.take(kind, row)
     reader.close()
+    tables = dict[str, Columns]()
+    for form, rows in raw.items():
+        tables |= form.tables(b"".join(rows), reader.multipliers(form))
+    reader.found.signals = gathered(tables, DATAFLASH)
+    reader.found.signals |= motors(reader.params, tables.get("RCOU", {}), "C{}")
     return reader.found.flight()
 
 
 class _Format:
-    """What the rows of a kind hold: columns of a letter each."""
+    """What the rows of a kind, a number, hold: columns of a letter each."""
 
-    def __init__(self, name: str, length: int, columns: str, letters: str) -> None:
-        self.name, self.length = name, length
+    def __init__(self, number: int, name: str, length: int, columns: str, letters: str) -> None:
+        self.number, self.name, self.length = number, name, length
         known = [_LETTERS.get(letter, ("", 1.0)) for letter in letters]
         self._packed = struct.Struct("<3x" + "".join(code for code, _ in known))
         self._columns = list(zip(columns.split(","), (scale for _, scale in known), strict=False))
         self.sound = self._packed.size == length and columns.count(",") == len(letters) - 1
+        self._codes = [re.sub(r"(\d+)s", r"S\1", code) for code, _ in known]
 
     def row(self, content: bytes, at: int) -> SimpleNamespace:
         """The row that begins at a byte, its columns as attributes."""
@@ -89,10 +104,32 @@ class _Format:
             setattr(found, name, value if scale == 1 else value / scale)
         return found
 
+    def tables(self, content: bytes, multipliers: Sequence[float]) -> Iterator[tuple[str, Columns]]:
+        """Yield the name and the table of each instance of a sensor, of rows one after another; the
+        first has the bare name. `multipliers` to the units of the columns; none where not told."""
+        kinds = [("head", "V3"), *((str(at), f"<{code}") for at, code in enumerate(self._codes))]
+        table = np.frombuffer(content, np.dtype(kinds))
+        units = {"units": np.ones(1)} if len(multipliers) == len(self._columns) else {}
+        columns = {
+            name: table[str(at)] * (multipliers[at] if units and scale == 1.0 else 1.0 / scale)
+            for at, (name, scale) in enumerate(self._columns)
+            if table[str(at)].dtype.kind != "S"
+        }
+        if self._columns[0][0] != "TimeUS":
+            return
+        columns["t_s"] = table["0"] / 1e6
+        instance = next((columns[name] for name in _INSTANCE if name in columns), np.zeros(1))
+        for number in np.unique(instance).astype(int).tolist():
+            chosen = np.broadcast_to(instance == number, len(table))
+            name = f"{self.name} {number}".removesuffix(" 0")
+            yield name, {**units, **{key: values[chosen] for key, values in columns.items()}}
 
-def _rows(content: bytes, found: Found) -> Iterator[tuple[str, SimpleNamespace]]:
-    """Yield kind and row of those that are read."""
-    formats = {_FMT: _Format("FMT", 89, "Type,Length,Name,Format,Columns", "BBnNZ")}
+
+def _rows(
+    content: bytes, found: Found, raw: dict[_Format, list[bytes]]
+) -> Iterator[tuple[str, SimpleNamespace]]:
+    """Yield kind and row of those that are read; rows of signals go to `raw`."""
+    formats = {_FMT: _Format(_FMT, "FMT", 89, "Type,Length,Name,Format,Columns", "BBnNZ")}
 
     def end_of(at: int) -> int:
         form = formats.get(content[at + 2]) if _MARK.match(content, at) else None
@@ -100,11 +137,13 @@ def _rows(content: bytes, found: Found) -> Iterator[tuple[str, SimpleNamespace]]
 
     for at, _ in found.messages(content, _MARK, end_of):
         form = formats[content[at + 2]]
+        if form.name in _SIGNALS:
+            raw.setdefault(form, []).append(content[at : at + form.length])
         if form.name in _READ:
             yield form.name, form.row(content, at)
         elif form.name == "FMT":
             told = form.row(content, at)
-            form = _Format(told.Name, told.Length, told.Columns, told.Format)
+            form = _Format(told.Type, told.Name, told.Length, told.Columns, told.Format)
             if form.sound:
                 formats[told.Type] = form
 
@@ -116,6 +155,16 @@ class _Reader:
         self.found = found
         # By MAV_MISSION_TYPE: since when, how many there are, and those that came.
         self._lists: dict[int, tuple[int, int, dict[int, MissionItem]]] = {}
+        self._vehicle = "ArduCopter"
+        self._modes: list[tuple[int, int]] = []
+        self.params: dict[str, float] = {}
+        self._units: dict[int, str] = {}  # ids of a kind's multipliers
+        self._multipliers: dict[int, float] = {}  # by id
+
+    def multipliers(self, form: _Format) -> list[float]:
+        """What the columns of a kind are to be multiplied by; none where the log does not say."""
+        ids = self._units.get(form.number, "")
+        return [self._multipliers.get(ord(each), 1.0) or 1.0 for each in ids]
 
     def take(self, kind: str, row: Any) -> None:
         """Keep what a row of a kind says."""
@@ -127,7 +176,7 @@ class _Reader:
                 found.homes.append((t_ns, row.Lat, row.Lng, row.Alt))
             case "MODE":
                 number = int(getattr(row, "ModeNum", row.Mode))
-                found.mode(t_ns, mode_mapping_acm.get(number, f"MODE {number}"))
+                self._modes.append((t_ns, number))
             case "MSG":
                 self._text(t_ns, row.Message)
             case "MISE" if not hasattr(row, "CId"):  # nor the rest of the item
@@ -157,17 +206,19 @@ class _Reader:
                 found.wind.append((t_ns, row.VWE, row.VWN))
             case "ERR" if row.Subsys in _FAILSAFES and row.ECode:
                 found.event(t_ns, "failsafe", f"failsafe: {_FAILSAFES[row.Subsys]}", severity=4)
+            case "PARM":
+                self.params[row.Name] = row.Value
+            case "FMTU":
+                self._units[row.FmtType] = row.MultIds
+            case "MULT":
+                self._multipliers[row.Id] = row.Mult
             case "EV" if row.Id in (_ARMED, _DISARMED):
                 found.event(t_ns, "armed", "armed" if row.Id == _ARMED else "disarmed")
 
     def _text(self, t_ns: int, text: str) -> None:
-        vehicle = next((name for name in _VEHICLES if text.startswith(f"{name} ")), None)
-        if vehicle is not None:
-            raise InputError(
-                f"{self.found.path}: the log of {vehicle}: only multicopters' are compared"
-            )
+        self._vehicle = next((n for n in _VEHICLES if text.startswith(f"{n} ")), self._vehicle)
         if text == "New mission":
-            self.close()
+            self._close_mission()
         self.found.event(t_ns, "status", text)
 
     def _listed(
@@ -181,7 +232,7 @@ class _Reader:
         other = (before.command, before.x, before.y) != (item.command, item.x, item.y)
         if item.seq == 0 or total != size or other:
             if kind == _MISSION:
-                self.close()
+                self._close_mission()
             items = {}
             self._lists[kind] = t_ns, total, items
         listed = len(items) == total or 0 not in items
@@ -192,6 +243,13 @@ class _Reader:
             self.found.add_list(t_ns, items, kind)
 
     def close(self) -> None:
+        """Take what is known only at the end: whose modes they are, a mission not listed."""
+        self._close_mission()
+        self.found.vehicle = _VEHICLES[self._vehicle]
+        for t_ns, number in self._modes:
+            self.found.mode(t_ns, ardupilot_mode(self.found.vehicle, number))
+
+    def _close_mission(self) -> None:
         """Take a mission that was not listed as far as it is known."""
         since_ns, total, items = self._lists.pop(_MISSION, (0, 0, {}))
         if items and len(items) < total:

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 from pymavlink.dialects.v20 import common as mav
+from pymavlink.mavutil import mode_mapping_acm, mode_mapping_apm, mode_mapping_rover
 
 from flightdyn.state import GeodeticPoint
 from mission.base.area import Area
@@ -17,8 +18,12 @@ from mission.base.arrays import Bools, Floats, Ints
 from mission.base.errors import InputError
 from mission.base.gaps import HOLE, gaps, inside
 from mission.flight.logs.items import record_of
+from mission.log.signals import Signal
 from mission.log.values import (
+    COPTER,
     NS_PER_S,
+    PLANE,
+    ROVER,
     BatteryTrack,
     EventRecord,
     FlightData,
@@ -40,6 +45,13 @@ _BOUNDS = (9e18, 90.0, 360.0, 1e6)  # of times and places that are some
 _NOWHERE = MissionItem(0, 0, mav.MAV_FRAME_MISSION, (0.0,) * 4, 0.0, 0.0, 0.0)
 _MARGIN_M = 50.0  # around the flight, for the map
 
+_MODES = {COPTER: mode_mapping_acm, PLANE: mode_mapping_apm, ROVER: mode_mapping_rover}
+
+
+def ardupilot_mode(vehicle: str, number: int) -> str:
+    """The name of a mode of ArduPilot's for a kind of vehicle."""
+    return str(_MODES[vehicle].get(number, f"MODE {number}"))
+
 
 @dataclass
 class Found:
@@ -59,6 +71,9 @@ class Found:
     missions: list[MissionRecord] = field(default_factory=list)
     current: list[tuple[int, int]] = field(default_factory=list)
     skipped: Counter[str] = field(default_factory=Counter)
+    signals: dict[str, Signal] = field(default_factory=dict)
+    dropouts_s: list[tuple[float, float]] = field(default_factory=list)  # told: when, how long
+    vehicle: str = COPTER
     _in_force: set[str] = field(default_factory=set)
 
     def messages(
@@ -201,6 +216,9 @@ class Found:
             ),
             current=(times, seqs),
             gnss_ns=np.array([t for t in self.fixes if t < _BOUNDS[0]], dtype=np.int64),
+            signals={name: signal.between(t_ns) for name, signal in self.signals.items()},
+            dropouts_s=_rows(self.dropouts_s, 2),
+            vehicle=self.vehicle,
             source=Source(
                 self.kind, self.clock, None if spans else "believed", dict(+self.skipped)
             ),

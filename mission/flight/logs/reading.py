@@ -11,7 +11,7 @@ def read_flight(path: Path) -> FlightData:
     """A flight of a PX4 ULog (.ulg), an ArduPilot DataFlash log (.bin) or a telemetry log (.tlog).
 
     Raises:
-        InputError: it cannot be read, is none, or holds no flight of a multicopter.
+        InputError: it cannot be read, is none, or holds no flight.
     """
     kind = path.suffix.lower()
     if not path.stat().st_size:

@@ -6,21 +6,23 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from pymavlink.dialects.v20 import ardupilotmega
 from pymavlink.dialects.v20 import common as mav
-from pymavlink.mavutil import interpret_px4_mode, mode_mapping_acm
+from pymavlink.mavutil import interpret_px4_mode
 
-from mission.base.errors import InputError
 from mission.base.user_files import read_bytes
-from mission.flight.logs.flight import DAMAGE, MOST_BYTES, Found
+from mission.flight.logs.flight import DAMAGE, MOST_BYTES, Found, ardupilot_mode
 from mission.flight.logs.items import KINDS
-from mission.log.values import FlightData
+from mission.flight.logs.sources import OF_ARDUPILOT, OF_PX4, TLOG
+from mission.log.signals import Columns, Signal, gathered, motors
+from mission.log.values import PLANE, ROVER, FlightData
 from sitl.autopilot.codec.orders import MissionItem, read_item
 from sitl.observer import FAILING
 
 _HEAD = 8  # bytes of a time before each message: microseconds since 1970
 _FRAME = re.compile(rb"(?s)\xfd..|\xfe.")  # mark, length, and flags of MAVLink 2
-_ROTARY = frozenset({0, 2, 3, 4, 13, 14, 15, 29, 35, 43})  # MAV_TYPE
-_OTHERS = frozenset({1, 7, 8, 9, 10, 11, 12, 16, *range(19, 26), 36})  # that fly or drive otherwise
+_PLANES, _ROVERS = frozenset({1, *range(19, 26)}), frozenset({10, 11})  # MAV_TYPE
+_NO_VEHICLES = frozenset({5, 6, 18, *range(26, 29), *range(30, 35), *range(37, 43)})
 _NO_AUTOPILOT = mav.MAV_AUTOPILOT_INVALID
 _FIX_3D = 3
 _TRANSFERS = ("MISSION_COUNT", "MISSION_ITEM_INT", "MISSION_ITEM")  # they go both ways
@@ -29,13 +31,18 @@ _TOLD = frozenset(  # of the autopilot; of another component it is counted
     | {"MISSION_CURRENT", "MISSION_ITEM_REACHED", "MISSION_ACK"}
 )
 
+_OUTPUT = "servo{}_raw"
+_FIELDS: dict[str, list[str]] = {}  # of messages with signals
+for _source in (*TLOG, *OF_ARDUPILOT, *OF_PX4):
+    _FIELDS.setdefault(_source.message, []).extend(_source.columns.split())
+_FIELDS["SERVO_OUTPUT_RAW"] = [_OUTPUT.format(number) for number in range(1, 17)]
+
 
 def read_tlog(path: Path) -> FlightData:
     """The flight in a telemetry log: of the first autopilot that speaks in it.
 
     Raises:
-        InputError: it cannot be read, has no positions, another kind of vehicle flew, or the
-            clock of the vehicle started anew.
+        InputError: it cannot be read, has no positions, or the clock of the vehicle started anew.
     """
     found = Found(path, "telemetry log", "seconds since the autopilot started")
     reader = _Reader(found)
@@ -49,12 +56,13 @@ def read_tlog(path: Path) -> FlightData:
     for at_us, message in reader.later:  # without a time of the vehicle's own: its neighbours'
         after_ms = max(0.0, at_us - wall_us[-1]) / 1e3
         reader.take_at(int((np.interp(at_us, wall_us, boot_ms) + after_ms) * 1e6), message)
+    found.signals = reader.signals()
     return found.flight()
 
 
 def _messages(content: bytes, found: Found) -> Iterator[tuple[int, Any]]:
     """Yield time (us since 1970) and message of each readable packet; count the rest as skipped."""
-    parser = mav.MAVLink(None)
+    parser, more = mav.MAVLink(None), ardupilotmega.MAVLink(None)
 
     def end_of(at: int) -> int:
         frame = _FRAME.match(content, at + _HEAD)
@@ -65,14 +73,23 @@ def _messages(content: bytes, found: Found) -> Iterator[tuple[int, Any]]:
 
     for at, end in found.messages(content, _FRAME, end_of, head=_HEAD):
         try:
-            message = parser.decode(bytearray(content[at + _HEAD : end]))
-        except mav.MAVError:
+            message: Any = parser.decode(bytearray(content[at + _HEAD : end]))
+            if message.get_msgId() not in mav.mavlink_map:
+                message = more.decode(bytearray(content[at + _HEAD : end]))
+        except (mav.MAVError, ardupilotmega.MAVError):
             found.skipped[DAMAGE] += end - at
             continue
-        if message.get_msgId() in mav.mavlink_map:
+        if message.get_msgId() in ardupilotmega.mavlink_map:
             yield int.from_bytes(content[at : at + _HEAD], "big"), message
         else:
             found.skipped["message of another dialect"] += 1
+
+
+def _number(message: Any, field: str) -> float:
+    """A field, or one of its numbers: `q[0]`."""
+    name, _, at = field.partition("[")
+    value = getattr(message, name)
+    return float(value[int(at[:-1])] if at else value)
 
 
 class _Reader:
@@ -87,22 +104,20 @@ class _Reader:
         self._lists: dict[tuple[int, int], tuple[int, dict[int, MissionItem]]] = {}
         self.clock: list[tuple[int, int]] = []  # the recorder's (us), the vehicle's (ms)
         self.later: list[tuple[int, Any]] = []
+        self._rows: dict[str, list[tuple[float, ...]]] = {}  # of signals, by message
+        self._params: dict[str, float] = {}
 
     def take(self, wall_us: int, message: Any) -> None:
         """Keep what a message says."""
         kind, found = message.get_type(), self._found
         sender = message.get_srcSystem(), message.get_srcComponent()
-        if kind == "HEARTBEAT" and message.autopilot != _NO_AUTOPILOT and not self._autopilot:
-            if message.type in _OTHERS:
-                name = mav.enums["MAV_TYPE"][message.type].name.removeprefix("MAV_TYPE_").lower()
-                raise InputError(
-                    f"{found.path}: the log of another kind of vehicle ({name.replace('_', ' ')}): "
-                    "only multicopters' are compared"
-                )
-            if message.type in _ROTARY:
-                self._autopilot = sender
-                self._ardupilot = message.autopilot == mav.MAV_AUTOPILOT_ARDUPILOTMEGA
-                found.kind += " of ArduPilot" * self._ardupilot
+        speaks = kind == "HEARTBEAT" and message.autopilot != _NO_AUTOPILOT
+        if speaks and not self._autopilot and message.type not in _NO_VEHICLES:
+            self._autopilot = sender
+            found.vehicle = PLANE if message.type in _PLANES else found.vehicle
+            found.vehicle = ROVER if message.type in _ROVERS else found.vehicle
+            self._ardupilot = message.autopilot == mav.MAV_AUTOPILOT_ARDUPILOTMEGA
+            found.kind += " of ArduPilot" * self._ardupilot
         if kind in _TRANSFERS:
             self.later.append((wall_us, message))
         elif sender != self._autopilot:
@@ -119,6 +134,7 @@ class _Reader:
                 return
             self._number = message.get_seq()
             self.clock.append((wall_us, message.time_boot_ms))
+            self._keep(message.time_boot_ms * 1_000_000, message)
             where = message.lat / 1e7, message.lon / 1e7, message.alt / 1e3
             found.places.append((message.time_boot_ms * 1_000_000, *where))
         else:
@@ -127,16 +143,20 @@ class _Reader:
     def take_at(self, t_ns: int, message: Any) -> None:
         """Keep what a message says, at a time of the vehicle's clock."""
         found = self._found
+        if message.get_type() in _FIELDS:
+            self._keep(t_ns, message)
         match message.get_type():
             case "HEARTBEAT" if message.autopilot != _NO_AUTOPILOT:
                 if self._ardupilot:
-                    name = mode_mapping_acm.get(message.custom_mode, f"MODE {message.custom_mode}")
+                    name = ardupilot_mode(found.vehicle, message.custom_mode)
                 else:
                     name = interpret_px4_mode(message.base_mode, message.custom_mode)
                 armed = message.base_mode & mav.MAV_MODE_FLAG_SAFETY_ARMED
                 found.armed(t_ns, on=bool(armed))
                 found.mode(t_ns, name)
                 found.failing(t_ns, "failsafe", on=message.system_status in FAILING)
+            case "PARAM_VALUE":
+                self._params[message.param_id] = message.param_value
             case "FENCE_STATUS":
                 found.failing(t_ns, "fence breached", on=bool(message.breach_status))
             case "STATUSTEXT":
@@ -154,7 +174,7 @@ class _Reader:
                 unknown, left = float("nan"), message.battery_remaining / 100
                 mv, ca = message.voltage_battery, message.current_battery
                 volts = unknown if mv == 65535 else mv / 1e3
-                amperes = unknown if ca == -1 else ca / 1e2
+                amperes = unknown if ca in (-1, -100) else ca / 1e2
                 found.battery.append((t_ns, volts, amperes, unknown, left))
             case "WIND_COV":
                 found.wind.append((t_ns, message.wind_y, message.wind_x))
@@ -163,6 +183,23 @@ class _Reader:
             case kind if kind in _TRANSFERS and message.mission_type in KINDS:
                 if self._autopilot[:1] in ((message.get_srcSystem(),), (message.target_system,)):
                     self._transferred(t_ns, message)
+
+    def _keep(self, t_ns: int, message: Any) -> None:
+        """Keep a row of signals, at the message's own time where it has one."""
+        own_ns = getattr(message, "time_boot_ms", 0) * 1_000_000
+        fields = _FIELDS[message.get_type()]
+        row = (_number(message, field) for field in fields)
+        self._rows.setdefault(message.get_type(), []).append(((own_ns or t_ns) / 1e9, *row))
+
+    def signals(self) -> dict[str, Signal]:
+        """The signals of all messages that were kept."""
+        tables = {
+            kind: dict(zip(("t_s", *_FIELDS[kind]), np.array(rows).T, strict=True))
+            for kind, rows in self._rows.items()
+        }
+        own = OF_ARDUPILOT if self._ardupilot else OF_PX4
+        outputs: Columns = tables.get("SERVO_OUTPUT_RAW", {})
+        return gathered(tables, (*own, *TLOG)) | motors(self._params, outputs, _OUTPUT)
 
     def _transferred(self, t_ns: int, message: Any) -> None:
         """Keep a message of a mission transfer; a list that the vehicle sends is one it holds."""

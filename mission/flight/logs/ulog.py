@@ -15,12 +15,13 @@ import numpy as np
 from pymavlink.dialects.v20 import common as mav
 
 from flightdyn.state import GeodeticPoint
-from mission.base.errors import InputError
 from mission.base.user_files import read_bytes
 from mission.flight.logs.flight import MOST_BYTES, Found
+from mission.flight.logs.sources import ULOG
 from mission.flight.logs.ulog_file import Columns, decoded
 from mission.log.records import from_json
-from mission.log.values import FlightData, MissionRecord
+from mission.log.signals import gathered
+from mission.log.values import COPTER, PLANE, ROVER, FlightData, MissionRecord
 from sitl.autopilot.codec.orders import MissionItem
 
 # vehicle_status.nav_state, as ground stations call the modes.
@@ -29,8 +30,7 @@ MODES = {
     12: "DESCEND", 13: "TERMINATED", 14: "OFFBOARD", 15: "STABILIZED", 17: "TAKEOFF", 18: "LAND",
     19: "FOLLOW", 20: "PRECISION LAND", 21: "ORBIT",
 }  # fmt: skip
-_ROTARY = (0, 1)  # vehicle_status.vehicle_type; 0: not known
-_KINDS = {2: "a fixed-wing aircraft", 3: "a rover", 4: "an airship"}
+_VEHICLES = {2: PLANE, 3: ROVER}  # vehicle_status.vehicle_type
 _ARMED = 2
 COMMANDS = {  # of position_setpoint.type
     0: mav.MAV_CMD_NAV_WAYPOINT,
@@ -52,7 +52,7 @@ def read_ulog(path: Path) -> FlightData:
     """The flight in a ULog.
 
     Raises:
-        InputError: it cannot be read, has no positions, or another kind of vehicle flew.
+        InputError: it cannot be read, or has no positions.
     """
     found = Found(path, "ULog of PX4", "seconds since PX4 started")
     topics, told = decoded(read_bytes(path, most=MOST_BYTES), found)
@@ -75,6 +75,8 @@ def read_ulog(path: Path) -> FlightData:
     found.skipped["event of PX4's events interface"] += len(
         topics.get("event", {"timestamp": ()})["timestamp"]
     )
+    timed = {name: {**of, "t_s": of["timestamp"] / 1e6} for name, of in topics.items()}
+    found.signals = gathered(timed, ULOG)
     return found.flight()
 
 
@@ -134,11 +136,10 @@ def _local(data: Columns | None) -> Iterator[tuple[float, ...]]:
 
 
 def _status(found: Found, data: Columns | None) -> None:
-    """Modes, arming, failsafes; refuses another kind of vehicle."""
+    """Kind of vehicle, modes, arming, failsafes."""
     kinds = {int(row[1]) for row in _rows(data, "vehicle_type")}
-    if kinds and not kinds & set(_ROTARY):
-        kind = _KINDS.get(min(kinds), f"a vehicle of kind {min(kinds)}")
-        raise InputError(f"{found.path}: the log of {kind}: only multicopters' are compared")
+    if 1 not in kinds:  # a rotary wing, as a VTOL is part of the time
+        found.vehicle = _VEHICLES.get(max(kinds, default=0), COPTER)
     # The topic comes twice a second; when the mode changed it says exactly, where it says so.
     since = "nav_state_timestamp" if data and "nav_state_timestamp" in data else "timestamp"
     names = "nav_state", since, "arming_state", "failsafe"

@@ -12,7 +12,6 @@ import numpy as np
 from pymavlink.dialects.v20 import common as mav
 
 from mission.base.area import Area, on_globe
-from mission.base.arrays import Floats
 from mission.base.errors import InputError
 from mission.base.run_folder import write_atomically
 from mission.flight.logs.items import items_of
@@ -20,6 +19,7 @@ from mission.flight.logs.ulog import COMMANDS, MISSIONS, MODES
 from mission.flight.logs.ulog_file import Rows, rows, ulog
 from mission.log import topics
 from mission.log.contents import Contents, load
+from mission.log.control import ned_attitude
 from mission.log.reader import decode, track, vectors
 from mission.log.topics import Topic
 from mission.log.values import NS_PER_S, ControlTrack, FlightData
@@ -105,7 +105,7 @@ def _poses(
     t_ns, xyz = where.t_ns, where.pos_m
     ned = data.area.to_ned(xyz[:, :2], xyz[:, 2])
     turns = [message.pose.orientation for _, message in found]
-    q = _attitude(np.array([(q.x, q.y, q.z, q.w) for q in turns], dtype=np.float64))
+    q = ned_attitude(np.array([(q.x, q.y, q.z, q.w) for q in turns], dtype=np.float64))
     known, enu = vectors(contents.decoded(velocities))
     axes = (enu[:, 1], enu[:, 0], -enu[:, 2])
     vel = [
@@ -139,13 +139,6 @@ def _poses(
     }
 
 
-def _attitude(turns: Floats) -> Floats:
-    """Convert attitudes (n, 4), FLU -> ENU as (x, y, z, w), to FRD -> NED as (w, x, y, z)."""
-    x, y, z, w = turns.reshape(-1, 4).T
-    turned = np.column_stack((w + z, x + y, x - y, w - z))
-    return np.asarray(turned / np.linalg.norm(turned, axis=1, keepdims=True))
-
-
 def _control(area: Area, track: ControlTrack) -> dict[str, Rows]:
     """Attitude, rates, motors and setpoints at the rate of the control."""
     t_ns, frd, ned = track.t_ns, np.array([1.0, -1.0, -1.0]), np.array([1.0, 1.0, -1.0])
@@ -156,10 +149,10 @@ def _control(area: Area, track: ControlTrack) -> dict[str, Rows]:
     place = track.position_setpoint_m
     vel, accel = track.velocity_setpoint_mps, track.acceleration_setpoint_mps2
     return {
-        "vehicle_attitude": rows(t_ns, q=_attitude(track.attitude)),
+        "vehicle_attitude": rows(t_ns, q=ned_attitude(track.attitude)),
         "vehicle_angular_velocity": rows(t_ns, xyz=track.rates_radps * frd),
         "vehicle_attitude_setpoint": rows(
-            t_ns, q_d=_attitude(track.attitude_setpoint), thrust_body=thrust
+            t_ns, q_d=ned_attitude(track.attitude_setpoint), thrust_body=thrust
         ),
         "vehicle_rates_setpoint": rows(t_ns, roll=roll, pitch=pitch, yaw=yaw, thrust_body=thrust),
         "actuator_motors": rows(t_ns, control=motors),

@@ -148,6 +148,7 @@ def decoded(content: bytes, found: Found) -> tuple[dict[str, Columns], dict[str,
     if len(content) < _SIZE_OF_START or not content.startswith(_MAGIC):
         raise InputError(f"{found.path}: not a ULog: it does not begin as one")
     formats, topics, told = dict[str, str](), dict[bytes, _Topic](), dict[str, list[list[str]]]()
+    last = bytes(10)  # row, of which the time comes first
     firsts, kinds, room = dict[str, _Topic](), dict[str, _Kind](), _MOST_NUMBERS
 
     def end_of(at: int) -> int:
@@ -166,6 +167,7 @@ def decoded(content: bytes, found: Found) -> tuple[dict[str, Columns], dict[str,
             match chr(content[at + 2]):
                 case "D":
                     topic = topics[body[:2]]
+                    last = body
                     topic.rows.extend(body[2 : 2 + topic.sizes[0]])
                 case "F":
                     name, _, fields = body.decode().partition(":")
@@ -190,6 +192,8 @@ def decoded(content: bytes, found: Found) -> tuple[dict[str, Columns], dict[str,
                     parts[-1].append(body[2 + length :].decode(errors="ignore"))
                 case "O":
                     found.skipped["dropout"] += 1
+                    at_us, lost_ms = (int.from_bytes(b, "little") for b in (last[2:10], body[:2]))
+                    found.dropouts_s.append((at_us / 1e6, lost_ms / 1e3))
                 case "B" if body[8] & ~_APPENDED or any(body[9:16]):
                     raise InputError(f"{found.path}: a ULog with flags that nobody here knows")
         except (ValueError, LookupError, struct.error, RecursionError):

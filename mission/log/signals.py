@@ -1,0 +1,123 @@
+"""Signals: what a vehicle was told, what it did and how it was, over time, whoever wrote the log.
+
+Positions and velocities are NED, attitudes roll, pitch and yaw in degrees, body rates FRD. What was
+told (`wanted_...`) is NaN where it was not told.
+"""
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mission.base import polyline
+from mission.base.arrays import Floats, Ints
+from mission.base.gaps import HOLE, gaps, inside
+
+Columns: TypeAlias = Mapping[str, NDArray[Any]]  # of a kind of message; "t_s": their times
+
+# Axes of signals; what else there is has one, or is north, east, down. Of the innovations 1 is the
+# largest size that is accepted.
+AXES: Mapping[str, tuple[str, ...]] = {
+    "attitude_deg": ("roll", "pitch", "yaw"),
+    "rates_degps": ("roll", "pitch", "yaw"),
+    "vibration_mps2": ("x", "y", "z"),
+    "clips": ("IMU 0", "IMU 1", "IMU 2"),
+    "innovation_ratio": ("velocity", "position", "height", "heading"),
+    "motors": tuple(f"motor {number}" for number in range(1, 13)),
+}
+_MOTORS = (*range(33, 41), *range(82, 86))  # SERVOn_FUNCTION of motors 1 to 12
+_MOST = 1e10  # beyond is damage
+_AROUND_S, _LAST_S = 600.0, 9e9
+
+
+@dataclass(frozen=True)
+class Signal:
+    """A quantity over time."""
+
+    t_s: Floats  # (n,) ascending
+    values: Floats  # (n, axes)
+
+    @property
+    def holes_s(self) -> Floats:
+        """(g, 2) begin and end of the times in which it is not known."""
+        t_ns = (self.t_s * 1e9).astype(np.int64)
+        return gaps(t_ns, (t_ns[0], t_ns[-1]), usual=HOLE) if len(t_ns) else np.zeros((0, 2))
+
+    def between(self, t_ns: Ints) -> "Signal":
+        """The samples of the time of a track, and a little around it: others are damage."""
+        kept = (self.t_s > t_ns[0] / 1e9 - _AROUND_S) & (self.t_s < t_ns[-1] / 1e9 + _AROUND_S)
+        return Signal(self.t_s[kept], self.values[kept])
+
+    def at(self, t_s: Floats) -> Floats:
+        """(m, axes) linear between samples; NaN outside them, and in holes."""
+        if not len(self.t_s):
+            return np.full((len(t_s), 1), np.nan)
+        found = polyline.at(t_s, self.t_s, self.values)
+        lost = (t_s < self.t_s[0]) | (t_s > self.t_s[-1]) | inside(t_s, self.holes_s)
+        found[lost] = np.nan
+        return found
+
+
+@dataclass(frozen=True)
+class Source:
+    """Where a kind of log has a signal, or some of its axes; the first that is there counts."""
+
+    signal: str
+    message: str
+    columns: str
+    by: Callable[[Floats], Floats] | float = 1.0  # makes the signal's values, or their unit
+    axis: int = 0
+    plain: float = 1.0  # to SI, in logs that do not tell units
+
+
+def gathered(tables: Mapping[str, Columns], sources: Iterable[Source]) -> dict[str, Signal]:
+    """Make the signals of a log's messages, a table a kind, that have a value."""
+    parts: dict[str, dict[int, tuple[Floats, Floats]]] = {}
+    for source in sources:
+        table, columns = tables.get(source.message, {}), source.columns.split()
+        if source.axis in parts.get(source.signal, ()) or any(c not in table for c in columns):
+            continue
+        values = np.column_stack([table[c].astype(np.float64) for c in columns])
+        values[np.abs(values) > _MOST] = np.nan
+        values = values * source.by if isinstance(source.by, float) else source.by(values)
+        known = np.abs(table["t_s"]) < _LAST_S
+        t_s, at = np.unique(table["t_s"][known], return_index=True)
+        values = values[known][at] * (1.0 if "units" in table else source.plain)
+        if np.isfinite(values).any():
+            parts.setdefault(source.signal, {})[source.axis] = t_s, values
+    return {name: _joined(each) for name, each in parts.items()}
+
+
+def _joined(parts: Mapping[int, tuple[Floats, Floats]]) -> Signal:
+    """Axes that stand in messages of their own, at the times of the first."""
+    t_s, _ = parts[min(parts)]
+    width = max(axis + values.shape[1] for axis, (_, values) in parts.items())
+    found = np.full((len(t_s), width), np.nan)
+    for axis, (own_s, values) in parts.items():
+        found[:, axis : axis + values.shape[1]] = Signal(own_s, values).at(t_s)
+    return Signal(t_s, found)
+
+
+def motors(params: Mapping[str, float], outputs: Columns, name: str) -> dict[str, Signal]:
+    """The motors among an ArduPilot's servo outputs (us, columns `name` with a number), 0..1;
+    nothing where its parameters do not say which are motors."""
+    of = {params.get(f"SERVO{number}_FUNCTION"): name.format(number) for number in range(1, 33)}
+    columns = [of[function] for function in _MOTORS if of.get(function) in outputs]
+    if not columns:
+        return {}
+    low, high = params.get("MOT_PWM_MIN") or 1000.0, params.get("MOT_PWM_MAX") or 2000.0
+    source = Source(
+        "motors", "", " ".join(columns), lambda us: np.clip((us - low) / (high - low), 0, 1)
+    )
+    return gathered({"": outputs}, [source])
+
+
+def euler_deg(q: Floats) -> Floats:
+    """(n, 3) roll, pitch, yaw in degrees of quaternions (n, 4), FRD to NED as (w, x, y, z)."""
+    w, x, y, z = q.T
+    roll = np.arctan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y))
+    pitch = np.arcsin(np.clip(2 * (w * y - z * x), -1, 1))
+    yaw = np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
+    return np.asarray(np.degrees(np.column_stack((roll, pitch, yaw))))
