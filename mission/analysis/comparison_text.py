@@ -9,13 +9,16 @@ from typing import TYPE_CHECKING
 from rich import box
 from rich.table import Table
 
-from mission.analysis.compare import Comparison, Label, RunComparison
+from mission.analysis.compare import RunComparison
 from mission.analysis.legs import Leg
 from mission.analysis.measure import CORNER_M
+from mission.analysis.numbers import Comparison, Label
 from mission.analysis.spikes import spikes
+from mission.analysis.told import MISSION, TARGET, missing
 from mission.base.explain import shown
 from mission.base.tables import count, dotted, number, told
 from mission.base.terminal import TABLE_WIDTH
+from mission.log.values import FlightData
 
 if TYPE_CHECKING:
     from mission.analysis.passes import Judged
@@ -23,6 +26,9 @@ if TYPE_CHECKING:
 _Cell = Callable[[Comparison], str]
 
 _OF_DEVICES = ("scheduled", "expected", "delivered", "unready")
+TOLD = "Against what it was told"
+_STEPS = 12  # at most as many are told in a line each
+_WORDS = ("community", "mode", "against")  # columns of words
 _NAME_WIDTH = 10  # characters of a run's name in a line, at least
 
 
@@ -89,9 +95,13 @@ def tables(comparison: RunComparison) -> tuple[Table, ...]:
 
     A flight that is no run has a table of its numbers and one of its legs.
     """
-    if comparison.run.judged is not None:
-        legs = _table("Legs", *leg_rows(comparison.legs))
-        return (*side_by_side([comparison], width=TABLE_WIDTH), legs)
+    if comparison.run.data.planned is not None:
+        legs, more = comparison.legs, stretch_rows(comparison)
+        return (
+            *side_by_side([comparison], width=TABLE_WIDTH),
+            *([_table("Legs", *leg_rows(legs))] if legs else []),
+            *([_table(TOLD, *more)] if more[1] else []),
+        )
     some_late = _LATE if comparison.total.unready else ()
     energy = _ENERGY if math.isfinite(comparison.total.energy_j) else ()
     caption = f"straights: farther than {CORNER_M:.0f} m from every corner of the plan"
@@ -132,17 +142,25 @@ def in_full(found: Sequence[RunComparison], *, width: int) -> Iterator[Table | s
 def lines(comparison: RunComparison) -> list[str]:
     """Describe holes, and of a flight spikes and what was not compared, a line each."""
     judged, found = comparison.run.judged, [hole.words for hole in comparison.holes]
-    if judged is None:
+    if comparison.run.data.planned is None:
         return found
+    steps = [step.words for step in (comparison.flown.steps if comparison.flown else ())]
+    found += steps[:_STEPS] + [f"and {count(len(steps) - _STEPS, 'step')} more"] * (
+        len(steps) > _STEPS
+    )
+    lacks = ", ".join(missing(comparison.run.data))
+    found += [f"not in the log: {lacks}"] * bool(lacks)
+    if judged is None:
+        if "a mission" not in lacks:
+            found.append(comparison.run.unjudged.removeprefix(f"{comparison.run.path}: "))
+        return [*found, *_skipped(comparison.run.data)]
     found += [spike.words for spike in spikes(comparison.run.data, comparison.measured)]
     return [*found, *in_words(judged, holes=any(hole.leg is not None for hole in comparison.holes))]
 
 
 def in_words(found: "Judged", *, holes: bool = False) -> list[str]:
     """Describe what was not compared or not reached, one line each; empty if all was."""
-    lines = [
-        f"{count(number, what)} not read" for what, number in found.data.source.skipped.items()
-    ]
+    lines = _skipped(found.data)
     if not len(found.data.battery.t_ns):
         lines.append("energy not known: the log has no numbers of a battery")
     if found.apart:
@@ -156,6 +174,30 @@ def in_words(found: "Judged", *, holes: bool = False) -> list[str]:
         which = ", ".join(map(str, missed))
         lines.append(f"items never reached{' outside holes' * holes}: {which}")
     return lines
+
+
+def _skipped(data: FlightData) -> list[str]:
+    return [f"{count(number, what)} not read" for what, number in data.source.skipped.items()]
+
+
+def stretch_rows(comparison: RunComparison) -> tuple[list[str], list[list[str]]]:
+    """Heads and cells of the table of stretches: errors, rms and max, against their references."""
+    heads = ["time (s)", "mode", "against", "position (m)\nrms / max"]
+    rows = []
+    for row in comparison.stretches:
+        place, height = "tracking_{}_m", "height_tracking_{}_m"
+        if row["reference"] == MISSION:
+            place, height = "cross_track_{}_m", "height_{}_m"
+        elif row["reference"] == TARGET:
+            place = "across_target_{}_m"
+        cells = [
+            " / ".join(number(row.get(of.format(how), math.nan)) for how in ("rms", "max"))
+            for of in (place, height)
+        ]
+        cells += [number(row["attitude_tracking_rms_deg"]), number(row["delay_s"])]
+        times = f"{number(row['start_s'], 0)}-{number(row['end_s'], 0)}"
+        rows.append([times, row["mode"], row["reference"], *cells])
+    return [*heads, "height (m)\nrms / max", "tilt\n(deg)", "delay\n(s)"], rows
 
 
 def leg_rows(found: Sequence[Leg]) -> tuple[list[str], list[list[str]]]:
@@ -281,7 +323,7 @@ def _table(
     )
     for head, last in itertools.zip_longest(heads, total, fillvalue=""):
         table.add_column(
-            head, footer=last, justify="left" if head == "community" else "right", no_wrap=True
+            head, footer=last, justify="left" if head in _WORDS else "right", no_wrap=True
         )
     for row in rows:
         table.add_row(*row)

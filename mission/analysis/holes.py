@@ -23,12 +23,13 @@ class Hole:
     end_s: float
     from_deg: tuple[float, float]
     to_deg: tuple[float, float]
+    mode: str = ""  # of a flight without passes
 
     @property
     def words(self) -> str:
         """One line of text: times, length, leg, and places before and after."""
         start_s, end_s = self.start_s, self.end_s
-        where = "outside the plan" if self.leg is None else f"leg {self.leg}"
+        where = self.mode or ("outside the plan" if self.leg is None else f"leg {self.leg}")
         here, there = (f"{lat:.7f}, {lon:.7f}" for lat, lon in (self.from_deg, self.to_deg))
         return (
             f"at {start_s:.1f}-{end_s:.1f} s no positions for {end_s - start_s:.1f} s, "

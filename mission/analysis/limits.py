@@ -10,23 +10,26 @@ import numpy as np
 
 from fl.errors import did_you_mean
 from fl.errors import told as printable
-from mission.analysis.compare import Comparison, Made, RunComparison
+from mission.analysis.compare import RunComparison
 from mission.analysis.measure import Measured
-from mission.base.area import on_globe
-from mission.base.arrays import Floats
+from mission.analysis.numbers import Comparison, Made, Told
+from mission.base.arrays import Floats, least
 from mission.base.errors import InputError, LimitsNotMetError
 from mission.base.run_folder import write_atomically
 from mission.base.tables import told
 from mission.base.user_files import parse_toml, read_text
 from mission.log.values import NS_PER_S
 
+_TOLD = dict(told(Comparison, Told))
 # Of these more is better: their limit is the least that is allowed.
 _AT_LEAST = frozenset(
-    {"battery_remaining", "delivered", "expected", "scheduled", "upper_bound"}
+    {name for name, how in _TOLD.items() if how.by is least}
+    | {"battery_remaining", "delivered", "expected", "scheduled", "upper_bound"}
     | {"plan_objective", "est_objective", "true_objective"}
 )
 _MOST = 10_000  # characters of a name
 _MADE = {name: how.of for name, how in told(Comparison, Made)}
+_MADE |= {name: how.of for name, how in _TOLD.items()}
 _HIDDEN = frozenset(  # by a hole in positions: all that was flown, and happened
     {"cross_m", "straight", "corner_cut_m", "height_m", "estimate_m", "estimate_height_m"}
     | {"speed_mps", "wind_mps", "flown_path_m", "duration_s", "energy_j", "slot_miss_m"}
@@ -140,10 +143,16 @@ def verdicts(comparison: RunComparison, limits: Mapping[str, float]) -> tuple[Ve
         where = "" if met else _where(comparison, name)
         # A place that was never reached may have been in a hole; of others what is known counts.
         unknown = _MADE[name] in _HIDDEN and (met or name == "slots_missed")
-        hides = [hole for hole in holes if hole.leg is not None or name in (*_EVENTS, "gap_max_s")]
+        always = name in (*_EVENTS, "gap_max_s")
+        hides = [hole for hole in holes if hole.leg is not None or hole.mode or always]
         if hides and (unknown or name == "gap_max_s"):
             value, met = math.nan if unknown else value, False
             where = max(hides, key=lambda hole: hole.end_s - hole.start_s).words
+        flown = comparison.flown
+        lost_s = flown.series[_MADE[name]].hidden_s if flown and met and name in _TOLD else 0.0
+        if lost_s > limits.get("gap_max_s", 0.0):
+            value, met = math.nan, False
+            where = f"the log does not hold it for {lost_s:.1f} s of the flight"
         found.append(Verdict(comparison.run.name, name, value, limit, met, where))
     return tuple(found)
 
@@ -165,6 +174,14 @@ def _where(comparison: RunComparison, name: str) -> str:
     if name in _EVENTS:
         events = [e for e in comparison.run.data.flown_events if e.kind == _EVENTS[name]]
         return f"first at {events[0].t_ns / NS_PER_S:.1f} s: {events[0].text}" if events else ""
+    if name in _TOLD:
+        flown = comparison.flown
+        over_time = flown.series.get(_MADE[name]) if flown else None
+        at_s = _TOLD[name].worst_s(over_time) if over_time else math.nan
+        if flown is None or math.isnan(at_s):
+            return ""
+        mode = next((s.mode for s in flown.stretches if at_s <= s.end_s), "in the air")
+        return _words(mode, at_s, comparison.place(at_s))
     worst = []
     for index, measured in enumerate(comparison.measured):
         values = np.nan_to_num(np.abs(_values(measured, _MADE[name])), nan=-1.0)
@@ -186,13 +203,16 @@ def _values(measured: Measured, array: str) -> Floats:
 
 
 def _place(comparison: RunComparison, index: int, sample: int) -> str:
-    measured, run = comparison.measured[index], comparison.run
-    position = measured.truth.pos_m[sample]
-    (place,) = on_globe(run.data.area, position[None, :2], position[2])
+    measured = comparison.measured[index]
+    at_s = float(measured.truth.t_ns[sample]) / NS_PER_S
     several = f"round {measured.record.round}, " if len(comparison.measured) > 1 else ""
+    return _words(f"{several}leg {measured.leg[sample]}", at_s, comparison.place(at_s))
+
+
+def _words(what: str, at_s: float, place: Mapping[str, float]) -> str:
     return (
-        f"{several}leg {measured.leg[sample]}, {measured.truth.t_ns[sample] / NS_PER_S:.1f} s, "
-        f"{place.lat_deg:.7f}, {place.lon_deg:.7f}, {position[2]:.1f} m high"
+        f"{what}, {at_s:.1f} s, {place['lat_deg']:.7f}, {place['lon_deg']:.7f}, "
+        f"{place['height_m']:.1f} m high"
     )
 
 

@@ -13,7 +13,7 @@ from mission.log import DamagedLogError, ForeignLogError
 from mission.log.contents import load_damaged
 from mission.log.reader import decode, read_log
 from mission.log.records import RoundRecord
-from mission.log.values import FlightData, Track
+from mission.log.values import FlightData, PlannedPlaces, Track
 
 if TYPE_CHECKING:
     from mission.analysis.passes import Judged
@@ -45,8 +45,8 @@ class LoadedRun:
         known = {**config.get("mission", {}), **config, **self.summary}
         keys = ("strategy", "seed") if planned is None else ("seed",)
         facts = [f"{key} {label_of(str(known[key]))}" for key in keys if key in known]
-        source = [] if planned is None else [f"plan {planned.source}"]
-        if self.judged is not None and self.data.source.only is not None:
+        source = [f"plan {planned.source}"] if planned is not None and planned.source else []
+        if planned is not None and self.data.source.only is not None:
             source.append(f"{self.data.source.only} positions only")
         return " · ".join([self.name, *facts, *source])
 
@@ -98,6 +98,7 @@ def load_run(path: Path, plan: Path | None = None, *, believed: bool = False) ->
     except InputError as error:
         if plan is not None:
             raise
+        data = replace(data, planned=PlannedPlaces("", {}, (), frozenset()))
         return replace(loaded, data=data, unjudged=str(error))
     return replace(loaded, data=found.data, judged=found)
 
@@ -106,7 +107,7 @@ def load_flights(
     path: Path, plan: Path | None = None, *, believed: bool = False
 ) -> tuple[list[LoadedRun], list[str]]:
     """Load a run or a log, or all logs of a folder, as `load_run`: those to compare, and why others
-    of the folder are not: they cannot be read, or have no mission to compare with, as some have.
+    of the folder are not: they cannot be read, or have no mission, as some have.
 
     Raises:
         InputError: as `load_run`, of the first log, where none can be read.

@@ -175,9 +175,6 @@ def _measured(
         for here, corner in zip(near.T, fit.corner_points_m, strict=True)
     ]
     since_ns, until_ns = _span(run, record)
-    happened = [e for e in run.flown_events if since_ns <= e.t_ns < until_ns]
-    events = Counter(e.kind for e in happened if not e.text.startswith(_FAULT_ENDS))
-    gaps_s = np.diff(gnss_gaps(run, since_ns, until_ns))
     every = np.unique(np.vstack((hidden, position_gaps(run, since_ns, until_ns))), axis=0)
     blows = (run.wind.t_ns >= start_ns) & (run.wind.t_ns <= end_ns)
     return Measured(
@@ -185,12 +182,8 @@ def _measured(
         numbers={
             **flat(record),
             **numbers,
-            "mode_changes": events["mode"],
-            "failsafes": events["failsafe"],
-            "faults": events["fault"],
-            "gnss_gaps": len(gaps_s) if len(run.gnss_ns) else math.nan,
+            **happened(run, since_ns, until_ns),
             "gap_max_s": float(np.diff(every).max(initial=0.0)),
-            "gnss_gap_max_s": float(gaps_s.max(initial=0.0)) if len(run.gnss_ns) else math.nan,
         },
         truth=truth,
         belief=belief,
@@ -207,6 +200,20 @@ def _measured(
         estimate_height_m=error[:, 2],
         **arrays,
     )
+
+
+def happened(run: FlightData, since_ns: int, until_ns: int) -> dict[str, float]:
+    """Count the events, and the gaps of GNSS, of a time."""
+    found = [e for e in run.flown_events if since_ns <= e.t_ns < until_ns]
+    events = Counter(e.kind for e in found if not e.text.startswith(_FAULT_ENDS))
+    gaps_s = np.diff(gnss_gaps(run, since_ns, until_ns))
+    return {
+        "mode_changes": events["mode"],
+        "failsafes": events["failsafe"],
+        "faults": events["fault"],
+        "gnss_gaps": len(gaps_s) if len(run.gnss_ns) else math.nan,
+        "gnss_gap_max_s": float(gaps_s.max(initial=0.0)) if len(run.gnss_ns) else math.nan,
+    }
 
 
 def _span(run: FlightData, record: RoundRecord) -> tuple[int, int]:

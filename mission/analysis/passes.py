@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from mission.analysis.airborne import DISARMED, STANDING_M, airborne, flown_modes
 from mission.analysis.holes import position_gaps
 from mission.analysis.one_pass import AT_END_M, Pass, match_pass
 from mission.base import polyline
@@ -25,7 +26,7 @@ from mission.flight.logs.items import (
     place_m,
     returns,
 )
-from mission.log.values import NS_PER_S, FlightData, Modes, PlannedPlaces, Track
+from mission.log.values import NS_PER_S, ROVER, FlightData, PlannedPlaces, Track
 from sitl.autopilot.codec.orders import MissionItem
 from sitl.autopilot.flying.route import repeats
 from sitl.errors import SitlInputError
@@ -35,14 +36,10 @@ _MISSION = ("MISSION", "AUTO")  # what autopilots call the mode that flies a mis
 _RETURNS = ("RETURN", "RETURN_TO_LAUNCH", "RTL", "SMART_RTL")  # and those that may end one,
 _ENDS = (*_RETURNS, "LAND")
 _PAUSES = ("HOLD", "LOITER")
-_DISARMED = "DISARMED"  # in place of the mode of a vehicle that has landed: it may be any
 _PAUSE_M = 30.0  # at most from where a mission was left to where it goes on, braking included
 _PAUSE_S = 60.0  # at most, before a return that belongs to the mission; who orders it may be slow
 _TOLD_NS = 1_000_000_000  # after a mode, in which the log tells the item that is flown to
 _LEAST_S = 2.0  # a pass, or a time outside, that is shorter is none
-_OFF_GROUND_M = 0.7
-_STILL_M = 0.3  # in a second
-_STANDING_M = 3.0  # that a position may wander on the ground
 _FAR_M = 2000.0  # from the flight a plan is of another place
 
 
@@ -74,8 +71,8 @@ def judged(path: object, data: FlightData, given: Plan | None) -> Judged:
     """
     if len(data.truth.t_ns) < 2:
         raise InputError(f"{path}: the log has no positions, so there is nothing to compare")
-    flown = replace(data, modes=_flown(data))
-    start_ns, end_ns = _airborne(path, flown)
+    flown = replace(data, modes=flown_modes(data))
+    start_ns, end_ns = airborne(path, flown)
     plans = [given] if given is not None else _logged(data)
     if not any(plan.items for plan in plans):
         raise InputError(
@@ -130,35 +127,6 @@ def judged(path: object, data: FlightData, given: Plan | None) -> Judged:
         ),
     )
     return Judged(data, tuple(passes), _apart(flown, passes, start_ns, end_ns), left_out)
-
-
-def _flown(data: FlightData) -> Modes:
-    """Return the modes in which the vehicle was armed, and `_DISARMED` between."""
-    edges = np.ravel(data.armed_ns)
-    times = np.unique(np.append(data.modes.t_ns, edges)).astype(np.int64)
-    modes = np.searchsorted(data.modes.t_ns, times, side="right") - 1
-    armed = np.searchsorted(edges, times, side="right") % 2 == 1
-    names = np.array([*data.modes.names, "mode unknown"])[modes]
-    return Modes(times, tuple(np.where(armed, names, _DISARMED).tolist()))
-
-
-def _airborne(path: object, data: FlightData) -> tuple[int, int]:
-    """Return when a flight begins and ends (ns): the last second of standing before it leaves, and
-    the last instant away from its first position. Standing is no movement in a second, whatever the
-    height, since home may be set anew on the ground. InputError: it never left the ground."""
-    t_ns, pos_m = data.truth.t_ns, data.truth.pos_m
-    away_m = np.linalg.norm(pos_m - pos_m[0], axis=1)
-    off = np.flatnonzero(away_m > _OFF_GROUND_M)
-    if not len(off):
-        raise InputError(f"{path}: it never left the ground, so there is nothing to compare")
-    first = int((away_m > min(_STANDING_M, away_m.max() / 2)).argmax())
-    moved_m = np.linalg.norm(pos_m - data.truth.at(t_ns - NS_PER_S).pos_m, axis=1)
-    stood = np.flatnonzero(moved_m[:first] < _STILL_M)
-    start_ns = t_ns[stood[-1]] - NS_PER_S if len(stood) else 0
-    end_ns = int(t_ns[off[-1]])
-    if data.modes.names[-1:] == (_DISARMED,):
-        end_ns = min(end_ns, int(data.modes.t_ns[-1]))
-    return max(int(start_ns), int(t_ns[0])), end_ns
 
 
 def _logged(data: FlightData) -> list[Plan]:
@@ -228,7 +196,7 @@ def _joined(
 def _ended(data: FlightData, begin_ns: int, next_ns: int) -> bool:
     """Whether there is a return, a landing or disarming from the begin of a stretch to the next."""
     within = (data.modes.t_ns > begin_ns) & (data.modes.t_ns <= next_ns)
-    ends = (*_ENDS, _DISARMED)
+    ends = (*_ENDS, DISARMED)
     return any(data.modes.names[index] in ends for index in np.flatnonzero(within).tolist())
 
 
@@ -274,14 +242,19 @@ def _passes(
             continue
         kept = [(track.t_ns >= since_ns) & (track.t_ns <= to_ns) for since_ns, to_ns in times_ns]
         track = track.at(track.t_ns[np.any(kept, axis=0)])
+        items = plan.items
+        if data.vehicle == ROVER:  # which has no heights
+            items = tuple(replace(item, z=math.nan) for item in items)
         way = mission_path(
-            plan.items,
+            items,
             data.area,
             track.pos_m[0],
             first=item,
             rally_m=_rally_m(data),
             climbs_straight=data.climbs_straight,
         )
+        if data.vehicle == ROVER:
+            way = replace(way, height_known=np.zeros(len(way.points_m), dtype=bool))
         if len(way.points_m) > 1:
             _check_place(path, plan, way, track)
             # Whoever ordered the flight knew what the vehicle makes of the mission.
@@ -361,7 +334,7 @@ def _apart(
 ) -> Mapping[str, float]:
     """Return seconds in the air outside all passes, by mode, without standing at the end."""
     after = data.truth.between(int(passes[-1].track.t_ns[-1]), end_ns)
-    if len(after.t_ns) and np.ptp(after.pos_m, axis=0).max() < _STANDING_M:
+    if len(after.t_ns) and np.ptp(after.pos_m, axis=0).max() < STANDING_M:
         end_ns = int(after.t_ns[0])
     track = data.truth.between(start_ns, end_ns)
     step_s = np.diff(track.t_ns, append=track.t_ns[-1:]) / NS_PER_S
@@ -371,5 +344,5 @@ def _apart(
     for index in np.unique(at):
         name = data.modes.names[index] if index >= 0 else "mode unknown"
         found[name] = found.get(name, 0.0) + float(step_s[outside & (at == index)].sum())
-    found.pop(_DISARMED, None)
+    found.pop(DISARMED, None)
     return {name: seconds for name, seconds in found.items() if seconds >= _LEAST_S}

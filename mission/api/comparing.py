@@ -25,12 +25,13 @@ def compare(
     The columns are explained in docs/comparing.md; the index is the name of the run's folder, with
     `by_round` that and the round. Runs of the same name get as much of their paths as tells
     them apart. The table is a DataFrame with one more method, `check`, for a verdict:
-    compare(log).check(cross_track_max_m=3).
+    compare(log).check(cross_track_max_m=3). `table`, `errors` and `health` hold each flight's
+    stretches, and its errors against what the vehicle was told and its health over time.
 
     Args:
         runs: one or more, flown or loaded, or their folders, or flight logs of any kind, or folders
             of such logs; a warning names those in it that are left out: damaged ones, and those
-            without a mission.
+            without a mission where others have one.
         plan: a plan file to compare with; default: the mission in the log.
         believed: compare where the autopilot believed to be, also where the truth is known.
         rounds: only the first rounds, so that runs of different length compare.

@@ -28,11 +28,12 @@ def compare(
     figure: Path | None = None,
     rounds: int | None = None,
 ) -> int:
-    """Compare flown with planned: cross-track error, heights, timing of runs and of any flight.
+    """Compare flown with planned, or with what the vehicle was told: runs, and any flight.
 
     Example: aerofed compare paper6
     Example: aerofed compare cov no_cov --figure both.png
     Example: aerofed compare log_12.ulg --plan survey.plan --limit cross_track_max_m=3
+    Example: aerofed compare 00000012.BIN --limit tracking_rms_m=1 --limit clips_max=0
 
     Parameters
     ----------
@@ -43,13 +44,14 @@ def compare(
     others
         More folders or logs, shown beside the first.
     plan
-        A .plan or waypoint file to compare with. Default: the mission in the log.
+        A .plan or waypoint file to compare with. Default: the mission in the log; without one,
+        what the vehicle was told.
     believed
         Compare where the autopilot believed to be, also where the log has the true position.
     limit
         NAME=VALUE, once for each limit: a number of the comparison (as --json names it) and the
-        most that is allowed, or the least of battery_remaining and of what arrives. Exit code 6
-        and a line for each that is not met.
+        most that is allowed, or the least of battery_remaining, of what ends in _min and of what
+        arrives. Exit code 6 and a line for each that is not met.
     limits
         TOML file with a table [limits] of such numbers.
     junit
@@ -58,7 +60,7 @@ def compare(
         Print JSON, with every number at full precision, not tables: a list with one entry per run.
     figure
         Also draw the comparison into this file (.png, .svg or .pdf): runs round by round, flights
-        of plan files along the plan.
+        of plan files along the plan, others over time.
     rounds
         Compare only the first rounds, as many as this, where runs differ in length.
     """

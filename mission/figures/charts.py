@@ -33,6 +33,7 @@ _DASHED = [5, 4]
 _LOOKS = (([1, 0], [2, 3]), (_DASHED, [8, 3, 2, 3]))  # solid and dashed; where colours come again
 _ROW, _CLOSE_ROW = 34.0, 20.0  # of a strategy among the intervals, and where there are many
 _MANY_ROWS = 20
+_BINS = 400  # of a line over time; its least and its greatest value in each are drawn
 
 
 @dataclass(frozen=True)
@@ -258,3 +259,23 @@ def ticks(numbers: Sequence[int], most: int = 12) -> list[int]:
     steps = (factor * 10**power for power in range(9) for factor in (1, 2, 5))
     step = next(step for step in steps if len(numbers) <= step * most)
     return [n for index, n in enumerate(numbers) if n % step == 0 or index == 0]
+
+
+def envelope(t_s: Floats, values: Floats) -> tuple[Floats, Floats]:
+    """A line through the least and the greatest value in each of `_BINS` times, with gaps."""
+    usual_s = float(np.median(np.diff(t_s))) if len(t_s) > 1 else 1.0
+    x, y = list[float](), list[float]()
+    last_s = t_s[0] if len(t_s) else 0.0
+    for part in np.array_split(np.arange(len(t_s)), min(_BINS, len(t_s))):
+        if t_s[part[0]] - last_s > max(1.0, 5 * usual_s):
+            x, y = [*x, float(last_s)], [*y, np.nan]
+        known = part[np.isfinite(values[part])]
+        chosen = (
+            sorted({int(known[at(values[known])]) for at in (np.argmin, np.argmax)})
+            if len(known)
+            else [int(part[0])]
+        )
+        x += t_s[chosen].tolist()
+        y += values[chosen].tolist()
+        last_s = t_s[part[-1]]
+    return np.array(x), np.array(y)

@@ -13,12 +13,17 @@ from mission.base.airspace import thin
 from mission.base.arrays import Floats
 from mission.base.gaps import outside
 from mission.base.palette import community_colour
-from mission.figures.charts import Series, finished, line_chart
+from mission.figures.charts import Series, envelope, finished, line_chart
 from mission.figures.render import stacked
 from mission.figures.style import BAD, COOL, FLOWN, GOOD, PLANNED, Chart, line_keys, named, table
 from mission.log.values import NS_PER_S
 
 _TOLERANCE = 0.02  # metres, or metres a second, that thinning may move a line
+_TOLD = (  # lines of a flight without a plan
+    ("off its setpoint", FLOWN, "tracking_m"),
+    ("off its target's way", COOL, "target_m"),
+    ("height", GOOD, "height_off_m"),
+)
 _ALONG = "along the plan (m)"
 
 
@@ -82,17 +87,23 @@ def timeline_chart(flight: RunComparison, *, alone: bool) -> Chart:
         ])
         for (name, _), of in errors.items()
     }  # fmt: skip
+    drawn |= {name: _told(flight, key) for name, _, key in _TOLD if not flight.measured}
     x_s, y_m = np.vstack(list(drawn.values())).T
     lines = table(series=[name for name, rows in drawn.items() for _ in rows], x=x_s, y=y_m)
-    begin_ns, end_ns = flight.measured[0].truth.t_ns[0], flight.measured[-1].truth.t_ns[-1]
-    happened = events(flight.run.data, begin_ns / NS_PER_S, end_ns / NS_PER_S)
+    if flight.measured:
+        ends_ns = flight.measured[0].truth.t_ns[0], flight.measured[-1].truth.t_ns[-1]
+        begin_s, end_s = (at / NS_PER_S for at in ends_ns)
+    elif flight.flown is not None:
+        begin_s, end_s = flight.flown.start_s, flight.flown.end_s
+    happened = events(flight.run.data, begin_s, end_s)
     peaks = spikes(flight.run.data, flight.measured)
     x, y = (
         alt.X("x:Q", title="time of the log (s)", scale=alt.Scale(zero=False)),
         alt.Y("y:Q", title="error (m)"),
     )
-    names = list(drawn)
-    shades = named(names, [colour for _, colour in errors])
+    names = [name for name, rows in drawn.items() if len(rows)]
+    colours = dict(errors.keys()) | {name: colour for name, colour, _ in _TOLD}
+    shades = named(names, [colours[name] for name in names])
     colour = alt.Color("series:O", scale=shades, legend=line_keys(names))
     rules = table(
         x=[event.start_s for event in happened],
@@ -115,6 +126,14 @@ def timeline_chart(flight: RunComparison, *, alone: bool) -> Chart:
     note = "; ".join(words for words, there in shown if there)
     title = "Time line" if alone else f"Time line of {flight.run.about}"
     return finished(layers, title=title, note=note)
+
+
+def _told(flight: RunComparison, key: str) -> Floats:
+    """A number over the time of a flight against what it was told, as a line (n, 2)."""
+    values = flight.flown.series.get(key) if flight.flown else None
+    if values is None:
+        return np.empty((0, 2))
+    return np.column_stack(envelope(values.t_s, np.abs(values.values)))
 
 
 def _thinned(label: str, colour: str, measured: Measured, x: Floats, y: Floats) -> Series:

@@ -57,7 +57,9 @@ def run_lines(run: FlightData, plans: Sequence[PlanRecord]) -> Lines:
         if plan.round in records:
             track = flown(run, records[plan.round])
             lines += [("flown", plan.round, part) for part in _flown_parts(run, track)]
-    if run.planned is not None:
+    if run.planned is not None and not run.rounds:
+        lines += [("flown", 0, part) for part in _flown_parts(run, run.truth)]
+    elif run.planned is not None:
         end_ns = int(flown(run, run.rounds[-1]).t_ns[-1])
         rest = run.truth.between(end_ns, int(run.truth.t_ns[-1]))
         if len(rest.t_ns) > 1 and np.ptp(rest.pos_m[:, :2], axis=0).max() > _STANDING_M:

@@ -5,9 +5,10 @@ from pathlib import Path
 
 from altair.utils.schemapi import debug_mode
 
-from mission.analysis.compare import Comparison, RunComparison, compare_run
+from mission.analysis.compare import RunComparison, compare_run
 from mission.analysis.comparison_text import labels_of
 from mission.analysis.load import LoadedRun, load_run
+from mission.analysis.numbers import Comparison
 from mission.base.palette import community_colour
 from mission.figures.charts import Series, line_chart
 from mission.figures.flight import profiles
@@ -16,6 +17,7 @@ from mission.figures.maps import overview, round_map, round_maps
 from mission.figures.radio import belief_picture, beliefs
 from mission.figures.render import engine, save_all, stacked
 from mission.figures.style import Chart
+from mission.figures.told import side_by_side_charts
 
 _KINDS: tuple[tuple[str, str, Callable[[Comparison], float]], ...] = (
     ("Cross-track error on straights, rms", "distance (m)", lambda c: c.straight_rms_m),
@@ -66,6 +68,10 @@ def comparison_figure(runs: Sequence[RunComparison]) -> Chart:
     """
     if all(run.run.judged is not None for run in runs):
         return profiles(runs)
+    if all(run.run.data.planned is not None for run in runs):
+        about = runs[0].run.about if len(runs) == 1 else f"{len(runs)} flights"
+        charts = side_by_side_charts(runs)
+        return stacked(charts, title="Against what it was told", about=about, together=2)
     labels = labels_of(runs)
     charts = [
         line_chart(

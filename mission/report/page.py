@@ -4,17 +4,25 @@ import math
 from pathlib import Path
 
 from mission.analysis.compare import RunComparison, compare_run
-from mission.analysis.comparison_text import COLUMNS, labelled, leg_rows, lines
+from mission.analysis.comparison_text import (
+    COLUMNS,
+    TOLD,
+    labelled,
+    leg_rows,
+    lines,
+    stretch_rows,
+)
 from mission.analysis.load import LoadedRun, load_run
 from mission.base.errors import InputError
 from mission.base.run_folder import RunFolder, write_atomically
 from mission.base.tables import number
 from mission.figures.conditions import condition_charts, estimator_charts, flight_charts
-from mission.figures.flight import profile_charts
+from mission.figures.flight import profile_charts, timeline_chart
 from mission.figures.learning import learning_charts, radio_charts
 from mission.figures.maps import round_map
 from mission.figures.radio import beliefs, plan_errors
 from mission.figures.render import card
+from mission.figures.told import flight_map, health_charts, told_charts
 from mission.log.values import FlightData
 from mission.report.about import about
 from mission.report.html import page
@@ -32,9 +40,7 @@ def write_report(path: Path, target: Path | None = None, plan: Path | None = Non
             written.
     """
     run = load_run(path, plan)
-    if run.unjudged and not run.data.rounds:
-        raise InputError(run.unjudged)
-    if not run.data.rounds:
+    if not run.data.rounds and not run.unjudged:
         why = f": {run.notice}" if run.notice else ""
         raise InputError(f"{path}: no round was finished, so there is nothing to report{why}")
     text = report_html(run)
@@ -46,13 +52,14 @@ def write_report(path: Path, target: Path | None = None, plan: Path | None = Non
 def report_html(loaded: LoadedRun) -> str:
     """The page of a run; where nothing was flown, flight and radio are left out."""
     run, summary = loaded.data, loaded.summary
-    comparison = compare_run(loaded) if run.plans else None
+    comparison = compare_run(loaded) if run.plans or loaded.unjudged else None
     status = str(summary.get("status", ""))
-    flown: dict[str, object] = dict.fromkeys(("map", "table"))
-    flown |= {"rounds": [], "details": [], "flight": [], "radio": []}
+    flown: dict[str, object] = {"map": None, "tables": []}
+    flown |= {"rounds": [], "details": [], "flight": [], "radio": [], "told": [], "health": []}
     if comparison is not None:
         numbers = [item.round for item in comparison.rounds]
-        chart = round_map(run, [plan for plan in run.plans if plan.round in numbers])
+        plans = [plan for plan in run.plans if plan.round in numbers]
+        chart = round_map(run, plans) if plans else flight_map(comparison)
         flown |= {"map": card(chart, is_map=True), "rounds": numbers}
         if run.planned is None:
             columns = [(head.replace("\n", " "), cell) for head, cell in COLUMNS]
@@ -71,28 +78,39 @@ def report_html(loaded: LoadedRun) -> str:
                     *map(card, (*radio_charts(run, comparison), *plan_errors(run))),
                     *(card(chart, is_map=True) for chart in beliefs(run)),
                 ],
-                "table": (
-                    "Every round",
-                    ["round", *(head for head, _ in columns)],
-                    [
-                        [item.round or "all", *(cell(item) for _, cell in columns)]
-                        for item in (*comparison.rounds, comparison.total)
-                    ],
-                ),
+                "tables": [
+                    (
+                        "Every round",
+                        ["round", *(head for head, _ in columns)],
+                        [
+                            [item.round or "all", *(cell(item) for _, cell in columns)]
+                            for item in (*comparison.rounds, comparison.total)
+                        ],
+                    )
+                ],
             }
         else:
+            number_of = numbers[0] if numbers else 0
             facts = [
                 (text, number(of[0], digits)) for text, digits, of in labelled([comparison.total])
             ]
             notes = [(str(at), line) for at, line in enumerate(lines(comparison), start=1)]
-            heads, rows = leg_rows(comparison.legs)
+            several = ("Legs", leg_rows(comparison.legs), 0), (TOLD, stretch_rows(comparison), 3)
+            line = [timeline_chart(comparison, alone=True)]
+            charts = profile_charts([comparison]) if run.plans else line
             flown |= {
                 "details": [
-                    ("The flight", numbers[0], facts),
-                    *([("Spikes, and what was not compared", numbers[0], notes)] if notes else []),
+                    ("The flight", number_of, facts),
+                    *([("Spikes, and what was not compared", number_of, notes)] if notes else []),
                 ],
-                "flight": [card(chart) for chart in profile_charts([comparison])],
-                "table": ("Legs", [head.replace("\n", " ") for head in heads], rows),
+                "flight": [card(chart) for chart in charts],
+                "told": [card(chart) for chart in told_charts(comparison)],
+                "health": [card(chart) for chart in health_charts(comparison)],
+                "tables": [
+                    (title, [head.replace("\n", " ") for head in heads], rows, words)
+                    for title, (heads, rows), words in several
+                    if rows
+                ],
             }
     return page(
         "run.html",
@@ -101,6 +119,7 @@ def report_html(loaded: LoadedRun) -> str:
         good=status == "finished",
         facts=[*loaded.about.split(" · ")[1:], *_devices(run)],
         notice=loaded.notice,
+        flight_title="Along the plan" if run.plans else TOLD,
         a_flight=run.planned is not None,
         tiles=_tiles(run, comparison),
         learning=[card(chart) for chart in learning_charts(run)] if run.learning else [],
@@ -113,26 +132,30 @@ def report_html(loaded: LoadedRun) -> str:
 
 
 def _tiles(run: FlightData, comparison: RunComparison | None) -> list[tuple[str, str]]:
-    last = run.rounds[-1]
+    tiles = []
     if comparison is None or run.planned is None:
         delivered = sum(record.delivered for record in run.rounds)
         scheduled = sum(record.scheduled for record in run.rounds)
-        accuracy = last.accuracy.items()
+        accuracy = run.rounds[-1].accuracy.items()
         tiles = [(f"{len(run.rounds)}", "rounds")]
         tiles += [(f"{100 * value:.1f} %", f"accuracy {name}") for name, value in accuracy]
         tiles.append((f"{delivered} / {scheduled}", "updates delivered"))
         where = "flown in rounds"
-    else:
+    elif run.plans:
         total = comparison.total
         tiles = [(f"{total.slots - total.slots_missed} / {total.slots}", "places reached")]
         where = "flown along the plan"
+    else:
+        where = "flown"
     if comparison is not None:
         total = comparison.total
-        tiles += [
-            (f"{total.flown_path_m / 1000:.2f} km", where),
-            (f"{number(total.straight_rms_m)} m", "cross-track rms on straights"),
-            (f"{number(100 * last.battery_remaining, 0)} %", "battery left"),
-        ]
+        tiles.append((f"{total.flown_path_m / 1000:.2f} km", where))
+        known = [(total.straight_rms_m, "cross-track rms on straights")]
+        if not run.plans:
+            known = [(total.tracking_rms_m, "off its setpoint, rms")]
+            known += [(total.height_tracking_max_m, "height off, max")]
+        tiles += [(f"{value:.2f} m", what) for value, what in known if math.isfinite(value)]
+        tiles.append((f"{number(100 * total.battery_remaining, 0)} %", "battery left"))
         if math.isfinite(total.corner_cut_max_m):
             tiles.append((f"{total.corner_cut_max_m:.2f} m", "deepest corner cut"))
     return tiles

@@ -317,22 +317,30 @@ def test_an_offset_is_at_the_right_leg(tmp_path: Path, end: str, off_m: float) -
     assert max(row.cross_track_max_m for row in (*rows[:2], rows[3])) < 0.05
 
 
-@pytest.mark.parametrize(
-    ("end", "other", "said"),
-    [
-        (".ulg", {"kind": 2}, "the log of a fixed-wing aircraft: only multicopters' are compared"),
-        (".bin", {"vehicle": "ArduPlane"}, "the log of ArduPlane: only multicopters'"),
-        (".tlog", {"kind": 1}, "the log of another kind of vehicle (fixed wing)"),
-        (".tlog", {"reboot": True}, "its clock goes back from 39.90 to 10.00 s: the vehicle start"),
-    ],
-)
-def test_another_vehicle_and_a_restart_are_refused_in_a_line(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], end: str, other: Any, said: str
-) -> None:
-    log = KINDS[end](tmp_path / f"x{end}", **other)
+def test_a_restart_is_refused_in_a_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    log = write_tlog(tmp_path / "x.tlog", reboot=True)
     assert call(["compare", str(log)]) == 2
     (line,) = capsys.readouterr().err.splitlines()
+    said = "its clock goes back from 39.90 to 10.00 s: the vehicle start"
     assert line.startswith(f"aerofed: {log}: {said}")
+
+
+@pytest.mark.parametrize(
+    ("end", "other"), [(".ulg", {"kind": 2}), (".ulg", {"kind": 3}), (".tlog", {"kind": 10})]
+)
+def test_another_vehicle_has_the_same_cross_track(
+    tmp_path: Path, end: str, other: dict[str, int]
+) -> None:
+    """A plane's and a rover's; of a rover no heights."""
+    total = compared(KINDS[end](tmp_path / f"x{end}", off_m=3.0, **other)).total
+    assert total.cross_track_max_m == pytest.approx(3.0, abs=0.02)
+    assert math.isnan(total.height_max_m) == (other["kind"] in (3, 10))
+
+
+def test_modes_are_those_of_the_vehicle(tmp_path: Path) -> None:
+    for vehicle, name in (("ArduPlane", "TRAINING"), ("ArduRover", "STEERING")):
+        log = write_dataflash(tmp_path / "x.bin", vehicle=vehicle)
+        assert name in load_run(log).data.modes.names
 
 
 @pytest.mark.parametrize("end", KINDS)
@@ -501,8 +509,12 @@ def test_a_log_without_a_mode_is_one_line(
     log = tmp_path / "x.bin"
     whole = write_dataflash(log).read_bytes()
     log.write_bytes(whole.replace(b"\xa3\x95\x03", b"---"))
-    assert call(["compare", str(log)]) == 2
-    assert len(capfd.readouterr().err.splitlines()) == 1
+    assert call(["compare", str(log)]) == 0
+    said = capfd.readouterr()
+    assert said.err == ""
+    assert "its mission was never flown (modes: no mode that is known)" in " ".join(
+        said.out.split()
+    )
 
 
 @pytest.mark.parametrize("end", KINDS)

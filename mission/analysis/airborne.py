@@ -1,0 +1,47 @@
+"""When a vehicle was in the air, and in which modes."""
+
+import numpy as np
+
+from mission.base.errors import InputError
+from mission.log.values import NS_PER_S, FlightData, Modes
+
+DISARMED = "DISARMED"  # in place of the mode of a vehicle that has landed: it may be any
+STANDING_M = 3.0  # that a position may wander on the ground
+_OFF_GROUND_M = 0.7
+_STILL_M = 0.3  # in a second
+
+
+def flown_modes(data: FlightData) -> Modes:
+    """Return the modes in which the vehicle was armed, and `DISARMED` between."""
+    edges = np.ravel(data.armed_ns)
+    times = np.unique(np.append(data.modes.t_ns, edges)).astype(np.int64)
+    modes = np.searchsorted(data.modes.t_ns, times, side="right") - 1
+    armed = np.searchsorted(edges, times, side="right") % 2 == 1
+    names = np.array([*data.modes.names, "mode unknown"])[modes]
+    return Modes(times, tuple(np.where(armed, names, DISARMED).tolist()))
+
+
+def airborne(path: object, data: FlightData) -> tuple[int, int]:
+    """Return when a flight begins and ends (ns): the last second of standing before it leaves, and
+    the last instant away from its first position. Standing is no movement in a second, whatever the
+    height, since home may be set anew on the ground. InputError: it never left the ground."""
+    t_ns, pos_m = data.truth.t_ns, data.truth.pos_m
+    away_m = np.linalg.norm(pos_m - pos_m[0], axis=1)
+    off = np.flatnonzero(away_m > _OFF_GROUND_M)
+    if not len(off):
+        raise InputError(f"{path}: it never left the ground, so there is nothing to compare")
+    first = int((away_m > min(STANDING_M, away_m.max() / 2)).argmax())
+    moved_m = np.linalg.norm(pos_m - data.truth.at(t_ns - NS_PER_S).pos_m, axis=1)
+    stood = np.flatnonzero(moved_m[:first] < _STILL_M)
+    start_ns = t_ns[stood[-1]] - NS_PER_S if len(stood) else 0
+    end_ns = int(t_ns[off[-1]])
+    if data.modes.names[-1:] == (DISARMED,):
+        end_ns = min(end_ns, int(data.modes.t_ns[-1]))
+    return max(int(start_ns), int(t_ns[0])), end_ns
+
+
+def air_times(data: FlightData, start_ns: int, end_ns: int) -> list[tuple[float, float]]:
+    """From when to when (s) it was armed in a time."""
+    both = [(max(since, start_ns), min(until, end_ns)) for since, until in data.armed_ns]
+    spans = [(since / NS_PER_S, until / NS_PER_S) for since, until in both if until > since]
+    return spans or [(start_ns / NS_PER_S, end_ns / NS_PER_S)]
