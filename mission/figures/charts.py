@@ -10,6 +10,7 @@ import altair as alt
 import numpy as np
 
 from mission.base.arrays import Floats
+from mission.base.gaps import HOLE
 from mission.figures.style import (
     BAD,
     HEIGHT,
@@ -263,19 +264,18 @@ def ticks(numbers: Sequence[int], most: int = 12) -> list[int]:
 
 def envelope(t_s: Floats, values: Floats) -> tuple[Floats, Floats]:
     """A line through the least and the greatest value in each of `_BINS` times, with gaps."""
+    if not len(t_s):
+        return t_s, values
     usual_s = float(np.median(np.diff(t_s))) if len(t_s) > 1 else 1.0
+    gaps = np.flatnonzero(np.diff(t_s) > max(1.0, HOLE * usual_s)) + 1
     x, y = list[float](), list[float]()
-    last_s = t_s[0] if len(t_s) else 0.0
-    for part in np.array_split(np.arange(len(t_s)), min(_BINS, len(t_s))):
-        if t_s[part[0]] - last_s > max(1.0, 5 * usual_s):
-            x, y = [*x, float(last_s)], [*y, np.nan]
-        known = part[np.isfinite(values[part])]
-        chosen = (
-            sorted({int(known[at(values[known])]) for at in (np.argmin, np.argmax)})
-            if len(known)
-            else [int(part[0])]
-        )
-        x += t_s[chosen].tolist()
-        y += values[chosen].tolist()
-        last_s = t_s[part[-1]]
+    for run in np.split(np.arange(len(t_s)), gaps):
+        for part in np.array_split(run, min(len(run), 1 + len(run) * _BINS // len(t_s))):
+            known = part[np.isfinite(values[part])]
+            ends = {int(known[at(values[known])]) for at in (np.argmin, np.argmax) if len(known)}
+            chosen = sorted(ends) or [int(part[0])]
+            x += t_s[chosen].tolist()
+            y += values[chosen].tolist()
+        x.append(float(t_s[run[-1]]))
+        y.append(math.nan)
     return np.array(x), np.array(y)

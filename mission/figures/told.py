@@ -11,11 +11,12 @@ from mission.analysis.health import with_battery
 from mission.analysis.told import Values, heights, pair
 from mission.base.airspace import thin
 from mission.base.arrays import Floats
+from mission.base.gaps import outside
 from mission.base.palette import community_colour
 from mission.figures.charts import Series, envelope, line_chart
 from mission.figures.frame import TOLERANCE_M, run_frame, run_lines
 from mission.figures.style import FLOWN, WARM, Chart
-from mission.log.signals import AXES
+from mission.log.signals import AXES, Signal
 from mission.log.values import NS_PER_S
 
 _Line: TypeAlias = tuple[str, str, Floats, Floats]  # label, colour, times, values
@@ -65,9 +66,10 @@ def flight_map(flight: RunComparison, width: float = 640.0) -> Chart:
         t_s, wanted, actual = of
         told = run.belief.at((t_s * NS_PER_S).astype(np.int64)).pos_m[:, :2]
         told = told + (wanted - actual)[:, 1::-1]
-        cuts = np.flatnonzero(np.diff(np.isfinite(told).all(axis=1))) + 1
-        parts = [part for part in np.split(told, cuts) if np.isfinite(part).all() and len(part) > 1]
-        lines += [("planned", 0, thin(part, TOLERANCE_M)) for part in parts]
+        for part in outside(told, t_s, Signal(t_s, told).holes_s):
+            cuts = np.flatnonzero(np.diff(np.isfinite(part).all(axis=1))) + 1
+            parts = [p for p in np.split(part, cuts) if np.isfinite(p).all() and len(p) > 1]
+            lines += [("planned", 0, thin(one, TOLERANCE_M)) for one in parts]
     frame = run_frame(run, width)
     words = {"text": "Told and flown" if lines[-1][0] == "planned" else "Flown"}
     return frame.finished([frame.home(run.area.home_m), *frame.lines(lines)], words)

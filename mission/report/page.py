@@ -155,7 +155,8 @@ def _tiles(run: FlightData, comparison: RunComparison | None) -> list[tuple[str,
             known = [(total.tracking_rms_m, "off its setpoint, rms")]
             known += [(total.height_tracking_max_m, "height off, max")]
         tiles += [(f"{value:.2f} m", what) for value, what in known if math.isfinite(value)]
-        tiles.append((f"{number(100 * total.battery_remaining, 0)} %", "battery left"))
+        if math.isfinite(total.battery_remaining):
+            tiles.append((f"{number(100 * total.battery_remaining, 0)} %", "battery left"))
         if math.isfinite(total.corner_cut_max_m):
             tiles.append((f"{total.corner_cut_max_m:.2f} m", "deepest corner cut"))
     return tiles

@@ -28,6 +28,7 @@ import aerofed
 from mission.analysis.compare import RunComparison, compare_run
 from mission.analysis.load import load_run
 from mission.cli import call
+from mission.figures.charts import envelope
 
 KINDS = pytest.mark.parametrize("end", WRITERS)
 
@@ -307,3 +308,15 @@ def test_the_page_of_any_flight_shows_told_and_done_and_health(tmp_path: Path) -
     assert "<td>off setpoint max (m)</td>" in page
     assert "not in the log: a mission" in page
     assert "GUIDED" in page
+
+
+def test_no_line_is_drawn_where_nothing_was_told() -> None:
+    t_s = np.concatenate((np.arange(0.0, 10.0, 0.1), np.arange(30.0, 90.0, 0.1)))
+    x, y = envelope(t_s, np.sin(t_s))
+    inside = (x > 9.0) & (x < 31.0)
+    (last,) = np.flatnonzero(np.isnan(y) & inside)
+    assert x[last] == pytest.approx(9.9)
+    assert x[last + 1] == pytest.approx(30.0, abs=0.3)
+    assert np.nanmax(y) == pytest.approx(np.sin(t_s).max())  # no peak is lost
+    assert len(x) < 1000
+    assert [len(each) for each in envelope(t_s[:0], t_s[:0])] == [0, 0]
