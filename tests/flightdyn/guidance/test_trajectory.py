@@ -108,7 +108,7 @@ def test_any_path_keeps_the_limits_and_ends_where_it_should(
     assert times == sorted(times)
     for corner in corners[1:-1]:
         nearest = trajectory.at(corner.t).p
-        assert math.dist(nearest, corner.point) <= LIMITS.corner_cut * radius + 0.05
+        assert math.dist(nearest, corner.p) <= LIMITS.corner_cut * radius + 0.05
 
 
 def test_start_at_speed_keeps_the_speed_along_the_first_leg() -> None:

@@ -147,7 +147,7 @@ def radio_map_drawn(folder: Path) -> Path:
 @pytest.mark.parametrize(
     ("made", "charts"),
     [
-        (run, 15), (nobody_served, 14), (plan_flown, 11), (foreign_log, 5), (sweep, 16),
+        (run, 15), (nobody_served, 14), (plan_flown, 27), (foreign_log, 5), (sweep, 16),
         (sweep_of_settings, 16),
         (on_a_radio_map, 19), (radio_map_drawn, 0),
     ],
