@@ -42,6 +42,8 @@ def best_known(problems: list[dict[str, Any]], known: Plans, new: Plans, origin:
             raise ValueError(f"{name}: a plan is worth {plan['value']}, and a bound says {bound}")
         plan["upper_bound"] = max(bound, plan["value"])
         plan["gap"] = 1.0 - plan["value"] / plan["upper_bound"] if bound else 0.0
+        if {"deadline_s", "energy_j"} & {*problem}:
+            _, plan["duration_s"], plan["energy_j"] = evaluator.evaluate(problem, plan)
         best[name] = plan
     return best
 
