@@ -43,7 +43,8 @@ def best_known(problems: list[dict[str, Any]], known: Plans, new: Plans, origin:
         plan["upper_bound"] = max(bound, plan["value"])
         plan["gap"] = 1.0 - plan["value"] / plan["upper_bound"] if bound else 0.0
         if {"deadline_s", "energy_j"} & {*problem}:
-            _, plan["duration_s"], plan["energy_j"] = evaluator.evaluate(problem, plan)
+            takes = map(float, evaluator.evaluate(problem, plan))
+            _, plan["duration_s"], plan["energy_j"] = takes
         best[name] = plan
     return best
 

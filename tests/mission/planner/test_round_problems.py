@@ -130,7 +130,10 @@ def test_the_better_plan_and_the_tighter_bound_are_kept() -> None:
         assert best[name].get("origin") == ("a stranger" if values[1] > values[0] else None)
         assert best[name]["upper_bound"] == 8.0
         assert best[name]["gap"] == pytest.approx(1.0 - max(values) / 8.0)
-    assert best[names[2]] == known[names[2]] | {"gap": best[names[2]]["gap"]}
+    told = {name: best[names[2]][name] for name in ("gap", "duration_s", "energy_j")}
+    assert best[names[2]] == known[names[2]] | told
+    _, *takes = evaluator.evaluate(entries[2], best[names[2]])
+    assert [told["duration_s"], told["energy_j"]] == takes
     known[names[0]]["upper_bound"] = -1.0
     with pytest.raises(ValueError, match="a bound says"):
         best_plans.best_known(entries, known, new, "a stranger")
