@@ -56,6 +56,7 @@ _APPENDED = 1  # the one flag that is known: more data come after the end
 _MAGIC = b"ULog\x01\x12\x35"
 _START = _MAGIC + b"\x01"
 _SIZE_OF_START = 16  # with its time
+_SINCE_1970_US = 10**15  # or later a clock counts from there, as PX4's does in some simulations
 _HEADER = struct.Struct("<HB")
 _MOST_TEXT = 60_000  # that fits a message
 
@@ -150,6 +151,12 @@ def decoded(content: bytes, found: Found) -> tuple[dict[str, Columns], dict[str,
     formats, topics, told = dict[str, str](), dict[bytes, _Topic](), dict[str, list[list[str]]]()
     last = bytes(10)  # row, of which the time comes first
     firsts, kinds, room = dict[str, _Topic](), dict[str, _Kind](), _MOST_NUMBERS
+    start_us = int.from_bytes(content[len(_START) : _SIZE_OF_START], "little")
+
+    def since_start(t_us: Any) -> Any:
+        """Times by the usual clock, which begins with the flight controller."""
+        late = start_us > _SINCE_1970_US
+        return t_us - start_us * (t_us >= start_us) if late else t_us
 
     def end_of(at: int) -> int:
         size = int.from_bytes(content[at : at + 2], "little")
@@ -183,7 +190,7 @@ def decoded(content: bytes, found: Found) -> tuple[dict[str, Columns], dict[str,
                 case "L":
                     level, t_us = struct.unpack_from("<BQ", body)
                     text = body[9:].decode(errors="ignore").strip()
-                    found.event(t_us * 1000, "status", text, severity=level - ord("0"))
+                    found.event(since_start(t_us) * 1000, "status", text, severity=level - ord("0"))
                 case "M":
                     continued, length = body[:2]
                     parts = told.setdefault(body[2 : 2 + length].decode().split(" ")[1], [])
@@ -193,14 +200,17 @@ def decoded(content: bytes, found: Found) -> tuple[dict[str, Columns], dict[str,
                 case "O":
                     found.skipped["dropout"] += 1
                     at_us, lost_ms = (int.from_bytes(b, "little") for b in (last[2:10], body[:2]))
-                    found.dropouts_s.append((at_us / 1e6, lost_ms / 1e3))
+                    found.dropouts_s.append((since_start(at_us) / 1e6, lost_ms / 1e3))
                 case "B" if body[8] & ~_APPENDED or any(body[9:16]):
                     raise InputError(f"{found.path}: a ULog with flags that nobody here knows")
         except (ValueError, LookupError, struct.error, RecursionError):
             found.skipped[DAMAGE] += end - at
     tables = {name: np.frombuffer(topic.rows, topic.kind) for name, topic in firsts.items()}
     return {
-        name: {column: table[column] for column in table.dtype.names or ()}
+        name: {
+            column: since_start(table[column]) if column.endswith("timestamp") else table[column]
+            for column in table.dtype.names or ()
+        }
         for name, table in tables.items()
         if len(table) and "timestamp" in (table.dtype.names or ())
     }, told

@@ -43,6 +43,24 @@ def test_a_clock_that_goes_back_by_less_than_a_second_is_said_to(
     assert f" back from 40.00 to {40.1 - by_s:.2f} s: the vehicle started anew or set it" in line
 
 
+def test_a_clock_since_1970_counts_from_the_logs_begin(tmp_path: Path) -> None:
+    """As in ULogs of simulations by wall time."""
+    log = write_ulog(tmp_path / "x.ulg")
+    told, content, at = load_run(log).data, bytearray(log.read_bytes()), 16
+    times = [8]
+    while at < len(content):
+        times += {b"D": [at + 5], b"L": [at + 4]}.get(bytes(content[at + 2 : at + 3]), [])
+        at += 3 + int.from_bytes(content[at : at + 2], "little")
+    for time in times:
+        late = int.from_bytes(content[time : time + 8], "little") + 1_710_773_350_346_000
+        content[time : time + 8] = late.to_bytes(8, "little")
+    log.write_bytes(content)
+    found = load_run(log).data
+    assert found.truth.t_ns.tolist() == told.truth.t_ns.tolist()
+    assert found.events == told.events
+    assert found.modes.t_ns.tolist() == told.modes.t_ns.tolist()
+
+
 @pytest.mark.parametrize("bit", [*range(18, 24), 40, 62, 63])
 def test_a_flipped_bit_in_a_time_costs_one_position(tmp_path: Path, bit: int) -> None:
     """In microseconds. One of less than the time of two positions looks as a clock set back."""
