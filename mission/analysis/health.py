@@ -13,8 +13,8 @@ from mission.log.values import NS_PER_S, FlightData
 _FULL = 0.99  # of a motor: it has no more to give
 BATTERY = ("remaining", "voltage_v", "current_a")
 HEALTH = (  # names of numbers over time, which are the greatest of their signals' axes
-    *("vibration_mps2", "clips", "innovation_ratio", "satellites", "hdop", "gnss_accuracy_m"),
-    *("motors", *BATTERY),
+    *("vibration_mps2", "clips", "innovation_ratio", "gnss_fix", "satellites", "hdop"),
+    *("gnss_accuracy_m", "motors", *BATTERY),
 )
 
 

@@ -185,6 +185,7 @@ class Comparison:
     innovation_ratio_max: Annotated[
         float, Told("innovation ratio max", 2, greatest, "innovation_ratio")
     ]
+    gnss_fix_min: Annotated[float, Told("GNSS fix, least (3: 3D)", 0, least, "gnss_fix")]
     satellites_min: Annotated[float, Told("satellites, least", 0, least, "satellites")]
     hdop_max: Annotated[float, Told("HDOP max", 2, greatest, "hdop")]
     gnss_accuracy_max_m: Annotated[

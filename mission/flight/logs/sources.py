@@ -91,6 +91,7 @@ clips 2             | VIBE 2 | Clip
 innovation_ratio    | XKF4   | SV SP SH SM
 innovation_ratio    | NKF4   | SV SP SH SM
 innovation_ratio    | EKF4   | SV SP SH SM
+gnss_fix            | GPS    | Status
 satellites          | GPS    | NSats
 hdop                | GPS    | HDop
 gnss_accuracy_m     | GPA    | HAcc
@@ -117,9 +118,11 @@ innovation_ratio 1  | estimator_status                | pos_test_ratio
 innovation_ratio 2  | estimator_status                | hgt_test_ratio
 innovation_ratio 3  | estimator_status                | hdg_test_ratio
 innovation_ratio 3  | estimator_status                | mag_test_ratio
+gnss_fix            | vehicle_gps_position            | fix_type
 satellites          | vehicle_gps_position            | satellites_used
 hdop                | vehicle_gps_position            | hdop                            | not 0
 gnss_accuracy_m     | vehicle_gps_position            | eph
+gnss_fix            | sensor_gps                      | fix_type
 satellites          | sensor_gps                      | satellites_used
 hdop                | sensor_gps                      | hdop                            | not 0
 gnss_accuracy_m     | sensor_gps                      | eph
@@ -143,6 +146,7 @@ innovation_ratio 1  | EKF_STATUS_REPORT          | pos_horiz_variance
 innovation_ratio 2  | EKF_STATUS_REPORT          | pos_vert_variance
 innovation_ratio 3  | EKF_STATUS_REPORT          | compass_variance
 innovation_ratio    | ESTIMATOR_STATUS   | vel_ratio pos_horiz_ratio pos_vert_ratio mag_ratio
+gnss_fix            | GPS_RAW_INT                | fix_type
 satellites          | GPS_RAW_INT                | satellites_visible                   | not 255
 hdop                | GPS_RAW_INT                | eph                                  | DOP
 gnss_accuracy_m     | GPS_RAW_INT                | h_acc                                | mm, not 0

@@ -182,6 +182,7 @@ def test_health_is_counted_in_the_air(tmp_path: Path, end: str) -> None:
     assert total.vibration_max_mps2 == pytest.approx(42.0)
     assert total.clips_max == 7  # since it left the ground
     assert total.satellites_min == 5
+    assert total.gnss_fix_min == 3
     assert total.log_dropout_max_s == pytest.approx(STEP_S, abs=1e-3)
 
 
