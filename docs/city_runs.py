@@ -108,7 +108,7 @@ Mean ± 95 % interval over seeds (Student's t), differences seed by seed. Object
 round: of its first plan, and by the true success of all that were asked, twice who was asked twice;
 % is the second beside the first. Success is the mean of those who were asked in the last {late}
 rounds, as hoped for and true. For all four each seed counts with the mean of its cities. The runs
-are of commit 21a4bd0f, those that learned from buildings of abfa614f. They were flown; what that
+are of commit 0675b191. They were flown; what that
 changed is at the end.
 """
 
@@ -326,7 +326,7 @@ def flown_table(flown: pd.DataFrame, still: pd.DataFrame) -> str:
             of.xs((city, belief, "round"), level=("city", "belief", "replan"))
             for of in (flown, still)
         )
-        less = mine - other
+        less = (mine - other).dropna()
         rows.append([
             city, f"`{belief}`", f"{other.delivered.mean():.1f}",
             _shown(less.delivered, 1, sign=True), _shown(less.planned / ROUNDS, 3, sign=True),
