@@ -42,6 +42,7 @@ from mission.log.values import (
     Zone,
 )
 
+_FIX_3D = 3.0  # as MAVLink counts them
 # The innovations that `signals.AXES` names, in that order.
 _RATIOS = ("gnss_velocity", "gnss_position", "baro", "heading")
 
@@ -194,6 +195,8 @@ def _signals(contents: Contents, told: ControlTrack | None, belief: Track) -> di
     if fixes:
         t_ns, square = np.array(fixes).T
         found["gnss_accuracy_m"] = Signal(t_ns / NS_PER_S, np.sqrt(square)[:, None])
+        fix = np.full((len(t_ns), 1), _FIX_3D)  # nothing else is logged
+        found["gnss_fix"] = Signal(t_ns / NS_PER_S, fix)
     return found
 
 
