@@ -48,8 +48,10 @@ def test_a_change_of_any_source_is_built_and_the_old_library_goes(library):
 def test_an_installed_library_needs_no_compiler(library, request):
     """A wheel has the sources of its libraries."""
     building.build(library)
+    (built,) = library.built
     request.getfixturevalue("no_compiler")
-    loading.load(replace(library))
+    assert loading.load(replace(library)).best_level() >= 0
+    assert library.built == [built]
 
 
 @pytest.mark.usefixtures("no_compiler")
