@@ -17,10 +17,9 @@ import numpy as np
 from flightdyn.random import RandomStreams
 from mission.config.loading import builtin_config, load_config
 from mission.config.models import RunConfig
-from mission.flight.flight_plan import Demand, FlightPlan
-from mission.flight.flyers.flyers import Attached, Task
-from mission.flight.flyers.simulated import BuiltInFlyers, SimulatedFlyer
-from mission.flight.mission_items import mission_items
+from mission.flight.flyers.base import Attached, Task
+from mission.flight.flyers.built_in import BuiltInBackend, BuiltInFlyer
+from mission.flight.missions.round_mission import Demand, FlightPlan, mission_items
 from mission.flight.track import FlightRecorder
 from mission.log.values import Devices
 from mission.log.writer import FlightLog
@@ -151,14 +150,14 @@ async def flown_unheard(length_m: float) -> Cost:
 
 
 @asynccontextmanager
-async def hovering() -> AsyncIterator[SimulatedFlyer]:
+async def hovering() -> AsyncIterator[BuiltInFlyer]:
     """The whole chain, in the hover above home."""
     config = configuration()
     with ExitStack() as stack:
         log = _observers(stack, config, log=True)[1:]
         demand = Demand(SPEED_MPS, config.mission.heights_m[1], math.inf, 5.0)
         task = Task(config, config.area.build(), RandomStreams(config.seed), demand)
-        async with BuiltInFlyers.of(task).open(Attached(log, Path(), print)) as flyer:
+        async with BuiltInBackend.of(task).open(Attached(log, Path(), print)) as flyer:
             await flyer.take_off()
             yield flyer
 

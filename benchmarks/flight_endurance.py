@@ -14,8 +14,8 @@ from flight_chain import Cost, Meter, configuration, hovering, zigzag
 from mavsdk.asyncio.plugins.mission_raw import MissionRawAsync
 
 from mission.base.errors import AerofedError
-from mission.flight.flight_plan import FlightPlan
-from mission.flight.flyers.simulated import SimulatedFlyer
+from mission.flight.flyers.built_in import BuiltInFlyer
+from mission.flight.missions.round_mission import FlightPlan
 from mission.planner.stops import Stop
 from sitl.observer import VehicleEvent, VehicleSample
 
@@ -46,7 +46,7 @@ class Complaints(logging.Handler):
 class Progress:
     """The mission's progress as MAVSDK tells it."""
 
-    def __init__(self, flyer: SimulatedFlyer) -> None:
+    def __init__(self, flyer: BuiltInFlyer) -> None:
         self._mission = MissionRawAsync(flyer.pilot.system)
         self.told: set[int] = set()
 
@@ -79,7 +79,7 @@ class MemoryMeter:
         """Nothing to note."""
 
 
-def onward(flyer: SimulatedFlyer, plan: FlightPlan) -> FlightPlan:
+def onward(flyer: BuiltInFlyer, plan: FlightPlan) -> FlightPlan:
     """The plan, begun where the aircraft believes it is, as rounds are."""
     here = flyer.area.from_ned(flyer.here().est_ned_m)
     return FlightPlan(

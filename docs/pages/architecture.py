@@ -9,7 +9,7 @@ from typing import Any
 ROOT = Path(__file__).parents[2]
 PAGE = ROOT / "docs" / "architecture.md"
 BEGIN, END = "<!-- made from the code: begin -->\n", "<!-- made from the code: end -->\n"
-GROUPED = ("sitl", "sitl.autopilot", "fl", "flightdyn")
+GROUPED = ("mission.flight", "sitl", "sitl.autopilot", "fl", "flightdyn")
 
 
 def page() -> str:

@@ -90,7 +90,7 @@ def load_run(path: Path, plan: Path | None = None, *, believed: bool = False) ->
         return replace(loaded, data=data)
     # Only for such flights: pymavlink takes half a second to import.
     from mission.analysis.passes import Plan, judged
-    from mission.flight.plan_file import read_plan_file
+    from mission.flight.missions.plan_file import read_plan_file
 
     given = None if plan is None else Plan(plan.name, read_plan_file(plan).items, logged=False)
     try:

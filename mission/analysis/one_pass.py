@@ -12,7 +12,7 @@ from mission.analysis.alignment import Alignment, leg_of, matched
 from mission.analysis.holes import position_gaps
 from mission.base import polyline
 from mission.base.arrays import Bools, Floats, Ints
-from mission.flight.logs.items import MissionPath
+from mission.flight.missions.mission_path import MissionPath
 from mission.log.records import UNKNOWN_ROUND, RoundRecord
 from mission.log.values import NS_PER_S, FlightData, PlanRecord, Track
 

@@ -16,8 +16,8 @@ from mission.analysis.one_pass import AT_END_M, Pass, match_pass
 from mission.base import polyline
 from mission.base.arrays import Floats, Ints
 from mission.base.errors import InputError
-from mission.flight.fence_zones import item_zones
-from mission.flight.logs.items import (
+from mission.flight.missions.geofence import item_zones
+from mission.flight.missions.mission_path import (
     RETURNS,
     MissionPath,
     items_of,

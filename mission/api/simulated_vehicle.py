@@ -19,12 +19,12 @@ from mission.api.comparison import Comparison
 from mission.api.configuring import as_path
 from mission.base.arrays import Floats
 from mission.base.errors import AerofedError, InputError
-from mission.flight.failures import of_a_vehicle
+from mission.flight.missions.plan_check import PlannedPath, placed, planned_path
+from mission.flight.missions.plan_file import PlanFile, read_plan_file
 from mission.flight.pilot.connection import connect
-from mission.flight.plan_file import PlanFile, read_plan_file
-from mission.flight.plan_path import PlannedPath, placed, planned_path
 from mission.flight.serve.hosted_firmware import FirmwareHost
 from mission.flight.serve.hosts import LOOK_S, BuiltIn, State, enu, pymavlink_client
+from mission.flight.simulated import of_a_vehicle
 
 T = TypeVar("T")
 

@@ -188,7 +188,7 @@ def vehicle_config(
 def _place(home: Home) -> tuple[float, float, float]:
     """Latitude and longitude (deg) and altitude (m) of a home."""
     if isinstance(home, str | Path):
-        from mission.flight.plan_file import read_plan_file
+        from mission.flight.missions.plan_file import read_plan_file
 
         found = read_plan_file(Path(home)).home
         if found is None or math.isnan(found.alt_msl_m):

@@ -160,8 +160,8 @@ def _problems_of_file(path: Path, config: "RunConfig") -> _Task:
 def _write_qgc(
     path: Path, problem: "RoundProblem", made: "NamedPlan", scenario: "Scenario"
 ) -> None:
-    from mission.flight.flight_plan import flight_of_round
-    from mission.flight.plan_file import write_round_plan
+    from mission.flight.missions.plan_file import write_round_plan
+    from mission.flight.missions.round_mission import flight_of_round
 
     mission = scenario.config.mission
     flight = flight_of_round(problem, made.plan, hold_s=made.hold_s, mission=mission)

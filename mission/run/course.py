@@ -7,7 +7,7 @@ import numpy as np
 from mission.base import polyline
 from mission.base.arrays import Bools, Floats
 from mission.config.models import MissionConfig
-from mission.flight.flight_plan import FlightPlan, flight_of_round
+from mission.flight.missions.round_mission import FlightPlan, flight_of_round
 from mission.planner.evaluate import objective
 from mission.planner.problem import RoundPlan, RoundProblem
 from mission.scenario.limits import SHORT_M

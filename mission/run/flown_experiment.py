@@ -15,11 +15,10 @@ from mission.base.arrays import Bools, Floats
 from mission.base.errors import FlightError, LinkLostError
 from mission.base.interrupts import BACKGROUND, in_background
 from mission.base.user_code import errors_of_learning
-from mission.flight.fence_zones import airspace_rings, fence_items
-from mission.flight.flight_plan import FlightPlan, flight_of_round
-from mission.flight.flyers.flyer import CHARGED, Flyer
-from mission.flight.flyers.flyers import Attached
-from mission.flight.track import Flight
+from mission.flight.flyers.base import CHARGED, Attached, Flyer
+from mission.flight.missions.geofence import airspace_rings, fence_items
+from mission.flight.missions.round_mission import FlightPlan, flight_of_round
+from mission.flight.track import FlownTrack
 from mission.log.records import LATE, RoundRecord, UplinkRecord
 from mission.planner.flyable import share_of
 from mission.planner.performance import Foreseen
@@ -40,7 +39,7 @@ class _Flown:
 
     course: Course  # as it has become
     foreseen: Foreseen = field(init=False)  # of the whole of it
-    flights: list[Flight] = field(default_factory=list)
+    flights: list[FlownTrack] = field(default_factory=list)
     served: list[UplinkRecord] = field(default_factory=list)
     rests: list[RoundPlan] = field(default_factory=list)  # planned at its stops, flown or not
     used_j: float = 0.0
@@ -68,7 +67,7 @@ class FlownExperiment(Experiment):
         run, recorder = self.recorder.run, self.recorder
         attached = Attached((recorder.log,), run.folder.path, recorder.notice)
         try:
-            async with run.flyers.open(attached) as flyer:
+            async with run.backend.open(attached) as flyer:
                 try:
                     await self._rounds(flyer)
                 finally:
@@ -120,7 +119,7 @@ class FlownExperiment(Experiment):
             asked = self._mask(np.nonzero(sortie.plan.schedule)[1])
             early = begin_training(self._trainer, self.scenario.federation, self.state, asked)
         flown = await self._fly(flyer, problem, sortie, recalled)
-        flight, served = Flight.joined(flown.flights), tuple(flown.served)
+        flight, served = FlownTrack.joined(flown.flights), tuple(flown.served)
         self._most_drawn = max(self._most_drawn, _known(charge - flight.battery_remaining))
         true_objective = sum(u.importance * _success(u.true_per) for u in served)
         if recalled is not None:
@@ -201,7 +200,7 @@ class FlownExperiment(Experiment):
             )
         return sorted(records, key=lambda record: (record.step, record.device))
 
-    def _listen(self, flight: Flight, part: int, plan: RoundPlan) -> None:
+    def _listen(self, flight: FlownTrack, part: int, plan: RoundPlan) -> None:
         """Hear pilot tones of a part of a round, once a second, where a radio belief is learned."""
         listener = self.scenario.listener
         if listener is None:
@@ -331,7 +330,7 @@ class FlownExperiment(Experiment):
         return course is not None
 
     def _used(
-        self, problem: RoundProblem, sortie: Sortie, flight: Flight, foreseen: Foreseen
+        self, problem: RoundProblem, sortie: Sortie, flight: FlownTrack, foreseen: Foreseen
     ) -> Amount:
         """What is used of the budgets after a round.
 

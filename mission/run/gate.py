@@ -11,19 +11,19 @@ from fl.radio.place import Radio
 from fl.radio.uplink import Gate, deliver
 from mission.base.area import Area
 from mission.base.arrays import Bools
-from mission.flight.flight_plan import FlightPlan
-from mission.flight.track import Flight, Passage
+from mission.flight.missions.round_mission import FlightPlan
+from mission.flight.track import FlownTrack, TrackPoint
 from mission.log.records import TimedUplinkRecord, UplinkRecord
 from mission.planner.problem import RoundPlan, RoundProblem
 
 
-def slots(plan: FlightPlan, flight: Flight) -> dict[int, Passage]:
+def slots(plan: FlightPlan, flight: FlownTrack) -> dict[int, TrackPoint]:
     """The passage of every time step that was reached, by 0-based step.
 
     A step transmits when its stop is passed. Several steps at one stop share that instant, or
     the stop's hover where it has one: one after another, the first at the arrival.
     """
-    passages: dict[int, Passage] = {}
+    passages: dict[int, TrackPoint] = {}
     for stop, arrival in zip(plan.stops, flight.passages, strict=True):
         if arrival is None:
             continue
@@ -35,14 +35,14 @@ def slots(plan: FlightPlan, flight: Flight) -> dict[int, Passage]:
 
 
 def turns(
-    problem: RoundProblem, plan: RoundPlan, passages: Mapping[int, Passage], flight: Flight
-) -> dict[int, Passage]:
+    problem: RoundProblem, plan: RoundPlan, passages: Mapping[int, TrackPoint], flight: FlownTrack
+) -> dict[int, TrackPoint]:
     """Return where the aircraft is as each scheduled device begins to send, by device.
 
     The devices of a step, whose `passages` are given, send one after another, in their order.
     Devices whose turn never came are left out.
     """
-    found: dict[int, Passage] = {}
+    found: dict[int, TrackPoint] = {}
     for step, arrival in passages.items():
         begin_s = 0.0
         for device in np.flatnonzero(plan.schedule[step]).tolist():
@@ -57,7 +57,7 @@ def _upload_s(problem: RoundProblem, device: int) -> float:
     return 0.0 if problem.upload_s is None else float(problem.upload_s[device])
 
 
-def _after(arrival: Passage, seconds: float, flight: Flight) -> Passage | None:
+def _after(arrival: TrackPoint, seconds: float, flight: FlownTrack) -> TrackPoint | None:
     """Where the aircraft is some time after an instant; None where the flight is over."""
     if seconds == 0.0:
         return arrival
@@ -69,7 +69,7 @@ def uplinks(
     round_number: int,
     problem: RoundProblem,
     plan: RoundPlan,
-    passages: Mapping[int, Passage],
+    passages: Mapping[int, TrackPoint],
     *,
     area: Area,
     community_of: Sequence[str],

@@ -22,16 +22,15 @@ from mission.base.run_folder import RunFolder, write_atomically
 from mission.base.stopwatch import Stopwatch
 from mission.config.area import AreaConfig
 from mission.config.models import RunConfig
-from mission.flight.failures import of_settings
-from mission.flight.fence_zones import fence_of
-from mission.flight.flight_plan import Demand
-from mission.flight.flyers.flyer import Flyer
-from mission.flight.flyers.flyers import Attached, Flyers, Task
-from mission.flight.flyers.open import flyers_for
-from mission.flight.logs.items import record_of
-from mission.flight.pilot.limits import VehicleLimits
-from mission.flight.plan_file import PlanFile, checked_home, read_plan_file
-from mission.flight.plan_path import PlannedPath, nowhere, placed, planned_path
+from mission.flight.flyers.base import Attached, Backend, Flyer, Task
+from mission.flight.flyers.choice import backend_for
+from mission.flight.missions.geofence import fence_of
+from mission.flight.missions.mission_path import record_of
+from mission.flight.missions.plan_check import PlannedPath, nowhere, placed, planned_path
+from mission.flight.missions.plan_file import PlanFile, checked_home, read_plan_file
+from mission.flight.missions.round_mission import Demand
+from mission.flight.pilot.parameters import VehicleLimits
+from mission.flight.simulated import of_settings
 from mission.log.export import csv_table, tables
 from mission.log.live import LiveView, live_views
 from mission.log.values import NOBODY, PlanRecord
@@ -87,16 +86,16 @@ def fly_plan(config: RunConfig, source: Path, path: Path, around: Around) -> int
         with around.stopwatch("setup"):
             plan = read_plan_file(source)
             order = _order(config, plan)
-            flyers = flyers_for(order.task)
+            backend = backend_for(order.task)
             if config.link.kind == "external":
                 _refuse_heights_above_sea(plan)
-            flyers.check()
+            backend.check()
             folder = opened.enter_context(RunFolder.taken(path))
-            limits = flyers.await_vehicle(say=console.say)
+            limits = backend.await_vehicle(say=console.say)
             live = opened.enter_context(live_views(console))
             if limits is not None:
                 order = _order(config, plan, _speeds(config, limits))
-                flyers = flyers_for(order.task)
+                backend = backend_for(order.task)
             write_atomically(folder.config, order.config.to_toml())
             write_atomically(folder.path / source.name, plan.content)
         summary = Summary(
@@ -105,9 +104,9 @@ def fly_plan(config: RunConfig, source: Path, path: Path, around: Around) -> int
             plan=source.name,
             seed=config.seed,
             resumable=False,
-            position_source=flyers.position_source,
+            position_source=backend.position_source,
         )
-        opening = _recording(order, flyers, folder, around, live)
+        opening = _recording(order, backend, folder, around, live)
         return fly_recorded(opening, summary, around)
 
 
@@ -116,7 +115,7 @@ class _PlanFlight:
     """The flight of a plan file: its log, totals, and comparison with the plan."""
 
     order: _Order
-    flyers: Flyers
+    backend: Backend
     log: FlightLog
     attached: Attached
     progress: Progress
@@ -135,7 +134,7 @@ class _PlanFlight:
         flyer: Flyer | None = None
         try:
             with self.stopwatch("fly"):
-                async with self.flyers.open(self.attached) as flyer:
+                async with self.backend.open(self.attached) as flyer:
                     try:
                         await flyer.carry_out(
                             self.order.plan, self.order.path, begins=lambda: self._begins(flyer)
@@ -188,7 +187,7 @@ class _PlanFlight:
 @contextmanager
 def _recording(
     order: _Order,
-    flyers: Flyers,
+    backend: Backend,
     folder: RunFolder,
     around: Around,
     live: tuple[LiveView, ...],
@@ -215,7 +214,7 @@ def _recording(
 
         watch = PlanProgress(progress, plan.path.name, tuple(seq for seq, _ in order.path.places))
         attached = Attached((log, watch), folder.path, say)
-        yield _PlanFlight(order, flyers, log, attached, progress, around.stopwatch)
+        yield _PlanFlight(order, backend, log, attached, progress, around.stopwatch)
 
 
 def _order(config: RunConfig, plan: PlanFile, speeds: Mapping[str, float] | None = None) -> _Order:

@@ -10,9 +10,9 @@ from mission.base.console import RunConsole
 from mission.base.interrupted_files import InterruptedFiles
 from mission.base.run_folder import RunFolder, library_versions
 from mission.base.stopwatch import Stopwatch
-from mission.flight.flight_plan import FlightPlan
-from mission.flight.flyers.flyers import Flyers
-from mission.flight.plan_file import write_round_plan
+from mission.flight.flyers.base import Backend
+from mission.flight.missions.plan_file import write_round_plan
+from mission.flight.missions.round_mission import FlightPlan
 from mission.log.live import LiveView
 from mission.log.records import (
     DeviceRecord,
@@ -34,10 +34,10 @@ from mission.scenario.scenario import Scenario
 
 @dataclass(frozen=True)
 class Ready:
-    """A run set up: scenario, flyers, folder, checkpoint, callbacks."""
+    """A run set up: scenario, backend, folder, checkpoint, callbacks."""
 
     scenario: Scenario
-    flyers: Flyers
+    backend: Backend
     folder: RunFolder
     checkpoint: CheckpointFolder
     state: FederationState
@@ -151,7 +151,7 @@ def recording(run: Ready, console: RunConsole, stopwatch: Stopwatch) -> Iterator
                 folder.log,
                 area=scenario.area,
                 devices=devices,
-                fence=run.flyers.fence(),
+                fence=run.backend.fence(),
                 mirrors=run.live,
             )
         )

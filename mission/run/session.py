@@ -18,7 +18,7 @@ from mission.base.user_code import errors_of_learning
 from mission.config.loading import load_config
 from mission.config.models import RunConfig
 from mission.config.preflight import code_digests
-from mission.flight.flyers.open import set_up
+from mission.flight.flyers.choice import set_up
 from mission.log.live import live_views
 from mission.run.callbacks import CallbackContext, make_callbacks
 from mission.run.checkpoint import CheckpointFolder
@@ -51,11 +51,11 @@ def fly_session(
     console = around.console
     with ExitStack() as opened:
         with around.stopwatch("setup"), console.waiting(_SETTING_UP):
-            scenario, flyers = set_up(config, data_dir=data_dir)
+            scenario, backend = set_up(config, data_dir=data_dir)
             config = scenario.config  # which knows its map now
-            flyers.check()
+            backend.check()
             folder = opened.enter_context(RunFolder.taken(path))
-            flyers.await_vehicle(say=console.say)
+            backend.await_vehicle(say=console.say)
             live = opened.enter_context(live_views(console))
             with errors_of_learning():
                 state = learning.init(scenario.federation)
@@ -66,7 +66,7 @@ def fly_session(
             )
             write_atomically(folder.config, config.to_toml())
             checkpoint.save(scenario.federation, state, None)
-        ready = Ready(scenario, flyers, folder, checkpoint, state, callbacks, live=live)
+        ready = Ready(scenario, backend, folder, checkpoint, state, callbacks, live=live)
         return _fly(ready, around)
 
 
@@ -111,13 +111,13 @@ def resume_session(path: Path, around: Around, *, rounds: int | None = None) -> 
             checkpoint = CheckpointFolder(
                 folder.checkpoint, config=config, data_dir=data_dir, report=bool(values["report"])
             )
-            scenario, flyers = set_up(config, data_dir=data_dir)
-            if flyers.no_resume:
+            scenario, backend = set_up(config, data_dir=data_dir)
+            if backend.no_resume:
                 raise InputError(
-                    f"{path}: {flyers.no_resume}: its rounds cannot be flown again, so the "
+                    f"{path}: {backend.no_resume}: its rounds cannot be flown again, so the "
                     "run cannot be resumed"
                 )
-            flyers.check()
+            backend.check()
             memory, state = checkpoint.load(scenario.federation, values)
             live = opened.enter_context(live_views(console))
             callbacks = make_callbacks(CallbackContext(folder.path, config))
@@ -126,7 +126,7 @@ def resume_session(path: Path, around: Around, *, rounds: int | None = None) -> 
                 folder.write_summary({**folder.read_summary(), "status": "interrupted"})
                 write_atomically(folder.config, config.to_toml())
             InterruptedFiles(folder).set_aside()
-        ready = Ready(scenario, flyers, folder, checkpoint, state, callbacks, memory, live)
+        ready = Ready(scenario, backend, folder, checkpoint, state, callbacks, memory, live)
         return _fly(ready, around)
 
 
@@ -138,19 +138,19 @@ def _is_whole(folder: RunFolder, page: object) -> bool:
 
 
 def _fly(ready: Ready, around: Around) -> int:
-    folder, flyers = ready.folder, ready.flyers
+    folder, backend = ready.folder, ready.backend
     config = ready.scenario.config
     for warning in _warnings(ready.scenario):
         around.console.say(f"warning: {warning}")
     summary = Summary(
         folder,
-        goes_on=_goes_on(folder.path, flyers.no_resume, code_digests(config)),
+        goes_on=_goes_on(folder.path, backend.no_resume, code_digests(config)),
         name=config.name,
         strategy=config.mission.strategy,
         seed=config.seed,
         resumed_after_round=len(ready.memory) or None,
-        resumable=not flyers.no_resume,
-        position_source=flyers.position_source,
+        resumable=not backend.no_resume,
+        position_source=backend.position_source,
         data=ready.scenario.data_sources(),
         plugins=code_digests(config),
     )

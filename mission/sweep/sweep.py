@@ -12,7 +12,7 @@ from fl.plugin_code import passed
 from mission.base.errors import INTERRUPTED, AerofedError
 from mission.base.tables import count
 from mission.config.models import RunConfig
-from mission.flight.flyers.open import set_up
+from mission.flight.flyers.choice import set_up
 from mission.sweep.execute.engine import Engine, EngineChoice, execute_all
 from mission.sweep.execute.worker import RunEnd, RunOrder
 from mission.sweep.folder import SweepFolder, read_manifest

@@ -1,1 +1,1 @@
-"""Who flies: our simulated vehicle, a firmware on its plant, an external autopilot."""
+"""Who flies: our autopilot or a firmware on the simulated aircraft, an external one, or nobody."""

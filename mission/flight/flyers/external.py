@@ -1,4 +1,4 @@
-"""An external autopilot with its pilot: orders in area coordinates in, flights out.
+"""An external autopilot flies, known by its telemetry alone.
 
 What is known of such a flight is what the autopilot itself believes: truth, belief and telemetry
 are the same here, and time is the vehicle's own.
@@ -20,19 +20,15 @@ from mission.base.arrays import Floats
 from mission.base.errors import AerofedError, FlightError, LinkLostError
 from mission.base.interrupts import run_flight
 from mission.config.models import LinkConfig, MissionConfig
-from mission.flight.flight_plan import Demand, FlightPlan
-from mission.flight.flyers.contact import located, until, until_ready
-from mission.flight.flyers.flyer import CHARGED, HOLD_TIMEOUT_S, Flyer
-from mission.flight.flyers.flyers import Attached, Flyers, Say
-from mission.flight.mission_items import mission_items, stop_items
-from mission.flight.passages import passages, reported_in_turn
+from mission.flight.flyers.base import CHARGED, HOLD_TIMEOUT_S, Attached, Backend, Flyer, Say
+from mission.flight.missions.plan_check import PlannedPath, wait_of
+from mission.flight.missions.plan_file import PlanFile
+from mission.flight.missions.round_mission import Demand, FlightPlan, mission_items, stop_items
+from mission.flight.pilot.connection import located, until, until_ready
 from mission.flight.pilot.feed import TelemetryFeed
-from mission.flight.pilot.limits import VehicleLimits, read_limits
-from mission.flight.pilot.parameters import adjusted
+from mission.flight.pilot.parameters import VehicleLimits, adjusted, read_limits
 from mission.flight.pilot.pilot import Pilot
-from mission.flight.plan_file import PlanFile
-from mission.flight.plan_path import PlannedPath, wait_of
-from mission.flight.track import Flight, FlightRecorder, Passage
+from mission.flight.track import FlightRecorder, FlownTrack, TrackPoint, passages, reported_in_turn
 from mission.log.values import AUTOPILOT
 from sitl.autopilot.codec.orders import MissionItem
 
@@ -75,7 +71,7 @@ class ExternalFlyer(Flyer):
     def battery_remaining(self) -> float:
         return self.feed.battery_remaining
 
-    def here(self) -> Passage:
+    def here(self) -> TrackPoint:
         here = self.feed.here
         if here is None:
             raise LinkLostError("the vehicle has not said yet where it is")
@@ -117,10 +113,10 @@ class ExternalFlyer(Flyer):
             ordered = replace(plan, speed_mps=self._ordered_mps)
             await self.pilot.upload_items(mission_items(ordered, self.area))
 
-    async def fly(self, plan: FlightPlan) -> Flight:
+    async def fly(self, plan: FlightPlan) -> FlownTrack:
         if plan.stands:
             here = self.here()
-            return Flight.standing(here, self.battery_remaining)
+            return FlownTrack.standing(here, self.battery_remaining)
         if plan.waits:  # a mission that is over at once takes some autopilots long to tell
             end_ns = self.t_ns + round(1e9 * plan.stops[0].hold_s)
             flight = await self.record(lambda: self.wait(end_ns), goes_on=plan.goes_on)
@@ -168,7 +164,9 @@ class ExternalFlyer(Flyer):
         else:
             await self.land()
 
-    async def record(self, fly: Callable[[], Awaitable[None]], *, goes_on: bool = False) -> Flight:
+    async def record(
+        self, fly: Callable[[], Awaitable[None]], *, goes_on: bool = False
+    ) -> FlownTrack:
         """Run `fly`, which carries out an uploaded mission, and return what was flown meanwhile."""
         self.feed.reached_ns.clear()
         self.recorder.start(self.here(), goes_on=goes_on)
@@ -176,8 +174,13 @@ class ExternalFlyer(Flyer):
         return self.recorder.finish(self.here(), self.battery_remaining)
 
     def find_passages(
-        self, flight: Flight, places_ned_m: Floats, *, items: Sequence[int], hold_s: Sequence[float]
-    ) -> tuple[Passage, ...]:
+        self,
+        flight: FlownTrack,
+        places_ned_m: Floats,
+        *,
+        items: Sequence[int],
+        hold_s: Sequence[float],
+    ) -> tuple[TrackPoint, ...]:
         """When a flight passed the places (S, 3) of the mission `items`; told to the observers."""
         found = passages(
             flight,
@@ -250,7 +253,7 @@ class ExternalFlyer(Flyer):
                 f"{self.feed.battery.doubt}: mission.battery_reserve = {reserve:g} cannot be kept"
             )
 
-    def _believe_speed(self, plan: FlightPlan, flight: Flight) -> None:
+    def _believe_speed(self, plan: FlightPlan, flight: FlownTrack) -> None:
         """Time the next plans by the speed that the vehicle reached, if below the ordered one."""
         ordered_mps = self._ordered_mps
         enough_m = ordered_mps**2 / _RUN_UP_MPS2 + _AT_SPEED_S * ordered_mps
@@ -268,7 +271,7 @@ class ExternalFlyer(Flyer):
             believed_mps = max(round(reached_mps, 1), _LEAST_MPS)
         self.mission = self.mission.model_copy(update={"speed_mps": believed_mps})
 
-    def _believe_pace(self, plan: FlightPlan, flight: Flight) -> None:
+    def _believe_pace(self, plan: FlightPlan, flight: FlownTrack) -> None:
         """Scale the times foreseen of the next rounds by how long those so far took."""
         if any(stop.hold_s > 0.0 for stop in plan.stops):
             return
@@ -290,7 +293,7 @@ def check_end(short_m: float, *, acceptance_m: float = 0.0) -> None:
         )
 
 
-def _fastest(flight: Flight) -> float:
+def _fastest(flight: FlownTrack) -> float:
     """Return the greatest mean ground speed (m/s) over a second; 0 for a shorter flight."""
     t_ns = flight.t_ns
     begin_ns = t_ns[t_ns <= t_ns[-1] - _SECOND_NS]
@@ -302,8 +305,8 @@ def _fastest(flight: Flight) -> float:
 
 
 @dataclass(frozen=True)
-class ExternalFlyers(Flyers):
-    """Flyers of an autopilot elsewhere, with a MAVSDK connection as the only link to it."""
+class ExternalBackend(Backend):
+    """Backend of an autopilot elsewhere, with a MAVSDK connection as the only link to it."""
 
     no_resume = "flights of an external autopilot do not repeat"
 

@@ -1,5 +1,4 @@
-"""A real firmware as the brain of the simulated aircraft: orders in area coordinates in, flights
-out.
+"""A real firmware flies the simulated aircraft.
 
 It is flown like any external autopilot, with two differences: the truth is known, and time is
 ours. Time stands still while a round is planned and devices train, and goes on while the firmware
@@ -16,29 +15,45 @@ from typing import Self
 from flightdyn.plant import Plant
 from mission.base.errors import FlightError, InputError, LinkLostError
 from mission.config.models import RunConfig
-from mission.flight.failures import of_a_vehicle, of_settings
-from mission.flight.flight_plan import FlightPlan
-from mission.flight.flyers.contact import Milestones, located
+from mission.flight.flyers.base import Attached, Backend, Flyer, Task
 from mission.flight.flyers.external import ExternalFlyer, limits_of
-from mission.flight.flyers.flyer import Flyer
-from mission.flight.flyers.flyers import Attached, Flyers, Task
-from mission.flight.ground_stations import station_links
-from mission.flight.pilot.connection import NoVehicleError
+from mission.flight.missions.plan_check import PlannedPath
+from mission.flight.missions.plan_file import PlanFile
+from mission.flight.missions.round_mission import FlightPlan
+from mission.flight.pilot.connection import NoVehicleError, located
 from mission.flight.pilot.feed import Known, Takers
 from mission.flight.pilot.pilot import Pilot
-from mission.flight.plan_file import PlanFile
-from mission.flight.plan_path import PlannedPath
-from mission.flight.track import Flight, FlightRecorder
+from mission.flight.simulated import of_a_vehicle, of_settings, station_links
+from mission.flight.track import FlightRecorder, FlownTrack
 from sitl.autopilot.codec.orders import MissionItem
 from sitl.errors import FirmwareError, FirmwareSilentError
 from sitl.firmware.vehicle import FirmwareVehicle, check_firmware, plant_for
 from sitl.links import RawLink
+from sitl.observer import VehicleEvent, VehicleSample
 
 NAMES = {"px4": "PX4", "ardupilot": "ArduPilot"}
 FOLDER = "firmware"  # of a run, where the firmware lives
 _HEARD = frozenset({0, 31, 33, 46, 83, 85, 147, 162, 242})  # what the feed takes from the relay
 _TOLD_NS = 100_000_000  # after an instant, in which a position is told: two of its intervals
+_AIRBORNE_M = 0.5
 _SAME_PARAMETER = 1e-4  # relative: parameters travel as 32-bit floats
+
+
+@dataclass(frozen=True)
+class Milestones:
+    """`VehicleObserver` that tells the plant of the events after which its faults may begin."""
+
+    plant: Plant
+
+    def sampled(self, sample: VehicleSample) -> None:
+        if sample.armed:
+            self.plant.happened("arming")
+        if sample.truth.alt_rel_m > _AIRBORNE_M:
+            self.plant.happened("take-off")
+
+    def happened(self, event: VehicleEvent) -> None:
+        if event.seq is not None:
+            self.plant.happened(event.seq)
 
 
 @dataclass(kw_only=True)
@@ -64,7 +79,7 @@ class FirmwareFlyer(ExternalFlyer):
         with self.vehicle.clock.going():
             await super().upload(plan)
 
-    async def fly(self, plan: FlightPlan) -> Flight:
+    async def fly(self, plan: FlightPlan) -> FlownTrack:
         with self.vehicle.clock.going():
             return await super().fly(plan)
 
@@ -95,14 +110,14 @@ class FirmwareFlyer(ExternalFlyer):
 
 
 @dataclass(frozen=True)
-class FirmwareFlyers(Flyers):
-    """Flyers of a real firmware on the simulated aircraft; opened once in a run."""
+class FirmwareBackend(Backend):
+    """Backend of a real firmware on the simulated aircraft; opened once in a run."""
 
     plant: Plant  # on the ground at home
 
     @classmethod
     def of(cls, task: Task) -> Self:
-        """Create the flyers with the configured aircraft.
+        """Create the backend with the configured aircraft.
 
         Raises:
             InputError: one of its settings is refused.

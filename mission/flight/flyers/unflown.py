@@ -1,4 +1,4 @@
-"""A flyer that flies nothing: every waypoint is met exactly, at the planned speed (the paper)."""
+"""Nobody flies: every waypoint is met exactly, at the planned speed (the paper)."""
 
 from collections.abc import AsyncIterator, Sequence
 from contextlib import asynccontextmanager
@@ -10,10 +10,9 @@ from flightdyn.state import BatteryState, Kinematics
 from mission.base.area import Area
 from mission.base.arrays import Floats
 from mission.config.models import MissionConfig
-from mission.flight.flight_plan import FlightPlan
-from mission.flight.flyers.flyer import Flyer
-from mission.flight.flyers.flyers import Attached, Flyers
-from mission.flight.track import Flight, FlightRecorder, Passage
+from mission.flight.flyers.base import Attached, Backend, Flyer
+from mission.flight.missions.round_mission import FlightPlan
+from mission.flight.track import FlightRecorder, FlownTrack, TrackPoint
 from sitl.autopilot.codec.orders import MissionItem
 from sitl.observer import VehicleObserver, VehicleSample
 
@@ -39,9 +38,9 @@ class UnflownFlyer(Flyer):
         """Time by the planned speed; it stands still outside rounds."""
         return self._t_ns
 
-    def here(self) -> Passage:
+    def here(self) -> TrackPoint:
         """Position on the plan, true and estimated alike."""
-        return Passage(self._t_ns, self._ned_m, self._ned_m)
+        return TrackPoint(self._t_ns, self._ned_m, self._ned_m)
 
     async def set_fence(self, items: Sequence[MissionItem]) -> None:
         """Do nothing: nobody has to be told."""
@@ -74,11 +73,11 @@ class UnflownFlyer(Flyer):
     async def upload(self, plan: FlightPlan) -> None:
         """Do nothing: nobody has to be told."""
 
-    async def fly(self, plan: FlightPlan) -> Flight:
+    async def fly(self, plan: FlightPlan) -> FlownTrack:
         """Pass the stops one after another, and hover where the plan hovers."""
         recorder = FlightRecorder()
         recorder.start(self.here())
-        passages: list[Passage] = []
+        passages: list[TrackPoint] = []
         for stop in plan.stops:
             there = self.area.to_ned(stop.xy_m, plan.alt_rel_m)
             leg_m = float(np.linalg.norm(there - self._ned_m))
@@ -111,8 +110,8 @@ class UnflownFlyer(Flyer):
 
 
 @dataclass(frozen=True)
-class NoFlyers(Flyers):
-    """Flyers for a run in which nothing is flown: a plan, if there is one, is met exactly."""
+class UnflownBackend(Backend):
+    """Backend of a run in which nothing is flown: a plan, if there is one, is met exactly."""
 
     position_source = "nothing is flown: what is planned is met exactly, at the planned speed"
 

@@ -1,1 +1,1 @@
-"""Other programs' flight logs as flights: ULog, DataFlash, telemetry logs; and missions in logs."""
+"""Other programs' flight logs as flights: ULog, DataFlash, telemetry logs; and ours as ULog."""

@@ -16,7 +16,7 @@ from pymavlink.dialects.v20 import common as mav
 
 from mission.base.errors import InputError
 from mission.base.user_files import read_bytes
-from mission.flight.logs.flight import MOST_BYTES, Found, ardupilot_mode
+from mission.flight.logs.flight import MOST_BYTES, LogRows, ardupilot_mode
 from mission.flight.logs.sources import DATAFLASH
 from mission.log.signals import Columns, gathered, motors
 from mission.log.values import COPTER, PLANE, ROVER, FlightData
@@ -69,7 +69,7 @@ def read_dataflash(path: Path) -> FlightData:
     content = read_bytes(path, most=MOST_BYTES)
     if not content.startswith(_MAGIC):
         raise InputError(f"{path}: not a DataFlash log: it does not begin as one")
-    reader = _Reader(Found(path, "DataFlash of ArduPilot", "seconds since ArduPilot started"))
+    reader = _Reader(LogRows(path, "DataFlash of ArduPilot", "seconds since ArduPilot started"))
     raw: dict[_Format, list[bytes]] = {}
     for kind, row in _rows(content, reader.found, raw):
         reader.take(kind, row)
@@ -126,7 +126,7 @@ class _Format:
 
 
 def _rows(
-    content: bytes, found: Found, raw: dict[_Format, list[bytes]]
+    content: bytes, found: LogRows, raw: dict[_Format, list[bytes]]
 ) -> Iterator[tuple[str, SimpleNamespace]]:
     """Yield kind and row of those that are read; rows of signals go to `raw`."""
     formats = {_FMT: _Format(_FMT, "FMT", 89, "Type,Length,Name,Format,Columns", "BBnNZ")}
@@ -151,7 +151,7 @@ def _rows(
 class _Reader:
     """Takes the rows of a log one after another."""
 
-    def __init__(self, found: Found) -> None:
+    def __init__(self, found: LogRows) -> None:
         self.found = found
         # By MAV_MISSION_TYPE: since when, how many there are, and those that came.
         self._lists: dict[int, tuple[int, int, dict[int, MissionItem]]] = {}

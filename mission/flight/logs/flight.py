@@ -17,7 +17,7 @@ from mission.base.area import Area
 from mission.base.arrays import Bools, Floats, Ints
 from mission.base.errors import InputError
 from mission.base.gaps import HOLE, gaps, inside
-from mission.flight.logs.items import record_of
+from mission.flight.missions.mission_path import record_of
 from mission.log.signals import Signal
 from mission.log.values import (
     COPTER,
@@ -54,7 +54,7 @@ def ardupilot_mode(vehicle: str, number: int) -> str:
 
 
 @dataclass
-class Found:
+class LogRows:
     """Rows found in a log, in time order; each row begins with its time (ns of the log's clock)."""
 
     path: Path

@@ -11,9 +11,9 @@ from pymavlink.dialects.v20 import common as mav
 from pymavlink.mavutil import interpret_px4_mode
 
 from mission.base.user_files import read_bytes
-from mission.flight.logs.flight import DAMAGE, MOST_BYTES, Found, ardupilot_mode
-from mission.flight.logs.items import KINDS
+from mission.flight.logs.flight import DAMAGE, MOST_BYTES, LogRows, ardupilot_mode
 from mission.flight.logs.sources import OF_ARDUPILOT, OF_PX4, TLOG
+from mission.flight.missions.mission_path import KINDS
 from mission.log.signals import Columns, Signal, gathered, motors
 from mission.log.values import PLANE, ROVER, FlightData
 from sitl.autopilot.codec.orders import MissionItem, read_item
@@ -44,7 +44,7 @@ def read_tlog(path: Path) -> FlightData:
     Raises:
         InputError: it cannot be read, has no positions, or the clock of the vehicle started anew.
     """
-    found = Found(path, "telemetry log", "seconds since the autopilot started")
+    found = LogRows(path, "telemetry log", "seconds since the autopilot started")
     reader = _Reader(found)
     for wall_us, message in _messages(read_bytes(path, most=MOST_BYTES), found):
         reader.take(wall_us, message)
@@ -60,7 +60,7 @@ def read_tlog(path: Path) -> FlightData:
     return found.flight()
 
 
-def _messages(content: bytes, found: Found) -> Iterator[tuple[int, Any]]:
+def _messages(content: bytes, found: LogRows) -> Iterator[tuple[int, Any]]:
     """Yield time (us since 1970) and message of each readable packet; count the rest as skipped."""
     parser, more = mav.MAVLink(None), ardupilotmega.MAVLink(None)
 
@@ -95,7 +95,7 @@ def _number(message: Any, field: str) -> float:
 class _Reader:
     """Takes messages one after another; those without a time of the vehicle wait in `later`."""
 
-    def __init__(self, found: Found) -> None:
+    def __init__(self, found: LogRows) -> None:
         self._found = found
         self._autopilot: tuple[int, ...] = ()  # its system and component, once it spoke
         self._ardupilot = False

@@ -16,7 +16,7 @@ from pymavlink.dialects.v20 import common as mav
 
 from flightdyn.state import GeodeticPoint
 from mission.base.user_files import read_bytes
-from mission.flight.logs.flight import MOST_BYTES, Found
+from mission.flight.logs.flight import MOST_BYTES, LogRows
 from mission.flight.logs.sources import ULOG
 from mission.flight.logs.ulog_file import Columns, decoded
 from mission.log.records import from_json
@@ -54,7 +54,7 @@ def read_ulog(path: Path) -> FlightData:
     Raises:
         InputError: it cannot be read, or has no positions.
     """
-    found = Found(path, "ULog of PX4", "seconds since PX4 started")
+    found = LogRows(path, "ULog of PX4", "seconds since PX4 started")
     topics, told = decoded(read_bytes(path, most=MOST_BYTES), found)
     found.places = list(_places(topics, ("vehicle_global_position", "vehicle_gps_position")))
     if not found.places:
@@ -135,7 +135,7 @@ def _local(data: Columns | None) -> Iterator[tuple[float, ...]]:
             yield int(t_ns), place.lat_deg, place.lon_deg, alt - z
 
 
-def _status(found: Found, data: Columns | None) -> None:
+def _status(found: LogRows, data: Columns | None) -> None:
     """Kind of vehicle, modes, arming, failsafes."""
     kinds = {int(row[1]) for row in _rows(data, "vehicle_type")}
     if 1 not in kinds:  # a rotary wing, as a VTOL is part of the time
@@ -150,7 +150,7 @@ def _status(found: Found, data: Columns | None) -> None:
         found.failing(t_ns, "failsafe", on=bool(lost))
 
 
-def _heading_for(found: Found, topics: dict[str, Columns]) -> None:
+def _heading_for(found: LogRows, topics: dict[str, Columns]) -> None:
     """Collect the missions as far as they were flown: position setpoints in mission mode, by item.
     An item without a place of its own, such as a change of speed, is left open."""
     result = topics.get("mission_result", {})

@@ -14,9 +14,9 @@ from pymavlink.dialects.v20 import common as mav
 from mission.base.area import Area, on_globe
 from mission.base.errors import InputError
 from mission.base.run_folder import write_atomically
-from mission.flight.logs.items import items_of
 from mission.flight.logs.ulog import COMMANDS, MISSIONS, MODES
 from mission.flight.logs.ulog_file import Rows, rows, ulog
+from mission.flight.missions.mission_path import items_of
 from mission.log import topics
 from mission.log.contents import Contents, load
 from mission.log.control import ned_attitude

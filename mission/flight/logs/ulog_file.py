@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from mission.base.arrays import Ints
 from mission.base.errors import InputError
-from mission.flight.logs.flight import DAMAGE, Found
+from mission.flight.logs.flight import DAMAGE, LogRows
 
 Rows: TypeAlias = NDArray[Any]  # structured; the first field is `timestamp`, in microseconds
 Columns: TypeAlias = dict[str, NDArray[Any]]
@@ -139,7 +139,9 @@ class _Topic:
     rows: bytearray
 
 
-def decoded(content: bytes, found: Found) -> tuple[dict[str, Columns], dict[str, list[list[str]]]]:
+def decoded(
+    content: bytes, found: LogRows
+) -> tuple[dict[str, Columns], dict[str, list[list[str]]]]:
     """Return the first instance of each topic in a ULog, and the texts that come in parts, by name.
     Lines of text, dropouts and damage go to `found`.
 

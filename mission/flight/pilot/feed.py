@@ -17,10 +17,10 @@ from flightdyn.state import BatteryState, GeodeticPoint, Kinematics, Moment
 from mission.base.area import Area
 from mission.flight.pilot.control_rows import ATTITUDE, MOTION, ControlRows
 from mission.flight.pilot.dialects import PX4
+from mission.flight.pilot.mavsdk_calls import follow
 from mission.flight.pilot.pilot import Pilot
-from mission.flight.pilot.raw_messages import follow
-from mission.flight.pilot.readiness import Readiness
-from mission.flight.track import Passage
+from mission.flight.pilot.watch import Readiness
+from mission.flight.track import TrackPoint
 from sitl.autopilot.codec.orders import Fields
 from sitl.observer import FAILING, EventKind, VehicleEvent, VehicleObserver, VehicleSample
 
@@ -106,12 +106,12 @@ class TelemetryFeed:
         pilot.watch.listeners.append(self._take_text)
 
     @property
-    def here(self) -> Passage | None:
+    def here(self) -> TrackPoint | None:
         """The newest position; None before the first."""
         if self._moment is None:
             return None
         truth, belief = self._moment
-        return Passage(belief.t_ns, truth.pos_ned_m, belief.pos_ned_m)
+        return TrackPoint(belief.t_ns, truth.pos_ned_m, belief.pos_ned_m)
 
     @property
     def now_s(self) -> float:
@@ -165,7 +165,7 @@ class TelemetryFeed:
         """Report a line of text to the observers as a status event at the present position."""
         self._happened("status", text, _INFO)
 
-    def passed(self, seq: int, passage: Passage) -> None:
+    def passed(self, seq: int, passage: TrackPoint) -> None:
         """Tell the observers when an item was reached, which is known afterwards only."""
         if self._moment is None:
             return

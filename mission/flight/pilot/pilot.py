@@ -14,10 +14,9 @@ from mavsdk.plugins.mission_raw import MissionItem as RawItem
 from mavsdk.plugins.telemetry import FlightMode, LandedState
 
 from mission.base.errors import FlightError, LinkLostError
-from mission.flight.pilot.dialects import Dialect
-from mission.flight.pilot.parameters import Parameters
-from mission.flight.pilot.raw_items import as_dialect, from_raw, raw_items, same_mission
-from mission.flight.pilot.raw_messages import (
+from mission.flight.missions.plan_file import PlanFile
+from mission.flight.pilot.dialects import Dialect, as_dialect, from_raw, raw_items, same_mission
+from mission.flight.pilot.mavsdk_calls import (
     ACCEPTED,
     CUSTOM_MODE,
     DO_SET_MODE,
@@ -26,8 +25,8 @@ from mission.flight.pilot.raw_messages import (
     reason,
     settled,
 )
+from mission.flight.pilot.parameters import Parameters
 from mission.flight.pilot.watch import Watch
-from mission.flight.plan_file import PlanFile
 from sitl.autopilot.codec.orders import MissionItem
 
 logger = logging.getLogger(__name__)

@@ -10,7 +10,7 @@ from tempfile import TemporaryFile
 from mission.base.area import Area
 from mission.base.errors import InputError
 from mission.base.user_files import or_input_error
-from mission.flight.logs.items import record_of
+from mission.flight.missions.mission_path import record_of
 from mission.log.values import AUTOPILOT, NOBODY, SetpointRecord
 from mission.log.writer import FlightLog
 from sitl.autopilot.codec.orders import MissionItem

@@ -12,14 +12,14 @@ from pymavlink.dialects.v20 import common as mav
 from flightdyn.random import RandomStreams
 from mission.base.errors import InputError
 from mission.config.models import RunConfig
-from mission.flight.failures import of_settings
-from mission.flight.flight_plan import Demand
-from mission.flight.flyers.firmware import FirmwareFlyers
-from mission.flight.flyers.flyers import Attached, Task
-from mission.flight.plan_file import PlanFile
-from mission.flight.plan_path import PlannedPath
+from mission.flight.flyers.base import Attached, Task
+from mission.flight.flyers.firmware import FirmwareBackend
+from mission.flight.missions.plan_check import PlannedPath
+from mission.flight.missions.plan_file import PlanFile
+from mission.flight.missions.round_mission import Demand
 from mission.flight.serve.flight_logs import FlightLogs
 from mission.flight.serve.hosts import Host, State
+from mission.flight.simulated import of_settings
 from mission.scenario.limits import guidance_of
 from sitl.autopilot.parameters import parameters_of
 from sitl.pace import Runs
@@ -50,8 +50,10 @@ class FirmwareHost(Host):
         config = config.model_copy(update={"link": link})
         with of_settings():
             self.parameters = parameters_of(config.vehicle)  # of the built-in one
-        self._flyers = FirmwareFlyers.of(Task(config, area, RandomStreams(config.seed), _ANYTHING))
-        self._flyers.check()
+        self._backend = FirmwareBackend.of(
+            Task(config, area, RandomStreams(config.seed), _ANYTHING)
+        )
+        self._backend.check()
         self._folder = logs
 
     @asynccontextmanager
@@ -65,7 +67,7 @@ class FirmwareHost(Host):
             else nullcontext(mkdtemp(prefix="firmware-", dir=self._folder))
         ) as home:
             attached = Attached(observers, Path(home), said.append, (self.port,))
-            async with self._flyers.open(attached) as self._flyer:
+            async with self._backend.open(attached) as self._flyer:
                 clock = self._flyer.vehicle.clock
                 with clock.going():
                     await self._flyer.ready()

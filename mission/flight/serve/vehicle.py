@@ -17,9 +17,8 @@ from mission.base.area import Area
 from mission.base.errors import InputError, LinkLostError
 from mission.config.models import LinkConfig, RunConfig
 from mission.config.url import NETWORK_FORMS
-from mission.flight.failures import of_a_vehicle, of_settings
-from mission.flight.ground_stations import station_links
 from mission.flight.serve.flight_logs import FlightLogs
+from mission.flight.simulated import of_a_vehicle, of_settings, station_links
 from mission.scenario.limits import guidance_of
 from sitl.errors import LinkError
 from sitl.links import network_link

@@ -10,11 +10,12 @@ from flightdyn.random import RandomStreams
 from mission.base.area import Area
 from mission.base.errors import FlightError, InputError
 from mission.config.models import LinkConfig, RunConfig
-from mission.flight.failures import of_a_vehicle, of_settings
-from mission.flight.flyers.contact import Milestones, located
-from mission.flight.flyers.flyers import Say
+from mission.flight.flyers.base import Say
+from mission.flight.flyers.firmware import Milestones
+from mission.flight.pilot.connection import located
 from mission.flight.pilot.feed import Known
 from mission.flight.serve.flight_logs import FlightLogs
+from mission.flight.simulated import of_a_vehicle, of_settings
 from sitl.autopilot.codec.orders import MissionItem
 from sitl.block import following
 from sitl.errors import FirmwareError, FirmwareRestartedError

@@ -31,7 +31,7 @@ from mission.analysis.load import load_run
 from mission.base.errors import EXIT_CODES, LIMITS_NOT_MET, LimitsNotMetError
 from mission.cli import call
 from mission.figures.flight import timeline_chart
-from mission.flight.logs.items import items_of, place_m
+from mission.flight.missions.mission_path import items_of, place_m
 from mission.log.values import BatteryTrack
 from sitl.firmware.relay import packets
 

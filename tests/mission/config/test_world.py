@@ -12,7 +12,7 @@ import pytest
 from mission.base.errors import InputError
 from mission.config.loading import load_config
 from mission.config.models import RunConfig
-from mission.flight.fence_zones import airspace_rings, fence_items
+from mission.flight.missions.geofence import airspace_rings, fence_items
 from mission.scenario.scenario import build_scenario
 from sitl.autopilot.fence import compile_fence
 

@@ -17,7 +17,7 @@ from test_planfile import simple
 
 from mission.analysis.load import load_run
 from mission.cli import call
-from mission.flight.flyers import contact
+from mission.flight.pilot import connection
 from mission.flight.pilot.feed import TelemetryFeed
 
 pytestmark = pytest.mark.slow
@@ -80,14 +80,16 @@ def test_a_vehicle_that_never_knows_is_given_up(
 ) -> None:
     out = tmp_path / "out"
     short = ("--set", "link.ready_timeout_s=0.1")
-    locate = contact._locate
+    locate = connection._locate
+
+    heard = "no 3D GPS fix, estimator "
 
     async def once_heard(feed: TelemetryFeed, *args: Any, **options: Any) -> None:
         """Give up only after it has said what it lacks, however slow the machine is."""
-        await contact.until(lambda: feed.readiness.missing.startswith("no 3D GPS fix, estimator "))
+        await connection.until(lambda: feed.readiness.missing.startswith(heard))
         await locate(feed, *args, **options)
 
-    monkeypatch.setattr(contact, "_locate", once_heard)
+    monkeypatch.setattr(connection, "_locate", once_heard)
     with flying(located_s=math.inf) as (double, url):
         assert call(["run", "--vehicle", url, "--out", str(out), *SMALL, *short]) == 4
     assert not double.armed_in

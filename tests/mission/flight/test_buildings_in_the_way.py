@@ -7,7 +7,7 @@ from fl.radio.city import Building
 from flightdyn.random import RandomStreams
 from flightdyn.state import GeodeticPoint
 from mission.base.area import Area
-from mission.flight.flyers.simulated import simulated_vehicle
+from mission.flight.flyers.built_in import simulated_vehicle
 from sitl.config import VehicleConfig
 from sitl.firmware.vehicle import plant_for
 

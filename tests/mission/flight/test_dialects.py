@@ -6,8 +6,7 @@ import pytest
 from mavsdk.plugins.mission_raw import MissionItem as RawItem
 from pymavlink.dialects.v20 import common as mav
 
-from mission.flight.pilot.dialects import ARDUPILOT, PX4, Dialect
-from mission.flight.pilot.raw_items import as_dialect, from_raw, raw_items
+from mission.flight.pilot.dialects import ARDUPILOT, PX4, Dialect, as_dialect, from_raw, raw_items
 from sitl.autopilot.codec.orders import MissionItem
 
 NAN = math.nan

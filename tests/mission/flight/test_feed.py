@@ -14,7 +14,7 @@ from flightdyn.state import BatteryState, GeodeticPoint, Kinematics, Moment
 from mission.base.area import Area
 from mission.base.errors import InputError
 from mission.commands.options import load
-from mission.flight.flyers import contact
+from mission.flight.pilot import connection
 from mission.flight.pilot.dialects import PX4
 from mission.flight.pilot.feed import Known, TelemetryFeed
 from sitl.observer import VehicleEvent
@@ -107,7 +107,7 @@ def test_a_vehicle_more_than_five_kilometres_away_is_of_another_place(
         first: asyncio.Future[GeodeticPoint] = asyncio.get_running_loop().create_future()
         first.set_result(place)
         feed: Any = SimpleNamespace(first=first, readiness=SimpleNamespace(missing=""))
-        await contact._locate(feed, area, timeout_s=HANG_S, say=print)
+        await connection._locate(feed, area, timeout_s=HANG_S, say=print)
 
     with pytest.raises(InputError, match="5 km from the area: set") if far else nullcontext():
         asyncio.run(locate())

@@ -7,17 +7,18 @@ import pytest
 from pymavlink.dialects.v20 import common as mav
 
 from mission.base.errors import FlightError, LinkLostError
-from mission.flight.flight_plan import Demand
+from mission.flight.missions.round_mission import Demand
 from mission.flight.pilot.feed import BatteryWatch, VehicleClock
-from mission.flight.pilot.limits import (
+from mission.flight.pilot.parameters import (
     ARDUPILOT_LIMITS,
     PX4_LIMITS,
     LimitNames,
+    Parameters,
     VehicleLimits,
+    adjusted,
     read_limits,
 )
-from mission.flight.pilot.parameters import Parameters, adjusted
-from mission.flight.pilot.readiness import Readiness
+from mission.flight.pilot.watch import Readiness
 
 DEMAND = Demand(speed_mps=20.0, altitude_m=60.0, distance_m=500.0, acceptance_m=5.0)
 

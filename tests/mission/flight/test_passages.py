@@ -8,26 +8,25 @@ import numpy as np
 import pytest
 
 from mission.commands.options import load
-from mission.flight.flight_plan import FlightPlan
-from mission.flight.flyers.simulated import SimulatedFlyer
-from mission.flight.passages import passages
-from mission.flight.track import Flight, FlightRecorder, Passage
+from mission.flight.flyers.built_in import BuiltInFlyer
+from mission.flight.missions.round_mission import FlightPlan
+from mission.flight.track import FlightRecorder, FlownTrack, TrackPoint, passages
 from mission.planner.stops import Stop
 from sitl.observer import VehicleEvent
 
 S = 1_000_000_000
 
 
-def flight(points: list[tuple[float, float]]) -> Flight:
+def flight(points: list[tuple[float, float]]) -> FlownTrack:
     ned = np.array([(x, y, -60.0) for x, y in points])
-    return Flight(np.arange(len(points)) * S, ned, ned, 1.0)
+    return FlownTrack(np.arange(len(points)) * S, ned, ned, 1.0)
 
 
 def stops(*points: tuple[float, float]) -> np.ndarray:
     return np.array([(x, y, -60.0) for x, y in points])
 
 
-def seconds(found: tuple[Passage, ...]) -> list[float]:
+def seconds(found: tuple[TrackPoint, ...]) -> list[float]:
     return [round(passage.t_ns / S, 6) for passage in found]
 
 
@@ -92,7 +91,7 @@ def test_the_built_in_vehicle_reports_the_end_of_a_hover_whose_passage_is_its_be
                 recorder.happened(VehicleEvent(vehicle.t_ns, "reached", "", now, now, seq, 6))
 
     pilot, guidance = cast(Any, SimpleNamespace(fly=fly)), cast(Any, None)
-    flyer = SimulatedFlyer(
+    flyer = BuiltInFlyer(
         pilot, vehicle, recorder,
         area=config.area.build(), mission=config.mission, guidance=guidance,
     )  # fmt: skip

@@ -21,14 +21,18 @@ from flightdyn.state import GeodeticPoint
 from mission.base.area import Area
 from mission.base.errors import FlightError, LinkLostError
 from mission.config.models import LinkConfig
-from mission.flight.flight_plan import FlightPlan
-from mission.flight.flyers.contact import located
 from mission.flight.flyers.external import left_holding
-from mission.flight.mission_items import mission_items
-from mission.flight.pilot.connection import connect
-from mission.flight.pilot.dialects import ARDUPILOT, PX4, Dialect
+from mission.flight.missions.round_mission import FlightPlan, mission_items
+from mission.flight.pilot.connection import connect, located
+from mission.flight.pilot.dialects import (
+    ARDUPILOT,
+    PX4,
+    Dialect,
+    as_dialect,
+    raw_items,
+    same_mission,
+)
 from mission.flight.pilot.pilot import MODE_GRACE_S, Pilot
-from mission.flight.pilot.raw_items import as_dialect, raw_items, same_mission
 from mission.flight.pilot.watch import Watch
 from mission.log import LogError
 from mission.planner.stops import Stop

@@ -11,10 +11,9 @@ import pytest
 from flightdyn.state import GeodeticPoint
 from mission.base.area import Area
 from mission.base.errors import InputError
-from mission.flight.flight_plan import FlightPlan
-from mission.flight.mission_items import mission_items
-from mission.flight.pilot.raw_items import raw_items
-from mission.flight.plan_file import read_plan_file, write_round_plan
+from mission.flight.missions.plan_file import read_plan_file, write_round_plan
+from mission.flight.missions.round_mission import FlightPlan, mission_items
+from mission.flight.pilot.dialects import raw_items
 from mission.planner.stops import Stop
 
 HOME = GeodeticPoint(43.6145, 7.0715, 130.0)

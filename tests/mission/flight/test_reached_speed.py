@@ -9,9 +9,9 @@ import pytest
 
 from flightdyn.config import LimitsConfig
 from mission.commands.options import load
-from mission.flight.flight_plan import FlightPlan
 from mission.flight.flyers.external import ExternalFlyer
-from mission.flight.track import Flight
+from mission.flight.missions.round_mission import FlightPlan
+from mission.flight.track import FlownTrack
 from mission.planner.stops import Stop
 from sitl.autopilot.codec.orders import MissionItem
 
@@ -42,7 +42,7 @@ class Vehicle:
     async def _upload(self, items: Sequence[MissionItem]) -> None:
         self.ordered.append(items[1].params[1])  # of DO_CHANGE_SPEED
 
-    async def _record(self, *_: object, **__: object) -> Flight:  # as the flyer calls it
+    async def _record(self, *_: object, **__: object) -> FlownTrack:  # as the flyer calls it
         v_mps, moved_m, at_m = 0.0, [0.0], 0.0
         top_mps = min(self.top_mps, self.ordered[-1])
         while v_mps > 0.0 or at_m == 0.0:
@@ -54,7 +54,7 @@ class Vehicle:
         t_ns = np.arange(len(moved_m)) * 20_000_000 + 7_300_000_000
         way = self.ends_ned_m[1] - self.ends_ned_m[0]
         places = self.ends_ned_m[0] + np.outer(moved_m, way / self.leg_m)
-        return Flight(t_ns, places, places, 1.0)
+        return FlownTrack(t_ns, places, places, 1.0)
 
     def fly(self, leg_m: float) -> float:
         """The speed that the next rounds are timed by."""

@@ -8,7 +8,7 @@ import pytest
 from pymavlink.dialects.v20 import common as mav
 from test_planfile import simple
 
-from mission.flight.plan_file import read_plan_file
+from mission.flight.missions.plan_file import read_plan_file
 
 SOUTH, NORTH, WEST, EAST = 47.4005, 47.4008, 8.5, 8.5005
 

@@ -15,7 +15,7 @@ from synthetic_flight import AREA, fly
 
 from mission.analysis.load import load_run
 from mission.figures.maps import overview
-from mission.flight.fence_zones import fence_of
+from mission.flight.missions.geofence import fence_of
 from mission.log.export import export_kml
 from mission.log.reader import read_log
 from mission.log.values import Zone

@@ -17,10 +17,8 @@ from mission.analysis.load import load_run
 from mission.base.errors import InputError
 from mission.cli import call
 from mission.figures.maps import round_map
-from mission.flight.flight_plan import FlightPlan
-from mission.flight.mission_items import mission_items
-from mission.flight.pilot.dialects import ARDUPILOT, PX4
-from mission.flight.pilot.raw_items import as_dialect, raw_items
+from mission.flight.missions.round_mission import FlightPlan, mission_items
+from mission.flight.pilot.dialects import ARDUPILOT, PX4, as_dialect, raw_items
 from mission.planner.performance import Performance
 from mission.planner.problem import RoundPlan
 from mission.planner.stops import SAME_PLACE_M, stops_of

@@ -12,8 +12,8 @@ from fl.radio.place import AverageRadio
 from flightdyn.random import RandomStreams
 from flightdyn.state import GeodeticPoint
 from mission.base.area import Area
-from mission.flight.flight_plan import FlightPlan
-from mission.flight.track import Flight, Passage
+from mission.flight.missions.round_mission import FlightPlan
+from mission.flight.track import FlownTrack, TrackPoint
 from mission.log.records import TimedUplinkRecord, UplinkRecord
 from mission.planner.problem import RoundPlan, RoundProblem
 from mission.planner.stops import Stop, stops_of
@@ -23,21 +23,21 @@ CHANNEL = CHANNEL_PRESETS["suburban"]
 AREA = Area((800.0, 800.0), (400.0, 100.0), GeodeticPoint(43.6, 7.07, 100.0))
 
 
-def passage(t_s: float, true_xy: tuple[float, float], est_xy: tuple[float, float]) -> Passage:
-    return Passage(
+def passage(t_s: float, true_xy: tuple[float, float], est_xy: tuple[float, float]) -> TrackPoint:
+    return TrackPoint(
         round(t_s * 1e9),
         AREA.to_ned(np.array(true_xy), 60.5),
         AREA.to_ned(np.array(est_xy), 60.0),
     )
 
 
-def flight(*passages: Passage | None) -> Flight:
+def flight(*passages: TrackPoint | None) -> FlownTrack:
     """From x = 400 at t = 0 to x = 500 at t = 10 s, the estimate 1 m north of the truth."""
     ends = [
         passage(0.0, (400.0, 100.0), (400.0, 101.0)),
         passage(10.0, (500.0, 100.0), (500.0, 101.0)),
     ]
-    return Flight(
+    return FlownTrack(
         np.array([p.t_ns for p in ends]),
         np.array([p.true_ned_m for p in ends]),
         np.array([p.est_ned_m for p in ends]),
@@ -53,7 +53,7 @@ def problem(devices: list[list[float]]) -> RoundProblem:
 
 
 def served(
-    given: RoundProblem, plan: RoundPlan, seen: dict[int, Passage], rng: np.random.Generator
+    given: RoundProblem, plan: RoundPlan, seen: dict[int, TrackPoint], rng: np.random.Generator
 ) -> tuple[UplinkRecord, ...]:
     names = ["a"] * len(given.devices_m)
     radio = AverageRadio(CHANNEL, given.devices_m)

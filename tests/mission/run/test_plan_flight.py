@@ -27,7 +27,7 @@ from test_planfile import HOME_ROW, ROW, plan_document, simple
 from mission.analysis.load import LoadedRun, load_run
 from mission.cli import call
 from mission.commands.options import load
-from mission.flight.plan_file import read_plan_file
+from mission.flight.missions.plan_file import read_plan_file
 from mission.log import DamagedLogError
 from mission.log.reader import read_log
 from mission.run import plan_flight

@@ -23,8 +23,8 @@ from fl.radio.per_grid import PerGrid
 from mission.analysis.compare import compare_run
 from mission.analysis.load import load_run
 from mission.cli import call
-from mission.flight.flight_plan import FlightPlan
-from mission.flight.track import Flight, FlightRecorder, Passage
+from mission.flight.missions.round_mission import FlightPlan
+from mission.flight.track import FlightRecorder, FlownTrack, TrackPoint
 from mission.log.contents import load
 from mission.log.reader import read_log
 from mission.log.records import RoundRecord, UplinkRecord
@@ -362,18 +362,18 @@ def test_a_flight_is_cut_where_somebody_is_served() -> None:
 
 
 def test_parts_of_a_flight_are_one() -> None:
-    def part(*t_s: float, energy_j: float) -> Flight:
+    def part(*t_s: float, energy_j: float) -> FlownTrack:
         track = np.array([[10.0 * t, 0.0, -60.0] for t in t_s])
         t_ns = np.array([round(1e9 * t) for t in t_s])
-        return Flight(t_ns, track, track, 1.0 - t_s[-1] / 100.0, energy_j=energy_j)
+        return FlownTrack(t_ns, track, track, 1.0 - t_s[-1] / 100.0, energy_j=energy_j)
 
-    whole = Flight.joined(
+    whole = FlownTrack.joined(
         [part(0.0, 1.0, energy_j=5.0), part(1.0, energy_j=math.nan), part(1.0, 3.0, energy_j=7.0)]
     )
     assert whole.t_ns.tolist() == [0, 1_000_000_000, 3_000_000_000]
     assert (whole.duration_s, whole.flown_m, whole.energy_j) == (3.0, 30.0, 12.0)
     assert whole.battery_remaining == 0.97
-    assert math.isnan(Flight.joined([part(0.0, energy_j=math.nan)] * 2).energy_j)
+    assert math.isnan(FlownTrack.joined([part(0.0, energy_j=math.nan)] * 2).energy_j)
 
 
 def test_energy_between_two_parts_of_a_flight_counts() -> None:
@@ -385,8 +385,8 @@ def test_energy_between_two_parts_of_a_flight_counts() -> None:
         t_ns = round(1e9 * t_s)
         return SimpleNamespace(t_ns=t_ns, truth=moment, belief=moment, battery=battery)
 
-    def here(t_s: float) -> Passage:
-        return Passage(round(1e9 * t_s), np.zeros(3), np.zeros(3))
+    def here(t_s: float) -> TrackPoint:
+        return TrackPoint(round(1e9 * t_s), np.zeros(3), np.zeros(3))
 
     def flown(begin_s: int, *, goes_on: bool) -> float:
         recorder.start(here(begin_s), goes_on=goes_on)

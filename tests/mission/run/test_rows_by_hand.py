@@ -16,9 +16,9 @@ from small_runs import rows
 
 import aerofed
 from fl.radio.channel import CHANNEL_PRESETS
-from mission.flight.flight_plan import FlightPlan
 from mission.flight.flyers.unflown import UnflownFlyer
-from mission.flight.track import Flight, Passage
+from mission.flight.missions.round_mission import FlightPlan
+from mission.flight.track import FlownTrack, TrackPoint
 from mission.log.records import RoundRecord, UplinkRecord
 from mission.log.tables import read_table
 
@@ -99,15 +99,15 @@ class ByHand:
         return aerofed.Sortie(aerofed.RoundPlan(way, schedule, value, 1.25 * value))
 
 
-async def _fly(self: UnflownFlyer, plan: FlightPlan) -> Flight:
+async def _fly(self: UnflownFlyer, plan: FlightPlan) -> FlownTrack:
     flight = await FLY(self, plan)
     passages = [
-        None if p is None else Passage(p.t_ns, TRUE * p.true_ned_m, BELIEVED * p.est_ned_m)
+        None if p is None else TrackPoint(p.t_ns, TRUE * p.true_ned_m, BELIEVED * p.est_ned_m)
         for p in flight.passages
     ]
     left = 0.9 - 1e-9 * int(flight.t_ns[-1]) / 100.0
     true_m, est_m = TRUE * flight.true_ned_m, BELIEVED * flight.est_ned_m
-    return Flight(flight.t_ns, true_m, est_m, left, tuple(passages), DRAWN_J)
+    return FlownTrack(flight.t_ns, true_m, est_m, left, tuple(passages), DRAWN_J)
 
 
 FLY = UnflownFlyer.fly

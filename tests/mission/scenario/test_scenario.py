@@ -10,7 +10,7 @@ from fl.data.arrays import Samples
 from fl.radio.radio_map import RadioMap
 from mission.base.errors import InputError
 from mission.config.loading import builtin_config, load_config
-from mission.flight.flyers.open import set_up
+from mission.flight.flyers.choice import set_up
 from mission.scenario.radio_maps import read_map, write_map
 from mission.scenario.scenario import build_scenario
 

@@ -1,4 +1,4 @@
-"""Schema of QGroundControl's plan document, as far as it is flown.
+"""What a QGroundControl `.plan` may hold: the schema of its document, as far as it is flown.
 
 Format: QGroundControl developer guide, "Plan File Format". The items of a structure scan are not in
 the file; they are made here as QGroundControl makes them.

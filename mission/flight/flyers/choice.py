@@ -1,4 +1,4 @@
-"""Who flies a run: the choice among the kinds of flyers.
+"""Who flies a run: the choice among the backends.
 
 Each is imported where it is chosen: who flies nothing waits for no aircraft, whose filter alone
 takes most of a second.
@@ -9,32 +9,32 @@ from pathlib import Path
 import numpy as np
 
 from mission.config.models import RunConfig
-from mission.flight.flight_plan import Demand
-from mission.flight.flyers.flyers import Flyers, Task
+from mission.flight.flyers.base import Backend, Task
+from mission.flight.missions.round_mission import Demand
 from mission.scenario.scenario import Scenario, build_scenario
 
 
-def flyers_for(task: Task) -> Flyers:
-    """Return the flyers that the configuration asks for: external, built-in or firmware.
+def backend_for(task: Task) -> Backend:
+    """Return the backend that the configuration asks for: external, built-in or firmware.
 
     Raises:
         InputError: a setting of the vehicle is refused.
     """
     config = task.config
     if config.link.kind == "external":
-        from mission.flight.flyers.external import ExternalFlyers
+        from mission.flight.flyers.external import ExternalBackend
 
-        return ExternalFlyers(task)
+        return ExternalBackend(task)
     if config.vehicle.autopilot == "built-in":
-        from mission.flight.flyers.simulated import BuiltInFlyers
+        from mission.flight.flyers.built_in import BuiltInBackend
 
-        return BuiltInFlyers.of(task)
-    from mission.flight.flyers.firmware import FirmwareFlyers
+        return BuiltInBackend.of(task)
+    from mission.flight.flyers.firmware import FirmwareBackend
 
-    return FirmwareFlyers.of(task)
+    return FirmwareBackend.of(task)
 
 
-def set_up(config: RunConfig, *, data_dir: Path | None) -> tuple[Scenario, Flyers]:
+def set_up(config: RunConfig, *, data_dir: Path | None) -> tuple[Scenario, Backend]:
     """The scenario of a run, and who flies in it.
 
     Raises:
@@ -43,10 +43,10 @@ def set_up(config: RunConfig, *, data_dir: Path | None) -> tuple[Scenario, Flyer
     scenario = build_scenario(config, data_dir=data_dir)
     task = Task(scenario.config, scenario.area, scenario.streams, _demand(scenario))
     if scenario.strategy is None or config.mission.flight == "none":
-        from mission.flight.flyers.unflown import NoFlyers
+        from mission.flight.flyers.unflown import UnflownBackend
 
-        return scenario, NoFlyers(task)
-    return scenario, flyers_for(task)
+        return scenario, UnflownBackend(task)
+    return scenario, backend_for(task)
 
 
 def _demand(scenario: Scenario) -> Demand:

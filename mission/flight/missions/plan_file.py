@@ -18,10 +18,9 @@ from mission.base.area import Area
 from mission.base.errors import InputError
 from mission.base.run_folder import write_atomically
 from mission.base.user_files import decoded, or_input_error, read_bytes, taken_by
-from mission.flight.fence_zones import airspace_rings, fence_items
-from mission.flight.flight_plan import FlightPlan
-from mission.flight.mission_items import mission_items
-from mission.flight.plan_document import SCANS, Document
+from mission.flight.missions.geofence import airspace_rings, fence_items
+from mission.flight.missions.qgroundcontrol import SCANS, Document
+from mission.flight.missions.round_mission import FlightPlan, mission_items
 from sitl.autopilot.codec.orders import ABSOLUTE_FRAMES, MissionItem, command_name
 from sitl.autopilot.protocol.order_rules import ABSENT, COMMANDS
 

@@ -1,27 +1,46 @@
-"""A vehicle with its pilot, as a run sees it: orders in area coordinates in, flights out."""
+"""What each way to fly has: a flyer, to whom a run gives its orders, and a backend, which makes it.
 
+A flyer takes orders in area coordinates and returns what was flown. Its backend refuses what cannot
+work before anything is written, and gives the flyer for the time of a run.
+"""
+
+import socket
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
+from contextlib import AbstractAsyncContextManager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
 from flightdyn.config import LimitsConfig, WindConfig
+from flightdyn.random import RandomStreams
 from mission.base.area import Area
 from mission.base.arrays import Floats
-from mission.base.errors import FlightError
-from mission.config.models import MissionConfig
-from mission.flight.flight_plan import FlightPlan, climb, direct_flight
-from mission.flight.plan_file import PlanFile
-from mission.flight.plan_path import PlannedPath
-from mission.flight.track import Flight, Passage
+from mission.base.errors import FlightError, LinkLostError
+from mission.config.models import MissionConfig, RunConfig
+from mission.flight.missions.geofence import airspace_zones
+from mission.flight.missions.plan_check import PlannedPath
+from mission.flight.missions.plan_file import PlanFile
+from mission.flight.missions.round_mission import Demand, FlightPlan, climb, direct_flight
+from mission.flight.track import FlownTrack, TrackPoint
+from mission.log.values import Zone
 from mission.planner.performance import Performance
 from mission.scenario.limits import performance_of
 from sitl.autopilot.codec.orders import MissionItem
+from sitl.links import Link
+from sitl.observer import VehicleObserver
+
+if TYPE_CHECKING:  # who flies nothing needs no MAVSDK
+    from mission.flight.pilot.parameters import VehicleLimits
 
 HOLD_TIMEOUT_S = 3.0  # wall time for the last order of an interrupted flight
 # Of a charge (0..1): what a battery just changed reads at least, and after take-off and the way to
 # the round. More is never asked for.
 CHARGED = 0.9
+
+Say: TypeAlias = Callable[[str], None]
 
 
 class Flyer(ABC):
@@ -48,7 +67,7 @@ class Flyer(ABC):
         """The vehicle's time."""
 
     @abstractmethod
-    def here(self) -> Passage:
+    def here(self) -> TrackPoint:
         """Truth and belief at this instant."""
 
     @abstractmethod
@@ -67,7 +86,7 @@ class Flyer(ABC):
         """
 
     @abstractmethod
-    async def fly(self, plan: FlightPlan) -> Flight:
+    async def fly(self, plan: FlightPlan) -> FlownTrack:
         """Fly what was uploaded; a plan that neither moves nor hovers is over at once."""
 
     @abstractmethod
@@ -155,3 +174,89 @@ class Flyer(ABC):
         """Fly to above home if there are no-fly areas or a fence, which a return might cross."""
         if not self.area.airspace.is_open:
             await self.go_to(np.array(self.area.home_m))
+
+
+@dataclass(frozen=True)
+class Task:
+    """Configuration, area, random streams and demand of the flights of a run."""
+
+    config: RunConfig
+    area: Area
+    streams: RandomStreams
+    demand: Demand
+
+
+@dataclass(frozen=True)
+class Attached:
+    """Observers, folder, messages and links of a flight."""
+
+    observers: Sequence[VehicleObserver]
+    folder: Path  # of the run
+    say: Say  # hears what people should know of another autopilot than ours
+    links: tuple[Link, ...] = ()  # of clients beside those of `link.gcs`; of a firmware
+
+
+@dataclass(frozen=True)
+class Backend(ABC):
+    """Makes a run's flyer, after its checks before anything flies."""
+
+    task: Task
+
+    @property
+    @abstractmethod
+    def position_source(self) -> str:
+        """Where the run's positions come from, for people."""
+
+    @property
+    def no_resume(self) -> str:
+        """Why the run cannot be resumed, for people; empty where it can."""
+        return ""
+
+    def check(self) -> None:
+        """Refuse what cannot work, before anything is written.
+
+        Raises:
+            LinkLostError: a port is taken.
+            InputError: the firmware's binary is not there.
+        """
+        link = self.task.config.link
+        if link.kind == "udp":
+            _check_port("127.0.0.1", link.udp_port, f"link.udp_port = {link.udp_port}")
+        elif link.kind == "external":
+            _check_url(link.url, "link.url")
+        for url in link.gcs:
+            _check_url(url, "link.gcs")
+
+    def await_vehicle(self, *, say: Say) -> "VehicleLimits | None":  # noqa: ARG002
+        """Wait for a vehicle that must be there already; `say` hears what is waited for.
+
+        Returns its own limits; None of one that keeps to the configuration's.
+
+        Raises:
+            LinkLostError, FlightError, InputError: it is not, or not where the devices are.
+            KeyboardInterrupt: nobody wants to wait any longer.
+        """
+        return None
+
+    def fence(self) -> tuple[Zone, ...]:
+        """Return the fence zones that are known before the flight: the configured ones."""
+        return airspace_zones(self.task.area)
+
+    @abstractmethod
+    def open(self, attached: Attached) -> AbstractAsyncContextManager[Flyer]:
+        """A context manager that gives the flyer, and ends it with the block."""
+
+
+def _check_url(url: str, key: str) -> None:
+    host, _, port = url.removeprefix("udpin://").rpartition(":")
+    if url.startswith("udpin://") and port.isdecimal():
+        _check_port(host, int(port), f"{key} = {url}")
+
+
+def _check_port(host: str, port: int, what: str) -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        try:
+            probe.bind((host, port))
+        except (OSError, OverflowError) as error:
+            reason = error.strerror if isinstance(error, OSError) else str(error)
+            raise LinkLostError(f"{what}: cannot listen on this UDP port: {reason}") from None

@@ -1,4 +1,4 @@
-"""Mission items in logs, and the path that they mean, whoever flew them."""
+"""Where the items of a mission lead, whoever flies them; items as records of the log, and back."""
 
 import math
 from collections import Counter

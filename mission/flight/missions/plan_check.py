@@ -1,4 +1,4 @@
-"""The path that the items of a plan file describe, and checks whether it may be flown.
+"""Checks whether a plan file may be flown, and the path that its items describe.
 
 The checks refuse what the autopilot would refuse, by its own rules, and what it would accept but
 is not fit for an unattended flight.
@@ -21,8 +21,8 @@ from flightdyn.state import GeodeticPoint
 from mission.base.area import Area
 from mission.base.arrays import Floats
 from mission.base.errors import InputError
-from mission.flight.logs.items import mission_path, place_m
-from mission.flight.plan_file import PlanFile
+from mission.flight.missions.mission_path import mission_path, place_m
+from mission.flight.missions.plan_file import PlanFile
 from sitl.autopilot.codec.orders import GLOBAL_FRAMES, MissionItem, command_name
 from sitl.autopilot.fence import breach_of, compile_fence
 from sitl.autopilot.flying import route

@@ -1,4 +1,4 @@
-"""The simulated vehicle and its flyer, who knows the truth."""
+"""Our own autopilot on the simulated aircraft flies, and its truth is known."""
 
 import asyncio
 import math
@@ -12,18 +12,15 @@ from flightdyn.random import RandomStreams
 from mission.base.area import Area
 from mission.base.errors import AerofedError, InputError
 from mission.config.models import MissionConfig
-from mission.flight.failures import of_a_vehicle, of_settings
-from mission.flight.fence_zones import fence_of
-from mission.flight.flight_plan import FlightPlan
-from mission.flight.flyers.flyer import HOLD_TIMEOUT_S, Flyer
-from mission.flight.flyers.flyers import Attached, Flyers, Task
-from mission.flight.ground_stations import station_links
-from mission.flight.mission_items import mission_items, stop_items
+from mission.flight.flyers.base import HOLD_TIMEOUT_S, Attached, Backend, Flyer, Task
+from mission.flight.missions.geofence import fence_of
+from mission.flight.missions.plan_check import PlannedPath
+from mission.flight.missions.plan_file import PlanFile
+from mission.flight.missions.round_mission import FlightPlan, mission_items, stop_items
 from mission.flight.pilot.connection import connect
 from mission.flight.pilot.pilot import Pilot
-from mission.flight.plan_file import PlanFile
-from mission.flight.plan_path import PlannedPath
-from mission.flight.track import Flight, FlightRecorder, Passage
+from mission.flight.simulated import of_a_vehicle, of_settings, station_links
+from mission.flight.track import FlightRecorder, FlownTrack, TrackPoint
 from mission.log.values import Zone
 from mission.scenario.limits import guidance_of
 from sitl.autopilot.codec.orders import MissionItem
@@ -49,7 +46,7 @@ def simulated_vehicle(config: VehicleConfig, *, area: Area, streams: RandomStrea
     return vehicle
 
 
-def _arrival(flight: Flight, reported: Passage | None, hold_s: float) -> Passage | None:
+def _arrival(flight: FlownTrack, reported: TrackPoint | None, hold_s: float) -> TrackPoint | None:
     """Return the arrival at a stop: the reported passage, less its hover; None: not reported."""
     if reported is None or hold_s == 0.0:
         return reported
@@ -57,7 +54,7 @@ def _arrival(flight: Flight, reported: Passage | None, hold_s: float) -> Passage
 
 
 @dataclass
-class SimulatedFlyer(Flyer):
+class BuiltInFlyer(Flyer):
     """Flies the simulated vehicle, whose truth is known."""
 
     pilot: Pilot
@@ -71,9 +68,9 @@ class SimulatedFlyer(Flyer):
     def t_ns(self) -> int:
         return self.vehicle.t_ns
 
-    def here(self) -> Passage:
+    def here(self) -> TrackPoint:
         aircraft = self.vehicle.aircraft
-        return Passage(self.vehicle.t_ns, aircraft.truth.pos_ned_m, aircraft.belief.pos_ned_m)
+        return TrackPoint(self.vehicle.t_ns, aircraft.truth.pos_ned_m, aircraft.belief.pos_ned_m)
 
     async def set_fence(self, items: Sequence[MissionItem]) -> None:
         """Give the vehicle a fence; simulated time stands still meanwhile."""
@@ -89,9 +86,9 @@ class SimulatedFlyer(Flyer):
         if not plan.stands:
             await self.pilot.upload_items(mission_items(plan, self.area))
 
-    async def fly(self, plan: FlightPlan) -> Flight:
+    async def fly(self, plan: FlightPlan) -> FlownTrack:
         if plan.stands:
-            return Flight.standing(self.here(), self.battery_remaining)
+            return FlownTrack.standing(self.here(), self.battery_remaining)
         self.recorder.start(self.here(), goes_on=plan.goes_on)
         await self.pilot.fly()
         items = stop_items(plan)
@@ -119,15 +116,15 @@ class SimulatedFlyer(Flyer):
 
 
 @dataclass(frozen=True)
-class BuiltInFlyers(Flyers):
-    """Flyers of our own autopilot on the simulated aircraft; opened once in a run."""
+class BuiltInBackend(Backend):
+    """Backend of our own autopilot on the simulated aircraft; opened once in a run."""
 
     vehicle: Vehicle  # on the ground at home
     position_source = "simulated vehicle: truth from its physics, belief from its estimator"
 
     @classmethod
     def of(cls, task: Task) -> Self:
-        """Create the flyers with the configured vehicle.
+        """Create the backend with the configured vehicle.
 
         Raises:
             InputError: one of its settings is refused.
@@ -141,7 +138,7 @@ class BuiltInFlyers(Flyers):
         return (*super().fence(), *fence_of((), parameters, self.task.area))
 
     @asynccontextmanager
-    async def open(self, attached: Attached) -> AsyncIterator[SimulatedFlyer]:
+    async def open(self, attached: Attached) -> AsyncIterator[BuiltInFlyer]:
         """Connect a pilot to the vehicle; ground stations of `link.gcs` see it too.
 
         An interrupted flight is ended by an order to hold.
@@ -165,7 +162,7 @@ class BuiltInFlyers(Flyers):
                 ) as pilot,
             ):
                 guidance = guidance_of(config.vehicle)
-                flyer = SimulatedFlyer(
+                flyer = BuiltInFlyer(
                     pilot, vehicle, recorder, self.task.area, config.mission, guidance
                 )
                 flyer.wind = config.vehicle.aircraft.wind

@@ -1,0 +1,1 @@
+"""What is to be flown: a round's plan or a plan file, as mission items, path and fence."""
