@@ -250,6 +250,8 @@ def test_every_parameter_that_a_firmware_is_given_for_our_aircraft() -> None:
         "ANGLE_MAX": 6000, "WPNAV_SPEED": 1000, "WP_SPD": 10, "WPNAV_ACCEL": 500,
         "WPNAV_JERK": 5 / 0.4, "WPNAV_SPEED_UP": 400, "WPNAV_SPEED_DN": 250,
         "LOG_DISARMED": 0, "LOG_BACKEND_TYPE": 0,
+        "ATC_RAT_RLL_P": 0.0675, "ATC_RAT_RLL_I": 0.0675, "ATC_RAT_RLL_D": 0.0018,
+        "ATC_RAT_PIT_P": 0.0675, "ATC_RAT_PIT_I": 0.0675, "ATC_RAT_PIT_D": 0.0018,
         "SIM_DRIFT_SPEED": 0, "SIM_BARO_RND": 0, "SIM_BARO2_RND": 0, "SIM_BARO_DRIFT": 0,
         "SIM_MAG_RND": 4.0 * 3**0.5,  # a standard deviation of 4 milligauss, uniform
         "SIM_GPS1_HZ": 5, "SIM_GPS1_LAG_MS": 120, "SIM_GPS1_NUMSATS": 14, "SIM_GPS1_NOISE": 0,
