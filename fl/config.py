@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Literal, Self
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, field_validator, model_validator
 
-from fl.errors import did_you_mean
+from aerofed_errors import did_you_mean
 from fl.plugin_code import checked_name
 from fl.radio.channel import CHANNEL_PRESETS, DEFAULT_PRESET, Channel, constants_model
 from fl.radio.uplink import Gate

@@ -17,30 +17,20 @@ from typing import Any, ClassVar, NoReturn, Self, TypeVar
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
+from aerofed_errors import AerofedError, UsersCodeError, did_you_mean, first_line, kind_of
 from fl.arrays import frozen
-from fl.errors import LearningError, LearningInputError, did_you_mean, first_line, kind_of
 from fl.plugin_code import check_found, load, module_of
 
 Kind = TypeVar("Kind")
 _COPIED_BYTES = 1 << 24
 
 
-@dataclass(eq=False)
-class PluginError(LearningInputError):
-    """A plug-in that cannot be used, or that failed: `__cause__` is what its code raised."""
-
-    line: str
-
-    def __str__(self) -> str:
-        return self.line
-
-
 def problem_of(name: str) -> str | None:
     """Return why a plug-in is not found, or None; imports the packages around its module only."""
     try:
-        with failures_as(lambda error: PluginError(_not_imported(error))):
+        with failures_as(lambda error: UsersCodeError(_not_imported(error))):
             check_found(name)
-    except PluginError as error:
+    except UsersCodeError as error:
         return str(error)
     return None
 
@@ -76,8 +66,8 @@ class PlugIn:
 
     setting: ClassVar[str]  # that names it
     members: ClassVar[tuple[str, ...]] = ()  # of what its factory makes; none: it is a function
-    error: ClassVar[type[Exception]] = PluginError
-    passed: ClassVar[tuple[type[Exception], ...]] = (LearningError,)  # told as they are
+    error: ClassVar[type[Exception]] = UsersCodeError
+    passed: ClassVar[tuple[type[Exception], ...]] = (AerofedError,)  # told as they are
 
     name: str
     inner: Any = field(repr=False)

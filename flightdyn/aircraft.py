@@ -2,8 +2,8 @@
 
 import math
 
+from aerofed_errors import InputError
 from flightdyn.config import AircraftConfig
-from flightdyn.errors import FlightInputError
 from flightdyn.frames import Triple, frozen, yaw_of
 from flightdyn.guidance.control import AttitudeOrder, attitude_along, outer_loop
 from flightdyn.guidance.guidance import Guidance
@@ -169,10 +169,10 @@ class Aircraft(Plant):
         """Put in a battery as charged as the first one was.
 
         Raises:
-            FlightInputError: the motors are on.
+            InputError: the motors are on.
         """
         if self.armed:
-            raise FlightInputError("battery: can be exchanged on the ground only, motors off")
+            raise InputError("battery: can be exchanged on the ground only, motors off")
         super().exchange_battery()
 
     def idle(self) -> None:

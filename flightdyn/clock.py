@@ -1,6 +1,6 @@
 """Simulated time: an integer count of ticks. Nobody else keeps time."""
 
-from flightdyn.errors import FlightInputError
+from aerofed_errors import InputError
 
 NS_PER_S = 1_000_000_000
 
@@ -12,7 +12,7 @@ class SimClock:
 
     def __init__(self, rate_hz: int) -> None:
         if rate_hz <= 0 or NS_PER_S % rate_hz:
-            raise FlightInputError(f"rate {rate_hz} Hz: a tick must be a whole number of ns")
+            raise InputError(f"rate {rate_hz} Hz: a tick must be a whole number of ns")
         self.dt_ns = NS_PER_S // rate_hz
         self.tick = 0
 
@@ -27,11 +27,11 @@ class SimClock:
         return self.dt_ns / NS_PER_S
 
     def ticks(self, duration_s: float, *, what: str) -> int:
-        """Return the ticks in `duration_s`; raise FlightInputError if not whole, or under 1."""
+        """Return the ticks in `duration_s`; raise InputError if not whole, or under 1."""
         exact = duration_s * NS_PER_S / self.dt_ns
         count = round(exact)
         if count < 1 or abs(exact - count) > 1e-6:
-            raise FlightInputError(
+            raise InputError(
                 f"{what} = {duration_s:g} s is not a whole number of {self.dt_ns / 1e6:g} ms ticks"
             )
         return count

@@ -8,7 +8,7 @@ import math
 
 import numpy as np
 
-from flightdyn.errors import FlightInputError
+from aerofed_errors import InputError
 from flightdyn.state import GeodeticPoint, Vector
 
 WGS84_A_M = 6_378_137.0
@@ -66,7 +66,7 @@ class LocalFrame:
 
     def __init__(self, origin: GeodeticPoint) -> None:
         if not (abs(origin.lat_deg) <= 90 and abs(origin.lon_deg) <= 180):
-            raise FlightInputError(
+            raise InputError(
                 f"home at latitude {origin.lat_deg}, longitude {origin.lon_deg}: "
                 "latitude is -90..90, longitude -180..180 deg"
             )

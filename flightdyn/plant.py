@@ -34,7 +34,7 @@ class Plant:
         streams: RandomStreams,
         obstacles: Obstacles | None = None,
     ) -> None:
-        """Raises FlightInputError where an interval of `config` is no whole number of ticks."""
+        """Raises InputError where an interval of `config` is no whole number of ticks."""
         self.config = config
         self.frame = LocalFrame(home)
         self.clock = clock = SimClock(config.physics_hz)

@@ -11,12 +11,11 @@ from cyclopts.help import DefaultFormatter, HelpPanel
 from rich.console import Console, ConsoleOptions
 from rich.text import Text
 
-from fl.errors import told
+from aerofed_errors import told
 from mission.base.errors import EXIT_CODES, INTERRUPTED, AerofedError, InputError
 from mission.base.interrupts import hear_interruptions, prepare_exit
 from mission.base.terminal import PLAIN, Terminal
 from mission.commands import usage
-from native.errors import LibraryError
 
 
 def _version() -> str:
@@ -147,9 +146,6 @@ def call(tokens: Sequence[str] | None = None) -> int:
         return AerofedError.exit_code
     except ModuleNotFoundError as error:  # as in the image of the vehicle alone
         errors.print(f"aerofed: {error.name} is not installed here; pip install aerofed brings it")
-        return InputError.exit_code
-    except LibraryError as error:
-        errors.print(f"aerofed: {error}")
         return InputError.exit_code
     except KeyboardInterrupt:
         errors.print("aerofed: interrupted")

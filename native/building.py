@@ -20,7 +20,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
-from native.errors import LibraryError
+from aerofed_errors import InputError
 
 ROOT = Path(__file__).resolve().parents[1]
 INCLUDE = Path(__file__).resolve().parent / "include"
@@ -114,7 +114,7 @@ def _works(command: Sequence[str]) -> bool:
         source.write_text("#include <stdlib.h>\nvoid *probe(void) { return malloc(1); }\n")
         try:
             _run([*command, "-shared", "-fPIC", str(source), "-o", str(Path(folder, "probe.so"))])
-        except LibraryError:
+        except InputError:
             return False
         return True
 
@@ -123,13 +123,13 @@ def build(library: Library, *, compiler: Sequence[str] | None = None) -> Path:
     """Build a library from its sources, and remove builds of older sources.
 
     Raises:
-        LibraryError: there is no compiler, or it fails.
+        InputError: there is no compiler, or it fails.
     """
     compiler = compiler or next(compilers(), None)
     if compiler is None and env_cc():
-        raise LibraryError(f"CC={env_cc()}: does not compile a C program into a shared library")
+        raise InputError(f"CC={env_cc()}: does not compile a C program into a shared library")
     if compiler is None:
-        raise LibraryError(
+        raise InputError(
             f"no C compiler for {library.folder}: install one (cc, gcc or clang), name one in CC, "
             f"or `pip install '{ZIG}'`"
         )
@@ -147,7 +147,7 @@ def compile_to(
     """Compile a library to `target`, which appears whole or not at all.
 
     Raises:
-        LibraryError: the compiler fails, or the folder cannot be written.
+        InputError: the compiler fails, or the folder cannot be written.
     """
     cleared = [_CLEARED] if _knows(compiler, _CLEARED) else []
     common = [*compiler, *_FLAGS, *cleared, f"-I{INCLUDE}", *_machine(compiler), *flags]
@@ -167,7 +167,7 @@ def compile_to(
             _run([*common, "-shared", border, *objects, "-o", str(whole)])
             whole.replace(target)
     except OSError as error:
-        raise LibraryError(f"{target.parent}: cannot build a library here: {error}") from error
+        raise InputError(f"{target.parent}: cannot build a library here: {error}") from error
 
 
 def _machine(compiler: Sequence[str]) -> list[str]:
@@ -189,6 +189,6 @@ def _run(command: Sequence[str]) -> None:
     try:
         ended = subprocess.run(command, capture_output=True, text=True, check=False)
     except OSError as error:
-        raise LibraryError(f"{command[0]}: {error.strerror}") from error
+        raise InputError(f"{command[0]}: {error.strerror}") from error
     if ended.returncode:
-        raise LibraryError(f"{shlex.join(command)} failed:\n{ended.stderr}{ended.stdout}")
+        raise InputError(f"{shlex.join(command)} failed:\n{ended.stderr}{ended.stdout}")

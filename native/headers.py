@@ -10,8 +10,8 @@ from functools import cache
 from pathlib import Path
 from typing import Any, ClassVar
 
+from aerofed_errors import InputError
 from native.building import INCLUDE
-from native.errors import LibraryError
 
 _TYPES: dict[str, Any] = {
     **{f"{name}_t": getattr(ctypes, f"c_{name}") for name in ("int64", "uint64", "int32", "uint8")},
@@ -47,7 +47,7 @@ def declared(source: Path) -> dict[str, Any]:
     A file is read once: structures that two libraries share are the same class.
 
     Raises:
-        LibraryError: a declaration of another form.
+        InputError: a declaration of another form.
     """
     found: dict[str, Any] = {}
     text = _COMMENT.sub("", source.read_text(encoding="utf-8"))
@@ -70,17 +70,17 @@ def columns(structure: type[Structure], members: str) -> int:
     """How many numbers an array has in a row that C reads as a structure of these members.
 
     Raises:
-        LibraryError: C has others, or in another order.
+        InputError: C has others, or in another order.
     """
     there = " ".join(name for name, *_ in structure._fields_)
     if members != there:
-        raise LibraryError(f"{structure.__name__} is {there} in C, {members} in Python")
+        raise InputError(f"{structure.__name__} is {there} in C, {members} in Python")
     return ctypes.sizeof(structure) // ctypes.sizeof(ctypes.c_double)
 
 
 def _read(pattern: re.Pattern[str], text: str) -> tuple[str, ...]:
     if (read := pattern.fullmatch(text)) is None:
-        raise LibraryError(f"C that is not read: {text}")
+        raise InputError(f"C that is not read: {text}")
     return read.groups("")
 
 

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
+from aerofed_errors import InputError
 from native.building import Library, build, levels
-from native.errors import LibraryError
 from native.headers import declared
 
 LEVEL = "AEROFED_LEVEL"  # environment variable: a level lower than the processor's best
@@ -21,7 +21,7 @@ def load(library: Library) -> ctypes.CDLL:
     """Load a library, built first where it is not there for the present sources.
 
     Raises:
-        LibraryError: it cannot be built.
+        InputError: it cannot be built.
     """
     folder = os.environ.get(FOLDER)
     path = Path(folder, library.path.name) if folder else library.path
@@ -35,7 +35,7 @@ def interface(library: Library, *, keeps_lock: bool = False) -> Any:
     and functions, at its level and exported; their calls release Python's lock or keep it.
 
     Raises:
-        LibraryError: it cannot be built, or has no such level.
+        InputError: it cannot be built, or has no such level.
     """
     loaded, found = load(library), declared(library.folder / library.border)
     kind = ctypes.PYFUNCTYPE if keeps_lock else ctypes.CFUNCTYPE
@@ -56,12 +56,12 @@ def level(loaded: ctypes.CDLL) -> int:
     """Return the index of the level to use: the processor's best, or what the environment asks for.
 
     Raises:
-        LibraryError: there is no such level here.
+        InputError: there is no such level here.
     """
     possible = list(levels())[: loaded.best_level() + 1]
     asked = os.environ.get(LEVEL) or possible[-1]
     if asked not in possible:
-        raise LibraryError(f"{LEVEL}={asked}: this processor has {', '.join(possible)}")
+        raise InputError(f"{LEVEL}={asked}: this processor has {', '.join(possible)}")
     return possible.index(asked)
 
 

@@ -68,7 +68,7 @@ def vehicles(
 def _check(keys: Iterable[object], options: Iterable[str]) -> None:
     """Raise InputError at what `aerofed.vehicles` would not take beside its count."""
     import aerofed
-    from fl.errors import did_you_mean
+    from aerofed_errors import did_you_mean
     from mission.api.configuring import checked
 
     _, *known = inspect.signature(aerofed.vehicles).parameters

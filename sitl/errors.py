@@ -1,24 +1,16 @@
-"""Exceptions of the simulated vehicle; they all derive from `SitlError`."""
+"""What goes wrong with a firmware."""
+
+from aerofed_errors import FlightError, LinkLostError
 
 
-class SitlError(Exception):
-    """Root of the exceptions that this package raises."""
-
-
-class SitlInputError(SitlError):
-    """The user gave something unusable; the message names it and says what is allowed."""
-
-
-class LinkError(SitlError):
-    """A link cannot be opened or used; the message names its address."""
-
-
-class FirmwareError(SitlError):
+class FirmwareError(FlightError):
     """The firmware cannot be flown any further; the message says what it did or did not do."""
 
 
-class FirmwareSilentError(FirmwareError):
+class FirmwareSilentError(FirmwareError, LinkLostError):
     """The firmware has died, cannot be started, or no longer asks for anything."""
+
+    exit_code = LinkLostError.exit_code
 
 
 class FirmwareRestartedError(FirmwareSilentError):

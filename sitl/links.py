@@ -10,8 +10,8 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from typing import ClassVar, Protocol, TypeAlias
 
+from aerofed_errors import InputError, LinkLostError
 from sitl.autopilot.codec.wire import Seal, whole_frames
-from sitl.errors import LinkError
 
 Wake: TypeAlias = Callable[[], None]
 _DATAGRAM = 1400  # bytes; whole frames are packed up to this, below the usual MTU
@@ -112,14 +112,14 @@ class _NetworkLink:
         """Check the address; nothing is opened yet. With a `seal` all is signed, both ways.
 
         Raises:
-            LinkError: `url` is not an address of this kind of link.
+            InputError: `url` is not an address of this kind of link.
         """
         scheme, separator, address = url.partition("://")
         host, colon, port = address.rpartition(":")
         valid = separator and colon and _named(host) and port.isdecimal() and int(port) < 65536
         self._listens = scheme.endswith("in")
         if scheme not in self._SCHEMES or not valid or not (self._listens or int(port)):
-            raise LinkError(f"{url}: no address of a link")
+            raise InputError(f"{url}: no address of a link")
         self.url = url
         self._seal = seal
         self._address: Address = (host, int(port))
@@ -127,7 +127,7 @@ class _NetworkLink:
         self._joined = False
 
     def open(self, wake: Wake) -> None:
-        """Listen or begin to connect; LinkError if the address is in use or not available."""
+        """Listen or begin to connect; LinkLostError if the address is in use or not available."""
         self._loop, self._wake = asyncio.get_running_loop(), wake
         sock = socket.socket(socket.AF_INET, self._KIND)
         try:
@@ -135,7 +135,8 @@ class _NetworkLink:
             self._start(sock)
         except OSError as error:
             sock.close()
-            raise LinkError(f"{self.url}: cannot be opened: {error.strerror or error}") from None
+            why = error.strerror or error
+            raise LinkLostError(f"{self.url}: cannot be opened: {why}") from None
         self._socket = sock
 
     @abstractmethod
@@ -147,7 +148,7 @@ class _NetworkLink:
         """The local port.
 
         Raises:
-            LinkError: the link is not open.
+            LinkLostError: the link is not open.
         """
         return int(self._opened().getsockname()[1])
 
@@ -168,7 +169,7 @@ class _NetworkLink:
 
     def _opened(self) -> socket.socket:
         if self._socket is None:
-            raise LinkError(f"{self.url}: not open")
+            raise LinkLostError(f"{self.url}: not open")
         return self._socket
 
 
@@ -336,7 +337,7 @@ class TcpLink(_NetworkLink):
 
 
 def network_link(url: str, seal: Seal | None = None, *, own_port: int = 0) -> UdpLink | TcpLink:
-    """Create the link for an address; LinkError if it is invalid. `own_port`: for UDP only."""
+    """Create the link for an address; InputError if it is invalid. `own_port`: for UDP only."""
     return TcpLink(url, seal) if url.startswith("tcp") else UdpLink(url, seal, own_port=own_port)
 
 

@@ -50,7 +50,7 @@ class Simulation:
         """Open the links and start.
 
         Raises:
-            LinkError: a link cannot be opened; none is left open.
+            LinkLostError: a link cannot be opened; none is left open.
         """
         async with AsyncExitStack() as opened:
             for link in self._links:

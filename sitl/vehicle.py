@@ -5,6 +5,7 @@ import time
 from collections.abc import Sequence
 from functools import partial
 
+from aerofed_errors import InputError
 from flightdyn.aircraft import Aircraft
 from flightdyn.obstacles import Obstacles
 from flightdyn.random import RandomStreams
@@ -13,7 +14,6 @@ from sitl.autopilot.autopilot import Autopilot
 from sitl.autopilot.codec.orders import OrderObserver
 from sitl.autopilot.parameters import Parameters, parameters_of
 from sitl.config import VehicleConfig
-from sitl.errors import SitlInputError
 from sitl.logfolder import LogFolder
 from sitl.observer import EventKind, VehicleEvent, VehicleObserver, VehicleSample
 
@@ -49,11 +49,11 @@ class Vehicle:
         and setpoints.
 
         Raises:
-            SitlInputError: a parameter or a rate is not acceptable, or a firmware is asked for;
+            InputError: a parameter or a rate is not acceptable, or a firmware is asked for;
                 says which and why.
         """
         if config.autopilot != "built-in":
-            raise SitlInputError(
+            raise InputError(
                 f"vehicle.autopilot = {config.autopilot!r}: here the built-in autopilot flies; "
                 "aerofed run and fly take a firmware, and aerofed world serves the aircraft to one"
             )
@@ -213,10 +213,8 @@ class Vehicle:
 
 
 def _steps(rate_hz: float, name: str, step_ns: int, of: str) -> int:
-    """Return the steps in a period of `rate_hz`; SitlInputError if that is no whole number."""
+    """Return the steps in a period of `rate_hz`; InputError if that is no whole number."""
     every = 1e9 / rate_hz / step_ns
     if abs(every - round(every)) > 1e-6 or every < 0.5:
-        raise SitlInputError(
-            f"{name} = {rate_hz:g}: the {of} rate {1e9 / step_ns:g} is no multiple"
-        )
+        raise InputError(f"{name} = {rate_hz:g}: the {of} rate {1e9 / step_ns:g} is no multiple")
     return round(every)

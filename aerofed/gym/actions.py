@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from fl.errors import told
+from aerofed_errors import told
 from mission.base.arrays import Floats
 from mission.base.errors import InputError
 

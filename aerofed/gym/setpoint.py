@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pymavlink.dialects.v20 import common as mav
 
 from aerofed.gym.actions import checked
-from flightdyn.errors import FlightDynamicsError
+from flightdyn.errors import ModelDivergedError
 from flightdyn.state import Kinematics
 from mission.api.configuring import Source
 from mission.api.vehicles import vehicle_config
@@ -122,7 +122,7 @@ class SetpointEnv(gymnasium.Env[Array, Array]):
         try:
             while self._vehicle.t_ns < until_ns:
                 self._vehicle.stride(until_ns)
-        except FlightDynamicsError:
+        except ModelDivergedError:
             sound = False
         self._seen = self._observed()
         reward = before_m - self._away_m

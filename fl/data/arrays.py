@@ -42,7 +42,7 @@ class CustomDataset(PlugIn):
         """Call the factory with a data folder, and return its data set.
 
         Raises:
-            PluginError: it fails, or what it gives is no data set.
+            UsersCodeError: it fails, or what it gives is no data set.
         """
         with self.guarded("the factory"):
             samples = self.inner(data_dir)

@@ -11,8 +11,8 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
+from aerofed_errors import SettingError
 from fl.arrays import Bools, Floats, Ints, frozen
-from fl.errors import SettingError
 from fl.plugins import PlugIn, read_only
 
 DIRICHLET_TRIES = 100
@@ -174,7 +174,7 @@ class CustomPartition(PlugIn):
         """Call the plug-in, and return the sorted sample indices of each device.
 
         Raises:
-            PluginError: the answer is no partition.
+            UsersCodeError: the answer is no partition.
         """
         with self.guarded("the partition"):
             given = [np.asarray(share) for share in self.inner(read_only(task))]

@@ -3,18 +3,18 @@
 import hashlib
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
 import numpy as np
 
+from aerofed_errors import SettingError
 from fl.arrays import Floats, Ints, frozen
 from fl.config import CommunityConfig, LearningConfig
 from fl.data import partition
 from fl.data.dataset import Dataset, Split, held_out_of_each, hold_out, subset
 from fl.data.load import load
-from fl.errors import SettingError
 from fl.federation.algorithms import Algorithm
 from fl.federation.custom_algorithm import make_algorithm
 from fl.federation.device_work import compute_times
@@ -168,7 +168,7 @@ def build_federation(
     """Load the data, spread them over the devices, make the networks.
 
     `stream(name)` gives a fresh generator at the start of the stream of that name. Raises
-    `LearningInputError` for settings and files that cannot be used.
+    `InputError` for settings and files that cannot be used.
     """
     names = [config.name for config in communities]
     for name in names:
@@ -205,7 +205,8 @@ def _community(
         if config.buffers is not None and network.buffers == 0:
             raise SettingError("buffers", config.buffers, "its network has none: leave it out")
     except SettingError as error:
-        raise replace(error, key=f"communities.{index}.{error.key}") from error
+        key = f"communities.{index}.{error.key}"
+        raise SettingError(key, error.value, error.allowed) from error
     counts = frozen(partition.class_counts(dataset.labels, shares, classes=dataset.classes))
     held_out = dataset.held_out
     if test_share is not None and held_out.sum() == held_out_of_each(held_out, test_share).sum():

@@ -4,9 +4,9 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from aerofed_errors import kind_of
 from fl.arrays import Vector
 from fl.config import LearningConfig
-from fl.errors import kind_of
 from fl.federation.algorithms import (
     Algorithm,
     AlgorithmState,
@@ -83,7 +83,7 @@ def make_algorithm(learning: LearningConfig) -> Algorithm:
     """The algorithm that the settings name: a built-in one, or what a factory makes of them.
 
     Raises:
-        PluginError: it cannot be imported, or what it makes is no algorithm.
+        UsersCodeError: it cannot be imported, or what it makes is no algorithm.
     """
     built_in = built_in_algorithm(learning)
     if built_in is not None:

@@ -7,13 +7,13 @@ from typing import TypeAlias
 
 import numpy as np
 
+from aerofed_errors import UsersCodeError
 from fl.arrays import Bools, Vector, frozen
 from fl.errors import DivergedError
 from fl.federation.algorithms import StaleStart
 from fl.federation.community import Federation
 from fl.federation.custom_algorithm import CustomAlgorithm
 from fl.federation.state import FederationState, Pending, parts_of
-from fl.plugins import PluginError
 from fl.training.custom_trainer import TrainingDevice
 from fl.training.local import LocalSettings, LocalTask, in_parallel
 
@@ -84,7 +84,7 @@ def _train(federation: Federation, state: FederationState, index: int, device: i
     shape = (start.size - community.network.buffers,)
     if correction is not None and correction.shape != shape:  # a user's may be of any
         key = f"learning.algorithm = {learning.algorithm!r}: correction() of device {device}"
-        raise PluginError(f"{key} is of shape {correction.shape}, not {shape}")
+        raise UsersCodeError(f"{key} is of shape {correction.shape}, not {shape}")
     task = LocalTask(
         community.dataset.train,
         community.shares[device],

@@ -17,8 +17,8 @@ from numpy.typing import ArrayLike
 from pydantic import BaseModel, Field, create_model
 from pydantic.fields import FieldInfo
 
+from aerofed_errors import SettingError
 from fl.arrays import Floats
-from fl.errors import SettingError
 from fl.native import library
 
 NEPERS_PER_DB = math.log(10.0) / 10.0

@@ -57,7 +57,7 @@ class CustomTrainer(PlugIn):
         """Train one device with the researcher's code.
 
         Raises:
-            PluginError: it fails, or gives something else than a result of finite numbers.
+            UsersCodeError: it fails, or gives something else than a result of finite numbers.
         """
         of = f" of device {device.device} in round {device.round}"
         found = self.ask("train", device, task.model, _data(task), task.rng, of=of)
@@ -73,7 +73,7 @@ def make_trainer(learning: LearningConfig) -> CustomTrainer | None:
     """Return the trainer that `learning.trainer` names; None for the built-in training.
 
     Raises:
-        PluginError: it cannot be imported, or what it makes is no trainer.
+        UsersCodeError: it cannot be imported, or what it makes is no trainer.
     """
     return None if learning.trainer is None else CustomTrainer.made(learning.trainer, learning)
 

@@ -8,10 +8,10 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from aerofed_errors import SettingError
 from fl.arrays import Vector
 from fl.config import BUILT_IN_NETWORKS, ConvNetConfig
 from fl.data.dataset import Split
-from fl.errors import SettingError
 from fl.native.library import Images, count_correct, train
 from fl.native.library import Network as NativeNetwork
 from fl.plugins import PlugIn, needs_torch
@@ -88,7 +88,7 @@ def make_network(
 
     Raises:
         SettingError: says what does not fit.
-        PluginError: a module of one's own cannot be used; `community` is whose it is, from 0.
+        UsersCodeError: a module of one's own cannot be used; `community` is whose it is, from 0.
     """
     if name in BUILT_IN_NETWORKS:
         return _conv_net(name, convnet, image_shape=image_shape, classes=classes)

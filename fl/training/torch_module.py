@@ -27,7 +27,7 @@ class ModuleNetwork:
     """A `Network` of a `torch.nn.Module`, called with images (batch, channels, height, width).
 
     Raises:
-        PluginError: says why a module cannot be used.
+        UsersCodeError: says why a module cannot be used.
     """
 
     parallel = False

@@ -3,8 +3,8 @@
 import math
 from collections.abc import Callable, Iterable
 
+from aerofed_errors import InputError
 from flightdyn.config import LimitsConfig
-from flightdyn.errors import FlightInputError
 from flightdyn.frames import Triple
 from flightdyn.guidance.control import AttitudeOrder, Setpoint
 from flightdyn.guidance.path import FlightPath, PathProgress
@@ -81,9 +81,9 @@ class Guidance:
         self._forget_corners()
 
     def hold(self, nav: NavState, pos: Triple, yaw: float) -> None:
-        """Go to `pos` (NED, m) and stay, heading `yaw` (rad); FlightInputError if not finite."""
+        """Go to `pos` (NED, m) and stay, heading `yaw` (rad); InputError if not finite."""
         if not all(map(math.isfinite, (*pos, yaw))):
-            raise FlightInputError(f"hold {(*pos, yaw)}: finite numbers are needed")
+            raise InputError(f"hold {(*pos, yaw)}: finite numbers are needed")
         p, v = self._start(nav)
         self._begin(brake_and_go(p, v, goal=pos, limits=self._limits), yaw, course=False)
 

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from flightdyn.errors import PathError
+from aerofed_errors import InputError
 from flightdyn.frames import frozen
 from flightdyn.state import Vector
 
@@ -24,7 +24,7 @@ class FlightPath:
     def __post_init__(self) -> None:
         points = np.asarray(self.points_ned_m, dtype=np.float64)
         if points.ndim != 2 or points.shape[1] != 3 or len(points) < 2:
-            raise PathError(f"path points have shape {points.shape}: (M, 3) with M >= 2 is needed")
+            raise InputError(f"path points have shape {points.shape}: (M, 3) with M >= 2 is needed")
         legs = len(points) - 1
         for name, array, length, lowest in (
             ("speeds_mps", self.speeds_mps, legs, 0.1),
@@ -32,12 +32,12 @@ class FlightPath:
         ):
             values = np.asarray(array, dtype=np.float64)
             if values.shape != (length,):
-                raise PathError(f"path {name} has shape {values.shape}: ({length},) is needed")
+                raise InputError(f"path {name} has shape {values.shape}: ({length},) is needed")
             if not np.all(values >= lowest):
-                raise PathError(f"path {name} = {values.min():g}: at least {lowest:g} is needed")
+                raise InputError(f"path {name} = {values.min():g}: at least {lowest:g} is needed")
             object.__setattr__(self, name, frozen(values))
         if not np.all(np.isfinite(points)):
-            raise PathError("path points hold numbers that are not finite")
+            raise InputError("path points hold numbers that are not finite")
         object.__setattr__(self, "points_ned_m", frozen(points))
 
 

@@ -3,7 +3,7 @@
 import math
 from statistics import pstdev
 
-from flightdyn.errors import FlightInputError
+from aerofed_errors import InputError
 from flightdyn.frames import Triple
 from flightdyn.inertial import Earth, NavState
 from flightdyn.instruments import Readings
@@ -42,11 +42,11 @@ class InertialNavigation:
         self._clock = clock = plant.clock
         filter_ticks = clock.ticks(FILTER_STEP_S, what="physics_hz does not fit: a filter step")
         if filter_ticks % plant.interval:
-            raise FlightInputError(
+            raise InputError(
                 f"guidance_interval_s does not go into the filter step of {FILTER_STEP_S:g} s"
             )
         if clock.ticks(config.mag.interval_s, what="sensors.mag.interval_s") % filter_ticks:
-            raise FlightInputError(
+            raise InputError(
                 f"sensors.mag.interval_s = {config.mag.interval_s:g} is not a whole number of "
                 f"filter steps of {FILTER_STEP_S:g} s"
             )
@@ -84,7 +84,7 @@ class InertialNavigation:
                 fields += 1
             self.gnss = sensors.fix() or self.gnss
         if self.gnss is None:
-            raise FlightInputError("the alignment is too short for a GNSS solution")
+            raise InputError("the alignment is too short for a GNSS solution")
         align = Alignment(
             rates=(sums[0], sums[1], sums[2]),
             specific_force=(sums[3], sums[4], sums[5]),

@@ -10,8 +10,9 @@ import os
 from collections.abc import Callable
 from pathlib import Path
 
+from aerofed_errors import InputError
 from flightdyn.config import WindConfig
-from flightdyn.errors import AirframeError, ModelDivergedError
+from flightdyn.errors import ModelDivergedError
 from flightdyn.frames import (
     LocalFrame,
     Quaternion,
@@ -50,7 +51,7 @@ def _load(fdm: "jsbsim.FGFDMExec", name: str) -> None:
     finally:
         jsbsim.set_logger(before)
     if not loaded:
-        raise AirframeError(f"JSBSim cannot load {name} from {_ROOT}")
+        raise InputError(f"JSBSim cannot load {name} from {_ROOT}")
 
 
 def _still(value: float) -> Getter:
@@ -71,7 +72,7 @@ class Multirotor:
     ) -> None:
         """Start at rest on the ground at the origin of `frame`; `seed` feeds the turbulence.
 
-        Raises AirframeError where the airframe's files are incomplete.
+        Raises InputError where the airframe's files are incomplete.
         """
         self.airframe: Airframe = QUAD_X
         self._dt_s = dt_s
@@ -127,7 +128,7 @@ class Multirotor:
         self._set("ic/h-sl-ft", self.airframe.rest_height_m / FT_M)
         self._set("ic/psi-true-rad", heading_rad)
         if not self._fdm.run_ic():
-            raise AirframeError(f"JSBSim cannot start {self.airframe.name} at rest")
+            raise InputError(f"JSBSim cannot start {self.airframe.name} at rest")
 
     def _weather(self, wind: WindConfig, seed: int) -> None:
         self._set("simulation/randomseed", float(seed % 2**31))
@@ -147,7 +148,7 @@ class Multirotor:
     def _node(self, name: str) -> "jsbsim.FGPropertyNode":
         node = self._fdm.get_property_manager().get_node(name)
         if node is None:  # get_node makes none
-            raise AirframeError(f"JSBSim has no property {name!r} for {self.airframe.name}")
+            raise InputError(f"JSBSim has no property {name!r} for {self.airframe.name}")
         return node
 
     def _getter(self, name: str) -> Getter:
@@ -205,7 +206,9 @@ class Multirotor:
         """Raise ModelDivergedError where the height above ground is no longer a sane number."""
         height = self._height()
         if not abs(height) < _ABSURD_FT:  # NaN is not less either
-            raise ModelDivergedError(f"height above ground is {height * FT_M:g} m")
+            raise ModelDivergedError(
+                f"the simulated aircraft failed: height above ground is {height * FT_M:g} m"
+            )
 
     def watch_ground(self) -> bool:
         """Switch ground contacts on near the ground, else off, which saves a fifth of the time.

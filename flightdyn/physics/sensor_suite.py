@@ -15,7 +15,7 @@ class SensorSuite:
     def __init__(
         self, config: SensorsConfig, vehicle: Multirotor, clock: SimClock, streams: RandomStreams
     ) -> None:
-        """Raises FlightInputError where an interval is no whole number of ticks."""
+        """Raises InputError where an interval is no whole number of ticks."""
         self.config = config
         self._vehicle = vehicle
         self._clock = clock

@@ -8,8 +8,8 @@ from xml.etree import ElementTree as ET
 
 import numpy as np
 
-from fl.errors import did_you_mean
-from fl.errors import told as printable
+from aerofed_errors import did_you_mean
+from aerofed_errors import told as printable
 from mission.analysis.compare import RunComparison
 from mission.analysis.measure import Measured
 from mission.analysis.numbers import Comparison, Made, Told

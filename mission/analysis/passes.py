@@ -29,7 +29,6 @@ from mission.flight.missions.mission_path import (
 from mission.log.values import NS_PER_S, ROVER, FlightData, PlannedPlaces, Track
 from sitl.autopilot.codec.orders import MissionItem
 from sitl.autopilot.flying.route import repeats
-from sitl.errors import SitlInputError
 
 PLAN_FILE = "plan file"  # metadata of a log: the file that its mission was read from
 _MISSION = ("MISSION", "AUTO")  # what autopilots call the mode that flies a mission
@@ -104,7 +103,7 @@ def judged(path: object, data: FlightData, given: Plan | None) -> Judged:
     fence = data.fence
     try:
         fence = fence or item_zones(lists[-1] if lists else (), data.area)
-    except SitlInputError as error:
+    except InputError as error:
         left_out[str(error)] += 1
     places = {
         int(seq): point

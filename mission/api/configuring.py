@@ -72,8 +72,8 @@ def channel(
     Raises:
         InputError: an unknown preset or constant, or one out of range.
     """
+    from aerofed_errors import SettingError
     from fl.config import ChannelConfig
-    from fl.errors import SettingError
     from mission.base.explain import Blame, explained
 
     given = {"preset": preset, **constants}

@@ -24,7 +24,6 @@ from mission.flight.missions.plan_file import PlanFile, read_plan_file
 from mission.flight.pilot.connection import connect
 from mission.flight.serve.hosted_firmware import FirmwareHost
 from mission.flight.serve.hosts import LOOK_S, BuiltIn, State, enu, pymavlink_client
-from mission.flight.simulated import of_a_vehicle
 
 T = TypeVar("T")
 
@@ -103,10 +102,9 @@ class SimulatedVehicle:
             self._loop.close()
 
     async def _live(self, opened: "asyncio.Future[None]") -> None:
-        with of_a_vehicle():
-            async with self._host.alive():
-                opened.set_result(None)
-                await self._ended.wait()
+        async with self._host.alive():
+            opened.set_result(None)
+            await self._ended.wait()
 
     def _in_thread(self, work: Coroutine[Any, Any, T]) -> T:
         """Do `work` in the vehicle's thread; an interruption cancels it, and waits for its end."""

@@ -2,7 +2,14 @@
 
 import re
 from collections.abc import Mapping, Sequence
-from typing import Any, Self
+from typing import Any
+
+from aerofed_errors import AerofedError as AerofedError
+from aerofed_errors import FlightError as FlightError
+from aerofed_errors import InputError as InputError
+from aerofed_errors import LinkLostError as LinkLostError
+from aerofed_errors import TrainingError as TrainingError
+from aerofed_errors import UsersCodeError as UsersCodeError
 
 LIMITS_NOT_MET = 6
 DIFFERENT = 7
@@ -35,47 +42,14 @@ def several(name: str) -> str:
     return f"; {words}" if asks else ""
 
 
-class AerofedError(Exception):
-    """Root of the application's errors; the message is one clear line for the user."""
-
-    exit_code = 1
-
-    def in_words(self, text: str) -> Self:
-        """The same error with another message, to be raised `from` its `__cause__`.
-
-        It keeps the traceback.
-        """
-        other = self.__new__(type(self), text)
-        vars(other).update(vars(self))
-        return other.with_traceback(self.__traceback__)
-
-
-class UsersCodeError(AerofedError):
-    """A researcher's own code raised something, which is the `__cause__`, or broke a rule."""
-
-    exit_code = 2
-
-
 class CallbackError(UsersCodeError):
     """A callback failed; the run can be resumed once it is fixed, as callbacks alter no run."""
-
-
-class InputError(AerofedError):
-    """The user's input is wrong: configuration, data, files, folders."""
-
-    exit_code = 2
 
 
 class PlanError(AerofedError):
     """No feasible plan."""
 
     exit_code = 3
-
-
-class FlightError(AerofedError):
-    """The vehicle refused an order or did not finish it."""
-
-    exit_code = 4
 
 
 class LimitsNotMetError(AerofedError):
@@ -86,15 +60,3 @@ class LimitsNotMetError(AerofedError):
     def __init__(self, message: str, verdicts: Sequence[Any] = ()) -> None:
         super().__init__(message)
         self.verdicts = tuple(verdicts)
-
-
-class TrainingError(AerofedError):
-    """Training failed, for example diverged; a retry does not help, another setting may."""
-
-    exit_code = 4
-
-
-class LinkLostError(AerofedError):
-    """The link could not be opened, or the vehicle fell silent."""
-
-    exit_code = 5

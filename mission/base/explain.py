@@ -10,7 +10,7 @@ from typing import Literal, TypeAlias, get_args, get_origin
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails, PydanticUndefined
 
-from fl.errors import did_you_mean, told
+from aerofed_errors import did_you_mean, told
 from mission.base.errors import InputError, several
 
 _LONG = 60  # characters of a value that are shown

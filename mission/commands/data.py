@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from cyclopts import Parameter
 from rich.progress import BarColumn, DownloadColumn, Progress, TaskID, TextColumn
 
-from mission.base.errors import InputError, LinkLostError
+from mission.base.errors import InputError
 from mission.base.terminal import PLAIN, Terminal
 from mission.commands.options import Json, print_json
 
@@ -32,7 +32,6 @@ def fetch(folder: Path, *, task: Tasks = ("mnist", "cifar10"), as_json: Json = F
         Print the files' paths as a JSON list.
     """
     from fl.data.fetch import fetch as download
-    from fl.errors import FetchError, SettingError
 
     console = Terminal(**PLAIN)
     done: list[Path] = []
@@ -52,12 +51,7 @@ def fetch(folder: Path, *, task: Tasks = ("mnist", "cifar10"), as_json: Json = F
             bar.update(shown[name], completed=done, total=total)
 
         for name in task:
-            try:
-                paths = download(name, folder, progress=progress)
-            except FetchError as error:
-                raise LinkLostError(str(error)) from None
-            except SettingError as error:
-                raise InputError(str(error)) from None
+            paths = download(name, folder, progress=progress)
             done += paths
             for path in () if as_json else paths:
                 console.print(path)

@@ -6,7 +6,7 @@ import re
 from pathlib import Path
 from typing import Literal
 
-from mission.base.errors import InputError, LinkLostError
+from mission.base.errors import InputError
 from mission.base.terminal import PLAIN, Terminal
 from mission.base.user_files import cache_folder
 
@@ -44,7 +44,7 @@ def fetch(
     folder
         Where to put it. Default: aerofed/firmware in XDG_CACHE_HOME, or in ~/.cache.
     """
-    from fl.errors import one_line
+    from aerofed_errors import one_line
 
     if not re.fullmatch(r"\d+(\.\d+)+|stable|beta|latest", version, re.ASCII):
         raise InputError(f"--version {one_line(version)}: such as 4.6.3, or stable, beta, latest")
@@ -97,7 +97,6 @@ def list_(*, folder: Path | None = None) -> int:
 def _download(path: Path, version: str, wanted: str | None, site: str) -> str:
     """Put the file in place, and its checksum beside it, which is returned."""
     from fl.data.fetch import download
-    from fl.errors import FetchError
     from sitl.firmware.ardupilot_launch import NAME
 
     published = version if version.isalpha() else f"stable-{version}"
@@ -114,8 +113,6 @@ def _download(path: Path, version: str, wanted: str | None, site: str) -> str:
         found = download(url, path, checksum=wanted, sum_of=checked, mode=0o755)
         path.with_suffix(_SUM).write_text(f"{found}  {path.name}\n")
         return found
-    except FetchError as error:
-        raise LinkLostError(str(error)) from None
     except OSError as error:
         raise InputError(f"{path}: cannot be written: {error.strerror}") from None
 

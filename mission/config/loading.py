@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, get_args
 
-from fl.errors import did_you_mean, told
+from aerofed_errors import did_you_mean, told
 from fl.plugin_code import register
 from mission.base.errors import InputError
 from mission.base.explain import Blame, explained, refusal, shown

@@ -227,12 +227,11 @@ class LinkConfig(Table):
     def _links(cls, urls: tuple[str, ...]) -> tuple[str, ...]:
         if urls:
             # Imported here: asyncio is half of what reading a configuration takes.
-            from sitl.errors import LinkError
             from sitl.links import network_link
         for url in urls:
             try:
                 network_link(url)
-            except LinkError as error:
+            except InputError as error:
                 raise ValueError(f"{error}; it must be {NETWORK_FORMS}") from None
         return urls
 

@@ -8,15 +8,15 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from aerofed_errors import SettingError
 from fl.config import ALGORITHMS, BELIEFS, BUILT_IN_NETWORKS, PARTITIONS, RADIOS, TASKS
 from fl.data.load import CLASSES, load, needs_files
 from fl.data.partition import check_owners
-from fl.errors import DataMissingError, SettingError
+from fl.errors import DataMissingError
 from fl.plugin_code import digest_of, is_plugin
 from fl.plugins import needs_torch, problem_of
 from mission.base.errors import InputError
 from mission.base.explain import WrongKey
-from mission.base.user_code import errors_of_learning
 from mission.base.user_files import read_text
 from mission.config import STRATEGIES
 from sitl.autopilot.parameters import problems_of
@@ -86,12 +86,8 @@ def signing_key(path: Path) -> bytes:
         InputError: the file cannot be read, or the phrase is too short.
     """
     from sitl.autopilot.codec.wire import key_of
-    from sitl.errors import SitlInputError
 
-    try:
-        return key_of(read_text(path).strip())
-    except SitlInputError as error:
-        raise InputError(str(error)) from None
+    return key_of(read_text(path).strip())
 
 
 def _owners(community: "CommunityConfig") -> SettingError | None:
@@ -111,14 +107,13 @@ def load_data(config: "RunConfig", data_dir: Path | None) -> None:
     Raises:
         InputError: one is missing or damaged.
     """
-    with errors_of_learning():
-        for index, community in enumerate(config.communities):
-            task, file = community.task, community.data_file
-            try:
-                if needs_files(task):
-                    load(task, data_dir=data_dir, data_file=file, community=index)
-            except DataMissingError as error:
-                raise InputError(f"{error}{_others(config, index, data_dir)}") from None
+    for index, community in enumerate(config.communities):
+        task, file = community.task, community.data_file
+        try:
+            if needs_files(task):
+                load(task, data_dir=data_dir, data_file=file, community=index)
+        except DataMissingError as error:
+            raise InputError(f"{error}{_others(config, index, data_dir)}") from None
 
 
 def _others(config: "RunConfig", index: int, data_dir: Path | None) -> str:

@@ -33,8 +33,8 @@ from mcap.stream_reader import StreamReader, breakup_chunk
 from mcap.writer import LIBRARY_IDENTIFIER, MCAP0_MAGIC, Writer
 from mcap_protobuf.decoder import DecoderFactory
 
-from flightdyn.errors import FlightInputError
 from mission.base.area import Area
+from mission.base.errors import InputError
 from mission.base.run_folder import write_atomically
 from mission.base.user_files import DATA_BYTES, read_bytes, taken_by
 from mission.log import SPOILT, DamagedLogError, ForeignLogError, LogError
@@ -107,7 +107,7 @@ class Contents:
             )
         try:
             return area_from_text(ours)
-        except (*SPOILT, FlightInputError) as error:
+        except (*SPOILT, InputError) as error:
             raise ForeignLogError(self.path, f"`aerofed` metadata without {error}") from None
 
     def schema(self, topic: str) -> Schema:

@@ -447,7 +447,7 @@ def area_from_text(values: Mapping[str, str]) -> Area:
 
     Raises:
         KeyError, TypeError, ValueError: a key is missing or not what it should be.
-        FlightInputError: home is nowhere.
+        InputError: home is nowhere.
     """
     (width, height), (x, y), home = (
         json.loads(values[key]) for key in ("size_m", "home_m", "home")

@@ -1,7 +1,7 @@
 """Factory of planners: the one that the configuration's `kind` names."""
 
+from fl.plugins import PlugIn
 from mission.base.errors import PlanError
-from mission.base.user_code import OwnCode
 from mission.planner.altitudes import CertifiedAltitudes, SampledAltitudes
 from mission.planner.certified import CertifiedPlanner, ExploringPlanner
 from mission.planner.check import check_plan
@@ -45,7 +45,7 @@ def _of_kind(config: PlannerConfig) -> Planner:
     return PaperPlanner(literal=config.kind == "paper_literal")
 
 
-class CustomPlanner(OwnCode):
+class CustomPlanner(PlugIn):
     """A researcher's own planner, every plan of which is checked."""
 
     setting = "planner.factory"

@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import Protocol, Self
 
 from fl.federation.rounds import RoundLearning
+from fl.plugins import PlugIn
 from mission.base.errors import CallbackError, UsersCodeError
-from mission.base.user_code import OwnCode
 from mission.config.models import RunConfig
 from mission.log.records import RoundRecord, UplinkRecord
 
@@ -40,7 +40,7 @@ class Callback(Protocol):
         """Clean up at the end of the run, however it ended; no round follows."""
 
 
-class CustomCallback(OwnCode):
+class CustomCallback(PlugIn):
     """A researcher's own callback. One that fails ends the run with its name."""
 
     setting = "callbacks"

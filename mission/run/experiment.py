@@ -14,7 +14,6 @@ from mission.base.interrupts import in_background
 from mission.base.record_file import RecordFile
 from mission.base.stopwatch import Stopwatch
 from mission.base.tables import count
-from mission.base.user_code import errors_of_learning
 from mission.log.records import UNKNOWN_ROUND, RoundRecord, UplinkRecord
 from mission.run.budget import RunTotals
 from mission.run.callbacks import RoundReport
@@ -63,8 +62,7 @@ class Experiment(ABC):
         """
         federation = self.scenario.federation
         # A resumed run has the last round's models, and records the first ones again.
-        with errors_of_learning():
-            state = self.state if self.state.rounds == 0 else learning.init(federation)
+        state = self.state if self.state.rounds == 0 else learning.init(federation)
         untrained = learning.untrained(federation, state)
         self.totals.untrained = dict(untrained.accuracy)
         self.recorder.learnt(0, untrained)
@@ -113,7 +111,7 @@ class Experiment(ABC):
     ) -> learning.RoundLearning:
         self._show("training")
         state, federation = self.state, self.scenario.federation
-        with self.stopwatch("learn"), errors_of_learning():
+        with self.stopwatch("learn"):
             # Heartbeats go on; simulated time stands still.
             self.state, learnt = await in_background(
                 learning.play_round, federation, state, who, workers=self.workers, early=early

@@ -14,7 +14,6 @@ from fl.radio.learned import Heard
 from mission.base.arrays import Bools, Floats
 from mission.base.errors import FlightError, LinkLostError
 from mission.base.interrupts import BACKGROUND, in_background
-from mission.base.user_code import errors_of_learning
 from mission.flight.flyers.base import CHARGED, Attached, Flyer
 from mission.flight.missions.geofence import airspace_rings, fence_items
 from mission.flight.missions.round_mission import FlightPlan, flight_of_round
@@ -293,8 +292,7 @@ class FlownExperiment(Experiment):
                 flown.used_j += (
                     part.foreseen(flyer.performance).energy_j if unknown else flight.energy_j
                 )
-                with errors_of_learning():
-                    served = self._served(flown, part)
+                served = self._served(flown, part)
                 flown.served += served
                 self._listen(flight, len(flown.flights), plan)
                 lost = not all(item.delivered for item in served)

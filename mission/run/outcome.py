@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from fl.errors import first_line, told
+from aerofed_errors import first_line, told
 from mission.base.errors import (
     AerofedError,
     CallbackError,

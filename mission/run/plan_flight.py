@@ -30,7 +30,6 @@ from mission.flight.missions.plan_check import PlannedPath, nowhere, placed, pla
 from mission.flight.missions.plan_file import PlanFile, checked_home, read_plan_file
 from mission.flight.missions.round_mission import Demand
 from mission.flight.pilot.parameters import VehicleLimits
-from mission.flight.simulated import of_settings
 from mission.log.export import csv_table, tables
 from mission.log.live import LiveView, live_views
 from mission.log.values import NOBODY, PlanRecord
@@ -230,9 +229,8 @@ def _order(config: RunConfig, plan: PlanFile, speeds: Mapping[str, float] | None
         home = checked_home(plan.path, first.x, first.y, name=name)
     if math.isnan(home.alt_msl_m):
         home = replace(home, alt_msl_m=config.area.home_alt_msl_m)
-    with of_settings():
-        parameters = parameters_of(config.vehicle)
-        parameters.apply(speeds or {}, "the vehicle's parameters")
+    parameters = parameters_of(config.vehicle)
+    parameters.apply(speeds or {}, "the vehicle's parameters")
     for fault in config.vehicle.aircraft.faults:
         if isinstance(fault.after, int) and fault.after >= len(plan.items):
             raise InputError(

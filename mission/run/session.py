@@ -14,7 +14,6 @@ from fl.radio.city import STREET_M
 from mission.base.errors import InputError
 from mission.base.interrupted_files import InterruptedFiles
 from mission.base.run_folder import RunFolder, write_atomically
-from mission.base.user_code import errors_of_learning
 from mission.config.loading import load_config
 from mission.config.models import RunConfig
 from mission.config.preflight import code_digests
@@ -57,10 +56,9 @@ def fly_session(
             folder = opened.enter_context(RunFolder.taken(path))
             backend.await_vehicle(say=console.say)
             live = opened.enter_context(live_views(console))
-            with errors_of_learning():
-                state = learning.init(scenario.federation)
-                callbacks = make_callbacks(CallbackContext(folder.path, config))
-                opened.enter_context(callbacks)
+            state = learning.init(scenario.federation)
+            callbacks = make_callbacks(CallbackContext(folder.path, config))
+            opened.enter_context(callbacks)
             checkpoint = CheckpointFolder(
                 folder.checkpoint, config=config, data_dir=data_dir, report=bool(around.page)
             )

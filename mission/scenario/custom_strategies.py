@@ -5,11 +5,11 @@ from typing import Protocol, runtime_checkable
 
 import numpy as np
 
+from fl.plugins import PlugIn
 from mission.base.area import Area
 from mission.base.arrays import Floats, Ints
 from mission.base.errors import PlanError
 from mission.base.explain import shown
-from mission.base.user_code import OwnCode
 from mission.config.models import MissionConfig
 from mission.planner.check import check_plan
 from mission.planner.errors import InfeasiblePlanError, PlanInputError
@@ -58,7 +58,7 @@ class ImportanceStrategy(Protocol):
         """Return importance (K,), finite, 0 or more, by `info` alone: so runs can be resumed."""
 
 
-class CustomStrategy(OwnCode):
+class CustomStrategy(PlugIn):
     """A researcher's own strategy, whose answers are checked where they are made."""
 
     setting = "mission.strategy"

@@ -6,6 +6,7 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 
 from fl.config import RADIOS
+from fl.plugins import PlugIn
 from fl.radio import waves
 from fl.radio.channel import Channel
 from fl.radio.city import City
@@ -16,7 +17,6 @@ from fl.radio.radio_map import RadioMap
 from flightdyn.random import RandomStreams
 from mission.base.area import Area
 from mission.base.arrays import Floats
-from mission.base.user_code import OwnCode
 from mission.config.area import HEIGHT_MARGIN_M
 from mission.config.models import RunConfig
 from mission.scenario.radio_maps import home_of, read_map
@@ -26,7 +26,7 @@ _LEAST_CELL_M, _MOST_CELLS = 5.0, 320  # of what is believed, along the longer s
 
 
 @dataclass(frozen=True)
-class CustomBelief(OwnCode):
+class CustomBelief(PlugIn):
     """A researcher's own belief, whose rates are checked."""
 
     setting = "radio.belief"
@@ -47,7 +47,7 @@ def radio_of(
 
     Raises:
         InputError: a device stands where it must not, or the map is not of this run.
-        PluginError: a radio of the user's own cannot be made.
+        UsersCodeError: a radio of the user's own cannot be made.
     """
     truth = config.radio.truth
     if truth == "channel":

@@ -27,7 +27,6 @@ from mission.base.arrays import Floats, Ints
 from mission.base.errors import InputError
 from mission.base.explain import WrongKey
 from mission.base.tables import count, csv_lines
-from mission.base.user_code import errors_of_learning
 from mission.config import STRATEGIES
 from mission.config.models import RunConfig
 from mission.config.polygons import check_start
@@ -352,13 +351,12 @@ def build_scenario(config: RunConfig, *, data_dir: Path | None) -> Scenario:
     budget = budget_of(config, performance)
     devices_m = device_places(config, area, streams)
     config = with_traced_map(config, devices_m)
-    with errors_of_learning():
-        channel = config.channel.channel(altitude_m=config.mission.heights_m[0])
-        radio = radio_of(config, channel, area, devices_m, streams)
-        per_grid, listener = believed(config, channel, radio, area, devices_m)
-        federation = build_federation(
-            config.communities, config.learning, data_dir=data_dir, stream=streams.generator
-        )
+    channel = config.channel.channel(altitude_m=config.mission.heights_m[0])
+    radio = radio_of(config, channel, area, devices_m, streams)
+    per_grid, listener = believed(config, channel, radio, area, devices_m)
+    federation = build_federation(
+        config.communities, config.learning, data_dir=data_dir, stream=streams.generator
+    )
     config.refuse(_too_slow(config, federation.upload_bits))
     mission, planner = config.mission, make_planner(config.planner)
     limits = round_limits(mission, performance, left=UNLIMITED)

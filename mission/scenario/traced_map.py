@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from fl.errors import did_you_mean, first_line
+from aerofed_errors import did_you_mean, first_line
 from fl.radio.radio_map import RadioMap
 from mission.base.arrays import Floats
 from mission.base.errors import InputError

@@ -14,7 +14,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from fl.errors import first_line
+from aerofed_errors import first_line
 from mission.base.arrays import Floats
 from mission.base.errors import InputError
 from mission.base.run_folder import RunFolder, RunSummary, write_atomically

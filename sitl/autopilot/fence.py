@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pymavlink.dialects.v20 import common as mav
 
+from aerofed_errors import InputError
 from flightdyn.frames import LocalFrame
 from flightdyn.obstacles import Obstacles
 from flightdyn.outlines import flaw
@@ -17,7 +18,6 @@ from flightdyn.state import Vector
 from sitl.autopilot.codec import ranges
 from sitl.autopilot.codec.orders import MissionItem
 from sitl.autopilot.parameters import Parameters
-from sitl.errors import SitlInputError
 
 _INCLUSIONS = frozenset(
     {mav.MAV_CMD_NAV_FENCE_POLYGON_VERTEX_INCLUSION, mav.MAV_CMD_NAV_FENCE_CIRCLE_INCLUSION}
@@ -39,7 +39,7 @@ class Circle:
 Shape: TypeAlias = Circle | Vector  # of a polygon the corners (M, 2), either way round
 
 
-class FenceError(SitlInputError):
+class FenceError(InputError):
     """Items make no fence; `result` is their MAV_MISSION_RESULT."""
 
     def __init__(self, text: str, result: int) -> None:

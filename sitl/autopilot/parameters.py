@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from difflib import get_close_matches
 from pathlib import Path
 
+from aerofed_errors import InputError
 from sitl.config import VehicleConfig
-from sitl.errors import SitlInputError
 
 
 @dataclass(frozen=True, slots=True)
@@ -139,11 +139,11 @@ class Parameters:
         """Set all of `values`, or none.
 
         Raises:
-            SitlInputError: a name or value is not acceptable; says which, and what is.
+            InputError: a name or value is not acceptable; says which, and what is.
         """
         for name, value in values.items():
             if why := refusal(name, value):
-                raise SitlInputError(f"{origin}: {name} = {value:g}: {why}")
+                raise InputError(f"{origin}: {name} = {value:g}: {why}")
         self._values.update({name: SPECS[name].stored(value) for name, value in values.items()})
 
     def set(self, name: str, value: float) -> bool:
@@ -196,7 +196,7 @@ def problems_of(vehicle: VehicleConfig) -> Iterator[tuple[str, object, str]]:
         else:
             try:
                 parameters.apply(load_parameters(path), str(path))
-            except SitlInputError as error:
+            except InputError as error:
                 yield "parameter_file", str(path), str(error)
     for name, value in vehicle.parameters.items():
         if why := refusal(name, value):
@@ -210,12 +210,12 @@ def load_parameters(path: Path) -> dict[str, float]:
     "system component NAME VALUE type". Text after # is a comment.
 
     Raises:
-        SitlInputError: the file cannot be read, or a line is neither.
+        InputError: the file cannot be read, or a line is neither.
     """
     try:
         lines = path.read_text(encoding="utf-8").splitlines()
     except (OSError, UnicodeDecodeError) as error:
-        raise SitlInputError(f"{path}: cannot be read: {error}") from None
+        raise InputError(f"{path}: cannot be read: {error}") from None
     values: dict[str, float] = {}
     for number, line in enumerate(lines, start=1):
         words = line.replace(",", " ").split("#")[0].split()
@@ -227,7 +227,7 @@ def load_parameters(path: Path) -> dict[str, float]:
                 raise ValueError
             values[name] = float(value)
         except ValueError:
-            raise SitlInputError(
+            raise InputError(
                 f"{path}, line {number}: {line.strip()!r} is no 'NAME VALUE'"
             ) from None
     return values
@@ -237,7 +237,7 @@ def save_parameters(path: Path, values: Mapping[str, float]) -> None:
     """Write all values as "NAME VALUE" with unit and meaning beside them; whole or not at all.
 
     Raises:
-        SitlInputError: the file cannot be written.
+        InputError: the file cannot be written.
     """
     lines = ["# Parameters of the Aerofed autopilot"]
     for name, value in values.items():
@@ -249,4 +249,4 @@ def save_parameters(path: Path, values: Mapping[str, float]) -> None:
         temporary.write_text("\n".join(lines) + "\n", encoding="utf-8")
         temporary.replace(path)
     except OSError as error:
-        raise SitlInputError(f"{path}: cannot be written: {error}") from None
+        raise InputError(f"{path}: cannot be written: {error}") from None

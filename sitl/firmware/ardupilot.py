@@ -39,7 +39,7 @@ class ArduPilotBridge(Bridge):
     """
 
     def __init__(self, plant: Plant, *, port: int = DEFAULT_PORT) -> None:
-        """Raises SitlInputError where the plant has no sensors."""
+        """Raises InputError where the plant has no sensors."""
         self._json = Json(answered=-1, length=-1)  # what goes between ArduPilot and here
         super().__init__(plant, self._json, port)
         self._baro_error_m = 0.0

@@ -18,7 +18,7 @@ def ardupilot_launch(options: LaunchOptions, plant: Plant) -> Launch:
     """Open a bridge on a free port and prepare ArduCopter for it.
 
     Raises:
-        LinkError: no port can be had.
+        LinkLostError: no port can be had.
         FirmwareSilentError: see `check_arducopter`.
     """
     binary = options.vehicle.firmware.path

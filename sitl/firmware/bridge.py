@@ -4,8 +4,8 @@ import socket
 import struct
 from abc import ABC, abstractmethod
 
+from aerofed_errors import InputError, LinkLostError
 from flightdyn.plant import Plant
-from sitl.errors import LinkError, SitlInputError
 from sitl.firmware.native.library import Stepped, Structure
 
 # Wall time that a firmware may take for a tick. On a busy machine it takes long for one now and
@@ -22,10 +22,10 @@ class Bridge(ABC):
         """`link` is the C structure of what is exchanged with the firmware.
 
         Raises:
-            SitlInputError: the plant has no sensors.
+            InputError: the plant has no sensors.
         """
         if plant.sensors is None:
-            raise SitlInputError(
+            raise InputError(
                 "aircraft.sensors.kind = 'perfect': a firmware flies on sensors of its own kind "
                 "and takes readings without noise for broken ones; it must be 'realistic'"
             )
@@ -50,7 +50,7 @@ class Bridge(ABC):
         """Listen for the firmware.
 
         Raises:
-            LinkError: the port cannot be had.
+            LinkLostError: the port cannot be had.
         """
 
     @abstractmethod
@@ -78,7 +78,7 @@ def bound(kind: socket.SocketKind, port: int) -> socket.socket:
     """A socket on the loopback interface; port 0 takes a free one.
 
     Raises:
-        LinkError: the port cannot be had; the message names it.
+        LinkLostError: the port cannot be had; the message names it.
     """
     sock = socket.socket(socket.AF_INET, kind)
     try:
@@ -89,7 +89,8 @@ def bound(kind: socket.SocketKind, port: int) -> socket.socket:
     except OSError as error:
         sock.close()
         name = "TCP" if kind is socket.SOCK_STREAM else "UDP"
-        raise LinkError(f"{name} port {port}: cannot be had: {error.strerror or error}") from None
+        why = error.strerror or error
+        raise LinkLostError(f"{name} port {port}: cannot be had: {why}") from None
     return sock
 
 

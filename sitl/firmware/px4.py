@@ -34,7 +34,7 @@ class Px4Bridge(Bridge):
         """`lock` is a descriptor that is closed with the bridge.
 
         Raises:
-            SitlInputError: the plant has no sensors.
+            InputError: the plant has no sensors.
         """
         self._hil = Hil()  # what goes between PX4 and here
         super().__init__(plant, self._hil, port)

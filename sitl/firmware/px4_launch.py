@@ -6,10 +6,11 @@ import os
 import shlex
 from pathlib import Path
 
+from aerofed_errors import LinkLostError
 from flightdyn.config import LimitsConfig
 from flightdyn.physics.airframe.parameters import Airframe
 from flightdyn.plant import Plant
-from sitl.errors import FirmwareSilentError, LinkError
+from sitl.errors import FirmwareSilentError
 from sitl.firmware.launch import HOVER_THRUST, THRUST_CURVE, Launch, LaunchOptions, check_binary
 from sitl.firmware.px4 import DEFAULT_PORT, Px4Bridge
 
@@ -46,7 +47,7 @@ def px4_launch(options: LaunchOptions, plant: Plant) -> Launch:
     """Open a bridge for a free PX4 instance and prepare PX4 for it.
 
     Raises:
-        LinkError: no instance is free.
+        LinkLostError: no instance is free.
         FirmwareSilentError: see `etc_of`.
     """
     binary = options.vehicle.firmware.path
@@ -100,12 +101,12 @@ def _free_instance(plant: Plant) -> tuple[int, Px4Bridge]:
         bridge = Px4Bridge(plant, port=DEFAULT_PORT + instance, lock=ours)
         try:
             bridge.open()
-        except LinkError:
+        except LinkLostError:
             bridge.close()
             continue
         return instance, bridge
     first, last = INSTANCES[0] + DEFAULT_PORT, INSTANCES[-1] + DEFAULT_PORT
-    raise LinkError(f"no TCP port from {first} to {last} is free for another PX4")
+    raise LinkLostError(f"no TCP port from {first} to {last} is free for another PX4")
 
 
 def _hold(path: str) -> int | None:

@@ -175,7 +175,7 @@ class Relay:
         """Open the links and begin.
 
         Raises:
-            LinkError: one cannot be opened; none is left open.
+            LinkLostError: one cannot be opened; none is left open.
         """
         async with AsyncExitStack() as opened:
             opened.callback(self._socket.close)

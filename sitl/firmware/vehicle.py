@@ -68,7 +68,7 @@ def plant_for(
     Under PX4 it has a better accelerometer, unless the configuration changes its IMU.
 
     Raises:
-        FlightInputError: an interval of the configuration is no whole number of ticks.
+        InputError: an interval of the configuration is no whole number of ticks.
     """
     aircraft = vehicle.aircraft
     changes: dict[str, object] = {"physics_hz": plant_rate_hz(vehicle)}
@@ -123,7 +123,7 @@ class FirmwareVehicle:
         """Open bridge, links and relay and start the firmware.
 
         Raises:
-            LinkError: a port or link cannot be had.
+            LinkLostError: a port or link cannot be had.
             FirmwareSilentError: the firmware cannot be started.
         """
         async with AsyncExitStack() as opened:

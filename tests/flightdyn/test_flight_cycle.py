@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 from flights import BREEZE, HOME, PERFECT, legs, make, path_along, run, take_off
 
+from aerofed_errors import InputError
 from flightdyn.aircraft import Aircraft
 from flightdyn.config import AircraftConfig, SensorsConfig, WindConfig
-from flightdyn.errors import FaultError, FlightInputError
+from flightdyn.errors import FaultError
 from flightdyn.faults import GnssOff, MotorLoss, WindBurst
 from flightdyn.frames import yaw_of
 from flightdyn.guidance.pursuit import Target
@@ -202,7 +203,7 @@ def test_sensor_faults_need_sensors() -> None:
 
 def test_orders_that_are_not_numbers_are_refused() -> None:
     aircraft = make()
-    with pytest.raises(FlightInputError, match="hold"):
+    with pytest.raises(InputError, match="hold"):
         aircraft.hold(np.array([0.0, np.nan, -5.0]), 0.0)
 
 
@@ -213,7 +214,7 @@ def test_rates_that_do_not_fit_are_refused() -> None:
         ({"sensors": {"mag": {"interval_s": 0.25}}}, "sensors.mag.interval_s"),
         ({"physics_hz": 300}, "300 Hz"),
     ):
-        with pytest.raises(FlightInputError, match=name):
+        with pytest.raises(InputError, match=name):
             Aircraft(AircraftConfig.model_validate(data), home=HOME, streams=RandomStreams(1))
 
 
@@ -251,7 +252,7 @@ def test_a_battery_is_exchanged_on_the_ground_only() -> None:
     for _ in range(2500):
         aircraft.step()
     assert aircraft.battery.consumed_mah > 0
-    with pytest.raises(FlightInputError, match="on the ground only"):
+    with pytest.raises(InputError, match="on the ground only"):
         aircraft.exchange_battery()
     aircraft.disarm()
     aircraft.exchange_battery()

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from flightdyn.errors import FlightInputError
+from aerofed_errors import InputError
 from flightdyn.frames import (
     LocalFrame,
     euler_from_quaternion,
@@ -48,7 +48,7 @@ def test_local_frame_is_that_of_pymap3d(
 
 
 def test_home_off_the_earth_is_refused() -> None:
-    with pytest.raises(FlightInputError, match="latitude 91"):
+    with pytest.raises(InputError, match="latitude 91"):
         LocalFrame(GeodeticPoint(91.0, 0.0, 0.0))
 
 

@@ -9,8 +9,8 @@ from typing import Any
 
 import pytest
 
+from aerofed_errors import InputError
 from native import building, loading
-from native.errors import LibraryError
 
 
 @pytest.fixture
@@ -56,9 +56,7 @@ def test_an_installed_library_needs_no_compiler(library, request):
 
 @pytest.mark.usefixtures("no_compiler")
 def test_without_a_compiler_one_line_says_what_helps(library):
-    with pytest.raises(
-        LibraryError, match=r"no C compiler .*: install one .* or `pip install"
-    ) as e:
+    with pytest.raises(InputError, match=r"no C compiler .*: install one .* or `pip install") as e:
         loading.load(library)
     assert "\n" not in str(e.value)
     assert list(library.folder.glob(".build-*")) == []
@@ -66,16 +64,14 @@ def test_without_a_compiler_one_line_says_what_helps(library):
 
 def test_a_source_that_does_not_compile_is_shown_with_what_the_compiler_says(library):
     (library.folder / "strapdown.h").write_text("no C\n")
-    with pytest.raises(LibraryError, match=r"strapdown\.h:1:1: error: "):
+    with pytest.raises(InputError, match=r"strapdown\.h:1:1: error: "):
         building.build(library)
     assert library.built == []
 
 
 def test_cc_names_the_only_compiler(monkeypatch, library):
     monkeypatch.setenv("CC", "/no/such/compiler -m64")
-    with pytest.raises(
-        LibraryError, match="CC=/no/such/compiler -m64: does not compile a C program"
-    ):
+    with pytest.raises(InputError, match="CC=/no/such/compiler -m64: does not compile a C program"):
         building.build(library)
     assert build_hook(monkeypatch).dependencies() == []
 

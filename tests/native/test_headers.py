@@ -14,11 +14,11 @@ from typing import Any
 import pytest
 from toolchains import EXERCISE, exercised
 
+from aerofed_errors import InputError
 from flightdyn.config import LimitsConfig
 from flightdyn.native.library import steering
 from flightdyn.native.ticks import FLIGHT
 from native import building, headers
-from native.errors import LibraryError
 
 COMMENT = re.compile(r"/\*.*?\*/", re.DOTALL)
 STRUCTURE = re.compile(r"typedef struct \{(.*?)^\} (\w+);", re.DOTALL | re.MULTILINE)
@@ -126,7 +126,7 @@ def test_python_follows_wherever_the_fields_lie(tmp_path):
 
 def test_an_array_in_another_order_than_in_c_is_refused():
     assert headers.columns(FLIGHT.Piece, "t0 p v a area") == 13
-    with pytest.raises(LibraryError, match=r"^Piece is t0 p v a area in C, t0 v p a area in P"):
+    with pytest.raises(InputError, match=r"^Piece is t0 p v a area in C, t0 v p a area in P"):
         headers.columns(FLIGHT.Piece, "t0 v p a area")
 
 
@@ -146,7 +146,7 @@ def test_values_have_names_and_only_those_of_c():
 )
 def test_c_of_another_form_is_not_guessed(tmp_path, member):
     (tmp_path / "odd.h").write_text(f"typedef struct {{\n    {member};\n}} Odd;\n")
-    with pytest.raises(LibraryError, match="C that is not read: "):
+    with pytest.raises(InputError, match="C that is not read: "):
         headers.declared(tmp_path / "odd.h")
 
 

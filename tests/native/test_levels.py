@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from toolchains import compile_all, compilers, exercised, others
 
+from aerofed_errors import InputError
 from flightdyn.native.library import Innovations
 from mission.cli import call
 from native import building, loading
-from native.errors import LibraryError
 
 POSSIBLE = list(building.levels())[: loading.load(building.LIBRARIES[0]).best_level() + 1]
 
@@ -40,13 +40,13 @@ def test_every_compiler_gives_the_same_bytes(expected, name, tmp_path):
 
 def test_a_level_that_is_not_there_is_refused_in_one_line(monkeypatch):
     monkeypatch.setenv(loading.LEVEL, "avx1024")
-    with pytest.raises(LibraryError, match="AEROFED_LEVEL=avx1024: this processor has ba"):
+    with pytest.raises(InputError, match="AEROFED_LEVEL=avx1024: this processor has ba"):
         loading.level(loading.load(building.LIBRARIES[0]))
 
 
 def test_the_command_line_says_so_without_a_traceback(monkeypatch, capsys):
     def refuse(*_, **__):
-        raise LibraryError("no library")
+        raise InputError("no library")
 
     monkeypatch.setattr("mission.commands.plan.load", refuse)
     assert call(["plan"]) == 2

@@ -12,8 +12,8 @@ from patience import HANG_S
 from pymavlink.dialects.v20 import common as mav
 from sitl_desk import Desk
 
+from aerofed_errors import InputError
 from sitl.autopilot.codec.wire import Seal, key_of
-from sitl.errors import SitlInputError
 from sitl.links import MOST_PEERS, UdpLink
 from sitl.pace import Simulation
 
@@ -232,6 +232,6 @@ def test_a_signed_link_obeys_and_answers_by_the_key(station: socket.socket) -> N
 
 
 def test_keys_are_pass_phrases() -> None:
-    with pytest.raises(SitlInputError, match="of 5 characters; at least 8"):
+    with pytest.raises(InputError, match="of 5 characters; at least 8"):
         key_of("short")
     assert key_of("a pass phrase") == KEY

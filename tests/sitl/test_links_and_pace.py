@@ -16,9 +16,9 @@ from pymavlink.dialects.v20 import common as mav
 from sitl_desk import Desk
 from sitl_mavsdk import HOME, Recorder, make_vehicle, until
 
+from aerofed_errors import LinkLostError
 from flightdyn.frames import LocalFrame
 from sitl.autopilot.codec.orders import MissionItem
-from sitl.errors import LinkError
 from sitl.links import FORGET_S, RawLink, UdpLink, _packed, network_link
 from sitl.pace import Runs, Simulation
 from sitl.vehicle import Vehicle
@@ -32,7 +32,7 @@ from sitl.vehicle import Vehicle
      "tcp://:5760", "tcpin:5760"],
 )  # fmt: skip
 def test_addresses_that_are_none(url: str) -> None:
-    with pytest.raises(LinkError, match="no address of a link"):
+    with pytest.raises(LinkLostError, match="no address of a link"):
         network_link(url)
 
 
@@ -43,10 +43,12 @@ def test_a_port_in_use_is_named_and_nothing_stays_open() -> None:
             port = taken.getsockname()[1]
             first = UdpLink("udpin://127.0.0.1:0")
             second = UdpLink(f"udpin://127.0.0.1:{port}")
-            with pytest.raises(LinkError, match=rf"udpin://127\.0\.0\.1:{port}: cannot be opened"):
+            with pytest.raises(
+                LinkLostError, match=rf"udpin://127\.0\.0\.1:{port}: cannot be opened"
+            ):
                 async with Simulation(Desk().vehicle, first, second):
                     pass
-            with pytest.raises(LinkError, match="not open"):
+            with pytest.raises(LinkLostError, match="not open"):
                 _ = first.port
 
     asyncio.run(run())
@@ -55,7 +57,7 @@ def test_a_port_in_use_is_named_and_nothing_stays_open() -> None:
 def test_a_host_without_address_is_named() -> None:
     async def run() -> None:
         link = UdpLink("udpout://no-such-host.invalid:14540")
-        with pytest.raises(LinkError, match=r"no-such-host\.invalid"):
+        with pytest.raises(LinkLostError, match=r"no-such-host\.invalid"):
             link.open(lambda: None)
 
     asyncio.run(run())
@@ -188,7 +190,7 @@ def test_what_a_firewall_answers_ends_nothing(monkeypatch: pytest.MonkeyPatch, n
             station.sendto(b"hello", ("127.0.0.1", link.port))
             assert link.receive() == [b"hello"]
         link.close()
-        with pytest.raises(LinkError, match="not open"):
+        with pytest.raises(LinkLostError, match="not open"):
             link.receive()
 
     asyncio.run(run())

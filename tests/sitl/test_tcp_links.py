@@ -15,8 +15,8 @@ from serving import free_port
 from sitl_desk import Desk
 from sitl_mavsdk import client, make_vehicle, until
 
+from aerofed_errors import LinkLostError
 from sitl.autopilot.codec.wire import Seal, whole_frames
-from sitl.errors import LinkError
 from sitl.links import MOST_PEERS, MOST_UNREAD, TcpLink
 from sitl.pace import Simulation
 
@@ -124,7 +124,7 @@ async def test_clients_come_and_go_and_so_many_are_taken() -> None:
         sock.close()
     link.close()
     link.close()
-    with pytest.raises(LinkError, match="not open"):
+    with pytest.raises(LinkLostError, match="not open"):
         _ = link.port
 
 
@@ -219,7 +219,9 @@ async def test_clients_hear_that_a_link_is_closed() -> None:
 async def test_a_port_in_use_is_named() -> None:
     link = listening()
     other = TcpLink(f"tcpin://127.0.0.1:{link.port}")
-    with pytest.raises(LinkError, match=rf"^tcpin://127\.0\.0\.1:{link.port}: cannot be opened: "):
+    with pytest.raises(
+        LinkLostError, match=rf"^tcpin://127\.0\.0\.1:{link.port}: cannot be opened: "
+    ):
         other.open(lambda: None)
     link.close()
 

@@ -13,13 +13,13 @@ from mission.base.area import Area
 from mission.base.errors import AerofedError, InputError
 from mission.config.models import MissionConfig
 from mission.flight.flyers.base import HOLD_TIMEOUT_S, Attached, Backend, Flyer, Task
+from mission.flight.ground_stations import station_links
 from mission.flight.missions.geofence import fence_of
 from mission.flight.missions.plan_check import PlannedPath
 from mission.flight.missions.plan_file import PlanFile
 from mission.flight.missions.round_mission import FlightPlan, mission_items, stop_items
 from mission.flight.pilot.connection import connect
 from mission.flight.pilot.pilot import Pilot
-from mission.flight.simulated import of_a_vehicle, of_settings, station_links
 from mission.flight.track import FlightRecorder, FlownTrack, TrackPoint
 from mission.log.values import Zone
 from mission.scenario.limits import guidance_of
@@ -36,8 +36,7 @@ def simulated_vehicle(config: VehicleConfig, *, area: Area, streams: RandomStrea
     Raises:
         InputError: the vehicle's settings are refused.
     """
-    with of_settings():
-        vehicle = Vehicle(config, home=area.home, streams=streams, obstacles=area.obstacles)
+    vehicle = Vehicle(config, home=area.home, streams=streams, obstacles=area.obstacles)
     if (action := vehicle.autopilot.parameters["NAV_DLL_ACT"]) != 0:
         raise InputError(
             f"vehicle.parameters.NAV_DLL_ACT = {action:g}: this failsafe goes by wall time, so a "
@@ -152,25 +151,22 @@ class BuiltInBackend(Backend):
         speed = math.inf if config.link.speed == "max" else config.link.speed
         raw_link = RawLink() if config.link.kind == "in_process" else None
         port = config.link.udp_port
-        with of_a_vehicle():
-            link: Link = raw_link or UdpLink(f"udpout://127.0.0.1:{port}")
-            async with (
-                Simulation(vehicle, link, *station_links(config.link), speed=speed),
-                connect(
-                    raw_link or f"udpin://127.0.0.1:{port}",
-                    stall_timeout_s=config.link.stall_timeout_s,
-                ) as pilot,
-            ):
-                guidance = guidance_of(config.vehicle)
-                flyer = BuiltInFlyer(
-                    pilot, vehicle, recorder, self.task.area, config.mission, guidance
-                )
-                flyer.wind = config.vehicle.aircraft.wind
-                try:
-                    yield flyer
-                except asyncio.CancelledError:
-                    if vehicle.moving:
-                        with suppress(AerofedError, TimeoutError):
-                            async with asyncio.timeout(HOLD_TIMEOUT_S):
-                                await pilot.hold()
-                    raise
+        link: Link = raw_link or UdpLink(f"udpout://127.0.0.1:{port}")
+        async with (
+            Simulation(vehicle, link, *station_links(config.link), speed=speed),
+            connect(
+                raw_link or f"udpin://127.0.0.1:{port}",
+                stall_timeout_s=config.link.stall_timeout_s,
+            ) as pilot,
+        ):
+            guidance = guidance_of(config.vehicle)
+            flyer = BuiltInFlyer(pilot, vehicle, recorder, self.task.area, config.mission, guidance)
+            flyer.wind = config.vehicle.aircraft.wind
+            try:
+                yield flyer
+            except asyncio.CancelledError:
+                if vehicle.moving:
+                    with suppress(AerofedError, TimeoutError):
+                        async with asyncio.timeout(HOLD_TIMEOUT_S):
+                            await pilot.hold()
+                raise

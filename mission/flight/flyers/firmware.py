@@ -17,13 +17,13 @@ from mission.base.errors import FlightError, InputError, LinkLostError
 from mission.config.models import RunConfig
 from mission.flight.flyers.base import Attached, Backend, Flyer, Task
 from mission.flight.flyers.external import ExternalFlyer, limits_of
+from mission.flight.ground_stations import station_links
 from mission.flight.missions.plan_check import PlannedPath
 from mission.flight.missions.plan_file import PlanFile
 from mission.flight.missions.round_mission import FlightPlan
 from mission.flight.pilot.connection import NoVehicleError, located
 from mission.flight.pilot.feed import Known, Takers
 from mission.flight.pilot.pilot import Pilot
-from mission.flight.simulated import of_a_vehicle, of_settings, station_links
 from mission.flight.track import FlightRecorder, FlownTrack
 from sitl.autopilot.codec.orders import MissionItem
 from sitl.errors import FirmwareError, FirmwareSilentError
@@ -123,10 +123,9 @@ class FirmwareBackend(Backend):
             InputError: one of its settings is refused.
         """
         area, streams = task.area, task.streams
-        with of_settings():
-            plant = plant_for(
-                task.config.vehicle, home=area.home, streams=streams, obstacles=area.obstacles
-            )
+        plant = plant_for(
+            task.config.vehicle, home=area.home, streams=streams, obstacles=area.obstacles
+        )
         return cls(task, plant)
 
     @property
@@ -173,51 +172,49 @@ class FirmwareBackend(Backend):
         )
         name, when = NAMES[config.vehicle.autopilot], " at its start"
         try:
-            with of_a_vehicle():
-                async with vehicle:
-                    vehicle.clock.run()
-                    async with located(
+            async with vehicle:
+                vehicle.clock.run()
+                async with located(
+                    config.link,
+                    area=self.task.area,
+                    observers=(recorder, Milestones(self.plant), *attached.observers),
+                    say=attached.say,
+                    raw_link=raw_link,
+                    known=Known(
+                        vehicle.clock.truth.at,
+                        self.plant.fault_news,
+                        takers,
+                        vehicle.clock.truth.motors,
+                        config.vehicle.control_rate_hz,
+                    ),
+                ) as (pilot, feed):
+                    pilot.giving = partial(vehicle.clock.going, speed=1.0)
+                    await _check_program(pilot, config)
+                    limits = await limits_of(
+                        pilot, feed, self.task.demand, adjusted=False, say=attached.say
+                    )
+                    speed_mps = min(config.mission.speed_mps, limits.speed_mps)
+                    flyer = FirmwareFlyer(
+                        pilot,
+                        feed,
+                        recorder,
+                        self.task.area,
+                        config.mission.model_copy(update={"speed_mps": speed_mps}),
+                        limits.guidance,
                         config.link,
-                        area=self.task.area,
-                        observers=(recorder, Milestones(self.plant), *attached.observers),
-                        say=attached.say,
-                        raw_link=raw_link,
-                        known=Known(
-                            vehicle.clock.truth.at,
-                            self.plant.fault_news,
-                            takers,
-                            vehicle.clock.truth.motors,
-                            config.vehicle.control_rate_hz,
-                        ),
-                    ) as (pilot, feed):
-                        pilot.giving = partial(vehicle.clock.going, speed=1.0)
-                        await _check_program(pilot, config)
-                        limits = await limits_of(
-                            pilot, feed, self.task.demand, adjusted=False, say=attached.say
-                        )
-                        speed_mps = min(config.mission.speed_mps, limits.speed_mps)
-                        flyer = FirmwareFlyer(
-                            pilot,
-                            feed,
-                            recorder,
-                            self.task.area,
-                            config.mission.model_copy(update={"speed_mps": speed_mps}),
-                            limits.guidance,
-                            config.link,
-                            attached.say,
-                            vehicle=vehicle,
-                        )
-                        flyer.wind = config.vehicle.aircraft.wind
-                        vehicle.clock.rest()
-                        when = ""
-                        yield flyer
+                        attached.say,
+                        vehicle=vehicle,
+                    )
+                    flyer.wind = config.vehicle.aircraft.wind
+                    vehicle.clock.rest()
+                    when = ""
+                    yield flyer
         except NoVehicleError:
             waited = f"it has not answered in {config.link.connect_timeout_s:g} s"
             said = vehicle.with_last_words(f"{waited} (link.connect_timeout_s)")
             raise LinkLostError(f"{name}{when}: {said}") from None
         except FirmwareError as error:
-            kind = LinkLostError if isinstance(error, FirmwareSilentError) else FlightError
-            raise kind(f"{name}{when}: {error}") from None
+            raise error.in_words(f"{name}{when}: {error}") from None
 
 
 async def _check_program(pilot: Pilot, config: RunConfig) -> None:

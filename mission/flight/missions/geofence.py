@@ -58,7 +58,7 @@ def fence_of(items: Sequence[MissionItem], parameters: Parameters, area: Area) -
     `GF_MAX_HOR_DIST` makes; nothing where `GF_ACTION` switches the fence off.
 
     Raises:
-        SitlInputError: the items make no fence.
+        InputError: the items make no fence.
     """
     zones = item_zones(items, area)
     if parameters["GF_ACTION"] == 0:
@@ -73,7 +73,7 @@ def item_zones(items: Sequence[MissionItem], area: Area) -> tuple[Zone, ...]:
     """Return the zones that fence items describe, with circles as polygons.
 
     Raises:
-        SitlInputError: the items make no fence.
+        InputError: the items make no fence.
     """
     corners = [i for i in items if i.command in _CIRCLES or (i.command in _RINGS and i.params[0])]
     fence = compile_fence(corners, area.frame, checked=False)

@@ -33,7 +33,6 @@ from sitl.autopilot.protocol.order_rules import (
     PLACES,
     check_item,
 )
-from sitl.errors import SitlInputError
 
 MAX_HEIGHT_M = 500.0
 MAX_WAIT_S = 3600.0
@@ -114,7 +113,7 @@ def planned_path(
         refuse(item, _refused(item))
     try:
         fence = compile_fence(plan.fence, frame)
-    except SitlInputError as error:
+    except InputError as error:
         raise InputError(f"{plan.path}: {error}") from None
     reason = route.check_mission(plan.items, frame=frame, home=home, farthest_m=p["MIS_DIST_1WP"])
     if reason:

@@ -19,7 +19,6 @@ from mission.flight.missions.plan_file import PlanFile
 from mission.flight.missions.round_mission import Demand
 from mission.flight.serve.flight_logs import FlightLogs
 from mission.flight.serve.hosts import Host, State
-from mission.flight.simulated import of_settings
 from mission.scenario.limits import guidance_of
 from sitl.autopilot.parameters import parameters_of
 from sitl.pace import Runs
@@ -48,8 +47,7 @@ class FirmwareHost(Host):
         super().__init__(area, guidance_of(config.vehicle), recorder, runs)
         link = config.link.model_copy(update={"speed": "max" if ordered else speed})
         config = config.model_copy(update={"link": link})
-        with of_settings():
-            self.parameters = parameters_of(config.vehicle)  # of the built-in one
+        self.parameters = parameters_of(config.vehicle)  # of the built-in one
         self._backend = FirmwareBackend.of(
             Task(config, area, RandomStreams(config.seed), _ANYTHING)
         )

@@ -12,12 +12,12 @@ from flightdyn.state import Kinematics
 from mission.base.area import Area
 from mission.base.arrays import Floats
 from mission.base.errors import LinkLostError
+from mission.flight.ground_stations import station_links
 from mission.flight.missions.plan_check import PlannedPath
 from mission.flight.missions.plan_file import PlanFile
 from mission.flight.pilot.connection import connect
 from mission.flight.serve.flight_logs import FlightLogs
 from mission.flight.serve.vehicle import Served
-from mission.flight.simulated import station_links
 from sitl.autopilot.parameters import Parameters
 from sitl.links import Link, RawLink, UdpLink
 from sitl.observer import VehicleEvent, VehicleSample

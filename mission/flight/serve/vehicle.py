@@ -17,10 +17,9 @@ from mission.base.area import Area
 from mission.base.errors import InputError, LinkLostError
 from mission.config.models import LinkConfig, RunConfig
 from mission.config.url import NETWORK_FORMS
+from mission.flight.ground_stations import station_links
 from mission.flight.serve.flight_logs import FlightLogs
-from mission.flight.simulated import of_a_vehicle, of_settings, station_links
 from mission.scenario.limits import guidance_of
-from sitl.errors import LinkError
 from sitl.links import network_link
 from sitl.logfolder import LogFolder
 from sitl.pace import Simulation
@@ -43,7 +42,7 @@ def link_url(text: str) -> str:
     url = f"udpout://127.0.0.1:{text}" if text.isdecimal() else text
     try:
         network_link(url)
-    except LinkError:
+    except InputError:
         raise InputError(
             f"--udp {text}: neither a port from 1 to 65535 nor {NETWORK_FORMS}"
         ) from None
@@ -161,20 +160,19 @@ def _served(
     area = config.area.build()
     area = replace(area, home=area.frame.to_geodetic(np.array([0.0, i * _APART_M, 0.0])))
     recorder = None if logs is None else FlightLogs(logs, area=area)
-    with of_settings():
-        vehicle = Vehicle(
-            config.vehicle.model_copy(update={"system_id": config.vehicle.system_id + i}),
-            home=area.home,
-            streams=streams,
-            obstacles=area.obstacles,
-            observers=() if recorder is None else (recorder,),
-            logs=None
-            if logs is None or recorder is None
-            else LogFolder(logs, being_written=lambda: recorder.being_written),
-            orders=recorder,
-            standalone=True,
-            in_step=in_step,
-        )
+    vehicle = Vehicle(
+        config.vehicle.model_copy(update={"system_id": config.vehicle.system_id + i}),
+        home=area.home,
+        streams=streams,
+        obstacles=area.obstacles,
+        observers=() if recorder is None else (recorder,),
+        logs=None
+        if logs is None or recorder is None
+        else LogFolder(logs, being_written=lambda: recorder.being_written),
+        orders=recorder,
+        standalone=True,
+        in_step=in_step,
+    )
     guidance = guidance_of(config.vehicle)
     return Served(_name(i), vehicle, area, guidance, urls, recorder, config.link)
 
@@ -202,8 +200,7 @@ def serve(
     for port in (port for one in served for port in one.urls.values() if port):
         _check_free(port)
     try:
-        with of_a_vehicle():
-            asyncio.run(_serve(served, speed=speed, say=say, first=first))
+        asyncio.run(_serve(served, speed=speed, say=say, first=first))
     finally:
         for one in served:
             if one.logs is not None:

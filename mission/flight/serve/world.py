@@ -8,17 +8,16 @@ from dataclasses import dataclass
 
 from flightdyn.random import RandomStreams
 from mission.base.area import Area
-from mission.base.errors import FlightError, InputError
+from mission.base.errors import InputError
 from mission.config.models import LinkConfig, RunConfig
 from mission.flight.flyers.base import Say
 from mission.flight.flyers.firmware import Milestones
 from mission.flight.pilot.connection import located
 from mission.flight.pilot.feed import Known
 from mission.flight.serve.flight_logs import FlightLogs
-from mission.flight.simulated import of_a_vehicle, of_settings
 from sitl.autopilot.codec.orders import MissionItem
 from sitl.block import following
-from sitl.errors import FirmwareError, FirmwareRestartedError
+from sitl.errors import FirmwareRestartedError
 from sitl.firmware.ardupilot import ArduPilotBridge
 from sitl.firmware.bridge import Bridge
 from sitl.firmware.clock import FirmwareClock
@@ -88,25 +87,21 @@ def serve_world(
         LinkLostError: the port cannot be had.
         FlightError: what came is no such firmware, or the aircraft left its physics.
     """
-    try:
-        with of_a_vehicle(), of_settings():
-            while not stop.is_set():
-                bridge = _bridge(config, autopilot, port, told=recorder is not None)
-                bridge.open()
-                clock = FirmwareClock(bridge, speed=speed, patience_s=math.inf)
-                clock.start()
-                clock.run()
-                try:
-                    say(f"{_where(bridge)}, waiting for {autopilot} on port {port}; Ctrl-C ends")
-                    asyncio.run(_watch(bridge, clock, autopilot, say, stop, recorder))
-                finally:
-                    clock.stop()
-                if isinstance(clock.error, FirmwareRestartedError):
-                    say(f"{clock.error} after {bridge.plant.t_ns / 1e9:.1f} s")
-                elif clock.error is not None:
-                    raise clock.error
-    except FirmwareError as error:
-        raise FlightError(str(error)) from None
+    while not stop.is_set():
+        bridge = _bridge(config, autopilot, port, told=recorder is not None)
+        bridge.open()
+        clock = FirmwareClock(bridge, speed=speed, patience_s=math.inf)
+        clock.start()
+        clock.run()
+        try:
+            say(f"{_where(bridge)}, waiting for {autopilot} on port {port}; Ctrl-C ends")
+            asyncio.run(_watch(bridge, clock, autopilot, say, stop, recorder))
+        finally:
+            clock.stop()
+        if isinstance(clock.error, FirmwareRestartedError):
+            say(f"{clock.error} after {bridge.plant.t_ns / 1e9:.1f} s")
+        elif clock.error is not None:
+            raise clock.error
 
 
 def _where(bridge: Bridge) -> str:

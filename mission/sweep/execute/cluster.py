@@ -16,9 +16,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from aerofed_errors import first_line
 from fl.data.dataset import Dataset
 from fl.data.load import Source, bring, load, needs_files
-from fl.errors import LearningInputError, first_line
 from mission.base.errors import InputError, LinkLostError
 from mission.base.run_folder import library_versions
 from mission.config.models import RunConfig
@@ -59,10 +59,7 @@ class RayEngine:
             raise InputError(
                 "engine = ray: Ray is not installed: pip install 'aerofed[ray]'"
             ) from None
-        try:
-            read = _data_sets(configs, data_dir)
-        except LearningInputError as error:
-            raise InputError(str(error)) from None
+        read = _data_sets(configs, data_dir)
         self._connect(address, jobs, own_code=any(map(code_digests, configs)))
         self._data = {source: self._ray.put(dataset) for source, dataset in read.items()}
         self._jobs = jobs

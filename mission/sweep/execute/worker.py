@@ -8,7 +8,7 @@ from pathlib import Path
 
 from rich.console import Console
 
-from fl.errors import told
+from aerofed_errors import told
 from fl.plugin_code import PassedObject, bring
 from mission.base.console import RunConsole
 from mission.base.errors import AerofedError, InputError

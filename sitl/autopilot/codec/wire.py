@@ -12,7 +12,7 @@ from collections.abc import Callable
 
 from pymavlink.dialects.v20 import common as mav
 
-from sitl.errors import SitlInputError
+from aerofed_errors import InputError
 
 _MARK, _SIGNED = 0xFD, 0x01
 _HEADER, _CHECKSUM, _SIGNATURE = 10, 2, 13  # bytes
@@ -128,10 +128,8 @@ def key_of(phrase: str) -> bytes:
     """Derive the signing key from a pass phrase, as ground stations do: its SHA-256.
 
     Raises:
-        SitlInputError: the phrase has fewer than 8 characters.
+        InputError: the phrase has fewer than 8 characters.
     """
     if len(phrase) < _LEAST_CHARACTERS:
-        raise SitlInputError(
-            f"a signing key of {len(phrase)} characters; at least {_LEAST_CHARACTERS}"
-        )
+        raise InputError(f"a signing key of {len(phrase)} characters; at least {_LEAST_CHARACTERS}")
     return hashlib.sha256(phrase.encode()).digest()

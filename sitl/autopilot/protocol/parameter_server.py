@@ -6,6 +6,7 @@ from pathlib import Path
 
 from pymavlink.dialects.v20 import common as mav
 
+from aerofed_errors import InputError
 from sitl.autopilot.codec.orders import CommandOrder, Handlers, Outbox, Peer
 from sitl.autopilot.parameters import (
     SPECS,
@@ -16,7 +17,6 @@ from sitl.autopilot.parameters import (
 )
 from sitl.autopilot.protocol.burst import Burst
 from sitl.autopilot.protocol.commands import Commands, RefusedError, UnsupportedError
-from sitl.errors import SitlInputError
 
 _INDEX = {spec.name: index for index, spec in enumerate(TABLE)}
 # Values travel bytewise, as with PX4: the field, a float, begins with the bytes of the number.
@@ -69,7 +69,7 @@ class ParameterServer:
                 self._parameters.apply(load_parameters(self._file), "parameter file")
             else:
                 save_parameters(self._file, self._parameters.as_dict())
-        except SitlInputError as error:
+        except InputError as error:
             raise RefusedError(str(error), mav.MAV_RESULT_FAILED) from None
 
     def _list(self, _peer: Peer, _msg: mav.MAVLink_message, now: float) -> None:

@@ -14,12 +14,13 @@ from typing import Any
 import numpy as np
 import pytest
 
+from aerofed_errors import InputError
 from fl.data.cifar import BATCHES
 from fl.data.dataset import Dataset
 from fl.data.files import md5
 from fl.data.idx import NAMES
 from fl.data.load import load
-from fl.errors import DataDamagedError, DataMissingError, LearningInputError
+from fl.errors import DataDamagedError, DataMissingError
 
 
 def rng(seed: int = 0) -> np.random.Generator:
@@ -279,7 +280,7 @@ def test_missing_files_are_named(tmp_path: Path, task: str) -> None:
         for part in (task, str(folder), wanted):
             assert part in str(caught.value)
     with pytest.raises(
-        LearningInputError,
+        InputError,
         match=f"--data-dir FOLDER, .* aerofed data fetch FOLDER --task {task}",
     ):
         load(task, data_dir=None)

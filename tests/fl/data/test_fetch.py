@@ -9,9 +9,10 @@ from pathlib import Path
 
 import pytest
 
+from aerofed_errors import SettingError
 from fl.data.fetch import LOCATIONS, check, fetch
 from fl.data.idx import NAMES
-from fl.errors import FetchError, SettingError
+from fl.errors import FetchError
 
 
 class Quiet(SimpleHTTPRequestHandler):

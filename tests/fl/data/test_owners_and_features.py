@@ -6,13 +6,13 @@ from typing import Any
 import numpy as np
 import pytest
 
+from aerofed_errors import SettingError, UsersCodeError
 from fl.data import npz
 from fl.data.arrays import CustomDataset, Samples
 from fl.data.dataset import hold_out
 from fl.data.load import load
 from fl.data.partition import by_owner
-from fl.errors import DataDamagedError, SettingError
-from fl.plugins import PluginError
+from fl.errors import DataDamagedError
 
 
 def test_owners_stay_with_their_samples_when_some_are_held_out(tmp_path: Path) -> None:
@@ -72,7 +72,9 @@ def test_images_of_two_kinds_are_refused() -> None:
     mixed = Samples(
         np.ones((6, 4, 4), np.uint8), np.arange(6), np.ones((3, 4, 4), np.float32), np.arange(3)
     )
-    with pytest.raises(PluginError, match="training images of uint8, validation images of float"):
+    with pytest.raises(
+        UsersCodeError, match="training images of uint8, validation images of float"
+    ):
         CustomDataset("mine:data", lambda _: mixed).load(None)
 
 

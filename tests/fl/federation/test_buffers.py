@@ -6,12 +6,12 @@ import torch
 from reference_net import right_per_class
 from torch import nn
 
+from aerofed_errors import UsersCodeError
 from fl.config import CommunityConfig, LearningConfig
 from fl.federation import rounds as fed
 from fl.federation.community import Federation, build_federation
 from fl.federation.state import FederationState, from_bytes, to_bytes
 from fl.plugin_code import register
-from fl.plugins import PluginError
 from fl.training.networks import CustomNetwork
 from fl.training.torch_module import ModuleNetwork
 from flightdyn.random import RandomStreams
@@ -138,7 +138,7 @@ def test_a_correction_is_of_the_parameters_alone(more: dict[str, str]) -> None:
             return model, state
 
     federation = build(str(register(lambda _: Wrong())), **more)
-    with pytest.raises(PluginError, match=r"device 0 is of shape \(907,\), not \(778,\)"):
+    with pytest.raises(UsersCodeError, match=r"device 0 is of shape \(907,\), not \(778,\)"):
         play(federation, fed.init(federation), 0)
 
 

@@ -11,14 +11,10 @@ import numpy as np
 import pytest
 from reference_net import PlainNet, right_per_class, train_plainly
 
+from aerofed_errors import InputError, SettingError
 from fl.config import CommunityConfig, LearningConfig
 from fl.data.dataset import Split
-from fl.errors import (
-    CheckpointError,
-    DivergedError,
-    LearningInputError,
-    SettingError,
-)
+from fl.errors import CheckpointError, DivergedError
 from fl.federation import rounds as fed
 from fl.federation.community import Federation, build_federation
 from fl.federation.custom_algorithm import CustomAlgorithm
@@ -432,12 +428,12 @@ def test_foreign_or_damaged_checkpoints_are_refused() -> None:
     ],
 )
 def test_settings_that_cannot_be_built_are_named(change: dict[str, object], message: str) -> None:
-    with pytest.raises(LearningInputError, match=message):
+    with pytest.raises(InputError, match=message):
         build(FAST, DIGITS.model_copy(update=change))
 
 
 def test_names_must_differ() -> None:
-    with pytest.raises(LearningInputError, match="'digits': is given twice"):
+    with pytest.raises(InputError, match="'digits': is given twice"):
         build(FAST, DIGITS, replace_name(SHAPES, "digits"))
 
 

@@ -9,7 +9,7 @@ from scipy.integrate import quad
 from scipy.special import ndtr
 from scipy.stats import lognorm
 
-from fl.errors import SettingError
+from aerofed_errors import SettingError
 from fl.radio.channel import (
     CHANNEL_PRESETS,
     DEFAULT_PRESET,

@@ -9,10 +9,9 @@ import torch
 from reference_net import PlainNet
 from torch import nn
 
+from aerofed_errors import InputError, UsersCodeError
 from fl.config import ConvNetConfig
 from fl.data.dataset import Split
-from fl.errors import LearningInputError
-from fl.plugins import PluginError
 from fl.training.custom_trainer import CustomTrainer
 from fl.training.local import LocalSettings, LocalTask, scaling_of
 from fl.training.networks import ConvNet, make_network
@@ -199,7 +198,7 @@ def test_lazy_layers_have_their_sizes_before_parameters_are_counted() -> None:
     ],
 )
 def test_modules_that_cannot_be_used_are_refused(name: str, reason: str) -> None:
-    with pytest.raises(LearningInputError, match=reason) as caught:
+    with pytest.raises(InputError, match=reason) as caught:
         make_network(f"{__name__}:{name}", image_shape=SHAPE, classes=10)
     assert "\n" not in str(caught.value)
 
@@ -211,7 +210,7 @@ def test_a_module_that_cannot_be_imported_is_one_clear_line(
     name = f"user_net_{len(text)}"
     (tmp_path / f"{name}.py").write_text(text)
     monkeypatch.syspath_prepend(tmp_path)
-    with pytest.raises(LearningInputError, match=r"cannot be imported: [A-Z]") as caught:
+    with pytest.raises(InputError, match=r"cannot be imported: [A-Z]") as caught:
         make_network(f"{name}:Net", image_shape=SHAPE, classes=10)
     assert "\n" not in str(caught.value)
 
@@ -232,24 +231,22 @@ def test_torch_is_said_to_be_missing_where_it_is(
     monkeypatch.syspath_prepend(tmp_path)
     if not installed:
         monkeypatch.setitem(sys.modules, "torch", None)
-    with pytest.raises(PluginError, match=f"learning.trainer = '{name}:make': {said}"):
+    with pytest.raises(UsersCodeError, match=f"learning.trainer = '{name}:make': {said}"):
         CustomTrainer.found(f"{name}:make")
 
 
 @pytest.mark.parametrize("name", ["resnet", "no.such.module:Net", ":Net", "torch:"])
 def test_unknown_networks_are_refused(name: str) -> None:
-    with pytest.raises(LearningInputError):
+    with pytest.raises(InputError):
         make_network(name, image_shape=SHAPE, classes=10)
 
 
 @pytest.mark.slow
 def test_images_too_small_for_the_built_in_networks() -> None:
-    with pytest.raises(LearningInputError, match="too small"):
+    with pytest.raises(InputError, match="too small"):
         make_network("lenet", image_shape=(3, 8, 1), classes=10)
     three = ConvNetConfig(channels=(2, 2, 2))
-    with pytest.raises(
-        LearningInputError, match="3 blocks halve them to nothing, 8 x 8 is the least"
-    ):
+    with pytest.raises(InputError, match="3 blocks halve them to nothing, 8 x 8 is the least"):
         make_network("convnet", convnet=three, image_shape=(8, 7, 1), classes=10)
     make_network("convnet", convnet=three, image_shape=(8, 8, 1), classes=10)
     for size in (*range(4, 14), 16, 21, 28, 39):

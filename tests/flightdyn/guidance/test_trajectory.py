@@ -9,9 +9,9 @@ from flights import corner_distance, cross_track, legs, path_along
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from aerofed_errors import InputError
 from flightdyn.clock import SimClock
 from flightdyn.config import LimitsConfig
-from flightdyn.errors import FlightInputError, PathError
 from flightdyn.guidance.path import FlightPath
 from flightdyn.guidance.path_plan import brake_and_go, plan_path
 from flightdyn.guidance.trajectory import Trajectory
@@ -141,7 +141,7 @@ def test_braking_stops_in_the_closed_form_distance() -> None:
     ],
 )
 def test_bad_paths_are_refused(points: Vector, speeds: Vector, radii: Vector, says: str) -> None:
-    with pytest.raises(PathError, match=says):
+    with pytest.raises(InputError, match=says):
         FlightPath(points, speeds, radii)
 
 
@@ -157,9 +157,9 @@ def test_clock_counts_whole_ticks() -> None:
         clock.tick += 1
     assert clock.t_ns == 4_000_000_000_000
     assert clock.ticks(0.02, what="interval") == 5
-    with pytest.raises(FlightInputError, match=r"interval = 0.003 s is not a whole number"):
+    with pytest.raises(InputError, match=r"interval = 0.003 s is not a whole number"):
         clock.ticks(0.003, what="interval")
-    with pytest.raises(FlightInputError, match="300007 Hz"):
+    with pytest.raises(InputError, match="300007 Hz"):
         SimClock(300_007)
 
 

@@ -20,7 +20,7 @@ from patience import HANG_S
 from pymavlink.dialects.v20 import common as mav
 
 import aerofed
-from flightdyn.errors import FlightDynamicsError
+from flightdyn.errors import ModelDivergedError
 from mission.base.errors import FlightError
 from mission.cli import call
 
@@ -370,7 +370,7 @@ def test_an_aircraft_that_leaves_its_physics_ends_a_step(
     caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def fail(_: float) -> bool:
-        raise FlightDynamicsError("left its physics")
+        raise ModelDivergedError("left its physics")
 
     def flown() -> None:
         with aerofed.vehicle() as vehicle:

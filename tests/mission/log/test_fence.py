@@ -13,6 +13,7 @@ from mcap_protobuf.decoder import DecoderFactory
 from pymavlink.dialects.v20 import common as mav
 from synthetic_flight import AREA, fly
 
+from aerofed_errors import InputError
 from mission.analysis.load import load_run
 from mission.figures.maps import overview
 from mission.flight.missions.geofence import fence_of
@@ -22,7 +23,6 @@ from mission.log.values import Zone
 from mission.report.page import write_report
 from sitl.autopilot.codec.orders import MissionItem
 from sitl.autopilot.parameters import Parameters
-from sitl.errors import SitlInputError
 
 HOME = AREA.home
 SQUARE = np.array([(100.0, 100.0), (300.0, 100.0), (300.0, 250.0), (100.0, 250.0)])  # x, y
@@ -60,7 +60,7 @@ def test_it_lies_where_the_autopilot_has_it() -> None:
 def test_without_one_or_switched_off_there_is_none() -> None:
     assert fence_of((), parameters(), AREA) == ()
     assert fence_of((), parameters(GF_MAX_HOR_DIST=500, GF_ACTION=0), AREA) == ()
-    with pytest.raises(SitlInputError, match="fence item 0: a polygon of 5 corners"):
+    with pytest.raises(InputError, match="fence item 0: a polygon of 5 corners"):
         fence_of([corner(seq, *xy, count=5) for seq, xy in enumerate(SQUARE.tolist())],
                  parameters(), AREA)  # fmt: skip
 

@@ -10,8 +10,9 @@ from pathlib import Path
 import pytest
 from firmware_stand_ins import ArduPilotStandIn, plant
 
+from aerofed_errors import LinkLostError
 from sitl.config import FirmwareConfig, VehicleConfig
-from sitl.errors import FirmwareRestartedError, LinkError
+from sitl.errors import FirmwareRestartedError
 from sitl.firmware.ardupilot import RATE_HZ, ArduPilotBridge
 from sitl.firmware.native.library import Json, json_send
 from sitl.firmware.vehicle import plant_rate_hz
@@ -113,7 +114,7 @@ def test_its_port_is_free_again_once_it_is_closed() -> None:
     first = ArduPilotBridge(plant(RATE_HZ), port=0)
     first.open()
     second = ArduPilotBridge(plant(RATE_HZ), port=first.port)
-    with pytest.raises(LinkError):
+    with pytest.raises(LinkLostError):
         second.open()
     first.close()
     second.open()

@@ -11,9 +11,10 @@ from firmware_stand_ins import Px4StandIn, plant
 from pymavlink.dialects.v20 import common as mav
 from sitl_mavsdk import HOME
 
+from aerofed_errors import InputError, LinkLostError
 from flightdyn.config import SensorsConfig
 from flightdyn.faults import GnssOff
-from sitl.errors import FirmwareError, FirmwareRestartedError, LinkError, SitlInputError
+from sitl.errors import FirmwareError, FirmwareRestartedError
 from sitl.firmware.bridge import give_up_soon
 from sitl.firmware.native.library import GONE, NOTHING, ORDERED, Hil, hil_send, hil_wait
 from sitl.firmware.px4 import Px4Bridge
@@ -208,11 +209,11 @@ def test_what_px4_does_not_take_is_sent_when_it_does() -> None:
 
 def test_a_port_that_is_taken_is_named(bridge: Px4Bridge) -> None:
     other = Px4Bridge(plant(), port=bridge.port)
-    with pytest.raises(LinkError, match=f"TCP port {bridge.port}: .*in use"):
+    with pytest.raises(LinkLostError, match=f"TCP port {bridge.port}: .*in use"):
         other.open()
 
 
 def test_a_firmware_flies_on_sensors() -> None:
     perfect = plant(sensors=SensorsConfig(kind="perfect"))
-    with pytest.raises(SitlInputError, match="must be 'realistic'"):
+    with pytest.raises(InputError, match="must be 'realistic'"):
         Px4Bridge(perfect)

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v20 import common as mav
 from sitl_desk import Desk, of, the
 
+from aerofed_errors import InputError
 from sitl.autopilot.codec.orders import Peer
 from sitl.autopilot.parameters import (
     TABLE,
@@ -20,7 +21,6 @@ from sitl.autopilot.parameters import (
 )
 from sitl.autopilot.protocol.parameter_server import ParameterServer
 from sitl.config import VehicleConfig
-from sitl.errors import SitlInputError
 
 REAL, INT = mav.MAV_PARAM_TYPE_REAL32, mav.MAV_PARAM_TYPE_INT32
 
@@ -181,11 +181,11 @@ def test_a_real_parameter_takes_no_integer(kind: int) -> None:
 @pytest.mark.parametrize("value", ["2.6", "0.4", "-0.4", "5.4", "1e-45"])
 def test_no_fraction_is_rounded_to_a_choice(tmp_path: Path, value: str) -> None:
     allowed = "must be a whole number from 0 to 5"
-    with pytest.raises(SitlInputError, match=f"GF_ACTION = .*: {allowed}"):
+    with pytest.raises(InputError, match=f"GF_ACTION = .*: {allowed}"):
         Desk(VehicleConfig(parameters={"GF_ACTION": float(value)}))
     path = tmp_path / "vehicle.parm"
     path.write_text(f"GF_ACTION {value}\n")
-    with pytest.raises(SitlInputError, match=f"vehicle.parm: GF_ACTION = .*: {allowed}"):
+    with pytest.raises(InputError, match=f"vehicle.parm: GF_ACTION = .*: {allowed}"):
         Desk(VehicleConfig(parameter_file=path))
     path.write_text("")
     desk = Desk(VehicleConfig(parameter_file=path))
@@ -230,14 +230,14 @@ def test_both_formats_of_ground_stations_are_read(tmp_path: Path) -> None:
 def test_a_bad_line_is_named(tmp_path: Path, line: str) -> None:
     path = tmp_path / "bad.parm"
     path.write_text(f"GF_ACTION 1\n{line}\n")
-    with pytest.raises(SitlInputError, match=r"bad\.parm, line 2"):
+    with pytest.raises(InputError, match=r"bad\.parm, line 2"):
         load_parameters(path)
 
 
 def test_configuration_and_file_are_checked_when_the_vehicle_is_made(tmp_path: Path) -> None:
-    with pytest.raises(SitlInputError, match=r"SPEED = 3: no such parameter \(known: BAT_"):
+    with pytest.raises(InputError, match=r"SPEED = 3: no such parameter \(known: BAT_"):
         Desk(VehicleConfig(parameters={"SPEED": 3.0}))
-    with pytest.raises(SitlInputError, match="GF_ACTION = 9: must be a whole number from 0"):
+    with pytest.raises(InputError, match="GF_ACTION = 9: must be a whole number from 0"):
         Desk(VehicleConfig(parameters={"GF_ACTION": 9.0}))
     path = tmp_path / "start.parm"
     path.write_text("RTL_RETURN_ALT 45\nMPC_XY_CRUISE 12\n")
@@ -245,7 +245,7 @@ def test_configuration_and_file_are_checked_when_the_vehicle_is_made(tmp_path: P
     parameters = desk.vehicle.autopilot.parameters
     assert (parameters["RTL_RETURN_ALT"], parameters["MPC_XY_CRUISE"]) == (45.0, 7.0)
     path.write_text("RTL_RETURN_ALT 4500\n")
-    with pytest.raises(SitlInputError, match=r"start\.parm: RTL_RETURN_ALT = 4500"):
+    with pytest.raises(InputError, match=r"start\.parm: RTL_RETURN_ALT = 4500"):
         Desk(VehicleConfig(parameter_file=path))
 
 
