@@ -198,7 +198,7 @@ def test_lazy_layers_have_their_sizes_before_parameters_are_counted() -> None:
     ],
 )
 def test_modules_that_cannot_be_used_are_refused(name: str, reason: str) -> None:
-    with pytest.raises(InputError, match=reason) as caught:
+    with pytest.raises(UsersCodeError, match=reason) as caught:
         make_network(f"{__name__}:{name}", image_shape=SHAPE, classes=10)
     assert "\n" not in str(caught.value)
 
@@ -210,7 +210,7 @@ def test_a_module_that_cannot_be_imported_is_one_clear_line(
     name = f"user_net_{len(text)}"
     (tmp_path / f"{name}.py").write_text(text)
     monkeypatch.syspath_prepend(tmp_path)
-    with pytest.raises(InputError, match=r"cannot be imported: [A-Z]") as caught:
+    with pytest.raises(UsersCodeError, match=r"cannot be imported: [A-Z]") as caught:
         make_network(f"{name}:Net", image_shape=SHAPE, classes=10)
     assert "\n" not in str(caught.value)
 
@@ -237,7 +237,7 @@ def test_torch_is_said_to_be_missing_where_it_is(
 
 @pytest.mark.parametrize("name", ["resnet", "no.such.module:Net", ":Net", "torch:"])
 def test_unknown_networks_are_refused(name: str) -> None:
-    with pytest.raises(InputError):
+    with pytest.raises(UsersCodeError):
         make_network(name, image_shape=SHAPE, classes=10)
 
 
