@@ -20,7 +20,7 @@ from pathlib import Path
 
 from pymavlink.dialects.v20 import common as mav
 
-from sitl.autopilot.modes import Mode
+from sitl.autopilot.flying.modes import Mode
 from sitl.links import UdpLink
 from sitl.pace import Simulation
 

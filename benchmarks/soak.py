@@ -15,7 +15,7 @@ from pathlib import Path
 from pymavlink.dialects.v20 import common as mav
 
 from flightdyn.random import RandomStreams
-from sitl.autopilot.modes import Mode
+from sitl.autopilot.flying.modes import Mode
 from sitl.config import VehicleConfig
 from sitl.vehicle import Vehicle
 

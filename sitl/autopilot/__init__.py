@@ -1,1 +1,1 @@
-"""The autopilot: protocol cores without I/O or clock, modes, navigator, failsafes, telemetry."""
+"""The autopilot: protocol cores without I/O or clock, modes, failsafes, telemetry."""

@@ -21,10 +21,10 @@ from sitl.autopilot.failsafe import Failsafes
 from sitl.autopilot.fence import FenceError
 from sitl.autopilot.flying.flight import Flight
 from sitl.autopilot.flying.flight_commands import FlightCommands
+from sitl.autopilot.flying.modes import Mode
 from sitl.autopilot.flying.orbit import Orbits
 from sitl.autopilot.guard import Guard
 from sitl.autopilot.injection import Injector
-from sitl.autopilot.modes import Mode
 from sitl.autopilot.monitor import Monitor
 from sitl.autopilot.parameters import Parameters
 from sitl.autopilot.pilots.follow import Follower

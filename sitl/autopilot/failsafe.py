@@ -9,8 +9,8 @@ from pymavlink.dialects.v20 import common as mav
 
 from flightdyn.aircraft import Aircraft
 from sitl.autopilot.flying.flight import Flight
+from sitl.autopilot.flying.modes import Mode
 from sitl.autopilot.guard import CRITICAL, EMERGENCY, LOW, Guard
-from sitl.autopilot.modes import Mode
 from sitl.autopilot.parameters import Parameters
 from sitl.autopilot.reporter import Reporter
 

@@ -10,8 +10,8 @@ from sitl.autopilot.codec.instruments import DeferredValues, Snapshot
 from sitl.autopilot.failsafe import Cause, Failsafes
 from sitl.autopilot.flying.circle import Orbit
 from sitl.autopilot.flying.flight import Flight
+from sitl.autopilot.flying.modes import Mode
 from sitl.autopilot.guard import Guard
-from sitl.autopilot.modes import Mode
 from sitl.autopilot.reporter import Reporter
 
 _PRESENT = (

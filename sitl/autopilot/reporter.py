@@ -7,7 +7,6 @@ from types import TracebackType
 from pymavlink.dialects.v20 import common as mav
 
 from sitl.autopilot.codec.orders import Outbox
-from sitl.autopilot.modes import Mode
 from sitl.observer import EventKind
 
 _STATE = {mav.MAVLINK_MSG_ID_HEARTBEAT, mav.MAVLINK_MSG_ID_EXTENDED_SYS_STATE}
@@ -73,14 +72,14 @@ class Reporter:
             self._outbox.append(mav.MAVLink_statustext_message(severity, part, number, chunk))
         self._sink(kind, text, None, severity)
 
-    def mode(self, mode: Mode, why: str) -> None:
+    def mode(self, name: str, why: str) -> None:
         """Tell that the flight mode has changed."""
         self.nudged |= {
             mav.MAVLINK_MSG_ID_HEARTBEAT,
             mav.MAVLINK_MSG_ID_EXTENDED_SYS_STATE,
             mav.MAVLINK_MSG_ID_MISSION_CURRENT,
         }
-        self._sink("mode", f"{mode.name} ({why})", None, mav.MAV_SEVERITY_INFO)
+        self._sink("mode", f"{name} ({why})", None, mav.MAV_SEVERITY_INFO)
 
     def armed(self, armed: bool) -> None:
         """Tell that the motors were armed or disarmed."""

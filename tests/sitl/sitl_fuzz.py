@@ -15,7 +15,7 @@ from pymavlink.dialects.v20 import ardupilotmega as wide  # more kinds than the 
 from pymavlink.dialects.v20 import common as mav
 from sitl_desk import Desk, item, of
 
-from sitl.autopilot.modes import Mode
+from sitl.autopilot.flying.modes import Mode
 
 KINDS = sorted(wide.mavlink_map)
 SENDERS = ((255, 190), (254, 190), (1, 1))  # two stations, and somebody who says to be the vehicle

@@ -12,7 +12,7 @@ from pymavlink.dialects.v20 import common as mav
 from sitl_desk import Desk, item, of
 from sitl_fuzz import FLOATS, KINDS, Attack, Frames
 
-from sitl.autopilot.modes import Mode
+from sitl.autopilot.flying.modes import Mode
 
 SEVEN = st.lists(st.sampled_from(FLOATS) | st.floats(width=32), min_size=7, max_size=7)
 PLACES = st.tuples(*[st.floats(-300.0, 300.0)] * 2, st.sampled_from([5.0, 30.0, 80.0, *FLOATS]))

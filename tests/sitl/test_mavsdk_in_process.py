@@ -11,7 +11,7 @@ from mavsdk.asyncio.plugins.telemetry import TelemetryAsync
 from mavsdk.plugins.telemetry import FlightMode
 from sitl_mavsdk import Recorder, make_vehicle, mission_plan, over_raw, until, until_true
 
-from sitl.autopilot.modes import Mode
+from sitl.autopilot.flying.modes import Mode
 
 pytestmark = pytest.mark.slow
 

@@ -26,7 +26,7 @@ from patience import HANG_S
 from sitl_mavsdk import HOME, Recorder, make_vehicle, mission_plan, over_udp, until, until_true
 
 from flightdyn.frames import LocalFrame
-from sitl.autopilot.modes import Mode
+from sitl.autopilot.flying.modes import Mode
 from sitl.autopilot.parameters import TABLE
 from sitl.vehicle import Vehicle
 

@@ -16,7 +16,7 @@ from mavsdk.plugins.offboard import PositionNedYaw, VelocityNedYaw
 from patience import HANG_S
 from sitl_mavsdk import HOME, client, make_vehicle, until
 
-from sitl.autopilot.modes import Mode
+from sitl.autopilot.flying.modes import Mode
 from sitl.links import RawLink
 from sitl.pace import Simulation
 from sitl.vehicle import Vehicle

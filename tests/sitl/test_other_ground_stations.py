@@ -18,7 +18,7 @@ from sitl_mavsdk import HOME, Recorder, make_vehicle, until
 
 from flightdyn.frames import LocalFrame
 from flightdyn.random import RandomStreams
-from sitl.autopilot.modes import Mode
+from sitl.autopilot.flying.modes import Mode
 from sitl.autopilot.parameters import TABLE
 from sitl.config import VehicleConfig
 from sitl.links import UdpLink

@@ -7,7 +7,7 @@ from sitl_mavsdk import HOME, Recorder
 from flightdyn.faults import GnssOff
 from flightdyn.random import RandomStreams
 from sitl.autopilot.failsafe import Cause
-from sitl.autopilot.modes import Mode
+from sitl.autopilot.flying.modes import Mode
 from sitl.config import VehicleConfig
 from sitl.vehicle import Vehicle
 

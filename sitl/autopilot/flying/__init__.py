@@ -1,1 +1,1 @@
-"""What the aircraft does: orders, missions, routes, manoeuvres."""
+"""What the aircraft does: modes, orders, missions, routes, manoeuvres."""

@@ -1,9 +1,8 @@
-"""The state machine of a flight: mode, manoeuvre and mission, and the transitions between them."""
+"""Orders to the aircraft in flight: whether each may be carried out, and the manoeuvre for it."""
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from copy import copy
-from typing import TypeAlias
 
 import numpy as np
 from pymavlink.dialects.v20 import common as mav
@@ -15,22 +14,15 @@ from sitl.autopilot.codec.orders import MissionItem
 from sitl.autopilot.flying import manoeuvres as do
 from sitl.autopilot.flying import route
 from sitl.autopilot.flying.mission import Mission
-from sitl.autopilot.flying.navigator import Navigator
+from sitl.autopilot.flying.modes import PILOTED, Goal, Mode, ModeMachine, Need, Trigger
 from sitl.autopilot.guard import Guard
-from sitl.autopilot.modes import NEEDS_TO_ARM, ORDERS, PILOTED, Mode, Need, Trigger, possible
 from sitl.autopilot.parameters import Parameters
 from sitl.autopilot.protocol.order_rules import LOOKS, NAVIGATION
 from sitl.autopilot.reporter import Reporter
 
 _LEAST_CLIMB_M = 0.5  # of a take-off
-_STARTING = "starting up"
-_LIFTS = frozenset({Trigger.ORDER_TAKEOFF, Trigger.ORDER_MISSION})  # orders that take off
-# Modes in which another order for them may ask for something else.
-_ANEW = frozenset({Mode.HOLD, Mode.TAKEOFF, Mode.MISSION, Mode.LAND, Mode.ORBIT})
 # Modes with a speed of their own, which is not to be changed.
 _PACED = frozenset({Mode.TAKEOFF, Mode.LAND, Mode.ORBIT, Mode.TERMINATED}) | PILOTED
-
-Goal: TypeAlias = tuple[Triple, float]
 
 
 def _goal(place_ned_m: Iterable[float] | None, yaw_rad: float, down_m: float = math.nan) -> Goal:
@@ -40,8 +32,8 @@ def _goal(place_ned_m: Iterable[float] | None, yaw_rad: float, down_m: float = m
     return (float(north), float(east), float(down)), math.nan if math.isnan(yaw_rad) else yaw_rad
 
 
-class Flight:
-    """Mode and manoeuvre of one aircraft.
+class Flight(ModeMachine):
+    """One aircraft in flight: orders, and the manoeuvres that they begin.
 
     Orders return None when they are carried out, or the reason why not. An order for what is
     already being done changes nothing, so that a repeated command repeats nothing.
@@ -50,42 +42,10 @@ class Flight:
     def __init__(
         self, aircraft: Aircraft, parameters: Parameters, *, guard: Guard, reporter: Reporter
     ) -> None:
-        self.mode = Mode.HOLD
+        super().__init__(aircraft, parameters, guard=guard, reporter=reporter)
         self.rally: tuple[MissionItem, ...] = ()
-        self.flights = 0  # how often the motors were released
-        self.armed_t_ns = self.took_off_t_ns = self.landed_t_ns = 0  # when last; 0: not since armed
-        # What modes need; each pilot adds what its own mode does.
-        self.needs: dict[Need, Callable[[], bool]] = {
-            Need.ARMED: lambda: aircraft.armed,
-            Need.ON_GROUND: lambda: aircraft.on_ground,
-            Need.AIRBORNE: lambda: not aircraft.on_ground,
-            Need.MISSION: lambda: bool(self.mission.items),
-            Need.POSITION: guard.position_ok,
-        }
         self.frame = aircraft.frame
-        self.guard = guard
-        self.navigator = Navigator(aircraft, parameters, guard)
-        self.mission = Mission()
-        self._aircraft = aircraft
-        self._parameters = parameters
-        self._report = reporter
-        self._ordered_speed_mps: float | None = None
-        # What the order under way asks for: place (m, NED) and heading (rad; NaN: as it is).
-        self._goal: Goal | None = None
-        self._ended_by: int | None = None  # the command of the mission's last stage
-        # The order of a mode that was chosen before arming, to be given when the motors turn.
-        self._chosen: Callable[[], str | None] | None = None
-        self._manoeuvre: do.Manoeuvre | None = do.settle(aircraft)
-        self._settling = True
-        self._released = False  # the motors, by an order; a crash stops them without one
-        self._wrecked = False
-
-    # --- what is going on -----------------------------------------------------------------------
-
-    @property
-    def moving(self) -> bool:
-        """Whether something is being done that needs simulated time."""
-        return self._manoeuvre is not None
+        self._makes |= {Mode.LAND: self._land, Mode.RETURN: self._return}
 
     @property
     def patient(self) -> bool:
@@ -93,19 +53,9 @@ class Flight:
         return self._manoeuvre is None or self._manoeuvre.patient
 
     @property
-    def airborne(self) -> bool:
-        """Whether the aircraft is in the air with its motors armed."""
-        return self._aircraft.armed and not self._aircraft.on_ground
-
-    @property
     def bound(self) -> bool:
         """Whether it is on its way to a place at which it was ordered to land."""
         return self.mode is Mode.LAND and self._goal is not None
-
-    @property
-    def _on_mission(self) -> bool:
-        """Whether the mission has begun, and the mode is still its own."""
-        return self.mode is Mode.MISSION and self._chosen is None
 
     @property
     def landed_state(self) -> int:
@@ -123,125 +73,17 @@ class Flight:
             takes_off = item.command == mav.MAV_CMD_NAV_TAKEOFF
         return mav.MAV_LANDED_STATE_TAKEOFF if takes_off else mav.MAV_LANDED_STATE_IN_AIR
 
-    def not_ready(self) -> str:
-        """Why the aircraft cannot be armed; empty if it can."""
-        if not self._aircraft.ready:
-            return self._aircraft.why_not_ready
-        if self.mode is Mode.TERMINATED:
-            return "flight was terminated"
-        if self._settling:
-            return _STARTING
-        if not self._aircraft.armed:
-            for need in NEEDS_TO_ARM[self.mode]:
-                if not self.needs[need]():
-                    return f"in mode {self.mode.name}: {need.value}"
-        return self.guard.arming_denied()
-
-    def here(self) -> Vector:
-        """Return where new paths begin, (3,) NED: the point held, or the estimated position."""
-        return self.navigator.here(resting=not self.moving)
-
     def not_at_rest(self) -> str:
         """Why the aircraft cannot be switched off; empty if it can. A wreck can."""
         if self._aircraft.armed:
             return "armed"
         return "" if self._aircraft.on_ground else "in the air"
 
-    def tick(self) -> bool:
-        """Advance the manoeuvre after a step of the aircraft; return whether one is under way."""
-        manoeuvre = self._manoeuvre
-        if manoeuvre is None:
-            return False
-        try:
-            if not manoeuvre.tick():
-                return True
-            self._finished()
-        except do.StuckError as stuck:
-            self._stuck(str(stuck))
-        except Exception as error:
-            self._report.internal_error("flying", error)
-            self._give_up()
-        return self._manoeuvre is not None
-
-    def _stuck(self, why: str) -> None:
-        """Handle a manoeuvre that is stuck: land, or terminate if the landing itself is stuck."""
-        if self.notice_crash():
-            return
-        self._manoeuvre = None
-        self._report.failsafe(f"{why[0].upper()}{why[1:]}")
-        if not self.airborne:
-            self._stop_motors()
-            self._enter(Mode.HOLD, why, None)
-        elif self.mode is Mode.LAND or self.land(why) is not None:
-            self.terminate(why)
-
-    def _give_up(self) -> None:
-        """Handle an internal error of the manoeuvre: hold, or stay on the ground."""
-        self._manoeuvre = None
-        self._settling = False
-        if self.airborne and self.mode is not Mode.TERMINATED:
-            self._enter(Mode.HOLD, "internal error", self.navigator.stop())
+    def here(self) -> Vector:
+        """Return where new paths begin, (3,) NED: the point held, or the estimated position."""
+        return self.navigator.here(resting=not self.moving)
 
     # --- orders ---------------------------------------------------------------------------------
-
-    def choose(self, mode: Mode, order: Callable[[], str | None]) -> str | None:
-        """Give an order that leads to a mode; before arming show the mode, and order it then."""
-        if self._aircraft.armed or self._settling or self.mode is Mode.TERMINATED:
-            return order()
-        self._aircraft.idle()
-        self._enter(mode, "chosen before arming", None)
-        self._chosen = order
-        return None
-
-    def arm(self, begin: Callable[[], str | None] | None = None) -> str | None:
-        """Arm: let the motors turn, and `begin` an order, or what was chosen before."""
-        if self._aircraft.armed:
-            return None
-        if reason := self.not_ready():
-            return reason
-        begin = begin or self._chosen
-        self._aircraft.arm()
-        if begin is not None and (refused := begin()):
-            self._aircraft.disarm()
-            return refused
-        self._chosen = None
-        self._aircraft.happened("arming")
-        self._released = True
-        self.flights += 1
-        self.armed_t_ns = self._aircraft.t_ns
-        self.took_off_t_ns = self.landed_t_ns = 0
-        self._report.armed(True)
-        return None
-
-    def disarm(self, *, force: bool = False) -> str | None:
-        """Stop the motors; in the air only by force, which ends the flight."""
-        if not self._aircraft.armed:
-            return None
-        if not self._aircraft.on_ground:
-            return self.terminate("forced disarming in the air") if force else "in the air"
-        self._stop_motors()
-        if self.mode is not Mode.TERMINATED:
-            self._enter(Mode.HOLD, "disarmed", None)
-        return None
-
-    def terminate(self, why: str = "termination ordered") -> str | None:
-        """Stop the motors wherever the aircraft is."""
-        self._settling = False
-        self._stop_motors()
-        self._enter(Mode.TERMINATED, why, do.fall(self._aircraft))
-        return None
-
-    def notice_crash(self) -> bool:
-        """Return whether the aircraft has crashed; the first time, report it and terminate."""
-        impact_mps = self._aircraft.impact_mps
-        if impact_mps is not None and not self._wrecked:
-            self._wrecked = True
-            said = f"Crashed: hit {self._aircraft.hit} at {impact_mps:.1f} m/s"
-            self._report.say(said, mav.MAV_SEVERITY_CRITICAL)
-            self._settling = False
-            self._stop_motors()
-            self._enter(Mode.TERMINATED, "crashed", None)
-        return self._wrecked
 
     def take_off(
         self,
@@ -410,99 +252,6 @@ class Flight:
         """Move home to a place."""
         self.guard.home = home
         self._report.nudge(mav.MAVLINK_MSG_ID_HOME_POSITION)
-
-    # --- transitions ----------------------------------------------------------------------------
-
-    def order(
-        self,
-        trigger: Trigger,
-        make: Callable[[], do.Manoeuvre],
-        why: str | None = None,
-        *,
-        goal: Goal | None = None,
-    ) -> str | None:
-        """Begin the manoeuvre that `make` makes, if the mode and its needs allow it."""
-        if self._settling:
-            return _STARTING
-        target, needs = ORDERS[trigger]
-        if target is self.mode and target not in _ANEW and self._chosen is None:
-            return None
-        if not possible(self.mode, trigger):
-            return f"not possible in mode {self.mode.name}"
-        for need in needs:
-            if not self.needs[need]():
-                return need.value
-        lifts = trigger in _LIFTS and not self.airborne
-        if lifts and (denied := self.guard.arming_denied()):
-            return denied  # what keeps it from being armed may have come since it was
-        if target is Mode.HOLD and not self.airborne:
-            self._aircraft.idle()
-            self._enter(target, why or trigger.value, None)
-        else:
-            self._enter(target, why or trigger.value, make())
-            self._goal = goal
-        return None
-
-    def _enter(self, mode: Mode, why: str, manoeuvre: do.Manoeuvre | None) -> None:
-        self._manoeuvre = manoeuvre
-        self._goal = self._chosen = None
-        self._report.nudge(mav.MAVLINK_MSG_ID_EXTENDED_SYS_STATE)
-        if mode is not self.mode:
-            self.mode = mode
-            self._ordered_speed_mps = None
-            self._report.mode(mode, why)
-
-    def _finished(self) -> None:
-        if self.notice_crash():
-            return
-        self._manoeuvre = None
-        if self._settling:
-            self._settling = False
-            if self._aircraft.ready:
-                self._report.say("Ready for takeoff", mav.MAV_SEVERITY_INFO)
-            else:
-                why = self._aircraft.why_not_ready
-                self._report.say(f"Not ready: {why}", mav.MAV_SEVERITY_ERROR)
-        elif self.mode is Mode.MISSION:
-            self._mission_ended()
-        elif self.mode is Mode.RETURN:
-            self._enter(Mode.LAND, "manoeuvre finished, landing follows", self._land())
-        elif self.mode is Mode.LAND or self.mode in PILOTED:
-            self._landed()
-        else:
-            self._done()
-
-    def _done(self) -> None:
-        mode = self.mode if self.mode is Mode.TERMINATED else Mode.HOLD
-        self._enter(mode, "manoeuvre finished", None)
-
-    def _mission_ended(self) -> None:
-        last = self._ended_by
-        if last == mav.MAV_CMD_NAV_LOITER_UNLIM or self.mission.waiting:
-            return  # stays in the mission, at an item without end
-        self.mission.finish()
-        self._report.nudge(mav.MAVLINK_MSG_ID_MISSION_CURRENT)
-        if last == mav.MAV_CMD_NAV_RETURN_TO_LAUNCH and self.return_home("mission") is None:
-            return
-        if last == mav.MAV_CMD_NAV_LAND:
-            self._landed()
-        else:
-            self._done()
-
-    def _landed(self) -> None:
-        above_m = float(self.guard.home_ned_m[2] - self._aircraft.belief.pos_ned_m[2])
-        by_itself = self.mode not in PILOTED and self.guard.position_ok()
-        if by_itself and above_m > self._parameters["MPC_LAND_ALT2"]:
-            why = "landings slow down near home's height"
-            self._report.say(f"Touched down {above_m:.0f} m above home: {why}")
-        self._stop_motors()
-        self._done()
-
-    def _stop_motors(self) -> None:
-        if self._released:
-            self._released = False
-            self._aircraft.disarm()
-            self._report.armed(False)
 
     def _go(self, pos_ned_m: Triple, yaw_rad: float) -> do.Manoeuvre:
         return self.navigator.go_to(

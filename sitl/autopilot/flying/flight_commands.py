@@ -14,7 +14,7 @@ from flightdyn.state import GeodeticPoint, Vector
 from sitl.autopilot.codec import ranges
 from sitl.autopilot.codec.orders import RELATIVE_FRAMES, CommandOrder
 from sitl.autopilot.flying.flight import Flight
-from sitl.autopilot.modes import Mode, mode_of_custom
+from sitl.autopilot.flying.modes import Mode
 from sitl.autopilot.protocol.commands import (
     Commands,
     RefusedError,
@@ -27,6 +27,12 @@ from sitl.autopilot.protocol.order_rules import FORCE
 _MODES = ranges.Range(0, 255, whole=True)
 # Flags of DO_REPOSITION.
 _CHANGE_MODE, _RELATIVE_YAW, _BOTH = 1.0, 2.0, 3.0
+
+
+def mode_of_custom(custom_mode: int) -> Mode | None:
+    """The mode that a ground station means, or None where the vehicle has no such mode."""
+    by_number = {4 << 16: Mode.MISSION} | {mode.custom_mode: mode for mode in Mode}
+    return by_number.get(custom_mode)
 
 
 def _heading(order: CommandOrder) -> float:

@@ -170,7 +170,7 @@ class Climb(Follow):
         return done
 
 
-class Stop(Manoeuvre):
+class Brake(Manoeuvre):
     """Brake and hold where the aircraft comes to rest."""
 
     patient = True

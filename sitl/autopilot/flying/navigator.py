@@ -92,7 +92,7 @@ class Navigator:
 
     def stop(self, yaw_rad: float = math.nan) -> do.Manoeuvre:
         """Brake, and hold where the aircraft comes to rest; then turn to a heading, if given."""
-        stop = do.Stop(self._aircraft, deceleration_mps2=self._parameters["MPC_ACC_HOR"])
+        stop = do.Brake(self._aircraft, deceleration_mps2=self._parameters["MPC_ACC_HOR"])
         return stop if math.isnan(yaw_rad) else self._turned(stop, yaw_rad)
 
     def _turned(self, first: do.Manoeuvre, yaw_rad: float) -> do.Manoeuvre:

@@ -10,7 +10,7 @@ from sitl.autopilot.codec.orders import CommandOrder
 from sitl.autopilot.flying import manoeuvres as do
 from sitl.autopilot.flying.circle import DEFAULT_RADIUS_M, Orbit, fastest
 from sitl.autopilot.flying.flight import Flight
-from sitl.autopilot.modes import Mode, Trigger
+from sitl.autopilot.flying.modes import Mode, Trigger
 from sitl.autopilot.protocol.commands import Commands, RefusedError, demand
 
 _DEFAULT_SPEED_MPS = 2.0

@@ -10,7 +10,7 @@ from sitl.autopilot.codec import ranges
 from sitl.autopilot.codec.orders import Handlers, Peer
 from sitl.autopilot.codec.units import from_deg_e7
 from sitl.autopilot.flying import manoeuvres as do
-from sitl.autopilot.modes import Trigger
+from sitl.autopilot.flying.modes import Trigger
 from sitl.autopilot.pilots.stream import Cockpit
 
 _KEPT_S = 3.0  # wall time for which a silent target is extrapolated

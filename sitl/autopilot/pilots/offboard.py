@@ -18,7 +18,7 @@ from sitl.autopilot.codec.orders import GLOBAL_FRAMES, RELATIVE_FRAMES, Handlers
 from sitl.autopilot.codec.units import from_deg_e7
 from sitl.autopilot.failsafe import Cause
 from sitl.autopilot.flying import manoeuvres as do
-from sitl.autopilot.modes import Mode, Need, Trigger
+from sitl.autopilot.flying.modes import Mode, Need, Trigger
 from sitl.autopilot.pilots.stream import Cockpit, StreamPilot
 
 _LocalTarget: TypeAlias = mav.MAVLink_set_position_target_local_ned_message

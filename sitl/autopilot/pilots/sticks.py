@@ -16,7 +16,7 @@ from flightdyn.guidance.pursuit import Target
 from sitl.autopilot.codec.orders import Handlers, Peer
 from sitl.autopilot.failsafe import Cause
 from sitl.autopilot.flying import manoeuvres as do
-from sitl.autopilot.modes import Mode, Need, Trigger
+from sitl.autopilot.flying.modes import Mode, Need, Trigger
 from sitl.autopilot.pilots.stream import Cockpit, StreamPilot
 
 _MIDDLE_US, _HALF_US = 1500, 500

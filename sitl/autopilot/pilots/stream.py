@@ -8,7 +8,7 @@ from typing import ClassVar
 from flightdyn.aircraft import Aircraft
 from sitl.autopilot.failsafe import Cause, Failsafes
 from sitl.autopilot.flying.flight import Flight
-from sitl.autopilot.modes import Mode
+from sitl.autopilot.flying.modes import Mode
 from sitl.autopilot.parameters import Parameters
 from sitl.autopilot.reporter import Reporter
 

@@ -8,8 +8,8 @@ from sitl_desk import Desk
 
 from sitl.autopilot.codec.orders import bare_name
 from sitl.autopilot.failsafe import RULES
+from sitl.autopilot.flying.modes import Mode
 from sitl.autopilot.injection import FAILURES
-from sitl.autopilot.modes import Mode
 from sitl.autopilot.parameters import TABLE
 from sitl.autopilot.protocol.order_rules import COMMANDS
 from sitl.autopilot.protocol.streams import DEFAULT_RATES_HZ, SERVED_RATES_HZ

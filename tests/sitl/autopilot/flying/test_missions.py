@@ -10,7 +10,7 @@ from sitl_desk import Desk, item, of, speed_item, the
 from sitl_mavsdk import HOME
 
 from sitl.autopilot.flying import route
-from sitl.autopilot.modes import Mode
+from sitl.autopilot.flying.modes import Mode
 
 WAYPOINT = mav.MAV_CMD_NAV_WAYPOINT
 ACCEPTED = mav.MAV_MISSION_ACCEPTED

@@ -9,7 +9,7 @@ from pymavlink.dialects.v20 import common as mav
 from sitl_desk import Desk, item, of
 from sitl_mavsdk import HOME
 
-from sitl.autopilot.modes import Mode
+from sitl.autopilot.flying.modes import Mode
 
 ARM, SET_MODE, START = (
     mav.MAV_CMD_COMPONENT_ARM_DISARM,

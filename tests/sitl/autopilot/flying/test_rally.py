@@ -7,7 +7,7 @@ import pytest
 from pymavlink.dialects.v20 import common as mav
 from sitl_desk import Desk, item
 
-from sitl.autopilot.modes import Mode
+from sitl.autopilot.flying.modes import Mode
 
 RALLY = mav.MAV_MISSION_TYPE_RALLY
 FENCE = mav.MAV_MISSION_TYPE_FENCE

@@ -10,8 +10,8 @@ from sitl_desk import Desk, item, of, the
 from sitl_mavsdk import HOME
 
 from flightdyn.frames import LocalFrame
+from sitl.autopilot.flying.modes import Mode
 from sitl.autopilot.flying.route import too_far
-from sitl.autopilot.modes import Mode
 
 OK, DENIED = mav.MAV_RESULT_ACCEPTED, mav.MAV_RESULT_DENIED
 WAYPOINT, RALLY = mav.MAV_CMD_NAV_WAYPOINT, mav.MAV_MISSION_TYPE_RALLY

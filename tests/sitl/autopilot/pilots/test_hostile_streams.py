@@ -10,7 +10,7 @@ from pymavlink.dialects.v20 import common as mav
 from sitl_desk import Desk, of
 from sitl_mavsdk import make_vehicle
 
-from sitl.autopilot.modes import Mode
+from sitl.autopilot.flying.modes import Mode
 from sitl.config import VehicleConfig
 
 KINDS = (

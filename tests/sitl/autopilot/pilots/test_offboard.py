@@ -11,7 +11,7 @@ from sitl_mavsdk import HOME, make_vehicle
 
 from flightdyn.frames import LocalFrame, quaternion_from_euler, yaw_of
 from flightdyn.state import Vector
-from sitl.autopilot.modes import Mode
+from sitl.autopilot.flying.modes import Mode
 from sitl.config import VehicleConfig
 
 OK, REJECTED = mav.MAV_RESULT_ACCEPTED, mav.MAV_RESULT_TEMPORARILY_REJECTED

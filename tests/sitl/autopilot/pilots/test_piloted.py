@@ -11,7 +11,7 @@ from sitl_mavsdk import HOME, make_vehicle
 
 from flightdyn.aircraft import Aircraft
 from flightdyn.frames import LocalFrame, wrap_pi, yaw_of
-from sitl.autopilot.modes import Mode
+from sitl.autopilot.flying.modes import Mode
 from sitl.config import VehicleConfig
 
 OK, REJECTED, DENIED = (

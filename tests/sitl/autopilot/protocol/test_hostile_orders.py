@@ -11,7 +11,7 @@ from pymavlink.dialects.v20 import common as mav
 from sitl_desk import Desk, item, of, speed_item, the
 
 from sitl.autopilot.flying import route
-from sitl.autopilot.modes import Mode
+from sitl.autopilot.flying.modes import Mode
 from sitl.config import VehicleConfig
 
 OK, DENIED = mav.MAV_RESULT_ACCEPTED, mav.MAV_RESULT_DENIED

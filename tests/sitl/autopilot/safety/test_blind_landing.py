@@ -9,7 +9,7 @@ from sitl_mavsdk import HOME, Recorder, make_vehicle
 from flightdyn.config import AircraftConfig
 from flightdyn.faults import GnssOff
 from flightdyn.frames import rotation_matrix
-from sitl.autopilot.modes import Mode
+from sitl.autopilot.flying.modes import Mode
 from sitl.config import VehicleConfig
 from sitl.vehicle import Vehicle
 

@@ -14,7 +14,7 @@ from flightdyn.faults import GnssOff, WindBurst
 from flightdyn.state import BatteryState
 from sitl.autopilot.failsafe import RULES, Action, Cause
 from sitl.autopilot.fence import Fence
-from sitl.autopilot.modes import Mode
+from sitl.autopilot.flying.modes import Mode
 from sitl.autopilot.parameters import SPECS
 from sitl.config import VehicleConfig
 

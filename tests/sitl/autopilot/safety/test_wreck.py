@@ -7,7 +7,7 @@ from sitl_mavsdk import HOME, Recorder, make_vehicle
 
 from flightdyn.aircraft import Aircraft
 from flightdyn.faults import GnssJump, GnssOff, MotorLoss
-from sitl.autopilot.modes import Mode
+from sitl.autopilot.flying.modes import Mode
 from sitl.vehicle import Vehicle
 
 TEXT = "Crashed: hit the ground at 9.9 m/s"
