@@ -10,7 +10,7 @@ from typing import Literal, TypeAlias, get_args, get_origin
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails, PydanticUndefined
 
-from aerofed_errors import did_you_mean, told
+from aerofed_errors import SettingError, did_you_mean, told
 from mission.base.errors import InputError, several
 
 _LONG = 60  # characters of a value that are shown
@@ -48,6 +48,19 @@ class Blame:
     def on(self, name: str) -> str:
         """Return a key's origin: `giver` where it or something in it was given, else `source`."""
         return self.giver if self.sets(name) else self.source
+
+    @contextmanager
+    def told(self) -> Iterator[None]:
+        """Context manager: name the origin of the key in a `SettingError` of the block.
+
+        Raises:
+            InputError: in its place.
+        """
+        try:
+            yield
+        except SettingError as error:
+            reason = refusal(error.key, error.value, error.allowed, self)
+            raise InputError(reason) from None
 
 
 def explain(

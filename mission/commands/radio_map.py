@@ -94,7 +94,8 @@ def radio_map(
             f"--cell {cell:g}: makes {cells} cells, {_MOST_CELLS} are allowed; take larger ones"
         )
     if engine == "buildings":
-        city = city_of(resolved, area, devices_m, streams)
+        with resolved.blame.told():
+            city = city_of(resolved, area, devices_m, streams)
         made = RadioMap.of(city, devices_m, size_m=size_m, height_m=heights_m, cell_m=cell)
         source = (
             f"{len(area.buildings)} buildings, {resolved.radio.environment}, seed {resolved.seed}"

@@ -92,15 +92,19 @@ def load_config(
         path = config_file(source)
         data = {**(beneath or {}), **_read(path)}
         _make_absolute(data, path.parent)
-    name = str(path)
-    for dotted, value in (overrides or {}).items():
-        override(data, dotted, value, giver=giver)
-    if "radio.map_file" in (overrides or {}) and "radio.map_sha256" not in (overrides or {}):
+    given = {key: (options or {}).get(key, "") for key in overrides or {}}
+    blame = Blame(str(path), given, giver)
+    with blame.told():
+        return _checked(data, overrides or {}, blame)
+
+
+def _checked(data: dict[str, Any], overrides: Mapping[str, object], blame: Blame) -> RunConfig:
+    for dotted, value in overrides.items():
+        override(data, dotted, value)
+    if "radio.map_file" in overrides and "radio.map_sha256" not in overrides:
         data["radio"].pop("map_sha256", None)  # of another file
     _find_firmware(data)
     _make_absolute(data, Path())
-    named = options or {}
-    blame = Blame(name, {key: named.get(key, "") for key in overrides or {}}, giver)
     with explained(RunConfig, data, blame):
         # By way of JSON, where pydantic tells lists, numbers, texts and truths apart as TOML does.
         config = RunConfig.model_validate_json(_json(data), strict=True)

@@ -1,6 +1,6 @@
 """A run's configuration: every package describes what it is configured by; here is the whole."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Literal, Self
 
@@ -25,7 +25,7 @@ from fl.config import (
 from fl.plugin_code import label_of
 from flightdyn.tables import Table
 from mission.base.errors import InputError
-from mission.base.explain import Blame, WrongKey, refusal
+from mission.base.explain import Blame
 from mission.config import PLANNED, STRATEGIES
 from mission.config.area import AreaConfig
 from mission.config.url import NETWORK_FORMS, URL_FORMS, checked_url
@@ -288,14 +288,10 @@ class RunConfig(Table):
         """Notes for the user on the files that were read for it, a line each."""
         return self._blame.notes
 
-    def refuse(self, problems: Iterable[WrongKey]) -> None:
-        """Refuse the first of the values that cannot be used, with the file that it comes from.
-
-        Raises:
-            InputError: there is one.
-        """
-        for problem in problems:
-            raise InputError(refusal(*problem, self._blame))
+    @property
+    def blame(self) -> Blame:
+        """Where its keys come from, for the errors of whoever uses it."""
+        return self._blame
 
     def contradiction(self, keys: Sequence[str], reason: str) -> InputError:
         """Make the error for keys that do not fit each other; it is about the first of them that

@@ -2,8 +2,9 @@
 
 from typing import Any
 
+from aerofed_errors import SettingError
 from mission.base.errors import InputError
-from mission.base.explain import Blame, refusal, shown
+from mission.base.explain import shown
 from mission.base.user_files import MOST_DEEP, parse_toml
 
 
@@ -25,18 +26,16 @@ def parse_override(text: str) -> tuple[str, object]:
         return key, raw.strip()
 
 
-def override(
-    data: dict[str, Any], dotted: str, value: object, *, giver: str = "command line"
-) -> None:
+def override(data: dict[str, Any], dotted: str, value: object) -> None:
     """Set one key in `data`; the value is not checked yet. Tables on the way are made.
 
     Raises:
-        InputError: the way leads through what is neither a table nor a list, or past its end.
+        SettingError: the way leads through what is neither a table nor a list, or past its end.
     """
     parts: list[Any] = dotted.split(".")
     if len(parts) > MOST_DEEP:
         reason = f"no key has {len(parts)} parts; {MOST_DEEP} at most"
-        raise InputError(f"{giver}: {shown(dotted)}: {reason}")
+        raise SettingError(shown(dotted), value, reason)
     node: Any = data
     for depth, part in enumerate(parts):
         name, last = ".".join(parts[:depth]), depth == len(parts) - 1
@@ -50,7 +49,7 @@ def override(
         elif not isinstance(node, dict):
             reason = f"{name} is {shown(node)}, and has nothing in it"
         if reason:
-            raise InputError(refusal(dotted, value, reason, Blame(giver)))
+            raise SettingError(dotted, value, reason)
         if last:
             node[part] = value
         else:

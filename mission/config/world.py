@@ -11,10 +11,11 @@ from typing import Any
 
 import numpy as np
 
+from aerofed_errors import SettingError
 from fl.config import WEIGHED_PARTITIONS, CommunityConfig, RadioConfig
 from mission.base.arrays import Floats
 from mission.base.errors import InputError
-from mission.base.explain import Blame, refusal
+from mission.base.explain import Blame
 from mission.base.geo_file import Pair, Place, read_places
 from mission.base.user_files import read_bytes
 from mission.config.area import AreaConfig
@@ -75,7 +76,7 @@ def _known_map(radio: RadioConfig, blame: Blame) -> RadioConfig:
     found = hashlib.sha256(content).hexdigest()
     if radio.map_sha256 not in (None, found):
         reason = f"{radio.map_file} has {found}: it is another map{back}"
-        raise InputError(refusal("radio.map_sha256", radio.map_sha256, reason, blame))
+        raise SettingError("radio.map_sha256", radio.map_sha256, reason)
     return radio.model_copy(update={"map_sha256": found})
 
 
@@ -89,8 +90,8 @@ def _places_of(config: RunConfig, index: int, blame: Blame) -> tuple[Place, ...]
     names = list(dict.fromkeys(place.community for place in every))
     places = every if names == [None] else [p for p in every if p.community == community.name]
 
-    def refuse(reason: str) -> InputError:
-        return InputError(refusal(key, name, reason, blame))
+    def refuse(reason: str) -> SettingError:
+        return SettingError(key, name, reason)
 
     known = [one.name for one in config.communities]
     lost = next((p for p in every if p.community not in (None, *known)), None)
@@ -110,8 +111,7 @@ def _places_of(config: RunConfig, index: int, blame: Blame) -> tuple[Place, ...]
             f"{key} = {name!r} holds {len(places)} places of community {community.name!r}; leave "
             "devices out to have as many as there are"
         )
-        wrong = f"communities.{index}.devices", community.devices, reason
-        raise InputError(refusal(*wrong, blame))
+        raise SettingError(f"communities.{index}.devices", community.devices, reason)
     if len(places) > 1000:
         raise refuse(f"holds {len(places)} places; a community has 1000 devices at most")
     shares = [place for place in places if place.share is not None]

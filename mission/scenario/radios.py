@@ -5,6 +5,7 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
+from aerofed_errors import SettingError
 from fl.config import RADIOS
 from fl.plugins import PlugIn
 from fl.radio import waves
@@ -138,7 +139,7 @@ def city_of(
             f"device {device} at x = {x:.1f}, y = {y:.1f} m stands within a building; move it, or "
             "let it pay for the way through the wall: 'entry-loss'"
         )
-        config.refuse([("radio.indoors", radio.indoors, reason)])
+        raise SettingError("radio.indoors", radio.indoors, reason)
     return city
 
 
@@ -148,7 +149,7 @@ def _map_of(config: RunConfig, devices_m: Floats) -> RadioMap:
     assert name is not None
     made = read_map(name)
     if (why := _misfit(made, config, devices_m)) is not None:
-        config.refuse([("radio.map_file", str(name), why)])
+        raise SettingError("radio.map_file", str(name), why)
     return made
 
 

@@ -4,13 +4,13 @@ Nothing of the vehicle is imported: with its filter it takes longer than plannin
 """
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from dataclasses import asdict, dataclass, replace
-from itertools import chain
 from pathlib import Path
 
 import numpy as np
 
+from aerofed_errors import SettingError
 from fl.errors import FETCHED
 from fl.federation import fairness
 from fl.federation import rounds as learning
@@ -25,7 +25,6 @@ from flightdyn.random import RandomStreams
 from mission.base.area import Area
 from mission.base.arrays import Floats, Ints
 from mission.base.errors import InputError
-from mission.base.explain import WrongKey
 from mission.base.tables import count, csv_lines
 from mission.config import STRATEGIES
 from mission.config.models import RunConfig
@@ -305,30 +304,30 @@ def _tones_s(config: RunConfig) -> float:
     return heard * (config.radio.pilot_s or 0.0)
 
 
-def _unsent(config: RunConfig) -> Iterator[WrongKey]:
-    """Yield the keys of sizes and tones that are given without an upload rate, or leave nothing
-    of it."""
-    keys: list[tuple[str, object]] = [("radio.pilot_s", config.radio.pilot_s)]
+def _check_sent(config: RunConfig) -> None:
+    """Refuse sizes and tones that are given without an upload rate, or leave nothing of it."""
+    tones = "radio.pilot_s", config.radio.pilot_s
     if (tones_s := _tones_s(config)) >= 1.0:
-        reason = (
+        raise SettingError(
+            *tones,
             f"tones take {tones_s:g} s of each second, and leave nothing for uploads; have shorter "
-            "ones, or hear fewer: radio.pilots = 'scheduled'"
+            "ones, or hear fewer: radio.pilots = 'scheduled'",
         )
-        yield *keys[0], reason
-    for index, community in enumerate(config.communities):
-        keys.append((f"communities.{index}.upload_bits", community.upload_bits))
-    for key, value in keys:
+    sizes = (
+        (f"communities.{i}.upload_bits", c.upload_bits) for i, c in enumerate(config.communities)
+    )
+    for key, value in (tones, *sizes):
         if value is not None and config.channel.upload_rate_bps is None:
             reason = "needs channel.upload_rate_bps, the rate of uploads; give both or none"
-            yield key, value, reason
+            raise SettingError(key, value, reason)
 
 
-def _too_slow(config: RunConfig, bits: Floats) -> Iterator[WrongKey]:
-    """Yield the key of an upload rate at which an update takes longer than an hour."""
+def _check_quick(config: RunConfig, bits: Floats) -> None:
+    """Refuse an upload rate at which an update takes longer than an hour."""
     rate_bps, least_bps = config.channel.upload_rate_bps, bits.max() / _LONGEST_UPLOAD_S
     left = 1.0 - _tones_s(config)
     if rate_bps is not None and rate_bps * left < least_bps:
-        yield (
+        raise SettingError(
             "channel.upload_rate_bps",
             rate_bps,
             f"the largest update, {bits.max():.0f} bits, takes {bits.max() / rate_bps / left:.0f} "
@@ -343,11 +342,18 @@ def build_scenario(config: RunConfig, *, data_dir: Path | None) -> Scenario:
     Raises:
         InputError: data is missing or damaged, or a setting contradicts another.
     """
+    with config.blame.told():
+        return _built(config, data_dir)
+
+
+def _built(config: RunConfig, data_dir: Path | None) -> Scenario:
     streams = RandomStreams(config.seed)
     area = config.area.build(config.mission.heights_m)
     check_start(config)
     performance = foreseen_performance(config)
-    config.refuse(chain(unflyable(config, performance), _unsent(config)))
+    for wrong in unflyable(config, performance):
+        raise SettingError(*wrong)
+    _check_sent(config)
     budget = budget_of(config, performance)
     devices_m = device_places(config, area, streams)
     config = with_traced_map(config, devices_m)
@@ -357,7 +363,7 @@ def build_scenario(config: RunConfig, *, data_dir: Path | None) -> Scenario:
     federation = build_federation(
         config.communities, config.learning, data_dir=data_dir, stream=streams.generator
     )
-    config.refuse(_too_slow(config, federation.upload_bits))
+    _check_quick(config, federation.upload_bits)
     mission, planner = config.mission, make_planner(config.planner)
     limits = round_limits(mission, performance, left=UNLIMITED)
     strategy = (

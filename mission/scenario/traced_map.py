@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from aerofed_errors import did_you_mean, first_line
+from aerofed_errors import SettingError, did_you_mean, first_line
 from fl.radio.radio_map import RadioMap
 from mission.base.arrays import Floats
 from mission.base.errors import InputError
@@ -34,7 +34,7 @@ def with_traced_map(config: RunConfig, devices_m: Floats) -> RunConfig:
         return config
     if not scene.isidentifier():  # a file may be changed, and the kept map would be another's
         words = "must be a scene that comes with Sionna RT; aerofed radio-map makes a map of a file"
-        config.refuse([("radio.scene", scene, f"{words}, for radio.map_file")])
+        raise SettingError("radio.scene", scene, f"{words}, for radio.map_file")
     heights_m = np.unique(config.mission.heights_m)
     radio = config.radio.model_dump(mode="json", include={"carrier_hz", "device_height_m"})
     place = f"{config.area.size_m} {heights_m} {devices_m.tolist()}"
@@ -50,7 +50,7 @@ def with_traced_map(config: RunConfig, devices_m: Floats) -> RunConfig:
                     config, scene, devices_m, middle_m=(0, 0), height_m=heights_m, cell_m=_CELL_M
                 )
             except InputError as error:
-                config.refuse([("radio.scene", scene, str(error))])
+                raise SettingError("radio.scene", scene, str(error)) from None
             write_map(path, made, origin_of(config, f"{scene}, Sionna RT"))
     known = {"map_file": path, "map_sha256": hashlib.sha256(path.read_bytes()).hexdigest()}
     return config.model_copy(update={"radio": config.radio.model_copy(update=known)})
