@@ -4,6 +4,7 @@
 PYTHON ?= python3
 VENV ?= .venv
 BIN := $(VENV)/bin
+PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 FLOWER := $(VENV)/flower
 BASE := $(VENV)/.base
 READY := $(VENV)/.ready
@@ -40,18 +41,21 @@ check: $(READY)
 
 # The documentation as a site, in build/site.
 docs: $(BASE)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint requirements.lock --editable '.[docs]'
+	$(PIP) --constraint requirements.lock --editable '.[docs]'
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
 
-# What flies the quick start, and what tests need beside it.
+# What flies the quick start, and what tests need beside it. The newest pip installs in two thirds of
+# the time of the one that comes with Python 3.11.
 $(BASE): pyproject.toml requirements.lock
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --no-compile --disable-pip-version-check --constraint requirements.lock --editable .
+	$(PIP) --upgrade pip
+	$(PIP) --no-compile --constraint requirements.lock --editable .
 	touch $@
 
 $(READY): pyproject.toml requirements.lock
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint requirements.lock --editable '.[dev]'
+	$(PIP) --upgrade pip
+	$(PIP) --constraint requirements.lock --editable '.[dev]'
 	touch $(BASE) $@
 
 clean:
