@@ -257,6 +257,10 @@ def test_vehicles_are_called_by_their_numbers_as_their_folders_are(
     folders = sorted(path.name for path in tmp_path.iterdir())
     assert folders == [line.split()[0] for line in each] == ["vehicle-2", "vehicle-3"]
     assert first.endswith(f"aerofed compare {tmp_path / folders[0]}")
+    # Without words about it: one vehicle, the first.
+    assert call(["sitl", *arguments[4:]]) == 0
+    _, *each = capsys.readouterr().out.splitlines()
+    assert [line.split()[0] for line in each] == ["vehicle-1"]
 
 
 def test_the_environment_of_px4s_simulators_is_heard(

@@ -111,3 +111,9 @@ def test_who_brings_least_a_second_is_left_out_first(order: tuple[int, ...]) -> 
         found = serving_fewer(given, everybody)
         assert {int(turn[k]) for k in np.flatnonzero(found.schedule[0])} == served
         assert found.value == pytest.approx(importance[found.schedule[0]].sum(), rel=1e-3)
+        # And so where it has to be worth more than what is known, which is not told too early.
+        if served:
+            better = fitted(given, start_m[None], above=found.value * (1.0 - 1e-9))
+            assert better is not None
+            assert better.schedule.tolist() == found.schedule.tolist()
+            assert fitted(given, start_m[None], above=found.value) is None

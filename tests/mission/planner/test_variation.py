@@ -3,12 +3,14 @@
 from collections.abc import Callable, Iterator
 
 import numpy as np
+import pytest
 
 from fl.radio.channel import CHANNEL_PRESETS
 from mission.planner.native.rounds import CandidatePlan
+from mission.planner.performance import Performance, RoundLimits
 from mission.planner.problem import RoundProblem
 
-STEPS = 9
+STEPS, SPEED_MPS = 9, 20.0
 WHOLE = 2**64 - 1
 
 
@@ -23,10 +25,12 @@ def numbers(seed: int) -> Iterator[float]:
 
 
 def changed(
-    way: np.ndarray, device_m: np.ndarray, under: Callable[[int], int], draw: Iterator[float]
-):
-    """The way after a change, and which kind it was."""
-    n, m, kind = 1 + under(STEPS - 1), 1 + under(STEPS - 1), under(7)
+    way: np.ndarray, device_m: np.ndarray, under: Callable[[int], int], draw: Iterator[float],
+    ready_s: float | None = None,
+):  # fmt: skip
+    """The way after a change, and which kind it was; with the device's readiness there are nine."""
+    n, m = 1 + under(STEPS - 1), 1 + under(STEPS - 1)
+    kind = under(7 if ready_s is None else 9)
     x, y = next(draw), next(draw)
     way, old = way.copy(), way[n].copy()
     if kind in (0, 6):
@@ -43,16 +47,30 @@ def changed(
         put = old if kind == 3 else way[m - 1].copy()
         if kind == 4:
             put = device_m + x * y * (put - device_m)
+        if kind > 6:  # aside, half as far as is flown there and back until the device is ready
+            assert ready_s is not None
+            legs_m = np.hypot(*np.diff(way[: m + 1], axis=0).T)
+            quarter_s = max(0.0, ready_s - legs_m.sum() / SPEED_MPS) * (1.0 + next(draw) ** 2) / 4.0
+            ramp_s = SPEED_MPS / 5.0
+            if quarter_s > ramp_s:
+                far_m = SPEED_MPS * (2.0 * quarter_s - ramp_s)
+            else:
+                far_m = 5.0 * quarter_s**2
+            aside = np.array([x - 0.5, y - 0.5])
+            put = put + far_m * aside / np.hypot(*aside)
         way = np.insert(np.delete(way, n, axis=0), m, put, axis=0)
     return way, kind
 
 
-def test_every_kind_of_change_is_what_is_said_of_it() -> None:
+@pytest.mark.parametrize("ready", [False, True])
+def test_every_kind_of_change_is_what_is_said_of_it(ready: bool) -> None:
+    ready_s = np.array([0.0, 0.0, 30.0, 60.0, 90.0]) if ready else None
+    paper = RoundLimits(Performance(SPEED_MPS, 5.0, None), 1e6) if ready else None
     rng = np.random.default_rng(1)
     devices_m = rng.uniform(350.0, 450.0, (5, 2))
     problem = RoundProblem(
         devices_m, np.array([1.0, 0.0, 0.5, 2.0, 0.3]), np.full(2, 400.0), STEPS, 2, 1e5,
-        CHANNEL_PRESETS["suburban"],
+        CHANNEL_PRESETS["suburban"], limits=paper, ready_in_s=ready_s,
     )  # fmt: skip
     worth = np.array([0, 2, 3, 4])
     seen, moved = set(), 0
@@ -71,9 +89,11 @@ def test_every_kind_of_change_is_what_is_said_of_it() -> None:
             return int(next(draw) * limit)
 
         next(draw)  # what the change may lose
-        expected, kind = changed(way, devices_m[worth[under(4)]], under, draw)
+        k = worth[under(4)]
+        of_k = None if ready_s is None else float(ready_s[k])
+        expected, kind = changed(way, devices_m[k], under, draw, of_k)
         np.testing.assert_allclose(found.route[found.at], expected, rtol=0.0, atol=1e-9)
         seen.add(kind)
         moved += kind == 6 and (expected != way).any(axis=1).sum() == 3
-    assert seen == set(range(7))
+    assert seen == set(range(9 if ready else 7))
     assert moved > 0
