@@ -26,7 +26,7 @@ from sitl.observer import VehicleSample
 
 SECONDS = 600
 RATE_HZ = 10
-AREA = Area((800.0, 800.0), (400.0, 400.0), GeodeticPoint(43.6, 7.07, 130.0))
+AREA = Area.at((800.0, 800.0), (400.0, 400.0), GeodeticPoint(43.6, 7.07, 130.0))
 DEVICES = Devices(np.random.default_rng(1).uniform(0, 800, (12, 2)), ("a",) * 6 + ("b",) * 6)
 REPEATS = 3
 

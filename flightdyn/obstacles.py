@@ -1,6 +1,8 @@
 """Obstacles, which wreck an aircraft that flies into them."""
 
 from collections.abc import Sequence
+from copy import copy
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +25,13 @@ class Obstacles:
         self._floors = np.array([floor for _, floor, _ in prisms])
         self._roofs = np.array([roof for *_, roof in prisms])
         self._highest = float(self._roofs.max(initial=-np.inf))
+        self._home = 0.0, 0.0
+
+    def seen_from(self, north: float, east: float) -> Self:
+        """The same obstacles about another home, so many metres north and east of this one."""
+        seen = copy(self)
+        seen._home = self._home[0] + north, self._home[1] + east
+        return seen
 
     def contain(self, north: float, east: float, up: float) -> bool:
         """Whether a place (m north, east and above home) is inside one."""
@@ -33,6 +42,7 @@ class Obstacles:
 
     def within(self, north: float, east: float) -> NDArray[np.bool_]:
         """(P,) whether a place is within the walls of each, at any height, by ray casting."""
+        north, east = north + self._home[0], east + self._home[1]
         n1, e1, n2, e2 = self._walls.T
         beside = (e1 > east) != (e2 > east)
         with np.errstate(divide="ignore", invalid="ignore"):  # of walls that are not beside it

@@ -1,11 +1,12 @@
 """Conversion between area coordinates (planner) and the vehicle's local frame (flight).
 
-Area coordinates are x east, y north in metres from the south-west corner of the area. The
-vehicle's frame is NED about the take-off point, which lies at `home_m` in the area.
+Area coordinates are x east, y north in metres from the south-west corner of the site. The
+vehicle's frame is NED about its take-off point, which lies at `home_m` in the area.
 """
 
 import math
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Self
 
 import numpy as np
@@ -19,34 +20,82 @@ from mission.base.arrays import Floats
 
 
 @dataclass(frozen=True)
-class Area:
-    """A rectangle on the ground with a take-off point (home), which may lie outside it."""
+class Site:
+    """A rectangle on the ground and what stands there, the same for all aircraft above it."""
 
     size_m: tuple[float, float]  # width (x), height (y)
-    home_m: tuple[float, float]
-    home: GeodeticPoint
+    origin_m: tuple[float, float]  # which place of it is `origin`; may lie outside
+    origin: GeodeticPoint
     airspace: Airspace = field(default=OPEN, compare=False)  # where in it may be flown
     buildings: tuple[Building, ...] = field(default=(), compare=False)
 
-    @classmethod
-    def around(cls, home: GeodeticPoint, pos_ned_m: Floats, *, margin_m: float) -> Self:
-        """Make the rectangle, with a margin, around positions (n, 3), in NED metres from `home`."""
-        low = pos_ned_m.min(axis=0) - margin_m
-        north_m, east_m, _ = (pos_ned_m.max(axis=0) + margin_m - low).tolist()
-        return cls((east_m, north_m), (-float(low[1]), -float(low[0])), home)
-
-    @property
+    @cached_property
     def obstacles(self) -> Obstacles | None:
-        """The buildings as obstacles to an aircraft, in its local frame; None without buildings."""
+        """The buildings, in metres north and east of `origin`; None without buildings."""
         known = [
             (
-                [(ring - self.home_m)[:, ::-1] for ring in building.outlines_m],
+                [(ring - self.origin_m)[:, ::-1] for ring in building.outlines_m],
                 building.from_m or -math.inf,
                 building.height_m,
             )
             for building in self.buildings
         ]
         return Obstacles(known) if known else None
+
+    def from_home(self, home_m: tuple[float, float]) -> "Area":
+        """The site with a take-off point `home_m`, as high as `origin`."""
+        north, east = home_m[1] - self.origin_m[1], home_m[0] - self.origin_m[0]
+        home = LocalFrame(self.origin).to_geodetic(np.array([north, east, 0.0]))
+        return Area(self, home_m, replace(home, alt_msl_m=self.origin.alt_msl_m))
+
+
+@dataclass(frozen=True)
+class Area:
+    """A site with the take-off point (home) of one aircraft, which may lie outside it."""
+
+    site: Site
+    home_m: tuple[float, float]
+    home: GeodeticPoint
+
+    @classmethod
+    def at(
+        cls,
+        size_m: tuple[float, float],
+        home_m: tuple[float, float],
+        home: GeodeticPoint,
+        airspace: Airspace = OPEN,
+        buildings: tuple[Building, ...] = (),
+    ) -> Self:
+        """Make the area of a site whose origin is this home."""
+        return cls(Site(size_m, home_m, home, airspace, buildings), home_m, home)
+
+    @classmethod
+    def around(cls, home: GeodeticPoint, pos_ned_m: Floats, *, margin_m: float) -> Self:
+        """Make the rectangle, with a margin, around positions (n, 3), in NED metres from `home`."""
+        low = pos_ned_m.min(axis=0) - margin_m
+        north_m, east_m, _ = (pos_ned_m.max(axis=0) + margin_m - low).tolist()
+        return cls.at((east_m, north_m), (-float(low[1]), -float(low[0])), home)
+
+    @property
+    def size_m(self) -> tuple[float, float]:
+        """Width (x) and height (y) of the site."""
+        return self.site.size_m
+
+    @property
+    def airspace(self) -> Airspace:
+        """Where in the site may be flown."""
+        return self.site.airspace
+
+    @property
+    def buildings(self) -> tuple[Building, ...]:
+        """The site's buildings."""
+        return self.site.buildings
+
+    @property
+    def obstacles(self) -> Obstacles | None:
+        """The buildings as obstacles to an aircraft, in its local frame; None without buildings."""
+        (x, y), (at_x, at_y), found = self.home_m, self.site.origin_m, self.site.obstacles
+        return None if found is None else found.seen_from(y - at_y, x - at_x)
 
     @property
     def frame(self) -> LocalFrame:

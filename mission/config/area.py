@@ -152,8 +152,8 @@ class AreaConfig(Table):
         home = GeodeticPoint(self.home_lat_deg, self.home_lon_deg, self.home_alt_msl_m)
         buildings = tuple(Building.of(**dict(one)) for one in self.buildings)
         if heights_m is None:
-            return Area(self.size_m, self.home_m, home, buildings=buildings)
+            return Area.at(self.size_m, self.home_m, home, buildings=buildings)
         rings = [np.array(zone.polygon_m) for zone in self.zones if zone.counts_at(*heights_m)]
         keep_in, *holes = self.fence or (None,)
         space = Airspace((*rings, *holes), keep_in, self.margin_m)
-        return Area(self.size_m, self.home_m, home, space, buildings)
+        return Area.at(self.size_m, self.home_m, home, space, buildings)

@@ -453,6 +453,6 @@ def area_from_text(values: Mapping[str, str]) -> Area:
         json.loads(values[key]) for key in ("size_m", "home_m", "home")
     )
     place = GeodeticPoint(**{name: float(value) for name, value in home.items()})
-    area = Area((float(width), float(height)), (float(x), float(y)), place)
+    area = Area.at((float(width), float(height)), (float(x), float(y)), place)
     _ = area.frame
     return area

@@ -256,7 +256,7 @@ def _places(rows: Sequence[tuple[float, ...]]) -> Floats:
 
 
 def _ned(rows: Floats, home: GeodeticPoint) -> tuple[Ints, Floats]:
-    frame = Area((1.0, 1.0), (0.0, 0.0), home).frame
+    frame = Area.at((1.0, 1.0), (0.0, 0.0), home).frame
     ned = np.array([frame.to_ned(*row) for row in rows[:, 1:].tolist()])
     # Height above home, not above the plane that touches the globe there.
     ned[:, 2] = home.alt_msl_m - rows[:, 3]

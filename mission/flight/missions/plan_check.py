@@ -118,7 +118,7 @@ def planned_path(
     reason = route.check_mission(plan.items, frame=frame, home=home, farthest_m=p["MIS_DIST_1WP"])
     if reason:
         raise InputError(f"{plan.path}: {reason}")
-    area = Area((1.0, 1.0), (0.0, 0.0), home)
+    area = Area.at((1.0, 1.0), (0.0, 0.0), home)
     rally = [place_m(item, area) for item in plan.rally]
     way = mission_path(plan.items, area, np.zeros(3), rally_m=rally)
     points = area.to_ned(way.points_m[:, :2], way.points_m[:, 2])

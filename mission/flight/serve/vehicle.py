@@ -6,10 +6,8 @@ import signal
 import socket
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AsyncExitStack, suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
-
-import numpy as np
 
 from flightdyn.config import LimitsConfig
 from flightdyn.random import RandomStreams
@@ -158,7 +156,8 @@ def _served(
     if i > 0:
         streams = RandomStreams(streams.seed(f"vehicle/{i}"))
     area = config.area.build()
-    area = replace(area, home=area.frame.to_geodetic(np.array([0.0, i * _APART_M, 0.0])))
+    if i > 0:
+        area = area.site.from_home((area.home_m[0] + i * _APART_M, area.home_m[1]))
     recorder = None if logs is None else FlightLogs(logs, area=area)
     vehicle = Vehicle(
         config.vehicle.model_copy(update={"system_id": config.vehicle.system_id + i}),

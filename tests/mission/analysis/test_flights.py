@@ -75,7 +75,7 @@ def abort(desk: Desk) -> None:
 
 def flown(folder: Path, items: Sequence[Any], then: Callable[[Desk], None] | None = None) -> Path:
     """The log of a mission that was flown on a vehicle that stands alone."""
-    logs = FlightLogs(folder, area=Area((400.0, 400.0), (200.0, 200.0), HOME))
+    logs = FlightLogs(folder, area=Area.at((400.0, 400.0), (200.0, 200.0), HOME))
     desk = Desk(orders=logs)
     desk.vehicle.add_observer(logs)
     assert desk.upload(list(items)) == mav.MAV_MISSION_ACCEPTED

@@ -89,7 +89,7 @@ def test_in_our_log_of_an_arducopter_it_climbs_straight_up(tmp_path: Path) -> No
 
 def test_the_log_of_a_flight_names_the_autopilot_that_was_found_before_it(tmp_path: Path) -> None:
     still = Kinematics(0, np.zeros(3), np.zeros(3), np.array([1.0, 0, 0, 0]), np.zeros(3))
-    logs = FlightLogs(tmp_path, area=Area((9.0, 9.0), (0.0, 0.0), HOME))
+    logs = FlightLogs(tmp_path, area=Area.at((9.0, 9.0), (0.0, 0.0), HOME))
     happened: tuple[tuple[int, EventKind, str], ...] = (
         (1, "status", "autopilot: ArduPilot 4.6.3"),
         (5, "armed", "armed"),

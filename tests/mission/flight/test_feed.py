@@ -100,7 +100,7 @@ def test_a_vehicle_more_than_five_kilometres_away_is_of_another_place(
     away_m: float, far: bool
 ) -> None:
     """A degree of latitude has 111.2 km, here within half a percent."""
-    area = Area((800.0, 800.0), (0.0, 0.0), GeodeticPoint(47.0, 8.0, 500.0))
+    area = Area.at((800.0, 800.0), (0.0, 0.0), GeodeticPoint(47.0, 8.0, 500.0))
     place = GeodeticPoint(47.0 + away_m / 111_195.0, 8.0, 500.0)
 
     async def locate() -> None:

@@ -43,7 +43,7 @@ from sitl.pace import Simulation
 from sitl.vehicle import Vehicle
 
 HOME = GeodeticPoint(43.6145, 7.0715, 130.0)
-AREA = Area((800.0, 800.0), (400.0, 400.0), HOME)
+AREA = Area.at((800.0, 800.0), (400.0, 400.0), HOME)
 OLDER = "Set current item refused: mission has 0 items, no item 99"
 
 

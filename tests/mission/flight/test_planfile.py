@@ -52,7 +52,7 @@ WAYPOINT = simple(16, 0, 5, 0, None, 47.401, 8.5, 60)
 
 def test_what_is_written_is_what_is_uploaded(tmp_path: Path) -> None:
     # Many points, because degrees times 1e7 must come back as the same integers.
-    area = Area((800.0, 800.0), (400.0, 400.0), HOME)
+    area = Area.at((800.0, 800.0), (400.0, 400.0), HOME)
     rng = np.random.default_rng(7)
     stops = [Stop(xy, (n,), 2.5 * (n == 3)) for n, xy in enumerate(rng.uniform(0, 800, (300, 2)))]
     plan = FlightPlan(tuple(stops), 60.0, 20.0, 5.0)

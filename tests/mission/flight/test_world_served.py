@@ -99,7 +99,7 @@ def test_a_flight_is_recorded_by_its_mavlink_and_our_truth(tmp_path: Path) -> No
     """Our own vehicle stands in for the firmware, and a made-up clock for the truth."""
     first, second = free_port(), free_port()
     home = GeodeticPoint(47.0, 8.0, 400.0)
-    area = Area((400.0, 400.0), (200.0, 200.0), home)
+    area = Area.at((400.0, 400.0), (200.0, 200.0), home)
     plan = tmp_path / "p.waypoints"
     rows = [(22, 0.0, 0.0), (16, 0.0, 5e-4), (16, 5e-4, 5e-4)]
     lines = [

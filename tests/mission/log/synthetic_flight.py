@@ -24,7 +24,7 @@ Floats = NDArray[np.float64]
 
 HALL = Building((np.array([[90.0, 90.0], [110.0, 90.0], [110.0, 110.0]]),), 12.0)
 HOME = GeodeticPoint(43.6145, 7.0715, 130.0)
-AREA = Area((800.0, 800.0), (400.0, 300.0), HOME, buildings=(HALL,))
+AREA = Area.at((800.0, 800.0), (400.0, 300.0), HOME, buildings=(HALL,))
 CHANNEL = CHANNEL_PRESETS["suburban"]
 SPEED_MPS = 20.0
 CONFIG = b"seed = 1\n[vehicle.aircraft.wind]\nspeed_mps = 4.5\n"

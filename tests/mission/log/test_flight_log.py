@@ -356,7 +356,8 @@ def test_an_exception_in_the_run_leaves_a_complete_log(tmp_path: Path) -> None:
 def test_an_area_with_its_airspace_is_logged_without_it(tmp_path: Path) -> None:
     """The vehicle's fence says what of it was flown by."""
     ring = np.array([[0.0, 0.0], [9.0, 0.0], [9.0, 9.0]])
-    area = dataclasses.replace(AREA, airspace=Airspace((ring,), 50.0 * ring))
+    site = dataclasses.replace(AREA.site, airspace=Airspace((ring,), 50.0 * ring))
+    area = dataclasses.replace(AREA, site=site)
     world = devices(np.random.default_rng(1))
     FlightLog(tmp_path / "a.mcap", area=area, devices=world).close()
     assert read_log(tmp_path / "a.mcap").area == AREA

@@ -143,7 +143,7 @@ def test_devices_are_discs_on_the_map_where_they_stand(made: Fixed) -> None:
 def test_the_map_about_home_shows_the_whole_area_and_little_more(
     home: tuple[float, float], side_m: float, lat_deg: float
 ) -> None:
-    area = Area(
+    area = Area.at(
         size_m=(side_m, side_m),
         home_m=(home[0] * side_m, home[1] * side_m),
         home=dataclasses.replace(AREA.home, lat_deg=lat_deg),

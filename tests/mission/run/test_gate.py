@@ -20,7 +20,7 @@ from mission.planner.stops import Stop, stops_of
 from mission.run.gate import slots, uplinks
 
 CHANNEL = CHANNEL_PRESETS["suburban"]
-AREA = Area((800.0, 800.0), (400.0, 100.0), GeodeticPoint(43.6, 7.07, 100.0))
+AREA = Area.at((800.0, 800.0), (400.0, 100.0), GeodeticPoint(43.6, 7.07, 100.0))
 
 
 def passage(t_s: float, true_xy: tuple[float, float], est_xy: tuple[float, float]) -> TrackPoint:
