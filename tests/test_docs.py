@@ -50,7 +50,7 @@ def test_what_is_wrong_is_found(tmp_path: Path, text: str, words: str) -> None:
 
 
 def test_a_picture_of_cells_becomes_a_world(tmp_path: Path, monkeypatch) -> None:
-    monkeypatch.syspath_prepend(ROOT / "docs")
+    monkeypatch.syspath_prepend(ROOT / "docs" / "studies")
     monkeypatch.chdir(tmp_path)
     import grid_city
 

@@ -82,14 +82,6 @@ class Key:
         return examples[0] if examples else None
 
 
-def title(key: str) -> str:
-    """A dotted key as a picture has it: `channel.extra_gain_db` is `extra gain (dB)`."""
-    name = key.rpartition(".")[2]
-    ending = max((end for end in UNITS if name.endswith(end)), key=len, default="")
-    words = name.removesuffix(ending).replace("_", " ")
-    return f"{words} ({UNITS[ending]})" if ending else words
-
-
 def top(model: type[BaseModel]) -> Key:
     """Root key: the configuration as a whole."""
     return Key((), model)

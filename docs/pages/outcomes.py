@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from reproduction_tables import reproduction
+from studies.reproduction_tables import reproduction
 
 from mission.sweep.state import read_sweep
 
@@ -12,7 +12,7 @@ def page(folder: Path) -> str:
     head = (
         f"# Outcome of `{folder.name}`\n\n"
         "Made from the tables beside this page by "
-        f"`python docs/reproduction_tables.py docs/data/{folder.name}`. "
+        f"`python docs/studies/reproduction_tables.py docs/data/{folder.name}`. "
         "What the sweep is for: [The paper's experiment, reproduced](../../reproduction.md).\n\n"
     )
     return head + reproduction(read_sweep(folder))

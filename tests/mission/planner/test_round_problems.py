@@ -17,7 +17,7 @@ from mission.planner.fitting import fitted
 from mission.planner.flyable import acceptance_radius, foresee_round
 from mission.planner.problem import RoundPlan
 
-FOLDER = Path(round_problems.__file__).parent / "data" / "problems"
+FOLDER = Path(round_problems.__file__).parents[1] / "data" / "problems"
 
 
 def _module(path: Path) -> Any:

@@ -10,6 +10,7 @@ import apart_shift
 import numpy as np
 import pandas as pd
 import pytest
+import study
 
 EACH = apart.EACH
 
@@ -87,14 +88,14 @@ def test_what_goes_forward_has_shift_headroom_and_few_steps() -> None:
 
 def test_holm_by_hand() -> None:
     # Sorted: 0.01 x 3, 0.03 x 2, and 0.04 x 1 raised to the one before.
-    assert apart_shift.holm([0.01, 0.04, 0.03]) == pytest.approx([0.03, 0.06, 0.06])
-    assert apart_shift.holm([0.5, 0.9]) == [1.0, 1.0]
-    assert apart_shift.holm([0.02]) == [0.02]
+    assert study.holm([0.01, 0.04, 0.03]) == pytest.approx([0.03, 0.06, 0.06])
+    assert study.holm([0.5, 0.9]) == [1.0, 1.0]
+    assert study.holm([0.02]) == [0.02]
 
 
 def test_a_t_test_by_hand() -> None:
     # Mean 2, spread 1, three values: t = 2 sqrt(3) = 3.464 with two degrees of freedom.
-    assert apart_shift.two_sided(np.array([1.0, 2.0, 3.0])) == pytest.approx(0.0742, abs=1e-4)
+    assert study.two_sided(np.array([1.0, 2.0, 3.0])) == pytest.approx(0.0742, abs=1e-4)
 
 
 def test_budgets_pay_for_no_more_rounds_than_a_run_has() -> None:

@@ -75,7 +75,7 @@ def test_cells_hold_gain_and_interval_and_the_sure_ones_are_bold() -> None:
 
 def test_axes_are_in_words_and_two_seeds_have_no_interval() -> None:
     chart = described(gain_map(results(), "no_cov", "a"))
-    assert axes(chart) == {"steps", "extra gain (dB)"}
+    assert axes(chart) == {"steps", "extra_gain_db"}
     assert chart["title"]["subtitle"] == "bold: its 95 % interval leaves zero out"
     two = [item for item in results() if item.point.seed < 3]
     assert "subtitle" not in described(gain_map(two, "no_cov", "a"))["title"]

@@ -1,6 +1,6 @@
 """The 300 round problems that planners can be compared by.
 
-    python docs/round_problems.py docs/data/problems/problems.json
+    python docs/studies/round_problems.py docs/data/problems/problems.json
     aerofed plan --problem docs/data/problems/problems.json --out docs/data/problems/plans.json
 
 Twelve kinds of twenty-five. The same numbers on every machine: all is drawn from one seed a problem

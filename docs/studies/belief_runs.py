@@ -1,10 +1,10 @@
 """Whether what the learned radio belief promises is met: runs, and a table of them.
 
-    python docs/belief_runs.py FOLDER                  # runs and maps are kept in FOLDER
-    python docs/belief_runs.py FOLDER --plain          # one field of 6 dB, floor values as measured
-    python docs/belief_runs.py FOLDER --seeds 301 302 --cities district
+    python docs/studies/belief_runs.py FOLDER          # runs and maps are kept in FOLDER
+    python docs/studies/belief_runs.py FOLDER --plain  # one field of 6 dB, floor values as measured
+    python docs/studies/belief_runs.py FOLDER --seeds 301 302 --cities district
 
-Runs are those of `docs/city_runs.py`, unflown, with one local epoch. As each round but the first
+Runs are those of `city_runs.py`, unflown, with one local epoch. As each round but the first
 begins, the SNR of all devices at 400 places is set beside the 90 % intervals of what is believed
 then. A value under the receiver's floor counts as within where the interval reaches down to it; to
 the dB it is compared as it is, unless no ray of a map arrives. What plans promise is that of the
@@ -15,13 +15,12 @@ import argparse
 from collections.abc import Callable
 from contextlib import nullcontext
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from unittest.mock import patch
 
 import city_runs
 import numpy as np
 import pandas as pd
-from apart_shift import markdown
+from study import csv, finished, markdown, mean_of
 
 import aerofed
 from fl.radio import learned
@@ -30,8 +29,6 @@ from fl.radio.place import PlacedRadio
 from mission.base.run_folder import write_atomically
 from mission.config.models import RunConfig
 from mission.scenario.scenario import build_scenario
-from mission.sweep.execute.worker import RunOrder, execute
-from mission.sweep.outcome.curves import interval
 
 SEEDS = range(301, 317)  # no constant was chosen on them
 PLACES = 400
@@ -85,11 +82,7 @@ def run_of(config: RunConfig) -> pd.Series:
             within.append(np.where(over, strict[-1], low <= floor_db))
         return grid(listener, heard)
 
-    with TemporaryDirectory() as folder, patch.object(Listener, "grid", noted):
-        path = Path(folder) / "run"
-        end = execute(RunOrder("run", config, path, None, Path(), figures=False))
-        if end.exit_code != 0:
-            raise RuntimeError(end.message)
+    with patch.object(Listener, "grid", noted), finished(config, "run") as path:
         rounds, uplinks = (pd.read_csv(path / f"{name}.csv") for name in ("rounds", "uplinks"))
     known = uplinks[uplinks["round"] > 1]  # of the first round, the prior promises
     return pd.Series(
@@ -114,14 +107,14 @@ def table(runs: pd.DataFrame) -> str:
     for city in [*runs.city.unique(), "all"]:
         mine = runs[runs.city == city] if city != "all" else runs
         seeds = mine.groupby("seed").mean(numeric_only=True)
-        mean, of = seeds.mean(), interval(seeds.updates.to_numpy())
+        mean = seeds.mean()
         learned = city_runs.ROUNDS - 1  # rounds; the first is the prior's
         every = (learned * mean.true + mean.true_1) / (learned * mean.planned + mean.planned_1)
         rows.append([
             city, *(f"{100.0 * mean[name]:.0f} %" for name in ("over", "all", "strict")),
             *(f"{mean[name]:.3f}" for name in ("promised", "met", "planned", "true")),
             *(f"{100.0 * (share - 1.0):+.1f} %" for share in (mean.true / mean.planned, every)),
-            f"{of.mean:.2f} ± {of.half:.2f}",
+            mean_of(seeds.updates, 2),
         ])  # fmt: skip
     heads = ["city", "intervals cover: over the floor", "everywhere", "under it to the dB",
              "success promised", "met", "objective promised", "met", "%", "% of all rounds",
@@ -145,7 +138,7 @@ def main() -> None:
                 path = asked.folder / f"{kind}-{city}-{seed}.csv"
                 if not path.exists():
                     found = run_of(config_of(city, seed, asked.folder)).to_frame().T
-                    write_atomically(path, found.to_csv(index=False))
+                    write_atomically(path, csv(found))
                     print(path.name, found.round(3).to_dict("records")[0], flush=True)
                 rows.append(pd.read_csv(path).assign(city=city, seed=seed))
     print(table(pd.concat(rows, ignore_index=True)))

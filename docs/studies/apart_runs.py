@@ -1,10 +1,10 @@
 """Runs where communities live apart: who learns what; all but those of stage 3 not flown, on small
 data.
 
-    python docs/apart_runs.py 2a --data-dir DATA --out RUNS --jobs 2 [--cells 3]
-    python docs/apart_runs.py 2b --data-dir DATA --out FACTORS --jobs 2
-    python docs/apart_runs.py 2c --data-dir DATA --out WEIGHTS --jobs 2
-    python docs/apart_runs.py 3 --data-dir DATA --out FLOWN --jobs 2
+    python docs/studies/apart_runs.py 2a --data-dir DATA --out RUNS --jobs 2 [--cells 3]
+    python docs/studies/apart_runs.py 2b --data-dir DATA --out FACTORS --jobs 2
+    python docs/studies/apart_runs.py 2c --data-dir DATA --out WEIGHTS --jobs 2
+    python docs/studies/apart_runs.py 3 --data-dir DATA --out FLOWN --jobs 2
 
 DATA holds MNIST and CIFAR-10; a tenth of each is used. CIFAR-10 is best unpacked: half of a run is
 reading it from an archive. `--out` gets a table a run, with a row a round. Runs that are there
@@ -14,10 +14,7 @@ docs/data/PLAN.md, stages 2 and 3. A run of stage 3 is flown, on all data, and t
 """
 
 import argparse
-import os
-import tempfile
 from collections.abc import Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
@@ -26,11 +23,10 @@ import apart
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
+from study import csv, finished, in_parallel
 
 import aerofed
 from mission.base.run_folder import RunFolder, write_atomically
-from mission.config.preflight import code_digests
-from mission.sweep.execute.worker import ENVIRONMENT, RunOrder, execute
 from mission.sweep.grid import Point
 from mission.sweep.results import read_run
 
@@ -219,15 +215,9 @@ def run(task: Task, data_dir: Path) -> pd.DataFrame:
     Raises:
         RuntimeError: the run failed, with what it said.
     """
-    config = task.config()
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / task.point.name
-        here, plugins = Path(__file__).parent, code_digests(config)
-        end = execute(
-            RunOrder(path.name, config, path, data_dir, here, figures=False, plugins=plugins)
-        )
-        if end.exit_code != 0:
-            raise RuntimeError(f"{path.name}: {end.message}")
+    with finished(
+        task.config(), task.point.name, data_dir=data_dir, code=Path(__file__).parent
+    ) as path:
         found = read_run(RunFolder(path), task.point)
     rounds = pd.DataFrame(found.rounds)[[*task.point.keys, "round", *SPENT, *LEARNT]]
     heard = {name: round(float(found.summary[name]), 4) for name in HEARD}
@@ -246,7 +236,7 @@ def known(tables: Sequence[Path]) -> set[tuple[object, ...]]:
 
 
 def _made(task: Task, data_dir: Path, path: Path) -> str:
-    write_atomically(path, run(task, data_dir).to_csv(index=False, lineterminator="\n"))
+    write_atomically(path, csv(run(task, data_dir)))
     return path.name
 
 
@@ -261,7 +251,6 @@ def main() -> None:
     parser.add_argument("--jobs", type=int, default=1, help="processes")
     options = parser.parse_args()
     options.out.mkdir(parents=True, exist_ok=True)
-    os.environ.update(ENVIRONMENT)
     stages = {
         "2a": tasks(options.cells),
         "2b": factor_tasks(),
@@ -269,13 +258,15 @@ def main() -> None:
         "3": judging_tasks(),
     }
     done = known(options.known)
-    with ProcessPoolExecutor(options.jobs) as pool:
-        for task in stages[options.stage]:
-            path = options.out / f"{task.point.name}.csv"
-            if task.values not in done and not path.exists():
-                pool.submit(_made, task, options.data_dir, path).add_done_callback(
-                    lambda done: print(done.result(), flush=True)
-                )
+    in_parallel(
+        options.jobs,
+        (
+            (_made, (task, options.data_dir, path))
+            for task in stages[options.stage]
+            if task.values not in done
+            and not (path := options.out / f"{task.point.name}.csv").exists()
+        ),
+    )
 
 
 if __name__ == "__main__":

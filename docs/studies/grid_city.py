@@ -1,6 +1,6 @@
 """Worlds of grids of cells, such as manhattan32 and urban50, as GeoJSON that Aerofed flies over.
 
-    python docs/grid_city.py uav_data_harvesting/res/manhattan32.png manhattan32
+    python docs/studies/grid_city.py uav_data_harvesting/res/manhattan32.png manhattan32
 
 The picture has a pixel for each cell (Bayerlein, Theile, Caccamo, Gesbert 2021, whose repository
 has two under the BSD licence; take a copy of yours): green is a building that may be flown over,

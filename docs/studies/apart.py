@@ -1,6 +1,6 @@
 """Where weights can move anything: rounds planned for communities that live apart or mixed.
 
-    python docs/apart.py --out docs/data/apart-screen --figures docs/images --jobs 2
+    python docs/studies/apart.py --out docs/data/apart-screen --figures docs/images --jobs 2
 
 Nothing is flown or learnt. `--out` gets screen.csv, a row a setting, seed and importance ratio, and
 README.md with its tables; rows that are there already are kept. What is planned, why, and what
@@ -19,12 +19,11 @@ import apart_picture
 import apart_shift
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
+from study import Floats
 
 import aerofed
 from mission.figures.render import save_all
 
-Floats = NDArray[np.float64]
 Row = dict[str, object]
 
 SEEDS = range(101, 117)

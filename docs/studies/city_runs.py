@@ -1,9 +1,9 @@
 """What planning with an average costs in four cities: runs, and the tables of docs/city.md.
 
-    python docs/city_runs.py channels MAPS                      # the averages of `CHANNELS`
-    python docs/city_runs.py runs RUNS --jobs 2 --flown         # a table for each seed and city
-    python docs/city_runs.py runs RUNS --jobs 2                 # the same runs, not flown
-    python docs/city_runs.py tables RUNS --out docs/data/city   # or of docs/data/city itself
+    python docs/studies/city_runs.py channels MAPS                     # the averages of `CHANNELS`
+    python docs/studies/city_runs.py runs RUNS --jobs 2 --flown        # a table a seed and city
+    python docs/studies/city_runs.py runs RUNS --jobs 2                # the same runs, not flown
+    python docs/studies/city_runs.py tables RUNS --out docs/data/city  # or docs/data/city itself
 
 Every run is one of `aerofed run city`. With `--flown` our simulated vehicle flies; without it truth
 is where the plan is, so what a plan loses is the radio's alone, and all else is equal. The radio
@@ -13,23 +13,19 @@ same scenes.
 """
 
 import argparse
-import gzip
-import os
 from collections import defaultdict
 from collections.abc import Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from functools import cache
 from itertools import product
 from pathlib import Path
-from tempfile import TemporaryDirectory
 
 import numpy as np
 import pandas as pd
 import shapely
-from apart_shift import markdown
 from grid_city import rings_of
 from scipy.optimize import least_squares
+from study import csv, dots, finished, in_parallel, markdown, mean_of, one_scale, panel, write
 
 import aerofed
 from fl.radio.channel import Channel, average_per
@@ -38,12 +34,9 @@ from fl.radio.place import LinkTerms, PlacedRadio
 from mission.base.run_folder import write_atomically
 from mission.commands.radio_map import radio_map
 from mission.config.area import HEIGHT_MARGIN_M, BuildingConfig
-from mission.figures.charts import DotRow, dot_rows
 from mission.figures.render import save_all
-from mission.figures.style import BAD, COOL, GOOD, WARM, WIDTH, Chart, arranged, heading
+from mission.figures.style import BAD, COOL, GOOD, WARM, Chart, arranged, heading
 from mission.scenario.radio_maps import read_map
-from mission.sweep.execute.worker import ENVIRONMENT, RunOrder, execute
-from mission.sweep.outcome.curves import interval
 
 SEEDS = range(201, 217)
 FIT_SEEDS = range(1, 4)  # whose maps the averages are of
@@ -102,8 +95,9 @@ KNOWN = ("alpha_los", "beta_los_db", "sigma_los")  # of the district: 3GPP's lin
 _HEAD = """\
 # What planning with an average costs, in four cities
 
-Made from flown.csv.gz and rounds.csv.gz by `python docs/city_runs.py tables docs/data/city`; the
-runs by `python docs/city_runs.py runs`: {rounds} rounds, seeds {first} to {last} ({count} of them).
+Made from flown.csv.gz and rounds.csv.gz by
+`python docs/studies/city_runs.py tables docs/data/city`; the runs by
+`python docs/studies/city_runs.py runs`: {rounds} rounds, seeds {first} to {last} ({count} of them).
 Mean ± 95 % interval over seeds (Student's t), differences seed by seed. Objectives are those of a
 round: of its first plan, and by the true success of all that were asked, twice who was asked twice;
 % is the second beside the first. Success is the mean of those who were asked in the last {late}
@@ -225,11 +219,7 @@ def rounds_of(
         if belief in ("buildings", WALLS_FIRST):
             settings["area.buildings"] = [one.model_dump() for one in walls(city)]
     config = aerofed.config("city", settings)
-    with TemporaryDirectory() as folder:
-        path = Path(folder) / "run"
-        end = execute(RunOrder("run", config, path, None, Path(), figures=False))
-        if end.exit_code != 0:
-            raise RuntimeError(f"{city}, {seed}, {belief}, {replan}: {end.message}")
+    with finished(config, f"{city}, {seed}, {belief}, {replan}") as path:
         rounds, uplinks = (pd.read_csv(path / f"{name}.csv") for name in ("rounds", "uplinks"))
     per = uplinks.groupby("round")[["plan_per", "true_per"]].mean()
     accuracy = rounds.filter(like="accuracy_").mean(axis=1)
@@ -256,8 +246,7 @@ def runs(city: str, seed: int, belief: str, folder: Path, flight: str) -> str:
         made = None if city == "district" else mapped(city, seed, folder)
         replans = REPLANS if flight != "none" and belief in COMPARED else REPLANS[:1]
         every = [rounds_of(city, seed, belief, replan, made, flight) for replan in replans]
-        table = pd.concat(every).to_csv(index=False, lineterminator="\n")
-        write_atomically(path, table)
+        write_atomically(path, csv(pd.concat(every)))
     return path.name
 
 
@@ -280,11 +269,6 @@ def summed(rows: pd.DataFrame) -> pd.DataFrame:
     return found
 
 
-def _shown(values: pd.Series, digits: int, *, sign: bool = False) -> str:
-    of = interval(values.to_numpy())
-    return f"{of.mean:{'+' if sign else ''}.{digits}f} ± {of.half:.{digits}f}"
-
-
 def tables(runs: pd.DataFrame) -> str:
     """Markdown: each city, what a belief and what deciding at the stops gains."""
     parts = []
@@ -295,10 +279,10 @@ def tables(runs: pd.DataFrame) -> str:
         for belief, replan in (one for one in product(BELIEFS, REPLANS) if one in ran):
             mine = here.xs((belief, replan), level=("belief", "replan"))
             rows.append([
-                f"`{belief}`", f"`{replan}`", _shown(mine.delivered, 1),
+                f"`{belief}`", f"`{replan}`", mean_of(mine.delivered, 1),
                 f"{mine.planned.mean() / ROUNDS:.2f}", f"{mine.true.mean() / ROUNDS:.2f}",
-                _shown(mine.short, 1, sign=True), f"{mine.hoped.mean():.2f}",
-                _shown(mine.success, 2), _shown(mine.accuracy, 1),
+                mean_of(mine.short, 1, sign="+"), f"{mine.hoped.mean():.2f}",
+                mean_of(mine.success, 2), mean_of(mine.accuracy, 1),
             ])  # fmt: skip
             # At the stops against by rounds; by rounds, and with both, against the average.
             others = {("channel", "round")} | ({(belief, "round")} if replan == "stop" else set())
@@ -306,9 +290,9 @@ def tables(runs: pd.DataFrame) -> str:
                 less = mine - here.xs((name, other), level=("belief", "replan"))
                 gains.append([
                     f"`{belief}`, `{replan}` less `{name}`, `{other}`",
-                    _shown(less.delivered, 1, sign=True),
+                    mean_of(less.delivered, 1, sign="+"),
                     f"{int((less.delivered > 0).sum())} of {len(less)}",
-                    _shown(less.success, 2, sign=True), _shown(less.accuracy, 1, sign=True),
+                    mean_of(less.success, 2, sign="+"), mean_of(less.accuracy, 1, sign="+"),
                 ])  # fmt: skip
         of = f"updates of {int(here.scheduled.max())}"
         heads = ["belief", "replan", of, "objective planned", "as it was", "%",
@@ -329,9 +313,9 @@ def flown_table(flown: pd.DataFrame, still: pd.DataFrame) -> str:
         less = (mine - other).dropna()
         rows.append([
             city, f"`{belief}`", f"{other.delivered.mean():.1f}",
-            _shown(less.delivered, 1, sign=True), _shown(less.planned / ROUNDS, 3, sign=True),
-            _shown(less.true / ROUNDS, 3, sign=True), _shown(other.short, 1, sign=True),
-            _shown(less.short, 1, sign=True), _shown(less.accuracy, 1, sign=True),
+            mean_of(less.delivered, 1, sign="+"), mean_of(less.planned / ROUNDS, 3, sign="+"),
+            mean_of(less.true / ROUNDS, 3, sign="+"), mean_of(other.short, 1, sign="+"),
+            mean_of(less.short, 1, sign="+"), mean_of(less.accuracy, 1, sign="+"),
         ])  # fmt: skip
     heads = ["city", "belief", "updates, not flown", "flown less not flown: updates",
              "objective planned", "as it was", "%, not flown", "flown less not flown: %, points",
@@ -345,36 +329,25 @@ def picture(runs: pd.DataFrame) -> Chart:
     for city in CHANNELS:
         rows = []
         for (belief, replan), mine in runs.loc[city].groupby(["belief", "replan"]):
-            of = interval(mine.delivered.to_numpy())
-            ends = (of.mean - of.half, of.mean + of.half)
-            rows.append(DotRow(
-                f"{belief}, {replan}", LOOKS[belief], tuple(mine.delivered), of.mean, ends
-            ))  # fmt: skip
+            rows.append(dots(f"{belief}, {replan}", LOOKS[belief], mine.delivered))
         rows.sort(key=lambda row: BELIEFS.index(row.label.partition(",")[0]))
         name = "district" if city == "district" else city.capitalize()
-        chart = dot_rows(name, rows, x="updates that arrived, of 72")
-        chart["width"] = WIDTH / 2
-        for layer in chart["layer"]:  # one scale for all
-            layer["encoding"]["x"]["scale"]["domain"] = [runs.delivered.min() - 1.0, 73.0]
-        panels.append(chart)
+        panels.append(panel(name, rows, x="updates that arrived, of 72"))
+    one_scale(panels, [runs.delivered.min() - 1.0, 73.0])
     title = heading("Updates that arrive, by what plans believe and when they are made")
     return arranged(panels, how="hconcat", spacing=24, title=title)
 
 
 def write_tables(folder: Path, out: Path, figures: Path) -> None:
     """The tables of all rounds, and README.md, into `out`; the picture into `figures`."""
-    out.mkdir(parents=True, exist_ok=True)
     still = collected(folder, folder / "rounds.csv.gz")
     flown = collected(folder / FLOWN, folder / f"{FLOWN}.csv.gz")
-    for name, some in (("rounds", still), (FLOWN, flown)):
-        text = some.to_csv(index=False, lineterminator="\n").encode()
-        write_atomically(out / f"{name}.csv.gz", gzip.compress(text, mtime=0))
     seeds = sorted(flown.seed.unique().tolist())
     head = _HEAD.format(first=seeds[0], last=seeds[-1], count=len(seeds), rounds=ROUNDS, late=LATE)
     runs = summed(flown)
     save_all({"city-updates.png": picture(runs)}, figures)
     changed = f"## What flying changed\n\n{flown_table(runs, summed(still))}"
-    write_atomically(out / "README.md", f"{head}\n{tables(runs)}\n\n{changed}\n")
+    write(out, f"{head}\n{tables(runs)}\n\n{changed}\n", rounds=still, flown=flown)
 
 
 def main() -> None:
@@ -401,13 +374,15 @@ def main() -> None:
     for city, seed in product(asked.cities, SEEDS):  # one after the other: two would trace it twice
         if city != "district":
             mapped(city, seed, asked.folder)
-    os.environ.update(ENVIRONMENT)
-    with ProcessPoolExecutor(asked.jobs) as pool:
-        for seed, city, belief in product(SEEDS, asked.cities, asked.beliefs):
-            if asked.flown or belief in COMPARED:
-                pool.submit(
-                    runs, city, seed, belief, asked.folder, FLOWN if asked.flown else "none"
-                ).add_done_callback(lambda done: print(done.result(), flush=True))
+    flight = FLOWN if asked.flown else "none"
+    in_parallel(
+        asked.jobs,
+        (
+            (runs, (city, seed, belief, asked.folder, flight))
+            for seed, city, belief in product(SEEDS, asked.cities, asked.beliefs)
+            if asked.flown or belief in COMPARED
+        ),
+    )
 
 
 if __name__ == "__main__":

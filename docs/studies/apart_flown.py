@@ -1,7 +1,7 @@
 """What was flown where communities live apart, judged in the words of docs/data/PLAN.md, stage 3,
 and in a reviewer's.
 
-    python docs/apart_flown.py FLOWN --out docs/data/apart-flown --figures docs/images
+    python docs/studies/apart_flown.py FLOWN --out docs/data/apart-flown --figures docs/images
 
 FLOWN is what `apart_runs.py 3` left, as for `apart_gains.py`, whose measures these are.
 """
@@ -13,25 +13,24 @@ from pathlib import Path
 import apart_runs
 import numpy as np
 import pandas as pd
+import study
 from apart_gains import (
     CELL,
     NAMES,
     TASKS,
     WAYS,
-    Floats,
     collected,
     gain,
     gains,
     levels,
     name_of,
     need_three,
-    write,
-)  # fmt: skip
-from apart_shift import corrected_half, holm, markdown, two_sided
+)
+from study import Floats, markdown
 
-from mission.figures.charts import DotRow, dot_rows
+from mission.figures.charts import DotRow
 from mission.figures.render import save_all
-from mission.figures.style import COOL, INK, WARM, WIDTH, Chart, arranged, heading, table
+from mission.figures.style import COOL, INK, WARM, Chart, arranged, heading, table
 from mission.sweep.outcome.curves import interval
 
 CLAIM, MOST_LOST = 0.14, 2.0  # the paper's relative gain; points of MNIST that it may cost
@@ -51,16 +50,14 @@ def relative(ahead: Floats, level: Floats) -> tuple[float, float, float]:
 def reviewed(ahead: Floats, level: Floats, mnist: Floats) -> list[str]:
     """What a reviewer asks of a cell and a way: how much at least, at whose cost, and in all."""
     share, low, high = relative(ahead, level)
-    beyond, price, both = (
-        interval(of) for of in (ahead - CLAIM * level, mnist, (ahead + mnist) / 2.0)
-    )
+    beyond, price = interval(ahead - CLAIM * level), interval(mnist)
     word = "open" if abs(beyond.mean) <= beyond.half else "yes" if beyond.mean > 0.0 else "no"
     least = price.mean - price.half
     return [
         f"{share:+.1f} ({low:+.1f} to {high:+.1f})",
         f"{word} ({beyond.mean:+.1f} ± {beyond.half:.1f})",
         f"{least:+.1f}: {'yes' if least >= -MOST_LOST else 'no'}",
-        f"{both.mean:+.1f} ± {both.half:.1f}",
+        study.mean_of((ahead + mnist) / 2.0, sign="+"),
     ]
 
 
@@ -111,17 +108,9 @@ def picture(rounds: pd.DataFrame) -> Chart:
         rows = []
         for task, way in product(TASKS, WAYS):
             ahead, _ = gains(runs, "no_cov", task, way)
-            of = interval(ahead)
-            ends = of.mean - of.half, of.mean + of.half
-            name = f"{NAMES[task]} per {way}"
-            rows.append(DotRow(name, colours[task], tuple(ahead), of.mean, ends))
-        panel = dot_rows(cell, rows, x="accuracy, points", zero=True)
-        panel["width"] = WIDTH / 2
-        panels.append(panel)
-    scales = [layer["encoding"]["x"]["scale"] for p in panels for layer in p["layer"]]
-    ends = [scale["domain"] for scale in scales]
-    for scale in scales:  # one for all
-        scale["domain"] = [min(map(min, ends)), max(map(max, ends))]
+            rows.append(study.dots(f"{NAMES[task]} per {way}", colours[task], ahead))
+        panels.append(study.panel(cell, rows, x="accuracy, points", zero=True))
+    study.one_scale(panels)
     title = heading("Flown: what cov gains on no_cov where communities live in corners")
     return arranged(panels, how="hconcat", spacing=24, title=title)
 
@@ -147,9 +136,7 @@ def overview(rounds: pd.DataFrame, data: Path) -> Chart:
             each = tuple((100.0 * ahead / level.mean()).tolist())
             rows.append(DotRow(name, WARM, each, share, (low, high)))
         name = f"{NAMES[task]} (the {kind} task)"
-        panel = dot_rows(name, rows, x="more accurate by, %", zero=True)
-        panel["width"] = WIDTH / 2
-        panels.append(panel)
+        panels.append(study.panel(name, rows, x="more accurate by, %", zero=True))
     claimed = {
         "data": table(x=[100.0 * CLAIM]),
         "mark": {"type": "rule", "color": INK, "strokeDash": [4, 3]},
@@ -184,12 +171,12 @@ def tables(rounds: pd.DataFrame) -> str:
         what: gains(runs, other, "cifar10", way) for what, (runs, other, way) in tested.items()
     }
     rows, asked = [], []
-    every_p = [two_sided(ahead) for ahead, _ in found.values()]
+    every_p = [study.two_sided(ahead) for ahead, _ in found.values()]
     for index, (p, (what, (runs, other, way))) in enumerate(
-        zip(holm(every_p), tested.items(), strict=True)
+        zip(study.holm(every_p), tested.items(), strict=True)
     ):
         (ahead, level), (mnist, there) = found[what], gains(runs, other, "mnist", way)
-        half = corrected_half(ahead, every_p, index)
+        half = study.corrected_half(ahead, every_p, index)
         ends = f"{ahead.mean() - half:+.1f} to {ahead.mean() + half:+.1f} (p {p:.1g})"
         verdict = verdict_of(ahead, level, mnist, p)
         rows.append([*what, gain(ahead, level), ends, gain(mnist, there), verdict])
@@ -207,8 +194,9 @@ def tables(rounds: pd.DataFrame) -> str:
 _HEAD = """\
 # Flown, on all data: where communities live in opposite corners
 
-Made from rounds.csv.gz by `python docs/apart_flown.py`; the runs by `python docs/apart_runs.py
-3`. Planned before: [PLAN](../PLAN.md), stage 3. {seeds} of {of} seeds are whole{undecided}.
+Made from rounds.csv.gz by `python docs/studies/apart_flown.py`; the runs by
+`python docs/studies/apart_runs.py 3`. Planned before: [PLAN](../PLAN.md), stage 3.
+{seeds} of {of} seeds are whole{undecided}.
 
 Points that `cov` is ahead, mean ± 95 % interval over seeds; in brackets over the other's mean, and
 in how many seeds ahead; then CIFAR-10's interval at the level at which Holm tests it.
@@ -237,9 +225,9 @@ def main() -> None:
     parser.add_argument("--figures", type=Path, metavar="DIR", help="draw into it")
     options = parser.parse_args()
     rounds = collected(options.runs)
-    write(options.out, rounds, tables(rounds))
+    study.write(options.out, tables(rounds), rounds=rounds)
     if options.figures:
-        overall = overview(rounds, Path(__file__).parent / "data")
+        overall = overview(rounds, Path(__file__).parents[1] / "data")
         save_all(
             {"apart-flown.png": picture(rounds), "reproduction-claim.png": overall}, options.figures
         )

@@ -1,6 +1,6 @@
 """Makes configs/city-buildings.geojson, the made-up district that configs/city.toml flies over.
 
-    python docs/district.py [FILE]
+    python docs/studies/district.py [FILE]
 
 Streets 22 m wide cut 800 x 800 m into blocks; a park lies in the south-west. Roofs rise towards the
 middle; four towers are higher than flights at 60 m, which go around them.

@@ -1,7 +1,7 @@
 """The best known plan of each round problem: those published, or new ones where they are better.
 
     aerofed plan --problem docs/data/problems/problems.json --out new.json
-    python docs/best_plans.py docs/data/problems/plans.json new.json "Aerofed, 28 November 2026"
+    python docs/studies/best_plans.py docs/data/problems/plans.json new.json "Aerofed, 28 Nov. 2026"
 
 Values are those of the evaluator beside the problems, which knows nothing of our code. A bound
 holds for the problem, whichever plan it was proven with: the tighter one stays. `origin` says who
@@ -14,7 +14,7 @@ import json
 from pathlib import Path
 from typing import Any
 
-FOLDER = Path(__file__).parent / "data" / "problems"
+FOLDER = Path(__file__).parents[1] / "data" / "problems"
 BETTER = 1e-9  # relative: less is rounding
 Plans = dict[str, dict[str, Any]]
 

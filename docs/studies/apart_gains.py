@@ -1,8 +1,8 @@
 """What `cov` gains where communities live apart: per metre, per round and per joule.
 
-    python docs/apart_gains.py 2a RUNS --out docs/data/apart-runs
-    python docs/apart_gains.py 2b FACTORS --out docs/data/apart-factors
-    python docs/apart_gains.py 2c RUNS WEIGHTS --out docs/data/apart-weights
+    python docs/studies/apart_gains.py 2a RUNS --out docs/data/apart-runs
+    python docs/studies/apart_gains.py 2b FACTORS --out docs/data/apart-factors
+    python docs/studies/apart_gains.py 2c RUNS WEIGHTS --out docs/data/apart-weights
 
 RUNS is what `apart_runs.py` left, finished or not: folders, and tables made from them before.
 `--out` gets all rounds as one table, rounds.csv.gz, and README.md with the tables of that stage:
@@ -10,19 +10,14 @@ docs/data/PLAN.md. What was flown, stage 3, is judged by `apart_flown.py`.
 """
 
 import argparse
-import gzip
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import apart_runs
 import numpy as np
 import pandas as pd
-from apart_shift import markdown, two_sided
-from numpy.typing import NDArray
+from study import Floats, ahead, markdown, mean_of, parts, two_sided, write
 
-from mission.sweep.outcome.curves import interval
-
-Floats = NDArray[np.float64]
 CELL = ["layout", "N", "K_bar"]
 TESTS = 13  # of stage 2, those of 2b too; times so many, no p is less than Holm's
 LAST = 10  # rounds that the accuracy at an end is a mean of
@@ -104,14 +99,8 @@ def need_three(whole: int, seeds: Sequence[int]) -> None:
 
 
 def gain(of: Floats, level: Floats) -> str:
-    found = interval(of)
-    share = 100.0 * found.mean / level.mean()
-    return f"{found.mean:+.1f} ± {found.half:.1f} ({share:+.0f} %, {(of > 0.0).sum()} of {len(of)})"
-
-
-def mean_of(values: Sequence[float] | Floats) -> str:
-    found = interval(values)
-    return f"{found.mean:.1f} ± {found.half:.1f}"
+    share = 100.0 * of.mean() / level.mean()
+    return f"{mean_of(of, sign='+')} ({share:+.0f} %, {ahead(of)})"
 
 
 def name_of(cell: apart_runs.Cell) -> str:
@@ -134,9 +123,8 @@ def _hypotheses(cells: dict[apart_runs.Cell, dict[str, list[pd.DataFrame]]]) -> 
     }
     rows = []
     for what, of in tested.items():
-        found, p = interval(of), min(1.0, TESTS * two_sided(of))
-        ahead = f"{(of > 0.0).sum()} of {len(of)}"
-        rows.append([what, f"{found.mean:+.1f} ± {found.half:.1f}", f"{p:.1g}", ahead])
+        p = min(1.0, TESTS * two_sided(of))
+        rows.append([what, mean_of(of, sign="+"), f"{p:.1g}", ahead(of)])
     return markdown(["", "mean ± 95 % interval", "p times 13", "seeds above 0"], rows)
 
 
@@ -144,20 +132,20 @@ def tables(rounds: pd.DataFrame) -> str:
     """README.md of the runs."""
     cells = dict(whole_cells(rounds))
     missing = [name_of(cell) for cell in apart_runs.CELLS if cell not in cells]
-    ahead, last = [], []
+    gained, last = [], []
     for cell, runs in cells.items():
         for task in TASKS:
             by_way = [gain(*gains(runs, "no_cov", task, way)) for way in WAYS]
-            ahead.append([name_of(cell), NAMES[task], *by_way])
+            gained.append([name_of(cell), NAMES[task], *by_way])
             single = [
                 accuracy(a, task, len(a), last=1) - accuracy(b, task, len(b), last=1)
                 for a, b in zip(runs["cov"], runs["no_cov"], strict=True)
             ]
             last.append([name_of(cell), NAMES[task], mean_of(single)])
-    parts = {
+    texts = {
         "Hypotheses": _hypotheses(cells),
         "`cov` less `no_cov`, three ways": markdown(
-            ["cell", "task", *(f"per {way}" for way in WAYS)], ahead
+            ["cell", "task", *(f"per {way}" for way in WAYS)], gained
         ),
         "The same of the last round alone, per metre": markdown(["cell", "task", "points"], last),
         "What each strategy comes to": levels(
@@ -165,7 +153,7 @@ def tables(rounds: pd.DataFrame) -> str:
         ),
         "Not computed": "\n".join(f"- {name}" for name in missing) or "Nothing is missing.",
     }
-    return _HEAD + "".join(f"\n## {title}\n\n{text}\n" for title, text in parts.items())
+    return _HEAD + parts(texts)
 
 
 def factor_gains(rounds: pd.DataFrame, task: str, way: str) -> Floats:
@@ -190,10 +178,10 @@ def factor_gains(rounds: pd.DataFrame, task: str, way: str) -> Floats:
     return np.array(found).reshape(-1, len(treatments))
 
 
-def effects(ahead: Floats) -> Floats:
+def effects(gained: Floats) -> Floats:
     """(seeds, factors) what a factor's second level adds to the gain, over all treatments."""
     signs = 2.0 * np.array(apart_runs.treatments()) - 1.0
-    return ahead @ signs / (len(signs) / 2)
+    return gained @ signs / (len(signs) / 2)
 
 
 def factor_tables(rounds: pd.DataFrame) -> str:
@@ -215,7 +203,7 @@ def factor_tables(rounds: pd.DataFrame) -> str:
         rows.append(
             [
                 f"H{9 + number}: {name}, {first} to {second}",
-                f"{mean_of(judged)}, {(judged > 0.0).sum()} of {seeds}",
+                f"{mean_of(judged)}, {ahead(judged)}",
                 f"{min(1.0, TESTS * two_sided(judged)):.1g}",
                 *(mean_of(of["cifar10", way]) for way in WAYS[1:]),
                 *(mean_of(of["mnist", way]) for way in WAYS),
@@ -243,7 +231,7 @@ def weight_tables(rounds: pd.DataFrame) -> str:
     whole = [s for s in apart_runs.SEEDS if all((name, s) in by_run for name in strategies)]
     need_three(len(whole), apart_runs.SEEDS)
     runs = {name: [by_run[name, seed] for seed in whole] for name in strategies}
-    parts = [_WEIGHTS_HEAD.format(seeds=len(whole), of=len(apart_runs.SEEDS))]
+    pieces = [_WEIGHTS_HEAD.format(seeds=len(whole), of=len(apart_runs.SEEDS))]
     for other in ("no_cov", "cov"):
         rows = [
             [
@@ -256,9 +244,9 @@ def weight_tables(rounds: pd.DataFrame) -> str:
             if name not in ("no_cov", other)
         ]
         heads = ["weight", "task", *(f"per {way}" for way in WAYS)]
-        parts.append(f"## Points less `{other}`\n\n{markdown(heads, rows)}\n")
-    parts.append(f"## What each comes to\n\n{levels({name_of(cell): runs})}\n")
-    return "\n".join(parts)
+        pieces.append(f"## Points less `{other}`\n\n{markdown(heads, rows)}\n")
+    pieces.append(f"## What each comes to\n\n{levels({name_of(cell): runs})}\n")
+    return "\n".join(pieces)
 
 
 def levels(cells: dict[str, dict[str, list[pd.DataFrame]]]) -> str:
@@ -280,10 +268,10 @@ def levels(cells: dict[str, dict[str, list[pd.DataFrame]]]) -> str:
 _WEIGHTS_HEAD = """\
 # Other weights where communities live in opposite corners
 
-Made from rounds.csv.gz by `python docs/apart_gains.py 2c`; the runs by `python docs/apart_runs.py
-2c`, not flown, on a tenth of the data, N = 2, K_bar = 3; the weights are those of
-`examples/weights.py` and `examples/per_metre.py`. Planned before: [PLAN](../PLAN.md), stage 2c.
-{seeds} of {of} seeds are whole.
+Made from rounds.csv.gz by `python docs/studies/apart_gains.py 2c`; the runs by
+`python docs/studies/apart_runs.py 2c`, not flown, on a tenth of the data, N = 2, K_bar = 3; the
+weights are those of `examples/weights.py` and `examples/per_metre.py`. Planned before:
+[PLAN](../PLAN.md), stage 2c. {seeds} of {of} seeds are whole.
 
 Mean ± 95 % interval over seeds; in brackets over the other's mean, and in how many seeds ahead.
 """
@@ -291,9 +279,10 @@ Mean ± 95 % interval over seeds; in brackets over the other's mean, and in how 
 _FACTORS_HEAD = """\
 # What moves the gain where communities live in opposite corners
 
-Made from rounds.csv.gz by `python docs/apart_gains.py 2b`; the runs by `python docs/apart_runs.py
-2b`, not flown, on a tenth of the data, N = 2, K_bar = 3. Planned before: [PLAN](../PLAN.md), stage
-2b: a 2^(7-3) fractional factorial of resolution IV. {seeds} of {of} seeds are whole.
+Made from rounds.csv.gz by `python docs/studies/apart_gains.py 2b`; the runs by
+`python docs/studies/apart_runs.py 2b`, not flown, on a tenth of the data, N = 2, K_bar = 3. Planned
+before: [PLAN](../PLAN.md), stage 2b: a 2^(7-3) fractional factorial of resolution IV. {seeds} of
+{of} seeds are whole.
 
 Points that the second level of a factor adds to the gain of `cov` over `no_cov`, mean ± 95 %
 interval over seeds. Per metre, CIFAR-10, is what is tested; all else is exploratory.
@@ -303,8 +292,9 @@ interval over seeds. Per metre, CIFAR-10, is what is tested; all else is explora
 _HEAD = """\
 # Who learns what where communities live apart
 
-Made from rounds.csv.gz by `python docs/apart_gains.py 2a`; the runs by `python docs/apart_runs.py
-2a`, not flown, on a tenth of the data. Planned before: [PLAN](../PLAN.md), stage 2a.
+Made from rounds.csv.gz by `python docs/studies/apart_gains.py 2a`; the runs by
+`python docs/studies/apart_runs.py 2a`, not flown, on a tenth of the data. Planned before:
+[PLAN](../PLAN.md), stage 2a.
 
 Accuracy: on held-out images, mean of the last ten rounds that count. Per metre: when 40 km are
 spent. Per round: after as many rounds as the shorter run has. Per joule: up to what the cheaper run
@@ -312,15 +302,6 @@ took in all. In brackets: over `no_cov`'s mean, and in how many seeds `cov` is a
 gives MNIST's devices no importance; `ideal` hears everybody in 50 rounds, whatever the cell. A p
 times thirteen, the tests of the stage, is at least what Holm makes of it.
 """
-
-
-def write(out: Path, rounds: pd.DataFrame, readme: str) -> None:
-    """All rounds as one table, and the page on them."""
-    out.mkdir(parents=True, exist_ok=True)
-    # Without a time and a name in its head, so that the same rounds are the same bytes.
-    packed = gzip.compress(rounds.to_csv(index=False, lineterminator="\n").encode(), mtime=0)
-    (out / "rounds.csv.gz").write_bytes(packed)
-    (out / "README.md").write_text(readme, encoding="utf-8")
 
 
 def main() -> None:
@@ -334,7 +315,7 @@ def main() -> None:
     if options.stage == "2c":
         rounds = of_cell(rounds, apart_runs.CELLS[0])
     made = {"2a": tables, "2b": factor_tables, "2c": weight_tables}[options.stage]
-    write(options.out, rounds, made(rounds))
+    write(options.out, made(rounds), rounds=rounds)
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
 """A sweep as the tables of reproduction.md, beside the paper's; and where the method wins.
 
-    python docs/reproduction_tables.py SWEEP [--figures DIR]
+    python docs/studies/reproduction_tables.py SWEEP [--figures DIR]
 
 SWEEP is the folder of a sweep, which need not be over; where its runs are gone, its tables are
 enough. `--figures` draws the sweep's pictures anew, and maps of the gain over two swept settings.
@@ -15,7 +15,6 @@ from pathlib import Path
 
 import altair as alt
 import numpy as np
-from pages import keys
 
 from mission.figures.charts import finished
 from mission.figures.render import save_all, stacked
@@ -207,7 +206,7 @@ def _places(results: Sequence[RunResult]) -> dict[str, tuple[str, str]]:
 
 def _axes(results: Sequence[RunResult]) -> tuple[str, str]:
     (down, _), (across, _) = results[0].point.settings
-    return keys.title(down), keys.title(across)
+    return down.rpartition(".")[2], across.rpartition(".")[2]
 
 
 def _sure(gain: Gain) -> bool:

@@ -1,13 +1,8 @@
 """How far weights move who is heard, by a screen of planned rounds: its tables and picture."""
 
-from collections.abc import Sequence
-
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
-from scipy.special import stdtr, stdtrit
-
-from mission.sweep.outcome.curves import Interval, interval
+from study import ahead, holm, markdown, mean_of, parts, two_sided
 
 FACTORS = ("steps", "per_step", "channel", "planner", "path_budget_m", "boost", "ratio")
 BASE = (2, 3, "suburban", "certified", 800.0, 1.5, 3.0)
@@ -62,34 +57,10 @@ def forward(found: pd.DataFrame) -> pd.DataFrame:
     return passed.loc[passed.index.isin([*firsts.index, *rest.index])]
 
 
-def holm(p_values: Sequence[float]) -> list[float]:
-    """The p-values, corrected by Holm for there being so many."""
-    p = np.asarray(p_values, dtype=np.float64)
-    order = np.argsort(p)
-    steps = np.minimum(np.maximum.accumulate(p[order] * np.arange(len(p), 0, -1)), 1.0)
-    corrected = np.empty_like(p)
-    corrected[order] = steps
-    return [float(value) for value in corrected]
-
-
-def corrected_half(values: NDArray[np.float64], p_values: Sequence[float], index: int) -> float:
-    """Half of the interval of a mean of values (n,), at the level at which Holm tests `index`."""
-    rank = int(np.argsort(np.argsort(p_values))[index])
-    level, freedom = 0.05 / (len(p_values) - rank), len(values) - 1
-    spread = values.std(ddof=1) / np.sqrt(len(values))
-    return float(stdtrit(freedom, 1.0 - level / 2.0) * spread)
-
-
-def two_sided(differences: NDArray[np.float64]) -> float:
-    """p of Student's t-test that the mean is 0."""
-    spread = differences.std(ddof=1) / np.sqrt(len(differences))
-    return float(2.0 * stdtr(len(differences) - 1, -abs(differences.mean()) / spread))
-
-
 _HEAD = """\
 # Where weights can move anything
 
-Made from screen.csv by `python docs/apart.py --out docs/data/apart-screen`. Planned before:
+Made from screen.csv by `python docs/studies/apart.py --out docs/data/apart-screen`. Planned before:
 [PLAN](../PLAN.md), stage 1; what it says: [The paper's experiment, reproduced][page].
 
 Shift: CIFAR-10's participation with its devices three times as important as MNIST's, less that with
@@ -105,7 +76,7 @@ N = 2, K_bar = 3: metres of a round, and rounds that L_total pays for (400 at mo
 def tables(rows: pd.DataFrame) -> str:
     """README.md of a screen."""
     found = shifts(rows)
-    parts = {
+    texts = {
         "Hypotheses": _hypotheses(found),
         "Layout, N and K_bar": "Below the shift: CIFAR-10's participation, in percent. Bold: goes "
         f"forward.\n\n{_full(found)}",
@@ -114,7 +85,7 @@ def tables(rows: pd.DataFrame) -> str:
         "What goes forward": _forward(found),
     }
     head = _HEAD.format(draws=found.seed.nunique())
-    return head + "".join(f"\n## {title}\n\n{text}\n" for title, text in parts.items())
+    return head + parts(texts)
 
 
 def _hypotheses(found: pd.DataFrame) -> str:
@@ -131,14 +102,10 @@ def _hypotheses(found: pd.DataFrame) -> str:
     values = [of.to_numpy(dtype=np.float64) for of in tested.values()]
     corrected = holm([two_sided(of) for of in values])
     rows = [
-        [what, _plus_minus(interval(of)), f"{p:.1g}", f"{(of > 0).sum()} of {len(of)}"]
+        [what, mean_of(of, sign="+"), f"{p:.1g}", ahead(of)]
         for what, of, p in zip(tested, values, corrected, strict=True)
     ]
     return markdown(["", "mean ± 95 % interval", "p (Holm)", "draws above 0"], rows)
-
-
-def _plus_minus(of: Interval) -> str:
-    return f"{of.mean:+.1f} ± {of.half:.1f}"
 
 
 def _full(found: pd.DataFrame) -> str:
@@ -205,9 +172,3 @@ def _forward(found: pd.DataFrame) -> str:
     ]  # fmt: skip
     heads = ["layout", "N", "K_bar", "shift", "CIFAR-10, %", "MNIST, %", "metres a round"]
     return markdown(heads, rows)
-
-
-def markdown(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """A table."""
-    rule = ["---" for _ in heads]
-    return "\n".join(f"| {' | '.join(cells)} |" for cells in (heads, rule, *rows))
