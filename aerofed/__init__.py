@@ -41,7 +41,7 @@ from mission.config.models import MissionConfig, RunConfig
 from mission.log.records import RoundRecord, UplinkRecord
 from mission.planner.evaluate import finish, fit_budget
 from mission.planner.performance import Foreseen, Performance, RoundLimits
-from mission.planner.problem import Planner, RoundPlan, RoundProblem
+from mission.planner.problem import PlannedPath, Planner, RoundPlan, RoundProblem, Start
 from mission.run.callbacks import Callback, CallbackContext, RoundReport
 from mission.scenario.custom_strategies import ImportanceStrategy, RoundInfo, StrategyContext
 from mission.scenario.strategies import Sortie, Strategy
@@ -71,6 +71,7 @@ __all__ = [
     "PartitionTask",
     "Performance",
     "PlanError",
+    "PlannedPath",
     "Planner",
     "Radio",
     "RoundInfo",
@@ -85,6 +86,7 @@ __all__ = [
     "Samples",
     "Sortie",
     "StaleStart",
+    "Start",
     "Strategy",
     "StrategyContext",
     "Sweep",

@@ -31,7 +31,7 @@ from mission.planner.certified import CertifiedPlanner, ExploringPlanner, instan
 from mission.planner.check import check_plan
 from mission.planner.config import PlannerConfig
 from mission.planner.factory import make_planner
-from mission.planner.problem import Planner, RoundPlan, RoundProblem
+from mission.planner.problem import Planner, RoundPlan, RoundProblem, Start
 from mission.planner.reward import conjugates, reward_table
 from mission.planner.sqp import SqpPlanner
 
@@ -50,10 +50,9 @@ def layout(seed: int, *, devices: int, steps: int, channel: str, budget: float) 
     return RoundProblem(
         devices_m=rng.uniform(0.0, 800.0, (devices, 2)),
         importance=weight / devices,
-        start_m=rng.uniform(0.0, 800.0, 2),
+        starts=(Start(rng.uniform(0.0, 800.0, 2), budget),),
         steps=steps,
         per_step=3,
-        path_budget_m=budget,
         channel=CHANNEL_PRESETS[channel],
     )
 

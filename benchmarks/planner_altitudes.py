@@ -8,7 +8,6 @@ other; the tables of the channel are made before, as in all rounds of a mission 
 """
 
 import argparse
-import dataclasses
 
 import numpy as np
 from planner import timed
@@ -16,7 +15,7 @@ from planner import timed
 from fl.radio.channel import CHANNEL_PRESETS
 from mission.planner.altitudes import CertifiedAltitudes
 from mission.planner.certified import CertifiedPlanner
-from mission.planner.problem import RoundProblem
+from mission.planner.problem import RoundProblem, Start
 
 LIMITS = (40.0, 120.0)
 HEADING = (
@@ -31,10 +30,9 @@ def problem(channel: str, steps: int, seed: int) -> RoundProblem:
     return RoundProblem(
         devices_m=rng.uniform(0.0, 800.0, (12, 2)),
         importance=rng.uniform(0.2, 1.0, 12),
-        start_m=np.array([400.0, 400.0]),
+        starts=(Start(np.array([400.0, 400.0]), 800.0),),
         steps=steps,
         per_step=3,
-        path_budget_m=800.0,
         channel=CHANNEL_PRESETS[channel],
     )
 
@@ -45,7 +43,7 @@ def row(channel: str, steps: int, count: int) -> list[str]:
     found: list[tuple[float, ...]] = []
     for seed in range(count):
         given = problem(channel, steps, seed)
-        limited = dataclasses.replace(given, altitudes_m=LIMITS)
+        limited = given.with_own(altitudes_m=LIMITS)
         fixed.plan(given)
         _, new_ms = timed(open_to, limited)
         one, one_ms = timed(fixed, given)

@@ -26,7 +26,7 @@ from mission.planner.config import PlannerConfig
 from mission.planner.factory import make_planner
 from mission.planner.fitting import fitted
 from mission.planner.performance import Performance, RoundLimits
-from mission.planner.problem import RoundPlan, RoundProblem
+from mission.planner.problem import RoundPlan, RoundProblem, Start
 
 CHANNELS = ("suburban", "suburban+10dB", "dense-urban")
 FLYING = Performance(20.0, 5.0, LimitsConfig())
@@ -78,17 +78,20 @@ def problem(kind: str, seed: int, *, large: bool) -> RoundProblem:
         deadline_s if "deadline" in limited else math.inf,
         180.0 * deadline_s if "energy" in limited else math.inf,
     )
+    start = Start(
+        start_m,
+        1600.0 if large else 800.0,
+        limits if needed else None,
+        (40.0, 120.0) if "altitude" in limited else None,
+    )
     return RoundProblem(
         devices_m=devices_m,
         importance=importance,
-        start_m=start_m,
+        starts=(start,),
         steps=steps,
         per_step=3,
-        path_budget_m=1600.0 if large else 800.0,
         channel=CHANNEL_PRESETS[CHANNELS[seed % len(CHANNELS)]],
         airspace=Airspace() if place is None else Airspace(AREAS[place], None, 10.0),
-        altitudes_m=(40.0, 120.0) if "altitude" in limited else None,
-        limits=limits if needed else None,
         upload_s=upload_s if "upload" in limited else None,
         ready_in_s=ready_in_s if "ready" in limited else None,
     )
@@ -116,7 +119,7 @@ def climbed(given: RoundProblem, plan: RoundPlan, seconds: float) -> float:
             way[first:end] = way[first:end][::-1].copy()
         other = fitted(given, way, above=best.value)
         best = other or best
-    check_plan(given, dataclasses.replace(best, altitude_m=None, upper_bound=math.nan))
+    check_plan(given, dataclasses.replace(best.with_own(altitude_m=None), upper_bound=math.nan))
     return best.value
 
 
@@ -125,9 +128,8 @@ def row(kind: str, count: int, *, climb_s: float, large: bool, verbose: bool) ->
     planner, found = make_planner(PlannerConfig()), []
     for seed in range(count):
         given = problem(kind, seed, large=large)
-        make_planner(PlannerConfig(kind="sqp")).plan(dataclasses.replace(
-            given, limits=None, upload_s=None, ready_in_s=None, airspace=Airspace()
-        ))  # tables  # fmt: skip
+        free = dataclasses.replace(given.unlimited, upload_s=None)
+        make_planner(PlannerConfig(kind="sqp")).plan(free)  # tables
         plan, taken_ms = timed(planner, given)
         taken_s = taken_ms / 1e3
         gain = climbed(given, plan, climb_s) / plan.value - 1.0 if climb_s and plan.value else 0.0

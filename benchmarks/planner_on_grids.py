@@ -59,7 +59,7 @@ def main() -> None:
     for draw in range(asked.draws):
         rng = np.random.default_rng(draw)
         importance = rng.uniform(0.2, 1.0, devices)
-        problem = replace(first, importance=importance, airspace=OPEN, limits=None)
+        problem = replace(first.with_own(limits=None), importance=importance, airspace=OPEN)
         begun = time.process_time()
         plan = planner.plan(problem)
         seconds = time.process_time() - begun

@@ -39,9 +39,8 @@ class SamePlans:
         # A resumed run asks for later rounds alone: those before are planned again.
         for number in range(1, round_index + 2):
             weights = p * _factors(number, len(p))
-            same = replace(
-                problem, start_m=waypoints_m[-1], importance=weights, path_budget_m=budget_m
-            )
+            moved = problem.with_own(start_m=waypoints_m[-1], path_budget_m=budget_m)
+            same = replace(moved, importance=weights)
             waypoints_m = self.planner.plan(same).waypoints_m
         return Sortie(finish(problem, np.vstack((problem.start_m, waypoints_m[1:]))))
 

@@ -5,7 +5,6 @@ import pickle
 import subprocess
 import sys
 from copy import deepcopy
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +12,7 @@ import gymnasium
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
+from one_aircraft import changed, round_problem
 from patience import HANG_S
 
 import aerofed
@@ -46,14 +46,14 @@ def problem(kind: str = "metres", seed: int = 1) -> RoundProblem:
         "path_budget_m": 900.0,
         "channel": CHANNEL_PRESETS["suburban+10dB"],
     }
-    return RoundProblem(**{**known, **KINDS[kind]})
+    return round_problem(**{**known, **KINDS[kind]})
 
 
 def of_plan(env: Any, plan: RoundPlan) -> list[np.ndarray]:
     """The actions that carry out a plan."""
     places_m = np.vstack((plan.waypoints_m[1:], plan.waypoints_m[-1:]))
     places = (places_m - env.unwrapped._middle_m) / env.unwrapped._half_m
-    return list(np.hstack((places, plan.schedule)))
+    return list(np.hstack((places, plan.schedule[0])))
 
 
 def played(env: Any, actions: Any, seed: int) -> tuple[list[Any], float, float]:
@@ -144,7 +144,7 @@ def test_a_plan_carried_out_stop_by_stop_is_worth_what_the_planner_says(kind: st
     # so a plan that takes 3 % less than there is.
     to_plan = problem(kind)
     if kind == "energy":
-        to_plan = replace(to_plan, limits=RoundLimits(FLYING, energy_j=0.97 * 9000.0))
+        to_plan = changed(to_plan, limits=RoundLimits(FLYING, energy_j=0.97 * 9000.0))
     plan = aerofed.plan(to_plan, "sqp")
     env: Any = gymnasium.make("aerofed/Round-v0", problem=problem(kind))
     _, _, expected = played(env, of_plan(env, plan), seed=1)

@@ -23,7 +23,7 @@ from mission.config.models import RunConfig
 from mission.planner.evaluate import check_problem, in_time, objective
 from mission.planner.flyable import foresee_round, share_of
 from mission.planner.performance import WITHIN_ROUNDING
-from mission.planner.problem import RoundPlan, RoundProblem
+from mission.planner.problem import PlannedPath, RoundPlan, RoundProblem
 from mission.scenario.radios import believed, radio_of
 from mission.scenario.scenario import build_scenario, device_places
 from mission.scenario.strategies import longest
@@ -117,9 +117,10 @@ class RoundEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         """The plan as decided so far; for the rest of the round the aircraft stands still."""
         problem = self.problem
         via = () if problem.airspace.is_open else tuple(self._via)
-        plan = RoundPlan(self._waypoints_m.copy(), self._schedule.copy(), 0.0, via_m=via)
+        path = PlannedPath(self._waypoints_m.copy(), via)
+        plan = RoundPlan((path,), self._schedule[None].copy(), 0.0)
         in_turn = plan.schedule & in_time(problem, plan)
-        return replace(plan, value=objective(problem, plan.waypoints_m, in_turn))
+        return replace(plan, value=objective(problem, plan.waypoints_m, in_turn[0]))
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -176,7 +177,7 @@ class RoundEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
                 row[device] = self._fits()
         if self._problem.ready_in_s is None:
             return row
-        return np.asarray(row & in_time(self._problem, self.plan)[self._n])
+        return np.asarray(row & in_time(self._problem, self.plan)[0, self._n])
 
     def _fits(self) -> bool:
         """Whether the plan so far keeps to the limits of time and energy."""

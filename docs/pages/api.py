@@ -12,7 +12,7 @@ SECTIONS = {
     "Vehicles for tests": "vehicle vehicles fly",
     "Configurations, plans, channels": "config first_problem plan channel",
     "A strategy of your own": "Strategy StrategyContext Sortie ImportanceStrategy RoundInfo Area",
-    "A planner of your own": "Planner RoundProblem RoundPlan finish fit_budget "
+    "A planner of your own": "Planner RoundProblem Start RoundPlan PlannedPath finish fit_budget "
     "Airspace RoundLimits Performance Foreseen",
     "An algorithm of your own": "Algorithm StaleStart Update",
     "Local training of your own": "Trainer TrainingDevice DeviceData LocalSettings LocalResult",

@@ -131,16 +131,15 @@ def planned(setting: Setting, seed: int) -> Row:
         problem = aerofed.RoundProblem(
             devices_m=devices_m,
             importance=weight * (1.0 + (setting.boost - 1.0) * (1.0 - heard[index])),
-            start_m=start_m,
+            starts=(aerofed.Start(start_m, setting.path_budget_m),),
             steps=setting.steps,
             per_step=setting.per_step,
-            path_budget_m=setting.path_budget_m,
             channel=_channel(setting.channel),
         )
         plan = aerofed.plan(problem, setting.planner)
         away_m = np.linalg.norm(devices_m[None] - plan.waypoints_m[:, None], axis=2)
         per = problem.channel.per(away_m.ravel()).reshape(away_m.shape)
-        heard[index + 1] = ((1.0 - per) * plan.schedule).sum(axis=0)
+        heard[index + 1] = ((1.0 - per) * plan.schedule[0]).sum(axis=0)
         metres[index], start_m = plan.path_m, plan.waypoints_m[-1]
     late = heard[1 + LEFT_OUT :]
     return {

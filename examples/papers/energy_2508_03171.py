@@ -67,7 +67,7 @@ class Eco:
         low_m, high_m = 0.0, best.path_m
         for _ in range(HALVINGS):
             middle_m = 0.5 * (low_m + high_m)
-            plan = self.planner.plan(replace(problem, path_budget_m=middle_m))
+            plan = self.planner.plan(problem.with_own(path_budget_m=middle_m))
             if plan.value >= target:
                 best, high_m = min(best, plan, key=self.energy_j), middle_m
             else:
@@ -82,7 +82,7 @@ class Eco:
 
 def participants(problem: RoundProblem, plan: RoundPlan, target: float) -> RoundPlan:
     """The plan without the devices that it can spare: the least likely to arrive go first."""
-    steps, devices = np.nonzero(plan.schedule)
+    steps, devices = np.nonzero(plan.schedule[0])
     offset_m = plan.waypoints_m[steps] - problem.devices_m[devices]
     arrives = 1.0 - problem.channel.per(np.hypot(*offset_m.T))
     spare, chosen = float(arrives.sum()) - target, np.ones(len(devices), dtype=bool)

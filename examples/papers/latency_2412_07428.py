@@ -21,7 +21,7 @@ here (a packet takes no time, and training happens while time stands still); so 
         cov,examples.papers.latency_2412_07428:make,examples.papers.latency_2412_07428:make_ring
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,7 +50,7 @@ class LeastLatency:
         low_m, high_m = 0.0, best.path_m
         for _ in range(HALVINGS):
             middle_m = 0.5 * (low_m + high_m)
-            plan = self.planner.plan(replace(problem, path_budget_m=middle_m))
+            plan = self.planner.plan(problem.with_own(path_budget_m=middle_m))
             if plan.value >= target:
                 best, high_m = plan, middle_m
             else:

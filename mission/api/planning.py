@@ -72,7 +72,7 @@ def first_problem(
     """The planning problem of a configuration's first round: from where its strategy begins, with
     the importance that it gives devices.
 
-    `dataclasses.replace(problem, path_budget_m=400.0)` makes others of it.
+    `problem.with_own(path_budget_m=400.0)` makes others of it.
 
     Raises:
         InputError: the configuration is refused, or its data are missing or damaged.

@@ -171,15 +171,16 @@ def _write_qgc(
 def _row(named: "NamedPlan") -> dict[str, float]:
     """Return a plan's row of the table, by heading; NaN for what the plan does not have."""
     made = named.plan
-    flight = made.foreseen  # where time or energy is limited
+    flights = [path.foreseen for path in made.paths if path.foreseen]  # where it is limited
+    heights = {path.altitude_m for path in made.paths}
     return {
         "value": made.value,
         "upper\nbound": made.upper_bound,
         "gap\n%": 100.0 * made.gap,
         "path\nm": made.path_m,
-        "alt.\nm": math.nan if made.altitude_m is None else made.altitude_m,
-        "takes\ns": math.nan if flight is None else flight.duration_s,
-        "takes\nkJ": math.nan if flight is None else flight.energy_j / 1000.0,
+        "alt.\nm": (heights.pop() if len(heights) == 1 else None) or math.nan,
+        "takes\ns": max((flight.duration_s for flight in flights), default=math.nan),
+        "takes\nkJ": sum(flight.energy_j for flight in flights) / 1000.0 or math.nan,
         "served": int(made.schedule.sum()),
         "nodes": made.nodes,
         "ms": 1e3 * named.time_s,
@@ -192,15 +193,19 @@ def _nobody(problem: "RoundProblem", made: "RoundPlan") -> str:
         return "there are no devices"
     if not problem.importance.any():
         return "the importance of every device is 0"
-    away_m = min(math.dist(device_m, problem.start_m) for device_m in problem.devices_m)
-    if away_m <= problem.most_m:
-        return _no_upload_fits(problem, made) or (
+    away_m, most_m, aircraft = min(
+        (math.dist(device_m, start.start_m), problem.alone(a).most_m, a)
+        for a, start in enumerate(problem.starts)
+        for device_m in problem.devices_m
+    )
+    if away_m <= most_m:
+        return _no_upload_fits(problem.alone(aircraft), made.alone(aircraft)) or (
             "no update gets through from anywhere on the way: look at the channel "
             "(aerofed link-budget)"
         )
     return (
         f"no device is in reach: the nearest lies {away_m:.0f} m from the start, and the path may "
-        f"be {problem.most_m:.0f} m long"
+        f"be {most_m:.0f} m long"
     )
 
 
@@ -233,7 +238,7 @@ def _show(
     _print(plans)
     if loose := planner.loosely_proven([named.plan.gap for named in plans]):
         Terminal(**PLAIN).print(loose)
-    limits = (entry.problem.limits for entry in problems)
+    limits = (start.limits for entry in problems for start in entry.problem.starts)
     told = {each.performance.best_speeds for each in limits if each and each.energy_j < math.inf}
     for line in sorted(told):
         Terminal(**PLAIN).print(line)

@@ -88,10 +88,17 @@ def _plan_each(
 
 
 def _timed(problem: RoundProblem, sortie: Sortie) -> RoundPlan:
-    """Return the plan with its foreseen time and energy, if limited and not yet in it."""
-    if problem.limits is None or sortie.plan.foreseen is not None:
-        return sortie.plan
-    return replace(sortie.plan, foreseen=foresee_round(problem, sortie.plan, hold_s=sortie.hold_s))
+    """Return the plan with foreseen times and energies, where limited and not yet in it."""
+    plan = sortie.plan
+    paths = tuple(
+        path
+        if start.limits is None or path.foreseen is not None
+        else replace(
+            path, foreseen=foresee_round(problem.alone(a), plan.alone(a), hold_s=sortie.hold_s)
+        )
+        for a, (start, path) in enumerate(zip(problem.starts, plan.paths, strict=True))
+    )
+    return replace(plan, paths=paths)
 
 
 def _file_name(number: int, name: str) -> str:

@@ -35,7 +35,7 @@ def plan_picture(
     """
     gap = f", gap {plan.gap:.2%}" if np.isfinite(plan.upper_bound) else ""
     height = "" if plan.altitude_m is None else f", {plan.altitude_m:.1f} m above home"
-    served = int(plan.schedule.any(axis=0).sum())
+    served = int(plan.schedule.any(axis=(0, 1)).sum())
     numbers = (
         f"value {plan.value:.4g}{gap}; {served} of {len(problem.devices_m)} devices "
         f"served (filled); {plan.path_m:.0f} of {problem.path_budget_m:.0f} m{height}"
@@ -50,7 +50,7 @@ def plan_picture(
     per = 1.0 - success(problem.at(plan.altitude_m), plan.waypoints_m)
     sent = {
         int(k): Sent(0, int(k), int(n), plan.waypoints_m[n], float(per[n, k]), "served")
-        for n, k in np.argwhere(plan.schedule)
+        for n, k in np.argwhere(plan.schedule[0])
     }
     start_m = plan.waypoints_m[0]
     lines = [*edges(fences, space.keep_out, size_m), ("planned", 0, plan.route_m)]

@@ -120,7 +120,7 @@ class FlightLog:
                 round=round_number,
                 t_ns=t_ns,
                 waypoints_m=plan.waypoints_m,
-                schedule=plan.schedule,
+                schedule=plan.schedule[0],
                 importance=problem.importance,
                 value=plan.value,
                 upper_bound=plan.upper_bound,

@@ -11,18 +11,48 @@ VALUE_TOLERANCE = 1e-9  # relative
 
 
 def check_plan(problem: RoundProblem, plan: RoundPlan, *, hold_s: float = 0.0) -> None:
-    """Verify every constraint of a plan, and the value and bound it claims, from scratch.
+    """Verify every constraint of a plan, and the value and bound it claims, from scratch: what
+    each aircraft flies and serves, and that no device is served twice over all of them.
 
-    It hovers `hold_s` at every stop (`stops_of`).
+    Each hovers `hold_s` at every stop (`stops_of`).
 
     Raises:
         InfeasiblePlanError: names the constraint and by how much it is broken.
     """
-    shape = (problem.steps, len(problem.devices_m))
-    if plan.waypoints_m.shape != (problem.steps, 2) or plan.schedule.shape != shape:
+    count = len(problem.starts)
+    shape = (count, problem.steps, len(problem.devices_m))
+    if len(plan.paths) != count or plan.schedule.shape != shape:
         raise InfeasiblePlanError(
-            f"waypoints {plan.waypoints_m.shape} and schedule {plan.schedule.shape}: "
-            f"must be ({problem.steps}, 2) and {shape}"
+            f"{len(plan.paths)} paths and a schedule {plan.schedule.shape}: must be {count} and "
+            f"{shape}"
+        )
+    real = 0.0
+    for aircraft in range(count):
+        try:
+            real += _worth(problem.alone(aircraft), plan.alone(aircraft), hold_s)
+        except InfeasiblePlanError as error:
+            if count == 1:
+                raise
+            raise InfeasiblePlanError(f"aircraft {aircraft}: {error}") from None
+    times = plan.schedule.sum(axis=(0, 1))
+    if times.max(initial=0) > 1:
+        raise InfeasiblePlanError(
+            f"device {times.argmax()} is scheduled {times.max()} times: at most once"
+        )
+    least = 1e-12 * min(1.0, float(problem.importance.sum()))
+    if not np.isclose(real, plan.value, rtol=VALUE_TOLERANCE, atol=least):
+        raise InfeasiblePlanError(f"the plan claims a value of {plan.value}, it has {real}")
+    if plan.upper_bound < real * (1.0 - VALUE_TOLERANCE):  # NaN: none is claimed
+        raise InfeasiblePlanError(
+            f"the plan claims that none is worth more than {plan.upper_bound}, and is worth {real}"
+        )
+
+
+def _worth(problem: RoundProblem, plan: RoundPlan, hold_s: float) -> float:
+    """Verify what one aircraft flies and serves; return what that is worth."""
+    if plan.waypoints_m.shape != (problem.steps, 2):
+        raise InfeasiblePlanError(
+            f"waypoints {plan.waypoints_m.shape}: must be ({problem.steps}, 2)"
         )
     if not np.isfinite(plan.waypoints_m).all():
         raise InfeasiblePlanError("waypoints hold values that are not finite")
@@ -45,23 +75,12 @@ def check_plan(problem: RoundProblem, plan: RoundPlan, *, hold_s: float = 0.0) -
         over = plan.path_m - problem.limits.longest_m(problem.legs)
         if over > LENGTH_TOLERANCE_M:
             raise InfeasiblePlanError(f"the path is {over:.4f} m longer than its limits allow")
-    busiest = int(plan.schedule.sum(axis=1).max(initial=0))
+    busiest = int(plan.schedule.sum(axis=2).max(initial=0))
     if busiest > problem.per_step:
         raise InfeasiblePlanError(f"{busiest} devices in one step: at most {problem.per_step}")
-    times = plan.schedule.sum(axis=0)
-    if times.max(initial=0) > 1:
-        raise InfeasiblePlanError(
-            f"device {times.argmax()} is scheduled {times.max()} times: at most once"
-        )
     in_turn = plan.schedule & in_time(problem, plan, hold_s=hold_s)
-    real = objective(problem.at(_checked_altitude(problem, plan)), plan.waypoints_m, in_turn)
-    least = 1e-12 * min(1.0, float(problem.importance.sum()))
-    if not np.isclose(real, plan.value, rtol=VALUE_TOLERANCE, atol=least):
-        raise InfeasiblePlanError(f"the plan claims a value of {plan.value}, it has {real}")
-    if plan.upper_bound < real * (1.0 - VALUE_TOLERANCE):  # NaN: none is claimed
-        raise InfeasiblePlanError(
-            f"the plan claims that none is worth more than {plan.upper_bound}, and is worth {real}"
-        )
+    flown = problem.at(_checked_altitude(problem, plan))
+    return objective(flown, plan.waypoints_m, in_turn[0])
 
 
 def _checked_altitude(problem: RoundProblem, plan: RoundPlan) -> float | None:

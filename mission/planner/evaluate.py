@@ -16,7 +16,15 @@ from mission.base.arrays import Bools, Floats, Ints
 from mission.base.explain import shown
 from mission.planner.errors import PlanInputError
 from mission.planner.native.rounds import CandidatePlan
-from mission.planner.problem import MOST_COUNT, BoundError, RoundPlan, RoundProblem, as_waypoints
+from mission.planner.problem import (
+    MOST_COUNT,
+    BoundError,
+    PlannedPath,
+    RoundPlan,
+    RoundProblem,
+    Start,
+    as_waypoints,
+)
 
 ALTITUDES = 17  # that are looked at together
 FINE_STEP_M = 0.5  # of altitudes, where the path is a point
@@ -53,11 +61,15 @@ def objective(problem: RoundProblem, waypoints_m: Floats, schedule: Bools) -> fl
 
 
 def in_time(problem: RoundProblem, plan: RoundPlan, *, hold_s: float = 0.0) -> Bools:
-    """(N, K) whether each device has an update to send at the earliest start of each step."""
-    if problem.ready_in_s is None:
+    """(A, N, K) whether each device has an update to send at the earliest start of each step."""
+    ready_in_s = problem.ready_in_s
+    if ready_in_s is None:
         return np.ones(plan.schedule.shape, dtype=np.bool_)
-    begin_s = problem.judged_with(hold_s=hold_s).judged(plan.as_candidate).begins_s
-    return np.asarray(begin_s[:, None] >= problem.ready_in_s[None, :])
+    begins_s = [
+        problem.alone(a).judged_with(hold_s=hold_s).judged(plan.alone(a).as_candidate).begins_s
+        for a in range(len(plan.paths))
+    ]
+    return np.asarray(np.array(begins_s)[..., None] >= ready_in_s)
 
 
 def path_length(waypoints_m: Floats) -> float:
@@ -133,7 +145,7 @@ def plan_along(problem: RoundProblem, waypoints_m: Floats, *, hold_s: float = 0.
                 tried[height_m] = scheduled(problem.at(height_m), waypoints_m, hold_s=hold_s)
         best_m = max(tried, key=lambda height_m: tried[height_m].value)
         reach_m /= (ALTITUDES - 1) / 2.0
-    return replace(tried[best_m], altitude_m=best_m)
+    return tried[best_m].with_own(altitude_m=best_m)
 
 
 def _check_finite(name: str, values: Floats) -> None:
@@ -187,9 +199,9 @@ def planned(problem: RoundProblem, candidate: CandidatePlan) -> RoundPlan:
     for array in (route, schedule):
         array.flags.writeable = False
     if problem.airspace.is_open:
-        return RoundPlan(route, schedule, value)
+        return RoundPlan((PlannedPath(route),), schedule[None], value)
     via = tuple(route[before + 1 : here] for before, here in pairwise(at.tolist()))
-    return RoundPlan(route[at], schedule, value, via_m=via)
+    return RoundPlan((PlannedPath(route[at], via),), schedule[None], value)
 
 
 def plan_without_moving(problem: RoundProblem) -> RoundPlan | None:
@@ -245,7 +257,14 @@ def check_problem(problem: RoundProblem) -> None:
         PlanInputError: wrong types or shapes, NaN or infinity, negative importance or budget, no
             step.
     """
-    _check_types(problem)
+    if not isinstance(problem, RoundProblem):
+        raise PlanInputError(
+            f"problem = {shown(problem)}: must be a RoundProblem, such as first_problem() gives"
+        )
+    is_channel = isinstance(problem.channel, Channel)
+    _must(is_channel, "channel", problem.channel, 'a Channel, such as aerofed.channel("urban")')
+    for name, count in (("steps", problem.steps), ("per_step", problem.per_step)):
+        _must(isinstance(count, Integral), name, count, "a whole number of 1 or more")
     devices = problem.devices_m
     if devices.ndim != 2 or devices.shape[1] != 2:
         raise PlanInputError(
@@ -258,31 +277,17 @@ def check_problem(problem: RoundProblem) -> None:
             raise PlanInputError(
                 f"{name} has shape {values.shape}: must be ({len(devices)},), one value a device"
             )
-    if problem.ready_in_s is not None and problem.limits is None:
-        raise PlanInputError("ready_in_s needs limits, whose performance says how fast is flown")
-    if problem.start_m.shape != (2,):
-        raise PlanInputError(f"start has shape {problem.start_m.shape}: must be (2,), x and y")
-    for name, values in (
-        ("devices", devices),
-        ("start", problem.start_m),
-        ("path_budget_m", np.asarray(problem.path_budget_m)),
-        ("altitudes_m", np.asarray(problem.altitudes_m or ())),
-        *given.items(),
-    ):
+    for name, values in (("devices", devices), *given.items()):
         _check_finite(name, values)
     for name, values in given.items():
         for k in np.flatnonzero(values < 0.0).tolist():
             raise PlanInputError(f"{name}[{k}] = {values[k]}: must be 0 or more")
-    if (
-        problem.altitudes_m is not None
-        and not 0.0 < problem.altitudes_m[0] < problem.altitudes_m[1]
-    ):
-        raise PlanInputError(
-            f"altitudes_m = {list(problem.altitudes_m)}: must be two heights above 0, the lower "
-            "first"
-        )
-    if problem.path_budget_m < 0.0:
-        raise PlanInputError(f"path_budget_m = {problem.path_budget_m}: must be 0 or more")
+    for number, start in enumerate(problem.starts):
+        _check_start(start, f"starts[{number}]." if len(problem.starts) > 1 else "")
+        if problem.ready_in_s is not None and start.limits is None:
+            raise PlanInputError(
+                "ready_in_s needs limits, whose performance says how fast is flown"
+            )
     for name, count in (("steps", problem.steps), ("per_step", problem.per_step)):
         if not 1 <= count <= MOST_COUNT:
             raise PlanInputError(
@@ -294,24 +299,34 @@ def check_problem(problem: RoundProblem) -> None:
         raise PlanInputError(f"importance sums to {total:g}: {_MOST_IMPORTANCE:g} at most")
 
 
-def _check_types(problem: RoundProblem) -> None:
-    """Refuse a problem whose fields other than arrays have wrong types."""
-    if not isinstance(problem, RoundProblem):
-        raise PlanInputError(
-            f"problem = {shown(problem)}: must be a RoundProblem, such as first_problem() gives"
-        )
-
-    def must(name: str, right: bool, words: str) -> None:
-        if not right:
-            raise PlanInputError(f"{name} = {shown(getattr(problem, name))}: must be {words}")
-
-    is_channel = isinstance(problem.channel, Channel)
-    must("channel", is_channel, 'a Channel, such as aerofed.channel("urban")')
-    must("path_budget_m", isinstance(problem.path_budget_m, Real), "a number of metres")
-    for name in ("steps", "per_step"):
-        is_whole = isinstance(getattr(problem, name), Integral)
-        must(name, is_whole, "a whole number of 1 or more")
-    heights = problem.altitudes_m
+def _check_start(start: Start, of: str) -> None:
+    """Refuse the start of an aircraft, whose fields are named after `of`."""
+    most_m, heights = start.path_budget_m, start.altitudes_m
+    _must(isinstance(most_m, Real), f"{of}path_budget_m", most_m, "a number of metres")
     listed = heights if isinstance(heights, tuple | list) else ()
     two = heights is None or [isinstance(height, Real) for height in listed] == [True, True]
-    must("altitudes_m", two, "two heights in metres, the lower first, or None")
+    words = "two heights in metres, the lower first, or None"
+    _must(two, f"{of}altitudes_m", heights, words)
+    height = start.altitude_m
+    one = height is None or (isinstance(height, Real) and heights is None and height > 0.0)
+    words = "a height in metres above 0, or None; and None where altitudes_m are given"
+    _must(one, f"{of}altitude_m", height, words)
+    if start.start_m.shape != (2,):
+        raise PlanInputError(f"{of}start has shape {start.start_m.shape}: must be (2,), x and y")
+    for name, values in (
+        ("start", start.start_m),
+        ("path_budget_m", np.asarray(most_m)),
+        ("altitudes_m", np.asarray(heights or (height or 1.0,))),
+    ):
+        _check_finite(f"{of}{name}", values)
+    if heights is not None and not 0.0 < heights[0] < heights[1]:
+        raise PlanInputError(
+            f"{of}altitudes_m = {list(heights)}: must be two heights above 0, the lower first"
+        )
+    if most_m < 0.0:
+        raise PlanInputError(f"{of}path_budget_m = {most_m}: must be 0 or more")
+
+
+def _must(right: bool, name: str, value: object, words: str) -> None:
+    if not right:
+        raise PlanInputError(f"{name} = {shown(value)}: must be {words}")

@@ -9,25 +9,34 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, ValidationInfo, field_validator
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    ConfigDict,
+    Field,
+    ValidationError,
+    ValidationInfo,
+    field_validator,
+    model_validator,
+)
 
 from fl.radio.channel import Channel, constants_model
 from flightdyn.config import LimitsConfig
 from flightdyn.outlines import flaw
 from flightdyn.tables import Table
 from mission.base.airspace import Airspace
-from mission.base.arrays import Floats
+from mission.base.arrays import Floats, Ints
 from mission.base.explain import Blame, explain, shown
 from mission.base.fence_area import FenceArea, joined
 from mission.base.run_folder import write_atomically
 from mission.base.user_files import read_json
 from mission.planner.errors import PlanInputError
 from mission.planner.performance import Performance, RoundLimits
-from mission.planner.problem import MOST_COUNT, RoundPlan, RoundProblem
+from mission.planner.problem import MOST_COUNT, PlannedPath, RoundPlan, RoundProblem, Start
 
 # Strict: neither texts nor true and false are numbers.
 Number = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=-1e7, le=1e7)]
@@ -36,6 +45,7 @@ Seconds = tuple[Annotated[float, Field(strict=True, allow_inf_nan=False, ge=0, l
 Point = tuple[Number, Number]
 Wind = Annotated[float, Field(strict=True, ge=-50, le=50)]
 Ring = Annotated[tuple[Point, ...], Field(min_length=3, max_length=500)]
+Metres = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=0.0, le=1e6)]
 Height = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=10, le=500)]
 
 MOST_SHOWN = 10  # wrong entries named in one message
@@ -64,18 +74,52 @@ class FlightEntry(Table):
     guidance: LimitsConfig | None = LimitsConfig()  # null: always at its speed
 
 
+def _lower_first(limits: tuple[float, float]) -> tuple[float, float]:
+    if not limits[0] < limits[1]:
+        raise ValueError(
+            f"the lowest altitude must be below the highest, not {limits[0]:g} and "
+            f"{limits[1]:g}; for a fixed altitude leave it out"
+        )
+    return limits
+
+
+Heights = Annotated[tuple[Height, Height], AfterValidator(_lower_first)]
+
+
+class VehicleEntry(Table):
+    """What one of several aircraft has of its own: what is left out is that of the problem."""
+
+    start: Point
+    path_budget_m: Metres | None = None
+    altitude_m: Height | None = None
+    altitudes_m: Heights | None = None
+    deadline_s: Positive | None = None
+    energy_j: Positive | None = None
+
+    @model_validator(mode="after")
+    def _one_altitude(self) -> Self:
+        if None not in (self.altitude_m, self.altitudes_m):
+            raise ValueError("give altitude_m, or altitudes_m to choose from, not both")
+        return self
+
+
+_SHARED = ("path_budget_m", "altitudes_m", "deadline_s", "energy_j")
+
+
 class ProblemEntry(Table):
     """One planning problem of a problem file, in metres, seconds and joules."""
 
     id: Annotated[str, Field(min_length=1, max_length=200)] | Annotated[int, Field(strict=True)]
     devices: tuple[Point, ...]
     importance: tuple[Annotated[float, Field(strict=True, allow_inf_nan=False, ge=0.0)], ...]
-    start: Point
+    start: Point | None = None
     steps: int = Field(strict=True, ge=1, le=1000)
     per_step: int = Field(strict=True, ge=1, le=MOST_COUNT)
-    path_budget_m: float = Field(strict=True, allow_inf_nan=False, ge=0.0, le=1e6)
+    path_budget_m: Metres | None = None
+    # In place of `start`, several aircraft; what one leaves out is the problem's.
+    vehicles: Annotated[tuple[VehicleEntry, ...], Field(min_length=1, max_length=100)] | None = None
     channel: ChannelEntry
-    altitudes_m: tuple[Height, Height] | None = None
+    altitudes_m: Heights | None = None
     areas: tuple[Ring, ...] = ()  # corners of what must not be flown
     fence: Ring | None = None  # of what flights stay within
     fences: tuple[FenceArea, ...] = ()  # more such areas, with groups
@@ -101,15 +145,26 @@ class ProblemEntry(Table):
         joined(info.data.get("fence"), given, (0.0, 0.0))
         return given
 
-    @field_validator("altitudes_m")
-    @classmethod
-    def _lower_first(cls, limits: tuple[float, float] | None) -> tuple[float, float] | None:
-        if limits is not None and not limits[0] < limits[1]:
-            raise ValueError(
-                f"the lowest altitude must be below the highest, not {limits[0]:g} and "
-                f"{limits[1]:g}; for a fixed altitude leave it out"
-            )
-        return limits
+    @model_validator(mode="after")
+    def _each_starts_somewhere(self) -> Self:
+        if (self.start is None) == (self.vehicles is None):
+            raise ValueError("give either start, or vehicles with the start of each")
+        if None in [each.path_budget_m for each in self.each]:
+            raise ValueError("path_budget_m is missing: give it here, or each of the vehicles one")
+        return self
+
+    @property
+    def each(self) -> tuple[VehicleEntry, ...]:
+        """Each aircraft with all that it has of its own."""
+        own = [{"start": self.start}] if self.vehicles is None else map(_given, self.vehicles)
+        shared = {name: getattr(self, name) for name in _SHARED}
+        return tuple(VehicleEntry.model_construct(**{**shared, **each}) for each in own)
+
+
+def _given(each: VehicleEntry) -> dict[str, Any]:
+    """Return the keys of an aircraft that are given; a height rules out the choice of all."""
+    given = {name: getattr(each, name) for name in each.model_fields_set}
+    return {"altitudes_m": None, **given} if "altitude_m" in given else given
 
 
 @dataclass(frozen=True)
@@ -213,24 +268,33 @@ def _problem(entry: ProblemEntry) -> RoundProblem:
         flight.speed_mps, flight.acceptance_radius_m, flight.guidance, flight.air_density,
         flight.wind_mps,
     )  # fmt: skip
-    limited = [entry.deadline_s, entry.energy_j, entry.ready_in_s] != [None, None, None]
-    fence = [_frozen(ring, (-1, 2)) for ring in joined(entry.fence, entry.fences, entry.start)]
+    first = entry.each[0].start
+    fence = [_frozen(ring, (-1, 2)) for ring in joined(entry.fence, entry.fences, first)]
     areas = [_frozen(ring, (-1, 2)) for ring in entry.areas]
     return RoundProblem(
         devices_m=_frozen(entry.devices, (len(entry.devices), 2)),
         importance=_frozen(entry.importance, several),
-        start_m=_frozen(entry.start, (2,)),
+        starts=tuple(_start(own, performance, entry.ready_in_s is not None) for own in entry.each),
         steps=entry.steps,
         per_step=entry.per_step,
-        path_budget_m=entry.path_budget_m,
         channel=Channel(**entry.channel.model_dump()),
-        altitudes_m=entry.altitudes_m,
         airspace=Airspace((*areas, *fence[1:]), fence[0] if fence else None, entry.margin_m),
-        limits=RoundLimits(performance, entry.deadline_s or math.inf, entry.energy_j or math.inf)
-        if limited
-        else None,
         upload_s=None if entry.upload_s is None else _frozen(entry.upload_s, several),
         ready_in_s=None if entry.ready_in_s is None else _frozen(entry.ready_in_s, several),
+    )
+
+
+def _start(own: VehicleEntry, performance: Performance, limited: bool) -> Start:
+    limited = limited or own.deadline_s is not None or own.energy_j is not None
+    assert own.path_budget_m is not None
+    return Start(
+        start_m=_frozen(own.start, (2,)),
+        path_budget_m=own.path_budget_m,
+        limits=RoundLimits(performance, own.deadline_s or math.inf, own.energy_j or math.inf)
+        if limited
+        else None,
+        altitudes_m=own.altitudes_m,
+        altitude_m=own.altitude_m,
     )
 
 
@@ -243,18 +307,30 @@ def _frozen(values: ArrayLike, shape: tuple[int, ...]) -> Floats:
 def _plan(entry: NamedPlan) -> dict[str, object]:
     plan = entry.plan
     proven = bool(np.isfinite(plan.upper_bound))
-    taken = plan.foreseen
-    return {
-        "waypoints": plan.waypoints_m.tolist(),
-        "route": plan.route_m.tolist(),
-        "schedule": plan.schedule.astype(int).tolist(),
-        **({"hold_s": entry.hold_s} if entry.hold_s else {}),
-        **({"duration_s": taken.duration_s, "energy_j": taken.energy_j} if taken else {}),
+    whole: dict[str, object] = {
         "value": plan.value,
         "upper_bound": plan.upper_bound if proven else None,
         "gap": plan.gap if proven else None,
-        **({} if plan.altitude_m is None else {"altitude_m": plan.altitude_m}),
+    }
+    each = [_path(*own) for own in zip(plan.paths, plan.schedule.astype(int), strict=True)]
+    hold = {"hold_s": entry.hold_s} if entry.hold_s else {}
+    rest = {
         "nodes": plan.nodes,
         **({"ended": plan.ended} if plan.ended else {}),
         "time_s": entry.time_s,
     }
+    if len(each) > 1:
+        return {"vehicles": [flown | chosen for flown, chosen in each], **hold, **whole, **rest}
+    ((flown, chosen),) = each
+    return {**flown, **hold, **whole, **chosen, **rest}
+
+
+def _path(path: PlannedPath, schedule: Ints) -> tuple[dict[str, object], dict[str, object]]:
+    """What one aircraft flies, and the altitude that was chosen for it, if one was."""
+    taken = path.foreseen
+    return {
+        "waypoints": path.waypoints_m.tolist(),
+        "route": path.route_m.tolist(),
+        "schedule": schedule.tolist(),
+        **({"duration_s": taken.duration_s, "energy_j": taken.energy_j} if taken else {}),
+    }, ({} if path.altitude_m is None else {"altitude_m": path.altitude_m})

@@ -21,7 +21,7 @@ def serving_fewer(problem: RoundProblem, plan: RoundPlan, *, hold_s: float = 0.0
     if problem.limits is None or problem.upload_s is None:
         return plan
     fewer = problem.at(plan.altitude_m).judged_with(hold_s=hold_s).serving_fewer(plan.as_candidate)
-    return replace(plan, schedule=fewer.schedule, value=fewer.value)
+    return replace(plan, schedule=fewer.schedule[None], value=fewer.value)
 
 
 def fitted(
@@ -39,7 +39,7 @@ def fitted(
         )
         altitude_m = plan_along(problem, within).altitude_m
         plan = fitted(problem.at(altitude_m), waypoints_m, above=above)
-        return plan and replace(plan, altitude_m=altitude_m)
+        return plan and plan.with_own(altitude_m=altitude_m)
     found = problem.as_judged.fitted(
         waypoints_m, problem.most_m, above=above, limited=problem.limits is not None
     )
@@ -56,7 +56,7 @@ def varied(
     found = problem.as_judged.varied(
         plan.as_candidate, problem.most_m, changes, tolerance=tolerance, seed=seed, limited=limited
     )
-    return replace(planned(problem, found), altitude_m=plan.altitude_m)
+    return planned(problem, found).with_own(altitude_m=plan.altitude_m)
 
 
 def standing(problem: RoundProblem) -> RoundPlan:

@@ -51,7 +51,9 @@ class LimitedPlanner:
         """
         if problem.airspace.is_open and problem.limits is None:
             return self.inner.plan(problem)
-        problem = replace(problem, path_budget_m=problem.most_m, importance=servable(problem))
+        problem = replace(
+            problem.with_own(path_budget_m=problem.most_m), importance=servable(problem)
+        )
         if (plan := in_usual_size(self, problem)) is not None:
             return plan
         # With uploads the search that counts them proves more: a brief one does before.
@@ -61,7 +63,7 @@ class LimitedPlanner:
         ideal = inner.plan(problem.unlimited)
         best, bound = self._within(problem, ideal)
         if problem.limits is not None:
-            best = replace(best, foreseen=foresee_round(problem, best))
+            best = best.with_own(foreseen=foresee_round(problem, best))
         best = bounded(problem, best, bound, ideal.nodes)
         if self.goal is None or best.gap <= self.goal.gap:
             return replace(best, ended="")
@@ -80,7 +82,7 @@ class LimitedPlanner:
             tried += [plan for path in self._paths(fixed) if (plan := fitted(fixed, path))]
             enough = bound * (1.0 - self.goal.gap) if self.goal else math.inf
             at_m = ideal.altitude_m
-            tried = [replace(plan, altitude_m=plan.altitude_m or at_m) for plan in tried]
+            tried = [plan.with_own(altitude_m=plan.altitude_m or at_m) for plan in tried]
             best = improved(problem, tried, enough)
             if self.goal is not None:
                 bound = min(bound, timed_bound(problem, best.value, self.goal))
@@ -92,8 +94,9 @@ class LimitedPlanner:
         paths: list[Floats] = []
         for importance, shares in _weighed(problem):
             for part in shares:
-                most_m = part * problem.path_budget_m
-                shorter = replace(free, importance=importance, path_budget_m=most_m)
+                shorter = replace(
+                    free.with_own(path_budget_m=part * problem.path_budget_m), importance=importance
+                )
                 paths.append(self.drawing.plan(shorter).waypoints_m)
                 if problem.ready_in_s is not None:  # who was first may be last
                     paths.append(np.vstack((paths[-1][:1], paths[-1][:0:-1])))

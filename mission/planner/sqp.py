@@ -106,7 +106,7 @@ def surroundings(problem: RoundProblem, plan: RoundPlan) -> Surroundings:
 
 def reward_model(problem: RoundProblem, plan: RoundPlan) -> tuple[Floats, Floats]:
     """Gradient (N, 2) and negated, clipped Hessian blocks (N, 3: xx, xy, yy) of the reward."""
-    steps, served = np.nonzero(plan.schedule)
+    steps, served = np.nonzero(plan.schedule[0])
     offset = plan.waypoints_m[steps] - problem.devices_m[served]
     r = np.hypot(*offset.T)
     _, f1, f2 = reward_table(problem.channel, reach_of(problem)).expanded(r)

@@ -31,7 +31,7 @@ def stops_of(
     long each device sends: each step then lasts until its devices have sent, one after another,
     and a stop until all of its steps have.
     """
-    steps, devices = plan.schedule.shape
+    _, steps, devices = plan.schedule.shape
     round_ = Round(
         np.zeros((devices, 2)), np.zeros(devices), steps=steps, per_step=1, upload_s=upload_s,
         hold_s=hold_s,

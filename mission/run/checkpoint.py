@@ -17,13 +17,13 @@ from fl.errors import CheckpointError
 from fl.federation.community import Federation
 from fl.federation.rounds import RoundLearning
 from fl.federation.state import FederationState, from_bytes, to_bytes
-from mission.base.arrays import Floats
+from mission.base.arrays import Bools, Floats
 from mission.base.errors import InputError
 from mission.base.run_folder import write_atomically
 from mission.base.user_files import DATA_BYTES, read_bytes
 from mission.config.models import RunConfig
 from mission.config.preflight import code_digests
-from mission.planner.problem import RoundPlan
+from mission.planner.problem import PlannedPath, RoundPlan
 from mission.run.resume import ROUNDS, damaged, header, sealed
 from mission.scenario.strategies import Sortie
 
@@ -115,15 +115,21 @@ def _plain(memory: RoundMemory) -> dict[str, object]:
 def _plain_sortie(sortie: Sortie) -> dict[str, object]:
     plan = sortie.plan
     return {
-        "waypoints_m": plan.waypoints_m.tolist(),
-        "via_m": [corners.tolist() for corners in plan.via_m],
-        "schedule": np.argwhere(plan.schedule).tolist(),
+        "paths": [_plain_path(*own) for own in zip(plan.paths, plan.schedule, strict=True)],
         "value": float(plan.value),
         "upper_bound": float(plan.upper_bound),
         "nodes": int(plan.nodes),
         "hold_s": sortie.hold_s,
         "cost_m": sortie.cost_m,
-        **({} if plan.altitude_m is None else {"altitude_m": plan.altitude_m}),
+    }
+
+
+def _plain_path(path: PlannedPath, schedule: Bools) -> dict[str, object]:
+    return {
+        "waypoints_m": path.waypoints_m.tolist(),
+        "via_m": [corners.tolist() for corners in path.via_m],
+        "schedule": np.argwhere(schedule).tolist(),
+        **({} if path.altitude_m is None else {"altitude_m": path.altitude_m}),
     }
 
 
@@ -139,23 +145,21 @@ def _memory(values: dict[str, Any], devices: int) -> RoundMemory:
 
 
 def _sortie(plan: dict[str, Any], devices: int) -> Sortie:
-    waypoints = np.array(plan["waypoints_m"], dtype=np.float64).reshape(-1, 2)
-    schedule = np.zeros((len(waypoints), devices), dtype=bool)
-    for step, device in plan["schedule"]:
-        schedule[step, device] = True
-    return Sortie(
-        RoundPlan(
-            waypoints,
-            schedule,
-            plan["value"],
-            plan["upper_bound"],
-            plan["nodes"],
-            tuple(np.array(c, dtype=np.float64).reshape(-1, 2) for c in plan["via_m"]),
-            plan.get("altitude_m"),
-        ),
-        hold_s=plan["hold_s"],
-        cost_m=plan["cost_m"],
+    each = plan.get("paths", [plan])  # earlier versions kept one alone
+    paths = tuple(
+        PlannedPath(
+            np.array(path["waypoints_m"], dtype=np.float64).reshape(-1, 2),
+            tuple(np.array(c, dtype=np.float64).reshape(-1, 2) for c in path["via_m"]),
+            path.get("altitude_m"),
+        )
+        for path in each
     )
+    schedule = np.zeros((len(paths), len(paths[0].waypoints_m), devices), dtype=bool)
+    for of_path, path in zip(schedule, each, strict=True):
+        for step, device in path["schedule"]:
+            of_path[step, device] = True
+    made = RoundPlan(paths, schedule, plan["value"], plan["upper_bound"], plan["nodes"])
+    return Sortie(made, hold_s=plan["hold_s"], cost_m=plan["cost_m"])
 
 
 def _learnt(values: dict[str, Any]) -> RoundLearning:

@@ -9,7 +9,7 @@ from mission.base.arrays import Bools, Floats
 from mission.config.models import MissionConfig
 from mission.flight.missions.round_mission import FlightPlan, flight_of_round
 from mission.planner.evaluate import objective
-from mission.planner.problem import RoundPlan, RoundProblem
+from mission.planner.problem import PlannedPath, RoundPlan, RoundProblem
 from mission.scenario.limits import SHORT_M
 
 _GAIN = 0.01  # of what the round is worth: for less no mission is replaced
@@ -54,13 +54,11 @@ class Course:
                 return None
             limits = replace(limits, duration_s=left_s, energy_j=left_j)
         flown_m = polyline.length(np.vstack((route_m, start_m)))
+        left_m = max(0.0, whole.path_budget_m - flown_m)
         return replace(
-            whole,
+            whole.with_own(start_m=start_m, path_budget_m=left_m, limits=limits),
             importance=np.where(heard, 0.0, whole.importance),
-            start_m=start_m,
             steps=whole.steps - step,
-            path_budget_m=max(0.0, whole.path_budget_m - flown_m),
-            limits=limits,
             ready_in_s=None if ready_in_s is None else np.maximum(0.0, ready_in_s - elapsed_s),
         )
 
@@ -72,20 +70,16 @@ class Course:
         value for each time.
         """
         step = self.problem.steps - problem.steps
-        as_planned = objective(problem, self.plan.waypoints_m[step:], self.plan.schedule[step:])
+        (ordered,) = self.plan.schedule
+        as_planned = objective(problem, self.plan.waypoints_m[step:], ordered[step:])
         if rest.value - as_planned <= _GAIN * self.plan.value:
             return None
         waypoints_m = np.vstack((self.plan.waypoints_m[:step], rest.waypoints_m))
-        schedule = np.vstack((self.plan.schedule[:step], rest.schedule))
+        schedule = np.vstack((ordered[:step], *rest.schedule))
         via_m = () if self.problem.airspace.is_open else (
             *self.plan.via_m[: step - 1], np.empty((0, 2)), *rest.via_m
         )  # fmt: skip
         whole = replace(self.problem, per_grid=problem.per_grid)  # as it is believed now
-        plan = RoundPlan(
-            waypoints_m,
-            schedule,
-            objective(whole, waypoints_m, schedule),
-            via_m=via_m,
-            altitude_m=self.plan.altitude_m,
-        )
+        path = PlannedPath(waypoints_m, via_m, self.plan.altitude_m)
+        plan = RoundPlan((path,), schedule[None], objective(whole, waypoints_m, schedule))
         return Course(whole, plan, problem, rest, step)

@@ -115,7 +115,7 @@ class FlownExperiment(Experiment):
             self._show("flying")
         early = None
         if recalled is None and self.workers > 1:
-            asked = self._mask(np.nonzero(sortie.plan.schedule)[1])
+            asked = self._mask(np.nonzero(sortie.plan.schedule)[2])
             early = begin_training(self._trainer, self.scenario.federation, self.state, asked)
         flown = await self._fly(flyer, problem, sortie, recalled)
         flight, served = FlownTrack.joined(flown.flights), tuple(flown.served)
@@ -183,7 +183,7 @@ class FlownExperiment(Experiment):
         devices = [record.device for record in flown.served]
         before = np.bincount(devices, minlength=len(scenario.devices_m))
         records: list[UplinkRecord] = []
-        for times in np.unique(before[plan.schedule.any(axis=0)]).tolist():
+        for times in np.unique(before[plan.schedule.any(axis=(0, 1))]).tolist():
             again = f"/{times}" if times else ""
             records += uplinks(
                 number,
@@ -210,7 +210,7 @@ class FlownExperiment(Experiment):
         est_m = np.array([area.xyz(passage.est_ned_m) for passage in passages])
         true_m = np.array([area.xyz(passage.true_ned_m) for passage in passages])
         every = self.scenario.config.radio.pilots != "scheduled"
-        devices = np.asarray(plan.schedule.any(axis=0) | every, dtype=bool)
+        devices = np.asarray(plan.schedule.any(axis=(0, 1)) | every, dtype=bool)
         self._heard = listener.hear(self._heard, est_m, true_m, devices, rng)
 
     def _problem(self, flyer: Flyer, recalled: RoundMemory | None) -> RoundProblem:
@@ -272,7 +272,7 @@ class FlownExperiment(Experiment):
                 whole.foreseen(flyer.performance), flown.on_the_spot
             )
             logged = False
-            for part in rest.parts(np.asarray(plan.schedule.any(axis=1))) if by_stop else [rest]:
+            for part in rest.parts(np.asarray(plan.schedule[0].any(axis=1))) if by_stop else [rest]:
                 with self.stopwatch("fly"):
                     try:
                         await flyer.upload(part)

@@ -45,7 +45,7 @@ def turns(
     found: dict[int, TrackPoint] = {}
     for step, arrival in passages.items():
         begin_s = 0.0
-        for device in np.flatnonzero(plan.schedule[step]).tolist():
+        for device in np.flatnonzero(plan.schedule[0, step]).tolist():
             passage = _after(arrival, begin_s, flight)
             if passage is not None:
                 found[device] = passage
@@ -95,7 +95,7 @@ def uplinks(
     channel, belief = problem.channel, problem.radio
 
     records = []
-    for step, device in np.argwhere(plan.schedule).tolist():
+    for step, device in np.argwhere(plan.schedule[0]).tolist():
         passage = passages.get(device)
         where = plan.waypoints_m[step]
         t_s = est_per = math.nan

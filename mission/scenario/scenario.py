@@ -31,7 +31,7 @@ from mission.config.models import RunConfig
 from mission.config.polygons import check_start
 from mission.planner.factory import make_planner
 from mission.planner.performance import Performance
-from mission.planner.problem import RoundProblem
+from mission.planner.problem import RoundProblem, Start
 from mission.scenario.custom_strategies import (
     CustomStrategy,
     ImportanceStrategy,
@@ -134,14 +134,18 @@ class Scenario:
         return RoundProblem(
             devices_m=self.devices_m,
             importance=importance,
-            start_m=start_m,
+            starts=(
+                Start(
+                    start_m=start_m,
+                    path_budget_m=min(mission.path_budget_m, left.metres),
+                    limits=round_limits(mission, performance, left=left, timed=timed),
+                    altitudes_m=mission.altitudes_m,
+                ),
+            ),
             steps=mission.steps,
             per_step=mission.devices_per_step,
-            path_budget_m=min(mission.path_budget_m, left.metres),
             channel=self.channel,
             airspace=self.area.airspace,
-            altitudes_m=mission.altitudes_m,
-            limits=round_limits(mission, performance, left=left, timed=timed),
             upload_s=self._turn_s,
             ready_in_s=ready_in_s if timed else None,
             per_grid=self.per_grid,

@@ -40,7 +40,26 @@ class Sortie:
 
 
 class Strategy(Protocol):
-    """A policy that chooses path and schedule of each round."""
+    """A policy that chooses paths and schedule of each round.
+
+    A strategy of one's own, which serves only those who count more than others:
+
+    >>> from dataclasses import replace
+    >>> import aerofed, numpy as np
+    >>> class Upper:
+    ...     fairness, approach_m = True, None
+    ...     def __init__(self, planner):
+    ...         self.planner = planner
+    ...     def sortie(self, round_index, problem):
+    ...         delta = problem.importance
+    ...         few = replace(problem, importance=np.where(delta > delta.mean(), delta, 0.0))
+    ...         return aerofed.Sortie(self.planner.plan(few))
+    >>> first = aerofed.first_problem("quickstart")
+    >>> from mission.planner.sqp import SqpPlanner
+    >>> plan = Upper(SqpPlanner()).sortie(0, first).plan
+    >>> plan.schedule.shape == (1, first.steps, len(first.devices_m))
+    True
+    """
 
     @property
     def fairness(self) -> bool:
@@ -48,10 +67,11 @@ class Strategy(Protocol):
 
     @property
     def approach_m(self) -> Floats | None:
-        """(2,) where to be before the first round, area coordinates in m; None: above home."""
+        """(2,) where to be before the first round, area coordinates in m, or (A, 2) for each
+        aircraft; None: above home."""
 
     def sortie(self, round_index: int, problem: RoundProblem) -> Sortie:
-        """Plan one round from the start in `problem`; `round_index` counts from 0."""
+        """Plan one round from the starts in `problem`; `round_index` counts from 0."""
 
 
 @dataclass(frozen=True)

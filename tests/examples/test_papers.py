@@ -66,7 +66,7 @@ def test_the_cheapest_round_has_enough_arrivals(problem: aerofed.RoundProblem) -
     assert plan.value >= target - 1e-9
     assert eco.energy_j(plan) < 0.75 * eco.energy_j(longest)
     # One device less would not be enough.
-    steps, devices = np.nonzero(plan.schedule)
+    steps, devices = np.nonzero(plan.schedule[0])
     offset = plan.waypoints_m[steps] - alike.devices_m[devices]
     arrives = 1.0 - alike.channel.per(np.hypot(*offset.T))
     assert plan.value - arrives.min() < target

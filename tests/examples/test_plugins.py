@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from cutting import check_resumed
+from one_aircraft import round_problem
 from scipy.stats import norm
 
 import aerofed
@@ -190,7 +191,7 @@ def test_weights_of_devices_and_of_communities() -> None:
 
 
 def test_a_weight_per_metre_is_half_a_leg_away() -> None:
-    problem = aerofed.RoundProblem(
+    problem = round_problem(
         devices_m=np.array([[0.0, 0.0], [0.0, 400.0]]),
         importance=np.array([1.0, 1.5]),
         start_m=np.zeros(2),

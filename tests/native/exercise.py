@@ -36,7 +36,7 @@ from mission.planner.certified import CertifiedPlanner
 from mission.planner.fitting import fitted
 from mission.planner.flyable import foresee_round
 from mission.planner.performance import Performance, RoundLimits
-from mission.planner.problem import RoundProblem
+from mission.planner.problem import RoundProblem, Start
 from sitl.firmware.native import library as bridge
 
 digest = hashlib.sha256()
@@ -71,7 +71,7 @@ def learn(name, shape, dtype, count, convnet=None):
 def plan(channel, devices, steps, per_step):
     problem = RoundProblem(
         rng.uniform(0.0, 800.0, (devices, 2)), rng.uniform(0.5, 1.5, devices),
-        rng.uniform(0.0, 800.0, 2), steps, per_step, 700.0, CHANNEL_PRESETS[channel],
+        (Start(rng.uniform(0.0, 800.0, 2), 700.0),), steps, per_step, CHANNEL_PRESETS[channel],
     )  # fmt: skip
     made = CertifiedPlanner(max_nodes=60).plan(problem)
     digest.update(made.waypoints_m.tobytes())
@@ -82,10 +82,11 @@ def plan(channel, devices, steps, per_step):
 def plan_within_limits(**more):
     """What a plan under every limit is, and what it takes."""
     flying = Performance(20.0, 5.0, LimitsConfig(), 0.9, (3.0, -1.0), 1.1)
+    start = Start(np.full(2, 400.0), 700.0, RoundLimits(flying, 60.0, 9e3))
     problem = RoundProblem(
-        rng.uniform(0.0, 800.0, (12, 2)), rng.uniform(0.5, 1.5, 12), np.full(2, 400.0), 8, 3, 700.0,
-        CHANNEL_PRESETS["suburban+10dB"], limits=RoundLimits(flying, 60.0, 9e3),
-        upload_s=rng.uniform(0.0, 4.0, 12), ready_in_s=rng.uniform(0.0, 20.0, 12), **more,
+        rng.uniform(0.0, 800.0, (12, 2)), rng.uniform(0.5, 1.5, 12), (start,), 8, 3,
+        CHANNEL_PRESETS["suburban+10dB"], upload_s=rng.uniform(0.0, 4.0, 12),
+        ready_in_s=rng.uniform(0.0, 20.0, 12), **more,
     )  # fmt: skip
     way = np.vstack((problem.start_m, rng.uniform(0.0, 800.0, (7, 2))))
     made = fitted(problem, way)

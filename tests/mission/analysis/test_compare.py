@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from one_aircraft import one_path, round_problem
 from rich.console import Console
 from synthetic_flight import AREA, CHANNEL, fly
 
@@ -20,7 +21,6 @@ from mission.cli import call
 from mission.log.records import UNKNOWN_ROUND, RoundRecord, UplinkRecord
 from mission.log.values import Devices
 from mission.log.writer import FlightLog
-from mission.planner.problem import RoundPlan, RoundProblem
 from sitl.observer import VehicleSample
 
 SPEED = 20.0
@@ -40,7 +40,7 @@ def right_angle(
     waypoints = np.array([[100.0, 100.0], [300.0, 100.0], [300.0, 500.0]])
     schedule = np.array([[False, False], [True, False], [False, True]])
     importance = np.array([0.5, 0.25])
-    problem = RoundProblem(WORLD.pos_m, importance, waypoints[0], 3, 1, 800.0, CHANNEL)
+    problem = round_problem(WORLD.pos_m, importance, waypoints[0], 3, 1, 800.0, CHANNEL)
     at = np.concatenate((np.arange(0.0, 200.0, 2.0), np.arange(200.0, 601.0, 2.0)))
     corner = 200.0 + offset_m
     xy = np.where(
@@ -49,7 +49,7 @@ def right_angle(
         np.column_stack((np.full(len(at), 300.0 + offset_m), 100.0 + at - 200.0)),
     )
     with FlightLog(path, area=AREA, devices=WORLD) as log:
-        log.plan(round(START_S * 1e9), 0, problem, RoundPlan(waypoints, schedule, 0.7, 0.8),
+        log.plan(round(START_S * 1e9), 0, problem, one_path(waypoints, schedule, 0.7, 0.8),
                  speed_mps=SPEED)  # fmt: skip
         for s, (x, y) in zip(at, xy, strict=True):
             t_ns = round((START_S + s / SPEED) * 1e9)
@@ -142,8 +142,8 @@ def test_cutting_a_corner_counts_there_and_not_on_the_straights(tmp_path: Path) 
             np.column_stack((np.full(95, 200.0), np.arange(12.0, 202.0, 2.0))),
         )
     )
-    problem = RoundProblem(WORLD.pos_m, np.ones(2), waypoints[0], 3, 1, 800.0, CHANNEL)
-    plan = RoundPlan(waypoints, np.zeros((3, 2), dtype=bool), 0.0)
+    problem = round_problem(WORLD.pos_m, np.ones(2), waypoints[0], 3, 1, 800.0, CHANNEL)
+    plan = one_path(waypoints, np.zeros((3, 2), dtype=bool), 0.0)
     with FlightLog(tmp_path / "a.mcap", area=AREA, devices=WORLD) as log:
         log.plan(0, 0, problem, plan, speed_mps=SPEED)
         for index, (x, y) in enumerate(track):

@@ -10,6 +10,7 @@ import pymap3d
 import pytest
 from made_up_logs import HOME as PX4_HOME
 from made_up_logs import write_ulog
+from one_aircraft import one_path, round_problem
 from synthetic_flight import AREA, CHANNEL, HOME
 from test_compare import WORLD, record, vehicle
 
@@ -20,7 +21,6 @@ from mission.analysis.load import load_run
 from mission.cli import call
 from mission.log.reader import read_log
 from mission.log.writer import FlightLog
-from mission.planner.problem import RoundPlan, RoundProblem
 
 HEIGHT_M, FAR_M = 60.0, 8000.0
 
@@ -31,9 +31,9 @@ def far(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("far") / "flight.mcap"
     shares = np.linspace(0.0, 1.0, 401)
     waypoints = np.array([AREA.home_m, np.add(AREA.home_m, FAR_M / np.sqrt(2))])
-    problem = RoundProblem(WORLD.pos_m, np.array([0.5, 0.25]), waypoints[0], 2, 1, 9e3, CHANNEL)
+    problem = round_problem(WORLD.pos_m, np.array([0.5, 0.25]), waypoints[0], 2, 1, 9e3, CHANNEL)
     with FlightLog(path, area=AREA, devices=WORLD) as log:
-        plan = RoundPlan(waypoints, np.zeros((2, 2), dtype=bool), 0.0, 0.0)
+        plan = one_path(waypoints, np.zeros((2, 2), dtype=bool), 0.0, 0.0)
         log.plan(0, 0, problem, plan, speed_mps=20.0)
         for share in shares:
             away_m = share * FAR_M / np.sqrt(2)

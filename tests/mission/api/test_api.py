@@ -18,6 +18,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from drawing import outlined
+from one_aircraft import changed, round_problem
 
 import aerofed
 from fl.radio.channel import CHANNEL_PRESETS, average_per
@@ -42,6 +43,7 @@ TABLES = ("rounds.csv", "uplinks.csv", "learning.csv", "flight.mcap")
 
 
 HERE = (400, 400)  # where the problem begins
+PATH = (aerofed.PlannedPath(np.zeros((1, 2))),)
 UNTYPED: Any = aerofed  # as a notebook calls it
 
 
@@ -62,7 +64,7 @@ def problem(**other: object) -> Any:
         "start_m": (400, 400), "steps": 3, "per_step": 1, "path_budget_m": 300,
         "channel": aerofed.channel(),
     }  # fmt: skip
-    return UNTYPED.RoundProblem(**{**known, **other})
+    return round_problem(**{**known, **other})
 
 
 @pytest.fixture(scope="module")
@@ -82,9 +84,10 @@ def test_the_public_names() -> None:
         "Channel", "DeviceData", "Figure", "Foreseen", "Heard", "ImportanceStrategy", "InputError",
         "LearningConfig", "LimitsNotMetError", "LinkTerms",
         "LocalResult", "LocalSettings", "MissionConfig", "Partition", "PartitionTask",
-        "Performance", "PlanError", "Planner", "Radio", "RoundInfo", "RoundLearning",
+        "Performance", "PlanError", "PlannedPath", "Planner", "Radio", "RoundInfo", "RoundLearning",
         "RoundLimits", "RoundPlan", "RoundProblem", "RoundRecord", "RoundReport", "Run",
-        "RunConfig", "Samples", "Sortie", "StaleStart", "Strategy", "StrategyContext", "Sweep",
+        "RunConfig", "Samples", "Sortie", "StaleStart", "Start", "Strategy", "StrategyContext",
+        "Sweep",
         "Trainer", "TrainingDevice", "Update", "UplinkRecord", "UsersCodeError", "channel",
         "compare", "config", "finish", "first_problem", "fit_budget", "fly", "load", "load_sweep",
         "plan", "resume", "run", "sweep", "vehicle", "vehicles",
@@ -246,9 +249,11 @@ def test_lists_and_tuples_are_arrays() -> None:
     assert made.path_m == pytest.approx(200.0)
     # What rounding adds to a path that just fits is nobody's mistake.
     nudged = [(400, 400 + 1e-7), (300, 400), (200 - 1e-7, 400)]
-    assert aerofed.finish(replace(problem(), path_budget_m=200.0), nudged).path_m > 200.0
+    assert aerofed.finish(changed(problem(), path_budget_m=200.0), nudged).path_m > 200.0
     assert aerofed.fit_budget(way, 100).tolist()[-1] == pytest.approx([300.0, 400.0])
-    plain = UNTYPED.RoundPlan(way, made.schedule.astype(int).tolist(), made.value)
+    plain = UNTYPED.RoundPlan(
+        [UNTYPED.PlannedPath(way)], made.schedule.astype(int).tolist(), made.value
+    )
     assert aerofed.plan(problem(), Gives(plain)) is plain
     with pytest.raises(aerofed.InputError, match="ready_in_s needs limits"):
         aerofed.finish(problem(ready_in_s=np.zeros(3)), way)
@@ -357,10 +362,10 @@ def test_configurations(tmp_path: Path) -> None:
         (lambda: problem(importance=None), "^importance = null: must be an array of numbers"),
         (lambda: problem(importance=["1"]), r"^importance = \['1'\]: must be an array of numbers"),
         (lambda: aerofed.plan(problem(upload_s=[1, 1, -1])), r"^upload_s\[2\] = -1.0: must be 0"),
-        (lambda: UNTYPED.RoundPlan([(0, 0)], [[0.5]], 1.0), "^schedule = .*: must be an array"),
+        (lambda: UNTYPED.RoundPlan(PATH, [[[0.5]]], 1.0), "^schedule = .*: must be an array"),
         (lambda: problem(devices_m=[(1, 2), (3,)]), r"^devices_m = \[.*: must be an array of"),
-        (lambda: UNTYPED.RoundPlan([0, 0], [[1]], 1.0), r"^waypoints_m has .* \(2,\): .* \(N, 2\)"),
-        (lambda: UNTYPED.RoundPlan([(0, 0)], [1], 1.0), r"^schedule has shape \(1,\): .* \(1, K\)"),
+        (lambda: UNTYPED.PlannedPath([0, 0]), r"^waypoints_m has .* \(2,\): .* \(N, 2\)"),
+        (lambda: UNTYPED.RoundPlan(PATH, [[1]], 1.0), r"^schedule has .* \(1, 1\): .* \(1, 1, K\)"),
         (lambda: aerofed.fit_budget([(1, 2, 3)], 9.0), r"^waypoints_m has shape \(1, 3\): must be"),
         (lambda: aerofed.finish(problem(), [(0, 0)]), r"^waypoints_m has .*: must be \(\d, 2\)"),
         (lambda: aerofed.fit_budget([(0, 0), (9, 0)], -5), "^path_budget_m = -5: must be a number"),
@@ -370,9 +375,15 @@ def test_configurations(tmp_path: Path) -> None:
         (lambda: aerofed.finish(problem(), [HERE, (math.inf, 0), HERE]), r"m\[1\]\[0\] = inf: mu"),
         (lambda: aerofed.finish(problem(), [(0, 0), HERE, HERE]), "lies 565.7 m from the problem"),
         (lambda: aerofed.finish(problem(), [HERE, (4000, 400), HERE]), "the path is 7200 m long"),
-        (lambda: UNTYPED.RoundPlan([(0, 0)], [[1]], "x"), "^value = 'x': must be a number"),
-        (lambda: UNTYPED.RoundPlan([(0, 0)], [[1]], 1, None), "^upper_bound = null: must be a"),
-        (lambda: UNTYPED.RoundPlan([(0, 0)], [[1]], 1, altitude_m="x"), "^altitude_m = 'x': must"),
+        (lambda: UNTYPED.RoundPlan(PATH, [[[1]]], "x"), "^value = 'x': must be a number"),
+        (lambda: UNTYPED.RoundPlan(PATH, [[[1]]], 1, None), "^upper_bound = null: must be a"),
+        (lambda: UNTYPED.PlannedPath([(0, 0)], altitude_m="x"), "^altitude_m = 'x': must be a"),
+        # As they were written when a round had one aircraft.
+        (lambda: UNTYPED.RoundPlan([(0, 0)], [[1]], 1.0), r"^paths = .*tuple of PlannedPath, one"),
+        (lambda: UNTYPED.RoundPlan(waypoints_m=[(0, 0)], schedule=[[1]], value=1.0),
+         r"^waypoints_m: each aircraft has its own: paths=\(PlannedPath\(waypoints_m, "),
+        (lambda: replace(problem(), path_budget_m=9.0), r"problem.with_own\(path_budget_m=...\)"),
+        (lambda: UNTYPED.RoundProblem([], [], (0, 0), 1, 1, 9.0, 0), r"^starts = .* of Start, one"),
     ],
 )  # fmt: skip
 def test_what_is_wrong_is_an_input_error(wrong: object, words: str) -> None:
@@ -402,7 +413,7 @@ def test_a_file_where_runs_belong_names_the_argument(
 
 def test_a_problem_that_makes_no_sense() -> None:
     channel = aerofed.channel()
-    problem = aerofed.RoundProblem(
+    problem = round_problem(
         np.zeros((2, 2)), np.ones(3), np.zeros(2), steps=2, per_step=1, path_budget_m=1.0,
         channel=channel,
     )  # fmt: skip

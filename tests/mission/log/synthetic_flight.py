@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from one_aircraft import one_path, round_problem
 
 from fl.radio.channel import CHANNEL_PRESETS, average_per
 from fl.radio.city import Building
@@ -110,10 +111,10 @@ def plan_round(
     schedule = np.zeros((steps, len(world.pos_m)), dtype=bool)
     for step, device in enumerate(order, start=1):
         schedule[step, device] = True
-    problem = RoundProblem(world.pos_m, importance, start_m, steps, 3, 800.0, CHANNEL)
+    problem = round_problem(world.pos_m, importance, start_m, steps, 3, 800.0, CHANNEL)
     per = average_per(CHANNEL, np.linalg.norm(waypoints[:, None] - world.pos_m, axis=-1))
     value = float((schedule * (1 - per) * importance).sum())
-    return problem, RoundPlan(waypoints, schedule, value, value * 1.1)
+    return problem, one_path(waypoints, schedule, value, value * 1.1)
 
 
 @dataclass(frozen=True)
@@ -246,7 +247,7 @@ def _uplinks(
     rng: np.random.Generator,
 ) -> list[UplinkRecord]:
     records = []
-    for step, device in np.argwhere(plan.schedule):
+    for step, device in np.argwhere(plan.schedule[0]):
         t_ns, true, est = reached[int(step)]
         waypoint = plan.waypoints_m[step]
 

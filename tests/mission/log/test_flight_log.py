@@ -92,7 +92,7 @@ def test_what_was_recorded_comes_back(made: Fixed) -> None:
     assert [plan.round for plan in data.plans] == [1, 2]
     for plan, problem, record in zip(made.plans, made.problems, data.plans, strict=True):
         np.testing.assert_array_equal(record.waypoints_m, plan.waypoints_m)
-        np.testing.assert_array_equal(record.schedule, plan.schedule)
+        np.testing.assert_array_equal(record.schedule, plan.schedule[0])
         np.testing.assert_array_equal(record.importance, problem.importance)
         assert record.value == plan.value
         legs = np.linalg.norm(np.diff(plan.waypoints_m, axis=0), axis=1)
@@ -388,7 +388,7 @@ def test_a_corner_in_the_place_of_the_next_waypoint_is_not_taken_for_it(tmp_path
     via = (np.array([waypoints[1], waypoints[1] + 9.0]), *[none] * (len(waypoints) - 2))
     path = tmp_path / "around.mcap"
     with FlightLog(path, area=AREA, devices=made.world) as log:
-        log.plan(0, 0, made.problems[0], dataclasses.replace(made.plans[0], via_m=via),
+        log.plan(0, 0, made.problems[0], made.plans[0].with_own(via_m=via),
                  speed_mps=20.0)  # fmt: skip
     (plan,) = read_log(path).plans
     np.testing.assert_array_equal(plan.stops_at, [0, *range(3, len(waypoints) + 2)])

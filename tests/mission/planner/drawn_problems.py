@@ -3,6 +3,7 @@
 from typing import Any
 
 import numpy as np
+from one_aircraft import round_problem
 
 from fl.radio.channel import CHANNEL_PRESETS
 from mission.planner.check import check_plan
@@ -22,7 +23,7 @@ def drawn_problem(seed: int = 1, *, devices: int = 8, **more: Any) -> RoundProbl
         "path_budget_m": 800.0,
         "channel": CHANNEL_PRESETS["suburban"],
     }
-    return RoundProblem(**{**usual, **more})
+    return round_problem(**{**usual, **more})
 
 
 def plan(given: RoundProblem, kind: str = "certified", **options: Any) -> RoundPlan:

@@ -6,6 +6,7 @@ import itertools
 import numpy as np
 import pytest
 from drawn_problems import drawn_problem, plan
+from one_aircraft import changed
 
 from fl.radio.channel import CHANNEL_PRESETS, Channel, average_per
 from mission.base.airspace import Airspace
@@ -141,7 +142,7 @@ def test_where_there_is_nothing_to_move_for(more) -> None:
     worth = [finish(given.at(float(h)), made.waypoints_m).value for h in heights]
     assert made.value == pytest.approx(max(worth), rel=1e-9)
     in_vain = (
-        0.01 * given.importance[~made.schedule.any(axis=0)].sum()
+        0.01 * given.importance[~made.schedule.any(axis=(0, 1))].sum()
     )  # without hope, but not quite
     assert made.value <= made.upper_bound <= max(worth) * 1.001 + in_vain + 1e-9
 
@@ -165,9 +166,9 @@ def test_plans_that_do_not_fit_their_limits_are_refused() -> None:
     made = plan(given)
     for altitude_m, said in ((None, "names no altitude"), (130.0, "from 40 to 120 m")):
         with pytest.raises(InfeasiblePlanError, match=said):
-            check_plan(given, dataclasses.replace(made, altitude_m=altitude_m))
+            check_plan(given, made.with_own(altitude_m=altitude_m))
     with pytest.raises(InfeasiblePlanError, match="the problem has one of 60 m"):
-        check_plan(dataclasses.replace(given, altitudes_m=None), made)
+        check_plan(changed(given, altitudes_m=None), made)
 
 
 @pytest.mark.parametrize("limits", [(120.0, 40.0), (60.0, 60.0), (0.0, 40.0), (40.0, np.nan)])
@@ -177,7 +178,7 @@ def test_limits_that_make_no_sense(limits: tuple[float, float]) -> None:
 
 
 def test_a_fixed_altitude_is_planned_as_ever() -> None:
-    given = dataclasses.replace(problem(), altitudes_m=None)
+    given = changed(problem(), altitudes_m=None)
     one, other = CertifiedPlanner().plan(given), CertifiedAltitudes(CertifiedPlanner()).plan(given)
     assert one.altitude_m is None
     assert one.waypoints_m.tobytes() == other.waypoints_m.tobytes()
@@ -190,7 +191,7 @@ def test_a_search_that_cannot_lower_its_part_splits_it(seed: int) -> None:
     rng = np.random.default_rng(seed)
     given = problem()
     devices_m, importance = rng.uniform(-300, 300, (8, 2)), rng.uniform(0.2, 1, 8)
-    wide = dataclasses.replace(
+    wide = changed(
         given, devices_m=devices_m, importance=importance, start_m=np.zeros(2), steps=5, per_step=2,
         path_budget_m=800.0, altitudes_m=(10.0, 500.0),
     )  # fmt: skip

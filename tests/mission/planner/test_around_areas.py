@@ -123,7 +123,7 @@ def test_a_plan_that_crosses_is_refused() -> None:
         check_plan(given, straight)
     check_plan(given, finish(given, crossing))
     with pytest.raises(InfeasiblePlanError, match="between 3 pairs"):
-        check_plan(given, dataclasses.replace(straight, via_m=(np.empty((0, 2)),) * 3))
+        check_plan(given, straight.with_own(via_m=(np.empty((0, 2)),) * 3))
 
 
 def test_a_route_that_is_free_nowhere_is_judged() -> None:

@@ -5,16 +5,17 @@ from typing import get_args
 
 import numpy as np
 import pytest
+from one_aircraft import changed, round_problem
 
 from fl.radio.channel import CHANNEL_PRESETS, average_per
 from mission.planner.check import check_plan
 from mission.planner.config import PlannerConfig, PlannerKind
 from mission.planner.errors import InfeasiblePlanError, PlanInputError
 from mission.planner.factory import make_planner
-from mission.planner.problem import RoundProblem
+from mission.planner.problem import PlannedPath
 
 KINDS = tuple(kind for kind in get_args(PlannerKind) if kind != "import")
-BASE = RoundProblem(
+BASE = round_problem(
     devices_m=np.array([[100.0, 0.0], [100.0, 300.0], [400.0, 0.0], [0.0, 0.0]]),
     importance=np.array([1.0, 2.0, 1.0, 0.5]),
     start_m=np.zeros(2),
@@ -26,7 +27,7 @@ BASE = RoundProblem(
 
 
 def plan(kind, **changes):
-    problem = dataclasses.replace(BASE, **changes)
+    problem = changed(BASE, **changes)
     answer = make_planner(PlannerConfig(kind=kind)).plan(problem)
     check_plan(problem, answer)
     if np.isfinite(answer.upper_bound):
@@ -39,7 +40,7 @@ class TestDefinedAnswers:
     def test_one_step_serves_from_the_start(self, kind):
         answer = plan(kind, steps=1, per_step=1)
         assert answer.waypoints_m.tolist() == [[0, 0]]
-        assert answer.schedule.tolist() == [[True, False, False, False]]
+        assert answer.schedule.tolist() == [[[True, False, False, False]]]
         near = 1 - average_per(BASE.channel, 100.0)
         assert answer.value == pytest.approx(float(near)) == answer.upper_bound
 
@@ -57,7 +58,7 @@ class TestDefinedAnswers:
     def test_no_device(self, kind):
         answer = plan(kind, devices_m=np.zeros((0, 2)), importance=np.zeros(0))
         assert answer.value == 0.0
-        assert answer.schedule.shape == (4, 0)
+        assert answer.schedule.shape == (1, 4, 0)
 
     def test_nothing_in_reach(self, kind):
         answer = plan(kind, devices_m=BASE.devices_m + 1e5)
@@ -115,20 +116,22 @@ def test_a_problem_without_sense_is_refused(changes, message):
     [
         ({"waypoints_m": np.array([[1.0, 0], [0, 0], [0, 0], [0, 0]])}, "lies 1.0000 m from"),
         ({"waypoints_m": np.array([[0.0, 0], [501, 0], [501, 0], [501, 0]])}, "1.0000 m longer"),
-        ({"schedule": np.ones((4, 4), dtype=bool)}, "4 devices in one step: at most 2"),
-        ({"schedule": np.eye(4, dtype=bool)[:, [0, 0, 0, 0]].T.T}, "4 devices in one step"),
+        ({"schedule": np.ones((1, 4, 4), dtype=bool)}, "4 devices in one step: at most 2"),
+        ({"schedule": np.eye(4, dtype=bool)[None, :, [0, 0, 0, 0]]}, "4 devices in one step"),
         (
-            {"schedule": np.tile([True, False, False, False], (4, 1))},
+            {"schedule": np.tile([True, False, False, False], (1, 4, 1))},
             "device 0 is scheduled 4",
         ),
         ({"value": 17.0}, "claims a value of 17.0"),
         ({"upper_bound": 0.01}, "claims that none is worth more than 0.01, and is worth"),
-        ({"waypoints_m": np.zeros((3, 2)), "schedule": np.zeros((3, 4))}, r"waypoints \(3, 2\)"),
+        ({"schedule": np.zeros((1, 4, 3))}, r"1 paths and a schedule \(1, 4, 3\): .* \(1, 4, 4\)"),
         ({"waypoints_m": np.full((4, 2), np.nan)}, "not finite"),
     ],
 )
 def test_an_infeasible_plan_is_found_out(changes, message):
     good = plan("paper")
+    if "waypoints_m" in changes:
+        changes = {"paths": (PlannedPath(**changes),)}
     with pytest.raises(InfeasiblePlanError, match=message):
         check_plan(BASE, dataclasses.replace(good, **changes))
 

@@ -5,18 +5,18 @@ from dataclasses import replace
 import cvxpy as cp
 import numpy as np
 import pytest
+from one_aircraft import round_problem
 
 from fl.radio.channel import CHANNEL_PRESETS, average_per
 from mission.planner.certified import instance, relax
 from mission.planner.native.library import conjugate, order_bound
-from mission.planner.problem import RoundProblem
 
 
 def answer(case):
     """The bound, the ends of every interval, and splines at, between and past their knots."""
     u = np.array(case["u"])
     m = len(u)
-    problem = RoundProblem(
+    problem = round_problem(
         u, np.array(case["delta"]), np.zeros(2), m, 1, case["length"],
         CHANNEL_PRESETS[case["preset"]],
     )  # fmt: skip

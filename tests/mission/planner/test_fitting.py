@@ -6,6 +6,7 @@ import pickle
 import numpy as np
 import pytest
 from drawn_problems import drawn_problem
+from one_aircraft import one_path, round_problem
 
 from fl.radio.channel import CHANNEL_PRESETS
 from flightdyn.config import LimitsConfig
@@ -16,7 +17,7 @@ from mission.planner.evaluate import plan_along
 from mission.planner.fitting import fitted, serving_fewer
 from mission.planner.flyable import foresee_round, share_of
 from mission.planner.performance import Performance, RoundLimits
-from mission.planner.problem import RoundPlan, RoundProblem
+from mission.planner.problem import RoundProblem
 
 FLYING = Performance(20.0, 5.0, LimitsConfig())
 WALL = np.array([[300.0, 100], [360, 100], [360, 700], [300, 700]])
@@ -102,15 +103,15 @@ def test_who_brings_least_a_second_is_left_out_first(order: tuple[int, ...]) -> 
     start_m = np.full(2, 400.0)
     whom = {17.5: {0, 1}, 19.5: {0, 1, 3}, 25.5: {0, 1, 2, 3}, 1.5: set()}
     for duration_s, served in whom.items():
-        given = RoundProblem(
+        given = round_problem(
             np.tile(start_m, (4, 1)), importance, start_m, 1, 4, 100.0,
             CHANNEL_PRESETS["suburban+30dB"], limits=RoundLimits(FLYING, duration_s),
             upload_s=upload_s,
         )  # fmt: skip
-        everybody = RoundPlan(start_m[None], np.ones((1, 4), dtype=bool), importance.sum())
+        everybody = one_path(start_m[None], np.ones((1, 4), dtype=bool), importance.sum())
         found = serving_fewer(given, everybody)
-        assert {int(turn[k]) for k in np.flatnonzero(found.schedule[0])} == served
-        assert found.value == pytest.approx(importance[found.schedule[0]].sum(), rel=1e-3)
+        assert {int(turn[k]) for k in np.flatnonzero(found.schedule[0, 0])} == served
+        assert found.value == pytest.approx(importance[found.schedule[0, 0]].sum(), rel=1e-3)
         # And so where it has to be worth more than what is known, which is not told too early.
         if served:
             better = fitted(given, start_m[None], above=found.value * (1.0 - 1e-9))

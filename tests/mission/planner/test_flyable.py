@@ -5,18 +5,19 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from one_aircraft import one_path, round_problem
 from small_runs import QUIET, rows
 
 from fl.radio.channel import CHANNEL_PRESETS
 from mission.cli import call
 from mission.planner.certified import CertifiedPlanner
 from mission.planner.flyable import acceptance_radius
-from mission.planner.problem import RoundPlan, RoundProblem
+from mission.planner.problem import RoundProblem
 
 
 def problem(preset: str) -> RoundProblem:
     rng = np.random.default_rng(3)
-    return RoundProblem(
+    return round_problem(
         devices_m=rng.uniform(0, 800, (12, 2)),
         importance=rng.uniform(0.5, 1.5, 12),
         start_m=np.full(2, 400.0),
@@ -37,7 +38,7 @@ def test_only_a_channel_that_falls_off_at_once_needs_sharp_corners():
 
 def test_a_plan_worth_nothing_is_flown_as_wide_as_allowed():
     nothing = dataclasses.replace(problem("suburban"), importance=np.zeros(12))
-    plan = RoundPlan(np.zeros((10, 2)), np.zeros((10, 12), dtype=bool), 0.0)
+    plan = one_path(np.zeros((10, 2)), np.zeros((10, 12), dtype=bool), 0.0)
     assert acceptance_radius(nothing, plan, 5.0) == 5.0
 
 

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from drawn_problems import drawn_problem, plan
+from one_aircraft import changed
 
 from fl.radio.channel import CHANNEL_PRESETS
 from flightdyn.config import LimitsConfig
@@ -80,7 +81,7 @@ def test_hovers_for_uploads_count_and_fewer_are_served(kind: str, duration_s: fl
     assert made.foreseen is not None
     assert made.foreseen.duration_s <= duration_s * (1.0 + 1e-6)
     assert made.value > 0.0
-    served = made.schedule.any(axis=0)
+    served = made.schedule.any(axis=(0, 1))
     assert upload_s[served].sum() <= duration_s
     assert served.any()
     assert not made.value > made.upper_bound  # NaN: nothing is proven
@@ -92,7 +93,7 @@ def test_who_sends_longest_for_least_is_left_out() -> None:
         given=limits(10.0), devices=2, devices_m=np.full((2, 2), 400.0),
         importance=np.array([1.0, 0.9]), upload_s=np.array([9.0, 2.0]),
     )  # fmt: skip
-    assert plan(given).schedule.any(axis=0).tolist() == [False, True]
+    assert plan(given).schedule.any(axis=(0, 1)).tolist() == [False, True]
 
 
 def test_metres_that_take_no_time_are_refused() -> None:
@@ -107,7 +108,7 @@ def test_metres_that_take_no_time_are_refused() -> None:
 
 def test_metres_that_pay_for_less_are_the_limit() -> None:
     short = problem(given=limits(300.0, 1e6), path_budget_m=400.0)
-    free = dataclasses.replace(short, limits=None)
+    free = changed(short, limits=None)
     limited, metres = plan(short), plan(free)
     assert limited.value >= metres.value
     assert limited.upper_bound == pytest.approx(metres.upper_bound)
@@ -313,7 +314,7 @@ def test_nobody_else_sends_and_yet_a_device_is_waited_for(ready_s: float) -> Non
 
 def hopes(given: RoundProblem, made: RoundPlan) -> np.ndarray:
     """The successes of those that are scheduled."""
-    return success(given.at(made.altitude_m), made.waypoints_m)[made.schedule]
+    return success(given.at(made.altitude_m), made.waypoints_m)[made.schedule[0]]
 
 
 @pytest.mark.parametrize("kind", ["certified", "sqp", "paper"])
@@ -348,8 +349,8 @@ def test_nobody_without_hope_is_scheduled(kind: str, more: dict[str, Any]) -> No
 def scheduled_all(given: RoundProblem, made: RoundPlan) -> float:
     """What the plan would be worth if who is left out sent as well, where there is room."""
     chances = success(given.at(made.altitude_m), made.waypoints_m)
-    schedule, value = made.schedule.copy(), made.value
-    for k in np.flatnonzero(~made.schedule.any(axis=0)):
+    (schedule,), value = made.schedule.copy(), made.value
+    for k in np.flatnonzero(~made.schedule.any(axis=(0, 1))):
         n = int(np.where(schedule.sum(axis=1) < given.per_step, chances[:, k], -1.0).argmax())
         schedule[n, k] = True
         value += chances[n, k] * given.importance[k]

@@ -5,6 +5,7 @@ import itertools
 
 import numpy as np
 import pytest
+from one_aircraft import changed
 from scipy.interpolate import RegularGridInterpolator
 from test_certificate import random_problem
 
@@ -48,7 +49,7 @@ def test_a_plan_is_worth_what_its_places_are(seed: int) -> None:
     plan = CertifiedPlanner().plan(problem)
     check_plan(problem, plan)
     assert plan.value == pytest.approx(
-        objective(problem, plan.waypoints_m, plan.schedule), rel=1e-12
+        objective(problem, plan.waypoints_m, plan.schedule[0]), rel=1e-12
     )
     best = assign(success(problem, plan.waypoints_m), problem.importance, problem.per_step)
     assert plan.value == pytest.approx(objective(problem, plan.waypoints_m, best), rel=1e-9)
@@ -57,7 +58,7 @@ def test_a_plan_is_worth_what_its_places_are(seed: int) -> None:
 @pytest.mark.parametrize("seed", range(6))
 def test_no_path_over_a_coarse_grid_is_worth_more(seed: int) -> None:
     problem = on_grid(seed, places=6, cell_m=100.0, devices=3, steps=3, per_step=1, budget=250.0)
-    problem = dataclasses.replace(problem, start_m=np.array([200.0, 300.0]))
+    problem = changed(problem, start_m=np.array([200.0, 300.0]))
     plan = CertifiedPlanner().plan(problem)
     corners = [np.array(at) * 100.0 for at in itertools.product(range(6), repeat=2)]
     ways = (np.array([problem.start_m, *stops]) for stops in itertools.product(corners, repeat=2))
@@ -83,8 +84,8 @@ def test_a_bound_counts_what_a_path_reaches_only() -> None:
     success_at[0, 20, 30:] = 1.0  # 600 m east, behind the budget
     problem = random_problem(1, devices=1, steps=3, budget=100.0)
     grid = PerGrid(success_at, (0.0, 0.0), 20.0)
-    near = dataclasses.replace(problem, start_m=np.array([100.0, 400.0]), per_grid=grid)
-    far = dataclasses.replace(near, path_budget_m=490.0)
+    near = changed(problem, start_m=np.array([100.0, 400.0]), per_grid=grid)
+    far = changed(near, path_budget_m=490.0)
     assert CertifiedPlanner().plan(near).upper_bound == 0.0
     reached = CertifiedPlanner().plan(far)
     # It ends halfway up the step, and patches count whole.

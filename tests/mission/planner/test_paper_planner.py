@@ -6,6 +6,7 @@ import itertools
 import cvxpy as cp
 import numpy as np
 import pytest
+from one_aircraft import round_problem
 
 from fl.arrays import Floats
 from fl.radio.channel import (
@@ -22,14 +23,13 @@ from mission.planner.factory import make_planner
 from mission.planner.paper.alternation import ascend
 from mission.planner.paper.initial_path import greedy_walk
 from mission.planner.paper.path_step import EXPONENT_LIMIT, PathProgram, path_program, tangent
-from mission.planner.problem import RoundProblem
 
 SUBURBAN = CHANNEL_PRESETS["suburban"]
 
 
 def random_problem(seed, *, channel=SUBURBAN, budget=600.0):
     rng = np.random.default_rng(seed)
-    return RoundProblem(
+    return round_problem(
         devices_m=rng.uniform(0, 800, (6, 2)),
         importance=rng.uniform(0.5, 1.5, 6),
         start_m=rng.uniform(0, 800, 2),
@@ -42,7 +42,7 @@ def random_problem(seed, *, channel=SUBURBAN, budget=600.0):
 
 def test_brute_force_on_a_tiny_case_is_not_beaten_and_nearly_reached():
     # Two moves of 260 m in all: one device can be overflown, the other two share what is left.
-    problem = RoundProblem(
+    problem = round_problem(
         devices_m=np.array([[150.0, 0.0], [260.0, 60.0], [-120.0, 160.0]]),
         importance=np.array([1.0, 1.2, 0.9]),
         start_m=np.zeros(2),
@@ -163,7 +163,7 @@ def test_the_printed_version_runs_and_is_feasible():
 
 
 def test_the_walk_counts_each_device_once_and_keeps_to_the_budget():
-    problem = RoundProblem(
+    problem = round_problem(
         devices_m=np.array([[100.0, 0.0], [110.0, 0.0], [-90.0, 0.0], [0.0, 700.0]]),
         importance=np.ones(4),
         start_m=np.zeros(2),

@@ -86,7 +86,7 @@ def test_one_free_stop_agrees_with_a_grid_and_its_lipschitz_allowance(
     plan = CertifiedPlanner().plan(problem)
     check_plan(problem, plan)
     # Nobody is scheduled whose success is below 1 %.
-    hopeless = 0.01 * problem.importance[~plan.schedule.any(axis=0)].sum()
+    hopeless = 0.01 * problem.importance[~plan.schedule.any(axis=(0, 1))].sum()
     assert plan.value + hopeless >= plan.upper_bound * (1.0 - 0.0101)
     spacing = 25.0
     line = np.arange(-spacing, 800.0 + 2.0 * spacing, spacing)

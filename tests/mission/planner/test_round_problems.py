@@ -10,12 +10,12 @@ import best_plans
 import numpy as np
 import pytest
 import round_problems
+from one_aircraft import one_path
 
 from mission.planner.check import check_plan
 from mission.planner.files import NamedPlan, plans_as_json, problems_of
 from mission.planner.fitting import fitted
 from mission.planner.flyable import acceptance_radius, foresee_round
-from mission.planner.problem import RoundPlan
 
 FOLDER = Path(round_problems.__file__).parents[1] / "data" / "problems"
 
@@ -72,7 +72,7 @@ def test_corners_are_as_sharp_as_the_evaluator_has_them(seed: int) -> None:
     for radius in evaluator.RADIUS_M * np.array(evaluator.RADIUS_SHARES):
         cut = evaluator.cut_corners(route, radius)
         value = evaluator.worth(entry, height_m, cut, schedule) / 0.99 * (1.0 - 1e-12)
-        ours = acceptance_radius(named.problem, RoundPlan(route, schedule, value), 5.0)
+        ours = acceptance_radius(named.problem, one_path(route, schedule, value), 5.0)
         theirs = evaluator.radius_of(entry, height_m, route, list(range(9)), schedule, value)
         assert ours == theirs
         radii.add(ours)

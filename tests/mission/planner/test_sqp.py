@@ -6,6 +6,7 @@ from typing import Any
 import cvxpy as cp
 import numpy as np
 import pytest
+from one_aircraft import round_problem
 
 from fl.radio.channel import CHANNEL_PRESETS
 from flightdyn.config import LimitsConfig
@@ -19,7 +20,6 @@ from mission.planner.fitting import fitted, serving_fewer, varied
 from mission.planner.flyable import share_of
 from mission.planner.paper.alternation import PaperPlanner
 from mission.planner.performance import Performance, RoundLimits
-from mission.planner.problem import RoundProblem
 from mission.planner.sqp import (
     _DEGREES,
     SqpPlanner,
@@ -39,7 +39,7 @@ MAZE = Airspace(WALLS, None, 10.0)
 
 def random_problem(seed, *, devices=12, steps=10, budget=800.0, preset="suburban", **more):
     rng = np.random.default_rng(seed)
-    return RoundProblem(
+    return round_problem(
         devices_m=rng.uniform(0, 800, (devices, 2)),
         importance=rng.uniform(0.2, 1.5, devices),
         start_m=rng.uniform(0, 100, 2),
@@ -94,7 +94,7 @@ def test_the_model_is_the_derivative_of_the_objective():
             up, down = plan.waypoints_m.copy(), plan.waypoints_m.copy()
             up[n, i] += 0.01
             down[n, i] -= 0.01
-            worth = [objective(problem, way, plan.schedule) for way in (up, down)]
+            worth = [objective(problem, way, plan.schedule[0]) for way in (up, down)]
             assert gradient[n, i] == pytest.approx((worth[0] - worth[1]) / 0.02, abs=1e-5)
     assert (hessian[:, 0] * hessian[:, 2] - hessian[:, 1] ** 2 > -1e-12).all()
 

@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pytest
+from one_aircraft import changed, round_problem
 
 from fl.radio.channel import CHANNEL_PRESETS, average_per
 from flightdyn.config import LimitsConfig
@@ -33,7 +34,7 @@ def problem(seed: int, *, devices: int, steps: int, duration_s: float, **more) -
         "limits": RoundLimits(FLYING, duration_s),
         "upload_s": rng.uniform(0.5, 6.0, devices),
     }
-    return RoundProblem(**{**known, **more})
+    return round_problem(**{**known, **more})
 
 
 def leg_s(metres: Floats) -> Floats:
@@ -108,13 +109,13 @@ def test_no_schedule_on_a_grid_exceeds_the_bound(seed: int, kind: str) -> None:
         given = dataclasses.replace(given, upload_s=None)
     if kind == "joules":
         limits = RoundLimits(FLYING, 60.0, float(rng.uniform(2500, 5000)))
-        given = dataclasses.replace(given, limits=limits)
+        given = changed(given, limits=limits)
     best = best_on_a_grid(given)
     assert best > 0.0
     for value in (best, 0.8 * best):  # a search may end early, and a bad plan may be all there is
         bound = timed_bound(given, value, GOAL)
         assert best <= bound * (1.0 + 1e-4)
-    free = dataclasses.replace(given, limits=RoundLimits(FLYING, 1e4))
+    free = changed(given, limits=RoundLimits(FLYING, 1e4))
     assert bound < timed_bound(free, best, GOAL), "the limits count"
 
 
@@ -130,7 +131,7 @@ def test_no_plan_that_fits_exceeds_the_bound(seed: int, kind: str) -> None:
     if kind == "unflown":
         flying = Performance(20.0, 5.0, None)
     joules = 7000.0 if kind == "J" else math.inf
-    given = dataclasses.replace(
+    given = changed(
         given,
         limits=RoundLimits(flying, 45.0 if kind == "J" else 30.0, joules),
         altitudes_m=(40.0, 120.0) if kind == "altitude" else None,
@@ -153,7 +154,7 @@ def test_turns_count_where_joules_are_what_is_searched() -> None:
     devices_m, both = np.array([[-120.0, 0.0], [120.0, 0.0]]), np.ones(2)
     given = problem(0, devices=2, steps=4, duration_s=60.0, devices_m=devices_m, importance=both)
     limits = RoundLimits(FLYING, 60.0, 12_000.0)
-    given = dataclasses.replace(given, start_m=np.zeros(2), limits=limits, upload_s=both)
+    given = changed(given, start_m=np.zeros(2), limits=limits, upload_s=both)
 
     def bound(ready_in_s: float) -> float:
         late = dataclasses.replace(given, ready_in_s=np.full(2, ready_in_s))
@@ -166,6 +167,6 @@ def test_turns_count_where_joules_are_what_is_searched() -> None:
 def test_hovers_are_most_of_what_limits_a_round() -> None:
     """Ten seconds each, in a round of 25: two of the ten devices, though all stand together."""
     given = problem(1, devices=10, steps=6, duration_s=25.0, upload_s=np.full(10, 10.0))
-    given = dataclasses.replace(given, devices_m=np.full((10, 2), 250.0), start_m=np.full(2, 250.0))
+    given = changed(given, devices_m=np.full((10, 2), 250.0), start_m=np.full(2, 250.0))
     best = float(np.sort(given.importance)[-2:].sum())
     assert best * 0.99 <= timed_bound(given, 0.9 * best, GOAL) <= 1.3 * best

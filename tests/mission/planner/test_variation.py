@@ -4,11 +4,11 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 import pytest
+from one_aircraft import round_problem
 
 from fl.radio.channel import CHANNEL_PRESETS
 from mission.planner.native.rounds import CandidatePlan
 from mission.planner.performance import Performance, RoundLimits
-from mission.planner.problem import RoundProblem
 
 STEPS, SPEED_MPS = 9, 20.0
 WHOLE = 2**64 - 1
@@ -68,7 +68,7 @@ def test_every_kind_of_change_is_what_is_said_of_it(ready: bool) -> None:
     paper = RoundLimits(Performance(SPEED_MPS, 5.0, None), 1e6) if ready else None
     rng = np.random.default_rng(1)
     devices_m = rng.uniform(350.0, 450.0, (5, 2))
-    problem = RoundProblem(
+    problem = round_problem(
         devices_m, np.array([1.0, 0.0, 0.5, 2.0, 0.3]), np.full(2, 400.0), STEPS, 2, 1e5,
         CHANNEL_PRESETS["suburban"], limits=paper, ready_in_s=ready_s,
     )  # fmt: skip

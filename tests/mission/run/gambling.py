@@ -20,11 +20,11 @@ class Gamble:
 
     def sortie(self, round_index: int, problem: RoundProblem) -> Sortie:  # noqa: ARG002
         plan = self.planner.plan(problem)
-        if problem.ready_in_s is not None and plan.schedule[0].sum() < problem.per_step:
-            left_out_s = np.where(plan.schedule.any(axis=0), 0.0, problem.ready_in_s)
+        if problem.ready_in_s is not None and plan.schedule[0, 0].sum() < problem.per_step:
+            left_out_s = np.where(plan.schedule.any(axis=(0, 1)), 0.0, problem.ready_in_s)
             if left_out_s.any():
                 schedule = plan.schedule.copy()
-                schedule[0, left_out_s.argmax()] = True
+                schedule[0, 0, left_out_s.argmax()] = True
                 plan = replace(plan, schedule=schedule)
         return Sortie(plan)
 

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from cutting import check_resumed
 from drawing import outlined
+from one_aircraft import one_path
 from small_runs import rows
 
 import aerofed
@@ -227,7 +228,7 @@ def test_compute_times_are_as_many_as_the_places_of_a_file(tmp_path: Path) -> No
 def two_stops() -> RoundPlan:
     """Steps 0 and 1 at the start, 2 apart; devices 0 and 2 at 1, device 1 at 2."""
     schedule = np.array([[False] * 3, [True, False, True], [False, True, False]])
-    return RoundPlan(np.array([[0.0, 0.0], [0.0, 0.0], [100.0, 0.0]]), schedule, 1.0)
+    return one_path(np.array([[0.0, 0.0], [0.0, 0.0], [100.0, 0.0]]), schedule, 1.0)
 
 
 def test_a_stop_lasts_until_its_devices_have_sent() -> None:

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from one_aircraft import one_path, round_problem
 
 from fl.federation.device_work import DeviceWork
 from fl.radio.channel import CHANNEL_PRESETS, average_per
@@ -47,7 +48,7 @@ def flight(*passages: TrackPoint | None) -> FlownTrack:
 
 
 def problem(devices: list[list[float]]) -> RoundProblem:
-    return RoundProblem(
+    return round_problem(
         np.array(devices), np.ones(len(devices)), np.array([400.0, 100.0]), 3, 2, 800.0, CHANNEL
     )
 
@@ -62,7 +63,7 @@ def served(
 
 def test_waypoints_that_coincide_become_one_stop() -> None:
     path = np.array([[0.0, 0], [0.3, 0], [100, 0], [100, 0.2], [100, 5], [0, 0]])
-    stops = stops_of(RoundPlan(path, np.zeros((6, 1), bool), 0.0), hold_s=2.0)
+    stops = stops_of(one_path(path, np.zeros((6, 1), bool), 0.0), hold_s=2.0)
     assert [s.steps for s in stops] == [(0, 1), (2, 3), (4,), (5,)]
     assert [s.hold_s for s in stops] == [0.0, 2.0, 2.0, 2.0]
 
@@ -90,8 +91,8 @@ def test_slots_of_a_hover_are_spread_over_it() -> None:
 
 def test_per_is_taken_at_plan_belief_and_truth() -> None:
     given = problem([[500.0, 250.0]])
-    plan = RoundPlan(np.array([[400.0, 100], [450, 100], [500, 100]]), np.zeros((3, 1), bool), 0.0)
-    plan.schedule[2, 0] = True
+    plan = one_path(np.array([[400.0, 100], [450, 100], [500, 100]]), np.zeros((3, 1), bool), 0.0)
+    plan.schedule[0, 2, 0] = True
     seen = {0: passage(9.0, (490.0, 100.0), (490.0, 101.0))}
     (record,) = served(given, plan, seen, Fixed(0.5))
     assert (record.step, record.slot_t_s) == (2, 9.0)
@@ -117,7 +118,7 @@ class Fixed(np.random.Generator):
 
 def test_an_update_arrives_when_the_draw_is_not_below_the_true_per() -> None:
     given = problem([[520.0, 270.0]])
-    plan = RoundPlan(np.tile([400.0, 100.0], (3, 1)), np.array([[True], [False], [False]]), 0.0)
+    plan = one_path(np.tile([400.0, 100.0], (3, 1)), np.array([[True], [False], [False]]), 0.0)
     seen = {0: passage(0.0, (400.0, 100.0), (520.0, 270.0))}
     per = float(average_per(CHANNEL, math.hypot(120, 170), height_m=60.5))
     assert 0.01 < per < 0.99
@@ -131,7 +132,7 @@ def test_a_device_s_fate_does_not_depend_on_who_else_is_scheduled() -> None:
     there = passage(0.0, (400.0, 100.0), (400.0, 100.0))
     fates: list[list[bool]] = [[], []]
     for fate, schedule in zip(fates, ([[True, True]], [[False, True]]), strict=True):
-        plan = RoundPlan(np.array([[400.0, 100.0]]), np.array(schedule), 0.0)
+        plan = one_path(np.array([[400.0, 100.0]]), np.array(schedule), 0.0)
         seen = {device: there for device, sends in enumerate(schedule[0]) if sends}
         for m in range(40):
             rng = RandomStreams(3).generator(f"uplink/{m}")
@@ -143,7 +144,7 @@ def test_a_device_s_fate_does_not_depend_on_who_else_is_scheduled() -> None:
 
 def test_who_takes_time_is_told_when_it_was_ready_and_what_it_began_with() -> None:
     given = replace(problem([[520.0, 270.0], [410.0, 110.0]]), upload_s=np.array([0.5, 2.0]))
-    plan = RoundPlan(np.array([[400.0, 100.0]]), np.array([[True, True]]), 0.0)
+    plan = one_path(np.array([[400.0, 100.0]]), np.array([[True, True]]), 0.0)
     there = passage(7.0, (400.0, 100.0), (400.0, 101.0))
     work = DeviceWork(
         compute_s=np.zeros(2), goes_on=True, begun=np.array([2, 5]),
@@ -165,7 +166,7 @@ def test_who_takes_time_is_told_when_it_was_ready_and_what_it_began_with() -> No
 
 def test_never_reached_is_lost_with_certainty() -> None:
     given = problem([[400.0, 100.0]])
-    plan = RoundPlan(np.array([[400.0, 100.0]]), np.array([[True]]), 1.0)
+    plan = one_path(np.array([[400.0, 100.0]]), np.array([[True]]), 1.0)
     (record,) = served(given, plan, {}, Fixed(0.999999))
     assert (record.true_per, record.delivered) == (1.0, False)
     assert np.isnan([record.slot_t_s, record.est_x_m, record.est_alt_m, record.true_y_m]).all()

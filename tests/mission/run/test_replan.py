@@ -14,6 +14,7 @@ import pytest
 import small_runs
 from cutting import cut_after
 from drawing import outlined
+from one_aircraft import round_problem
 from serving import free_port, served
 from small_runs import digests
 from test_firmware_runs import REAL, real
@@ -264,7 +265,7 @@ def problem(**more: object) -> RoundProblem:
         "path_budget_m": 300.0,
         "channel": CHANNEL_PRESETS["suburban"],
     }
-    return RoundProblem(**{**values, **more})
+    return round_problem(**{**values, **more})
 
 
 def course(whole: RoundProblem) -> Course:
@@ -314,7 +315,7 @@ def test_another_rest_is_flown_where_it_is_worth_more() -> None:
     onwards = begun.onwards(rest, finish(rest, [HERE]))
     assert onwards is not None
     assert onwards.plan.waypoints_m.tolist() == [[0.0, 0.0], [100.0, 0.0], [100.0, 3.0]]
-    assert onwards.plan.schedule[1:, 0].tolist() == [True, True]  # served once more
+    assert onwards.plan.schedule[0, 1:, 0].tolist() == [True, True]  # served once more
     assert math.isnan(onwards.plan.upper_bound)  # no plan that serves nobody twice has one
     assert [stop.steps for stop in onwards.flight(mission()).stops] == [(2,)]
 

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from one_aircraft import one_path
 from scipy.special import ndtr
 from small_runs import rows
 
@@ -96,7 +97,7 @@ class ByHand:
             for step, device in SENDS[index]
             for x_m, y_m in [way[step]]
         )
-        return aerofed.Sortie(aerofed.RoundPlan(way, schedule, value, 1.25 * value))
+        return aerofed.Sortie(one_path(way, schedule, value, 1.25 * value))
 
 
 async def _fly(self: UnflownFlyer, plan: FlightPlan) -> FlownTrack:

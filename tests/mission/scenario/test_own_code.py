@@ -36,7 +36,7 @@ class Stay:
 class Jump:
     def plan(self, problem):
         plan = Stay().plan(problem)
-        return replace(plan, waypoints_m=plan.waypoints_m + 1.0)
+        return plan.with_own(waypoints_m=plan.waypoints_m + 1.0)
 
 @dataclass
 class Weighs:
