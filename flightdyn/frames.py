@@ -95,6 +95,12 @@ class LocalFrame:
         )
         return GeodeticPoint(*ecef_to_geodetic(x, y, z))
 
+    def in_frame(self, pos_ned_m: Vector, other: "LocalFrame") -> Vector:
+        """Positions (n, 3) of this plane in that of another origin."""
+        mine, theirs = (np.array([f._north, f._east, f._down]) for f in (self, other))
+        moved: Vector = (pos_ned_m @ mine + np.subtract(self._ecef, other._ecef)) @ theirs.T
+        return moved
+
     def drop_m(self, north_m: Vector, east_m: Vector) -> Vector:
         """How far below this plane (n,) the ellipsoid lies, in m: d^2 / 2R, with its radii of
         curvature at the origin towards north and east; to 1 mm within 10 km, to 1 m within 100."""

@@ -1,5 +1,7 @@
 """When a vehicle was in the air, and in which modes."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from mission.base.errors import InputError
@@ -45,3 +47,8 @@ def air_times(data: FlightData, start_ns: int, end_ns: int) -> list[tuple[float,
     both = [(max(since, start_ns), min(until, end_ns)) for since, until in data.armed_ns]
     spans = [(since / NS_PER_S, until / NS_PER_S) for since, until in both if until > since]
     return spans or [(start_ns / NS_PER_S, end_ns / NS_PER_S)]
+
+
+def times_in_air(path: object, data: FlightData) -> list[tuple[float, float]]:
+    """From when to when (s) it was armed and off the ground. InputError: it never left it."""
+    return air_times(data, *airborne(path, replace(data, modes=flown_modes(data))))

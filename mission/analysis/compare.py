@@ -197,3 +197,15 @@ def _made(
         name: how.by(items) if items else math.nan for name, how in told(Comparison, Made)
     }
     return Comparison(round=number, **made, **told_numbers(series))
+
+
+def names_of(comparisons: Sequence[RunComparison]) -> list[str]:
+    """Return names of the runs, with as many parent folders as tell them apart."""
+    paths = [item.run.path.resolve().parts for item in comparisons]
+    return ["/".join(path[-_telling(path, paths) :]) for path in paths]
+
+
+def _telling(path: tuple[str, ...], others: Sequence[tuple[str, ...]]) -> int:
+    counts = range(1, len(path))
+    alike = {n: sum(other[-n:] == path[-n:] for other in others) for n in counts}
+    return min(counts, key=lambda n: (alike[n], n), default=1)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from rich import box
 from rich.table import Table
 
-from mission.analysis.compare import RunComparison
+from mission.analysis.compare import RunComparison, names_of
 from mission.analysis.legs import Leg
 from mission.analysis.measure import CORNER_M
 from mission.analysis.numbers import Comparison, Label
@@ -22,13 +22,14 @@ from mission.log.values import FlightData
 
 if TYPE_CHECKING:
     from mission.analysis.passes import Judged
+    from mission.analysis.together import Together
 
 _Cell = Callable[[Comparison], str]
 
 _OF_DEVICES = ("scheduled", "expected", "delivered", "unready")
 TOLD = "Against what it was told"
 _STEPS = 12  # at most as many are told in a line each
-_WORDS = ("community", "mode", "against")  # columns of words
+_WORDS = ("community", "mode", "against", "pair", "where")  # columns of words
 _NAME_WIDTH = 10  # characters of a run's name in a line, at least
 
 
@@ -124,9 +125,14 @@ def tables(comparison: RunComparison) -> tuple[Table, ...]:
     )
 
 
-def in_full(found: Sequence[RunComparison], *, width: int) -> Iterator[Table | str]:
-    """What `aerofed compare` prints of a run, a flight, or several side by side."""
+def in_full(
+    found: Sequence[RunComparison], *, width: int, world: "Together | None" = None
+) -> Iterator[Table | str]:
+    """What `aerofed compare` prints of a run, a flight, several side by side, or together."""
     yield from side_by_side(found, width=width) if len(found) > 1 else tables(found[0])
+    if world is not None:
+        yield _table("Who came how near to whom", *pair_rows(world))
+        yield from world.lines
     # Logs of others have none.
     settings = [dotted(item.run.data.config) for item in found if item.run.data.config]
     for key in dict.fromkeys(key for each in settings for key in each):
@@ -178,6 +184,25 @@ def in_words(found: "Judged", *, holes: bool = False) -> list[str]:
 
 def _skipped(data: FlightData) -> list[str]:
     return [f"{count(number, what)} not read" for what, number in data.source.skipped.items()]
+
+
+def pair_rows(world: "Together") -> tuple[list[str], list[list[str]]]:
+    """Heads and cells of the table of pairs: least distances and when, and where they were."""
+    ways = (("least", ""), ("horizontal", "_horizontal"), ("vertical", "_vertical"))
+    rows = []
+    for pair, row in zip(world.pairs, world.rows, strict=True):
+        cells = [f"{row['first']}\n{row['second']}"]
+        for _, way in ways:
+            flown = row[f"separation{way}_min_m"]
+            words = "not known" if pair.lost() else number(float(str(flown)))
+            plan = number(float(str(row[f"plan_separation{way}_min_m"])))
+            cells.append(f"{plan} / {words}\nat {row[f'separation{way}_min_t_s']:.1f} s")
+        lat, lon, height = (
+            row[f"separation_min_{of}"] for of in ("lat_deg", "lon_deg", "height_m")
+        )
+        rows.append([*cells, f"{lat:.7f}, {lon:.7f}\n{height:.1f} m high"])
+    heads = [f"{head} (m)\nplan / flown" for head, _ in ways]
+    return ["pair", *heads, "where"], rows
 
 
 def stretch_rows(comparison: RunComparison) -> tuple[list[str], list[list[str]]]:
@@ -268,22 +293,10 @@ def side_by_side(comparisons: Sequence[RunComparison], *, width: int) -> tuple[T
     return tuple(found)
 
 
-def names_of(comparisons: Sequence[RunComparison]) -> list[str]:
-    """Return names of the runs, with as many parent folders as tell them apart."""
-    paths = [item.run.path.resolve().parts for item in comparisons]
-    return ["/".join(path[-_telling(path, paths) :]) for path in paths]
-
-
 def labels_of(comparisons: Sequence[RunComparison]) -> list[str]:
     """Return titles of the runs (`LoadedRun.about`), or their names where two titles agree."""
     about = [item.run.about for item in comparisons]
     return about if len(set(about)) == len(about) else names_of(comparisons)
-
-
-def _telling(path: tuple[str, ...], others: Sequence[tuple[str, ...]]) -> int:
-    counts = range(1, len(path))
-    alike = {n: sum(other[-n:] == path[-n:] for other in others) for n in counts}
-    return min(counts, key=lambda n: (alike[n], n), default=1)
 
 
 def labelled(numbers: Sequence[Comparison]) -> list[tuple[str, int, list[float]]]:

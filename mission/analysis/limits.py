@@ -13,6 +13,7 @@ from aerofed_errors import told as printable
 from mission.analysis.compare import RunComparison
 from mission.analysis.measure import Measured
 from mission.analysis.numbers import Comparison, Made, Told
+from mission.analysis.together import SEPARATIONS, Pair, Together
 from mission.base.arrays import Floats, least
 from mission.base.errors import InputError, LimitsNotMetError
 from mission.base.run_folder import write_atomically
@@ -25,7 +26,7 @@ _TOLD = dict(told(Comparison, Told))
 _AT_LEAST = frozenset(
     {name for name, how in _TOLD.items() if how.by is least}
     | {"battery_remaining", "delivered", "expected", "scheduled", "upper_bound"}
-    | {"plan_objective", "est_objective", "true_objective"}
+    | {"plan_objective", "est_objective", "true_objective", *SEPARATIONS}
 )
 _MOST = 10_000  # characters of a name
 _MADE = {name: how.of for name, how in told(Comparison, Made)}
@@ -35,6 +36,7 @@ _HIDDEN = frozenset(  # by a hole in positions: all that was flown, and happened
     | {"speed_mps", "wind_mps", "flown_path_m", "duration_s", "energy_j", "slot_miss_m"}
     | {"slot_along_m", "slot_late_s", "slots_missed", "mode_changes", "failsafes", "faults"}
 )
+_ALONE = "it is of flights that are judged together (--together)"
 _EVENTS = {"mode_changes": "mode", "failsafes": "failsafe", "faults": "fault"}
 
 
@@ -66,9 +68,9 @@ def known_limits(limits: Mapping[str, object], source: str) -> dict[str, float]:
     """
     found: dict[str, float] = {}
     for name, value in limits.items():
-        if name not in _MADE:
-            hint = did_you_mean(name, _MADE)
-            known = ", ".join(_MADE)
+        if name not in (every := [*_MADE, *SEPARATIONS]):
+            hint = did_you_mean(name, every)
+            known = ", ".join(every)
             raise InputError(
                 f"{source}: {name}: the comparison has no such number{hint} (it has: {known})"
             )
@@ -135,7 +137,12 @@ def verdicts(comparison: RunComparison, limits: Mapping[str, float]) -> tuple[Ve
 
     What flew in a hole in its positions, unless `gap_max_s` allows one so long, is not known.
     """
-    found = []
+    found = [
+        Verdict(comparison.run.name, name, math.nan, limits[name], met=False, where=_ALONE)
+        for name in SEPARATIONS
+        if name in limits
+    ]
+    limits = {name: limit for name, limit in limits.items() if name not in SEPARATIONS}
     holes = [h for h in comparison.holes if h.end_s - h.start_s > limits.get("gap_max_s", 0.0)]
     for name, limit in limits.items():
         value = float(getattr(comparison.total, name))
@@ -157,13 +164,41 @@ def verdicts(comparison: RunComparison, limits: Mapping[str, float]) -> tuple[Ve
     return tuple(found)
 
 
-def kept(flights: Sequence[RunComparison], limits: Mapping[str, float]) -> tuple[Verdict, ...]:
+def _of_pair(world: Together, pair: Pair, limits: Mapping[str, float]) -> tuple[Verdict, ...]:
+    """Judge how near two flights came, as `verdicts` does. Of the horizontal and the vertical
+    distance, where both have a limit, each counts only while the other is below its own."""
+    found = []
+    for name in (name for name in SEPARATIONS if name in limits):
+        near = pair.nearest(name, limits)
+        value, met, where = near.away_m, near.away_m >= limits[name], ""
+        if not met:
+            where = _words("nearest", near.t_s, world.place(pair, near.t_s))
+        elif lost := pair.lost(limits.get("gap_max_s", 0.0)):
+            value, met, where = math.nan, False, lost
+        found.append(Verdict(pair.name, name, value, limits[name], met, where))
+    return tuple(found)
+
+
+def every_verdict(
+    flights: Sequence[RunComparison], limits: Mapping[str, float], world: Together | None = None
+) -> list[tuple[Verdict, ...]]:
+    """Judge flights, and the pairs of those of one world: for each flight, then for each pair."""
+    if world is None:
+        return [verdicts(flight, limits) for flight in flights]
+    alone = {name: limit for name, limit in limits.items() if name not in SEPARATIONS}
+    found = [verdicts(flight, alone) for flight in flights]
+    return [*found, *(_of_pair(world, pair, limits) for pair in world.pairs)]
+
+
+def kept(
+    flights: Sequence[RunComparison], limits: Mapping[str, float], world: Together | None = None
+) -> tuple[Verdict, ...]:
     """Return the verdicts on flights, all of which must keep to all limits.
 
     Raises:
         LimitsNotMetError: a limit is not met; it has all verdicts.
     """
-    found = tuple(item for flight in flights for item in verdicts(flight, limits))
+    found = tuple(item for each in every_verdict(flights, limits, world) for item in each)
     if broken := [item.words for item in found if not item.met]:
         raise LimitsNotMetError("\n".join(broken), found)
     return found

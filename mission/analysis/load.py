@@ -104,10 +104,11 @@ def load_run(path: Path, plan: Path | None = None, *, believed: bool = False) ->
 
 
 def load_flights(
-    path: Path, plan: Path | None = None, *, believed: bool = False
+    path: Path, plan: Path | None = None, *, believed: bool = False, together: bool = False
 ) -> tuple[list[LoadedRun], list[str]]:
     """Load a run or a log, or all logs of a folder, as `load_run`: those to compare, and why others
-    of the folder are not: they cannot be read, or have no mission, as some have.
+    of the folder are not: they cannot be read, or have no mission, as some have. Of flights that
+    are judged `together` none is left out for that.
 
     Raises:
         InputError: as `load_run`, of the first log, where none can be read.
@@ -120,15 +121,23 @@ def load_flights(
             refused.append(error)
     if not loaded:
         raise refused[0]
-    judged = [flight for flight in loaded if not flight.unjudged]
+    judged = loaded if together else [flight for flight in loaded if not flight.unjudged]
     apart = [flight.unjudged for flight in loaded if flight.unjudged and judged]
     return judged or loaded, [*map(str, refused), *apart]
+
+
+def vehicles_of(path: Path) -> list[Path]:
+    """The folders of the vehicles of one world, `vehicle-1` and on, in a folder; else none."""
+    found = (each for each in path.glob("vehicle-*") if each.is_dir())
+    return sorted(found, key=lambda each: (len(each.name), each.name))
 
 
 def _flights_in(path: Path) -> list[Path]:
     """Return a folder's flight logs, by name; the path alone if it is a run, a file or has none."""
     if not path.is_dir() or RunFolder(path).log.is_file():
         return [path]
+    if vehicles := vehicles_of(path):
+        return [log for vehicle in vehicles for log in _flights_in(vehicle)]
     logs = (file for file in path.iterdir() if file.suffix.lower() in (".mcap", *FOREIGN))
     return sorted(logs) or [path]
 

@@ -1,6 +1,7 @@
 """Comparison of runs: planned against flown."""
 
 import warnings
+from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -19,6 +20,8 @@ def compare(
     believed: bool = False,
     rounds: int | None = None,
     by_round: bool = False,
+    together: bool = False,
+    offsets: Mapping[str, float] | None = None,
 ) -> "Comparison":
     """Compare flown with planned: one row per run, with the numbers of `aerofed compare`.
 
@@ -26,7 +29,8 @@ def compare(
     `by_round` that and the round. Runs of the same name get as much of their paths as tells
     them apart. The table is a DataFrame with one more method, `check`, for a verdict:
     compare(log).check(cross_track_max_m=3). `table`, `errors` and `health` hold each flight's
-    stretches, and its errors against what the vehicle was told and its health over time.
+    stretches, and its errors against what the vehicle was told and its health over time; `pairs`
+    has the least distances of flights that are judged together.
 
     Args:
         runs: one or more, flown or loaded, or their folders, or flight logs of any kind, or folders
@@ -36,13 +40,17 @@ def compare(
         believed: compare where the autopilot believed to be, also where the truth is known.
         rounds: only the first rounds, so that runs of different length compare.
         by_round: a row a round of each run, instead of one over all its rounds.
+        together: they flew at one time in one place: `pairs` says who came how near to whom, and
+            limits such as separation_min_m judge it. A folder of one world's vehicles is judged
+            so by itself.
+        offsets: seconds to add to the times of a log for those of the first, by its name.
 
     Raises:
-        InputError: none was given, or no round of one was flown.
+        InputError: none was given, or no round of one was flown; or flights that are to be judged
+            together did not fly at one time in one place, or their clocks cannot be aligned.
     """
-    from mission.analysis.compare import compare_run
-    from mission.analysis.comparison_text import names_of
-    from mission.analysis.load import load_flights
+    from mission.analysis.compare import names_of
+    from mission.analysis.several import load_several
     from mission.api.comparison import Comparison
     from mission.api.frames import frame
 
@@ -51,17 +59,20 @@ def compare(
     if rounds is not None and rounds < 1:
         raise InputError(f"compare: rounds = {rounds}: must be at least 1")
     file = None if plan is None else as_path(plan, "plan")
-    loaded = []
-    for run in runs:
-        if isinstance(run, Run) and file is None and not believed:
-            loaded.append(run._loaded)
-        else:
-            path = run.path if isinstance(run, Run) else as_path(run, "path")
-            flights, left_out = load_flights(path, file, believed=believed)
-            loaded += flights
-            for why in left_out:
-                warnings.warn(f"left out: {why}", stacklevel=2)
-    found = [compare_run(run, rounds=rounds) for run in loaded]
+    given = [
+        run._loaded
+        if isinstance(run, Run) and file is None and not believed
+        else run.path
+        if isinstance(run, Run)
+        else as_path(run, "path")
+        for run in runs
+    ]
+    several = load_several(
+        given, file, believed=believed, rounds=rounds, asked=together, offsets=offsets
+    )
+    for why in several.left_out:
+        warnings.warn(f"left out: {why}", stacklevel=2)
+    found = several.flights
     rows = [
         {"run": name, **asdict(numbers)}
         for name, item in zip(names_of(found), found, strict=True)
@@ -69,5 +80,5 @@ def compare(
     ]
     table = frame(None, rows).set_index(["run", "round"])
     made = Comparison(table if by_round else table.droplevel("round"))
-    made.flights = tuple(found)
+    made.flights, made.world = found, several.world
     return made

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 import pandas as pd
 
-from mission.analysis.comparison_text import names_of
+from mission.analysis.compare import names_of
 from mission.analysis.health import HEALTH
 from mission.analysis.told import ERRORS
 from mission.api.frames import frame
@@ -13,23 +13,31 @@ from mission.api.frames import frame
 if TYPE_CHECKING:
     from mission.analysis.compare import RunComparison
     from mission.analysis.limits import Verdict
+    from mission.analysis.together import Together
 
 
 class Comparison(pd.DataFrame):  # type: ignore[misc]  # pandas has no types here
-    """A DataFrame with `check`, `table`, `errors` and `health`; what is computed from it is a plain
-    DataFrame.
+    """A DataFrame with `check`, `table`, `pairs`, `errors` and `health`; what is computed from it
+    is a plain DataFrame.
 
     `flights` are the comparisons that it was made of.
     """
 
-    _metadata: ClassVar[list[str]] = ["flights"]
+    _metadata: ClassVar[list[str]] = ["flights", "world"]
     flights: "tuple[RunComparison, ...]"
+    world: "Together | None"
 
     @property
     def table(self) -> pd.DataFrame:
         """A row for each stretch of each flight: mode, reference, errors, delay and health."""
         named = zip(names_of(self.flights), self.flights, strict=True)
         return frame(None, [{"run": name, **row} for name, of in named for row in of.stretches])
+
+    @property
+    def pairs(self) -> pd.DataFrame:
+        """A row for each two flights that are judged together: least distances, planned and flown,
+        when and where. Distances are NaN where positions are missing."""
+        return frame(None, self.world.rows if self.world else [])
 
     @property
     def errors(self) -> pd.DataFrame:
@@ -67,4 +75,4 @@ class Comparison(pd.DataFrame):  # type: ignore[misc]  # pandas has no types her
         """
         from mission.analysis.limits import kept, known_limits
 
-        return kept(self.flights, known_limits(limits, "check"))
+        return kept(self.flights, known_limits(limits, "check"), self.world)

@@ -9,11 +9,12 @@ from rich.console import Console
 from mission.base.errors import LIMITS_NOT_MET, InputError
 from mission.base.tables import count
 from mission.base.terminal import PLAIN, Terminal
-from mission.commands.options import Flag, Json, Limits, print_json
+from mission.commands.options import Flag, Json, Limits, Offsets, given_offsets, print_json
 
 if TYPE_CHECKING:
     from mission.analysis.compare import RunComparison
     from mission.analysis.limits import Verdict
+    from mission.analysis.together import Together
 
 
 def compare(
@@ -21,6 +22,8 @@ def compare(
     *others: Path,
     plan: Path | None = None,
     believed: Flag = False,
+    together: Flag = False,
+    offset: Offsets = (),
     limit: Limits = (),
     limits: Path | None = None,
     junit: Path | None = None,
@@ -33,6 +36,7 @@ def compare(
     Example: aerofed compare paper6
     Example: aerofed compare cov no_cov --figure both.png
     Example: aerofed compare log_12.ulg --plan survey.plan --limit cross_track_max_m=3
+    Example: aerofed compare a.ulg b.ulg c.ulg --together --limit separation_min_m=5
     Example: aerofed compare 00000012.BIN --limit tracking_rms_m=1 --limit clips_max=0
 
     Parameters
@@ -48,6 +52,12 @@ def compare(
         what the vehicle was told.
     believed
         Compare where the autopilot believed to be, also where the log has the true position.
+    together
+        They flew at one time in one place: who came how near to whom. A folder of one world
+        (vehicle-1, vehicle-2, ...) is judged so by itself.
+    offset
+        LOG=SECONDS to add to the times of a log for those of the first, where it does not tell
+        UTC or GPS time, or not the right one.
     limit
         NAME=VALUE, once for each limit: a number of the comparison (as --json names it) and the
         most that is allowed, or the least of battery_remaining, of what ends in _min and of what
@@ -57,7 +67,8 @@ def compare(
     junit
         Also write the verdict into this file, as JUnit's XML.
     as_json
-        Print JSON, with every number at full precision, not tables: a list with one entry per run.
+        Print JSON, with every number at full precision, not tables: a list with one entry per run;
+        of flights together an object of such flights and of pairs.
     figure
         Also draw the comparison into this file (.png, .svg or .pdf): runs round by round, flights
         of plan files along the plan, others over time.
@@ -66,23 +77,22 @@ def compare(
     """
     if rounds is not None and rounds < 1:
         raise InputError(f"--rounds {rounds}: must be at least 1")
-    from mission.analysis.compare import compare_run
     from mission.analysis.comparison_text import in_full
-    from mission.analysis.limits import given_limits, limits_in, verdicts
-    from mission.analysis.load import load_flights
+    from mission.analysis.limits import every_verdict, given_limits, limits_in
+    from mission.analysis.several import load_several
 
     table = None if limits is None else limits_in(limits)
     if limits is not None and table is None:
         raise InputError(f"{limits}: has no table [limits]")
     bounds = given_limits(limit, table)
     aside = Console(stderr=True, **PLAIN)
-    loaded = []
-    for path in (run, *others):
-        flights, left_out = load_flights(path, plan, believed=believed)
-        loaded += flights
-        for why in left_out:
-            aside.print(f"left out: {why}")
-    found = [compare_run(item, rounds=rounds) for item in loaded]
+    several = load_several(
+        (run, *others), plan, believed=believed, rounds=rounds, asked=together,
+        offsets=given_offsets(offset),
+    )  # fmt: skip
+    found, world = several.flights, several.world
+    for why in several.left_out:
+        aside.print(f"left out: {why}")
     _warn_of_lengths(found, aside)
     if figure is not None:
         from mission.figures.render import save
@@ -90,18 +100,19 @@ def compare(
 
         save(comparison_figure(found), figure)
     console = Terminal.for_tables()
-    judged = [verdicts(item, bounds) for item in found]
+    judged = every_verdict(found, bounds, world)
     if as_json:
-        print_json(
-            [{**item.values, **in_json(its)} for item, its in zip(found, judged, strict=True)]
-        )
+        values = [*(item.values for item in found), *(world.rows if world else ())]
+        rows = [{**of, **in_json(its)} for of, its in zip(values, judged, strict=True)]
+        count = len(found)
+        print_json({"flights": rows[:count], "pairs": rows[count:]} if world else rows)
     else:
-        for part in in_full(found, width=console.width):
+        for part in in_full(found, width=console.width, world=world):
             console.print(part)
-    for item in loaded:
-        if item.notice:
-            aside.print(f"{item.path}: {item.notice}")
-    return tell_verdict(found, judged, junit, quiet=as_json)
+    for item in found:
+        if item.run.notice:
+            aside.print(f"{item.run.path}: {item.run.notice}")
+    return tell_verdict(found, judged, junit, quiet=as_json, world=world)
 
 
 def in_json(verdicts: Sequence["Verdict"]) -> dict[str, object]:
@@ -116,25 +127,30 @@ def tell_verdict(
     junit: Path | None,
     *,
     quiet: bool,
+    world: "Together | None" = None,
 ) -> int:
     """Print which limits are not met, or that all are; write `junit`; return the exit code."""
-    from mission.analysis.comparison_text import names_of
+    from mission.analysis.compare import names_of
     from mission.analysis.limits import junit as write
 
     if junit is not None:
-        write(junit, names_of(found), judged, [item.total.duration_s for item in found])
+        pairs = world.pairs if world else ()
+        names = [*names_of(found), *(pair.name for pair in pairs)]
+        lasted_s = [item.total.duration_s for item in found] + [pair.known_s for pair in pairs]
+        write(junit, names, judged, lasted_s)
     broken = [item for each in judged for item in each if not item.met]
     aside = Console(stderr=True, **PLAIN)
     for item in broken:
         aside.print(f"aerofed: {item.words}")
     if any(judged) and not (broken or quiet):
-        limits, by_all = count(len(judged[0]), "limit"), "" if len(found) == 1 else " by all"
+        kinds = {item.name for each in judged for item in each}
+        limits, by_all = count(len(kinds), "limit"), "" if len(found) == 1 else " by all"
         Terminal(**PLAIN).print(f"{limits} met{by_all}")
     return LIMITS_NOT_MET if broken else 0
 
 
 def _warn_of_lengths(found: Sequence["RunComparison"], aside: Console) -> None:
-    from mission.analysis.comparison_text import names_of
+    from mission.analysis.compare import names_of
 
     counts = [len(item.rounds) for item in found]
     if len(set(counts)) > 1:

@@ -18,6 +18,7 @@ LIVE_PORT = 8765  # that Foxglove proposes
 
 Overrides = Annotated[tuple[str, ...], Parameter(name="--set", negative=())]
 Limits = Annotated[tuple[str, ...], Parameter(name="--limit", negative=())]
+Offsets = Annotated[tuple[str, ...], Parameter(name="--offset", negative=())]
 Flag = Annotated[bool, Parameter(negative=())]
 Json = Annotated[bool, Parameter(name="--json", negative=())]
 
@@ -79,6 +80,18 @@ def load(
         beneath=beneath,
         counts=counts,
     )
+
+
+def given_offsets(options: Sequence[str]) -> dict[str, float]:
+    """Seconds by log of options LOG=SECONDS; InputError where one is not."""
+    found = {}
+    for option in options:
+        name, _, seconds = option.rpartition("=")
+        try:
+            found[name] = float(seconds)
+        except ValueError:
+            raise InputError(f"--offset {option}: must be LOG=SECONDS, as b.ulg=12.5") from None
+    return found
 
 
 def print_json(value: object) -> None:

@@ -359,6 +359,7 @@ class Source:
     # What its positions are, where it has one kind: truth and belief are then the same track.
     only: str | None = None
     skipped: Mapping[str, int] = field(default_factory=dict)  # what was not read, and how often
+    utc_ns: int | None = None  # since 1970, where its clock is zero; None: not told
 
 
 COPTER, PLANE, ROVER = "copter", "plane", "rover"

@@ -13,8 +13,8 @@ from rich.console import Console
 from synthetic_flight import AREA, CHANNEL, fly
 
 from flightdyn.state import BatteryState, Kinematics
-from mission.analysis.compare import RunComparison, compare_run
-from mission.analysis.comparison_text import in_full, names_of, side_by_side, tables
+from mission.analysis.compare import RunComparison, compare_run, names_of
+from mission.analysis.comparison_text import in_full, side_by_side, tables
 from mission.analysis.load import load_run
 from mission.base.errors import InputError
 from mission.cli import call

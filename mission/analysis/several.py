@@ -1,0 +1,65 @@
+"""Several flights: loaded, compared with their plans each, and together where they were."""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from mission.analysis.compare import RunComparison, compare_run
+from mission.analysis.load import LoadedRun, load_flights, vehicles_of
+from mission.analysis.together import Together, together
+from mission.base.errors import InputError
+
+
+@dataclass(frozen=True)
+class Several:
+    """Flights compared with their plans; `world` where they are judged together."""
+
+    flights: tuple[RunComparison, ...]
+    world: Together | None
+    left_out: tuple[str, ...]  # logs that are not among them, and why
+
+
+def load_several(
+    given: Iterable[Path | LoadedRun],
+    plan: Path | None = None,
+    *,
+    believed: bool = False,
+    rounds: int | None = None,
+    asked: bool = False,
+    offsets: Mapping[str, float] | None = None,
+) -> Several:
+    """Load and compare runs, logs and folders of logs. They are judged together where that is
+    `asked` for, and by themselves where they are one folder of one world's vehicles.
+
+    Raises:
+        InputError: as `load_flights`, `compare_run` and, where it is asked for, `together`.
+    """
+    paths = tuple(given)
+    (first, *others) = paths
+    asked = asked or bool(offsets)
+    alone = isinstance(first, Path) and not others and bool(vehicles_of(first))
+    loaded, left_out = list[LoadedRun](), list[str]()
+    for item in paths:
+        flights, why = (
+            ([item], [])
+            if isinstance(item, LoadedRun)
+            else load_flights(item, plan, believed=believed, together=asked or alone)
+        )
+        loaded += flights
+        left_out += why
+    found = list[RunComparison]()
+    for run in loaded:
+        try:
+            found.append(compare_run(run, rounds=rounds))
+        except InputError as error:  # it may have stayed on the ground
+            if not alone:
+                raise
+            left_out.append(str(error))
+    world = None
+    if asked or alone:
+        try:
+            world = together(found, offsets)
+        except InputError:
+            if asked:
+                raise
+    return Several(tuple(found), world, tuple(left_out))
