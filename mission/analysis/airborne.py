@@ -50,5 +50,19 @@ def air_times(data: FlightData, start_ns: int, end_ns: int) -> list[tuple[float,
 
 
 def times_in_air(path: object, data: FlightData) -> list[tuple[float, float]]:
-    """From when to when (s) it was armed and off the ground. InputError: it never left it."""
-    return air_times(data, *airborne(path, replace(data, modes=flown_modes(data))))
+    """From when to when (s) it was armed and off the ground: it stands where it is armed, and where
+    it is disarmed if the log tells that. InputError: it never left it."""
+    start_ns, end_ns = airborne(path, replace(data, modes=flown_modes(data)))
+    disarmed_ns = max((e.t_ns for e in data.events if e.text == "disarmed"), default=0)
+    found = []
+    for since, until in air_times(data, start_ns, end_ns):
+        track = data.truth.between(round(since * NS_PER_S), round(until * NS_PER_S))
+        rose, landed = (
+            np.flatnonzero(np.linalg.norm(track.pos_m - at, axis=1) > _OFF_GROUND_M)
+            for at in (track.pos_m[:1], track.pos_m[-1:])
+        )
+        if len(rose) and len(landed):
+            stands = disarmed_ns >= round(until * NS_PER_S)
+            end_s = track.t_ns[landed[-1]] / NS_PER_S if stands else until
+            found.append((float(track.t_ns[rose[0]] / NS_PER_S), float(end_s)))
+    return found

@@ -14,7 +14,7 @@ import numpy as np
 
 from mission.analysis.holes import Hole
 from mission.analysis.legs import Leg, legs
-from mission.analysis.load import LoadedRun
+from mission.analysis.load import VEHICLE, LoadedRun
 from mission.analysis.measure import Measured, measure, measure_pass
 from mission.analysis.numbers import OF_PLAN, Comparison, Made, Told, told_numbers
 from mission.analysis.spikes import spikes
@@ -200,8 +200,12 @@ def _made(
 
 
 def names_of(comparisons: Sequence[RunComparison]) -> list[str]:
-    """Return names of the runs, with as many parent folders as tell them apart."""
+    """Return names of the runs, with as many parent folders as tell them apart; logs of vehicles
+    of one world have the names of their folders, where each has one."""
     paths = [item.run.path.resolve().parts for item in comparisons]
+    folders = [path[-2] for path in paths if path[-2].startswith(VEHICLE)]
+    if len({*folders}) == len(paths):
+        return folders
     return ["/".join(path[-_telling(path, paths) :]) for path in paths]
 
 

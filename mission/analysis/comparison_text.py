@@ -200,7 +200,7 @@ def pair_rows(world: "Together") -> tuple[list[str], list[list[str]]]:
         lat, lon, height = (
             row[f"separation_min_{of}"] for of in ("lat_deg", "lon_deg", "height_m")
         )
-        rows.append([*cells, f"{lat:.7f}, {lon:.7f}\n{height:.1f} m high"])
+        rows.append([*cells, f"{lat:.7f}\n{lon:.7f}\n{height:.1f} m high"])
     heads = [f"{head} (m)\nplan / flown" for head, _ in ways]
     return ["pair", *heads, "where"], rows
 

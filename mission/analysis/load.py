@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
 _FINISHED = "finished"
 _READ = "folders of runs, .mcap logs, .ulg of PX4, .bin of ArduPilot, .tlog of ground stations"
+VEHICLE = "vehicle-"  # and a number: the folder of one of several in a world
 FOREIGN = (".ulg", ".bin", ".tlog")  # logs of PX4, of ArduPilot, of ground stations
 
 
@@ -121,14 +122,16 @@ def load_flights(
             refused.append(error)
     if not loaded:
         raise refused[0]
-    judged = loaded if together else [flight for flight in loaded if not flight.unjudged]
+    if together:
+        return loaded, [*map(str, refused)]
+    judged = [flight for flight in loaded if not flight.unjudged]
     apart = [flight.unjudged for flight in loaded if flight.unjudged and judged]
     return judged or loaded, [*map(str, refused), *apart]
 
 
 def vehicles_of(path: Path) -> list[Path]:
     """The folders of the vehicles of one world, `vehicle-1` and on, in a folder; else none."""
-    found = (each for each in path.glob("vehicle-*") if each.is_dir())
+    found = (each for each in path.glob(f"{VEHICLE}*") if each.is_dir())
     return sorted(found, key=lambda each: (len(each.name), each.name))
 
 

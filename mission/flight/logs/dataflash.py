@@ -51,6 +51,9 @@ _VEHICLES = {  # by what the firmware calls itself
     "ArduPlane": PLANE,
 }
 _FIX_3D = 3
+_WEEK_MS = 7 * 86_400_000
+# The begin of GPS time in UTC, less the leap seconds since: 18 from 2017 on, when 3.5 came.
+_GPS_NS = (315_964_800 - 18) * 1_000_000_000
 _ARMED, _DISARMED = 10, 11  # EV
 _HOME = 1  # ORGN.Type; 0: the origin of its filter
 # ERR.Subsys of the failsafes: LogErrorSubsystem.
@@ -198,6 +201,9 @@ class _Reader:
                 self._listed(t_ns, mav.MAV_MISSION_TYPE_RALLY, row.Tot, item)
             case "GPS" if row.Status >= _FIX_3D and getattr(row, "I", 0) == 0:
                 found.fixes.append(t_ns)
+                if hasattr(row, "GWk"):
+                    gps_ns = (row.GWk * _WEEK_MS + row.GMS) * 1_000_000 + _GPS_NS
+                    found.utc_ns.append((t_ns, round(gps_ns)))
             case "BAT" if getattr(row, "Inst", getattr(row, "Instance", 0)) == 0:
                 left = getattr(row, "RemPct", float("nan")) / 100
                 found.battery.append((t_ns, row.Volt, row.Curr, row.CurrTot, left))

@@ -40,6 +40,7 @@ DAMAGE = "byte with damage"
 _CLOSEST_NS = 20_000_000  # samples of positions that are kept
 _STANDS_M = 1.0  # from where the log begins: on the ground
 _HELD_NS = 1_000_000_000  # at most the true place is held before its first and after its last one
+_UTC_SPREAD_NS = 500_000_000  # at most, of most of the instants that tell UTC
 _MISSION = mav.MAV_MISSION_TYPE_MISSION
 _BOUNDS = (9e18, 90.0, 360.0, 1e6)  # of times and places that are some
 _NOWHERE = MissionItem(0, 0, mav.MAV_FRAME_MISSION, (0.0,) * 4, 0.0, 0.0, 0.0)
@@ -73,6 +74,7 @@ class LogRows:
     skipped: Counter[str] = field(default_factory=Counter)
     signals: dict[str, Signal] = field(default_factory=dict)
     dropouts_s: list[tuple[float, float]] = field(default_factory=list)  # told: when, how long
+    utc_ns: list[tuple[int, int]] = field(default_factory=list)  # since 1970
     vehicle: str = COPTER
     _in_force: set[str] = field(default_factory=set)
 
@@ -220,9 +222,23 @@ class LogRows:
             dropouts_s=_rows(self.dropouts_s, 2),
             vehicle=self.vehicle,
             source=Source(
-                self.kind, self.clock, None if spans else "believed", dict(+self.skipped)
+                self.kind,
+                self.clock,
+                None if spans else "believed",
+                dict(+self.skipped),
+                self._utc_ns(),
             ),
         )
+
+    def _utc_ns(self) -> int | None:
+        """The time since 1970 at which the log's clock is zero: by most of the instants, as first
+        fixes and late packets tell it wrongly; None where they differ, as where simulated time
+        is faster."""
+        found = sorted(utc_ns - t_ns for t_ns, utc_ns in self.utc_ns)
+        count = len(found)
+        if not count or found[9 * count // 10] - found[count // 10] > _UTC_SPREAD_NS:
+            return None
+        return found[count // 2]
 
     def _of_one_clock(self, rows: Sequence[tuple[float, ...]]) -> Floats:
         """Return valid rows in time order, thinned to 20 ms; InputError: the clock goes back."""

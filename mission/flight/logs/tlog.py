@@ -57,6 +57,8 @@ def read_tlog(path: Path) -> FlightData:
         after_ms = max(0.0, at_us - wall_us[-1]) / 1e3
         reader.take_at(int((np.interp(at_us, wall_us, boot_ms) + after_ms) * 1e6), message)
     found.signals = reader.signals()
+    # Without its own word for it, the ground station's clock, which hears it late.
+    found.utc_ns = found.utc_ns or [(ms * 1_000_000, us * 1000) for us, ms in reader.clock]
     return found.flight()
 
 
@@ -157,6 +159,9 @@ class _Reader:
                 found.failing(t_ns, "failsafe", on=message.system_status in FAILING)
             case "PARAM_VALUE":
                 self._params[message.param_id] = message.param_value
+            case "SYSTEM_TIME" if message.time_unix_usec and message.time_boot_ms:
+                told = message.time_boot_ms * 1_000_000, message.time_unix_usec * 1000
+                found.utc_ns.append(told)
             case "FENCE_STATUS":
                 found.failing(t_ns, "fence breached", on=bool(message.breach_status))
             case "STATUSTEXT":

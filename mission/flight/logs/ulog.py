@@ -21,7 +21,7 @@ from mission.flight.logs.sources import ULOG
 from mission.flight.logs.ulog_file import Columns, decoded
 from mission.log.records import from_json
 from mission.log.signals import gathered
-from mission.log.values import COPTER, PLANE, ROVER, FlightData, MissionRecord
+from mission.log.values import COPTER, OURS, PLANE, ROVER, FlightData, MissionRecord
 from sitl.autopilot.codec.orders import MissionItem
 
 # vehicle_status.nav_state, as ground stations call the modes.
@@ -67,6 +67,13 @@ def read_ulog(path: Path) -> FlightData:
     found.wind = list(_rows(wind, "windspeed_east", "windspeed_north"))
     fixes = topics.get("vehicle_gps_position")
     found.fixes = [int(row[0]) for row in _rows(fixes, "fix_type") if row[1] >= _FIX_3D]
+    for name in ("vehicle_gps_position", "sensor_gps"):
+        later = "timestamp_time_relative"  # by which the UTC is of another instant than the row
+        columns = {later: 0 * topics[name]["timestamp"], **topics[name]} if name in topics else None
+        times = _rows(columns, "time_utc_usec", later)
+        found.utc_ns += [(int(t) + _ns(by), _ns(utc)) for t, utc, by in times if utc]
+    if found.truth and told.get("sys_name") == [["Aerofed"]]:
+        found.clock = OURS.clock
     for parts in told.get(MISSIONS, ()):
         t_ns, kind, items = json.loads("".join(parts))
         row = {"kind": kind, "items": items}

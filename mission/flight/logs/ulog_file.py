@@ -142,7 +142,7 @@ class _Topic:
 def decoded(
     content: bytes, found: LogRows
 ) -> tuple[dict[str, Columns], dict[str, list[list[str]]]]:
-    """Return the first instance of each topic in a ULog, and the texts that come in parts, by name.
+    """Return the first instance of each topic in a ULog, and texts by name, each of its parts.
     Lines of text, dropouts and damage go to `found`.
 
     Raises:
@@ -193,6 +193,9 @@ def decoded(
                     level, t_us = struct.unpack_from("<BQ", body)
                     text = body[9:].decode(errors="ignore").strip()
                     found.event(since_start(t_us) * 1000, "status", text, severity=level - ord("0"))
+                case "I":
+                    key, value = body[1 : 1 + body[0]].decode(), body[1 + body[0] :]
+                    told.setdefault(key.split(" ")[1], [[value.decode(errors="ignore")]])
                 case "M":
                     continued, length = body[:2]
                     parts = told.setdefault(body[2 : 2 + length].decode().split(" ")[1], [])

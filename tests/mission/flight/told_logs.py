@@ -20,6 +20,7 @@ from flightdyn.state import GeodeticPoint
 HOME = GeodeticPoint(47.397742, 8.545594, 488.0)
 Floats = NDArray[np.float64]
 STEP_S = 0.05
+GPS_BEGINS_S, LEAP_S, WEEK_MS = 315964800.0, 18.0, 604800000
 
 
 @dataclass(frozen=True)
@@ -33,6 +34,7 @@ class Made:
     vibration: Floats
     clips: Floats
     satellites: Floats
+    utc_s: float | None = None  # since 1970, at time 0 of the log, where it tells
 
     def without(self, start_s: float, end_s: float) -> "Made":
         """Cut a time out of the log."""
@@ -129,7 +131,10 @@ def write_bin(path: Path, flight: Made, *, version: str = "PSCN", motors: bool =
     declare("CTUN", "Qff", "TimeUS,DAlt,Alt")
     declare("ATT", "Qffffff", "TimeUS,DesRoll,Roll,DesPitch,Pitch,DesYaw,Yaw")
     declare("VIBE", "QBfffI", "TimeUS,IMU,VibeX,VibeY,VibeZ,Clip")
-    declare("GPS", "QBBBC", "TimeUS,I,Status,NSats,HDop")
+    if flight.utc_s is None:
+        declare("GPS", "QBBBC", "TimeUS,I,Status,NSats,HDop")
+    else:
+        declare("GPS", "QBBBCIH", "TimeUS,I,Status,NSats,HDop,GMS,GWk")
     declare("RCOU", "QHHHH", "TimeUS,C1,C2,C3,C4")
     declare("POS", "QLLf", "TimeUS,Lat,Lng,Alt")
     declare("MODE", "QBBB", "TimeUS,Mode,ModeNum,Rsn")
@@ -154,7 +159,9 @@ def write_bin(path: Path, flight: Made, *, version: str = "PSCN", motors: bool =
         row("ATT", t_us, *np.column_stack((wanted_att[n], att[n])).ravel())
         for imu in range(2):
             row("VIBE", t_us, imu, 0.5, 0.6, flight.vibration[n], round(flight.clips[n]) * imu)
-        row("GPS", t_us, 0, 3, round(flight.satellites[n]), 120)
+        gps_ms = round(1e3 * ((flight.utc_s or 0.0) + flight.t_s[n] - GPS_BEGINS_S + LEAP_S))
+        told = [] if flight.utc_s is None else [gps_ms % WEEK_MS, gps_ms // WEEK_MS]
+        row("GPS", t_us, 0, 3, round(flight.satellites[n]), 120, *told)
         row("RCOU", t_us, 1500, 1500, 1600, 1400)
         row("POS", t_us, round(lat * 1e7), round(lon * 1e7), alt)
     row("EV", round(flight.t_s[-1] * 1e6) + 1, 11)
@@ -181,8 +188,10 @@ def write_ulg(path: Path, flight: Made, *, dropout_ms: int = 0) -> Path:
         "vehicle_attitude_setpoint": ("float[4] q_d", "ffff"),
         "vehicle_attitude": ("float[4] q", "ffff"),
         "vehicle_imu_status": ("float accel_vibration_metric;uint32_t[3] accel_clipping", "fIII"),
-        "vehicle_gps_position": ("uint8_t fix_type;uint8_t satellites_used", "BB"),
-    }
+        "vehicle_gps_position": (
+            "uint64_t time_utc_usec;uint8_t fix_type;uint8_t satellites_used", "QBB",
+        ),
+    }  # fmt: skip
     out = bytearray(b"ULog\x01\x12\x35\x01" + struct.pack("<Q", 0))
 
     def message(mark: bytes, data: bytes) -> None:
@@ -195,6 +204,7 @@ def write_ulg(path: Path, flight: Made, *, dropout_ms: int = 0) -> Path:
         message(b"A", struct.pack("<BH", 0, number) + name.encode())
     turns = [quaternions(each) for each in flight.attitude]
     for n, where in enumerate(places(flight)):
+        utc_us = 0 if flight.utc_s is None else round((flight.utc_s + flight.t_s[n]) * 1e6)
         values = {
             "vehicle_global_position": where,
             "vehicle_status": (14, 2, False),
@@ -203,7 +213,7 @@ def write_ulg(path: Path, flight: Made, *, dropout_ms: int = 0) -> Path:
             "vehicle_attitude_setpoint": turns[0][n],
             "vehicle_attitude": turns[1][n],
             "vehicle_imu_status": (flight.vibration[n], round(flight.clips[n]), 0, 0),
-            "vehicle_gps_position": (3, round(flight.satellites[n])),
+            "vehicle_gps_position": (utc_us, 3, round(flight.satellites[n])),
         }
         for number, (name, (_, form)) in enumerate(topics.items()):
             data = struct.pack(f"<Q{form}", round(flight.t_s[n] * 1e6), *values[name])
@@ -230,6 +240,8 @@ def write_tlog(path: Path, flight: Made) -> Path:
             (float(v[0]), float(v[1]), float(v[2]))
             for v in (flight.actual[n], flight.wanted[n], np.radians(flight.attitude[1][n]))
         )
+        if flight.utc_s is not None:
+            told(t_s, mav.MAVLink_system_time_message(round((flight.utc_s + t_s) * 1e6), ms))
         told(t_s, mav.MAVLink_global_position_int_message(ms, *where, 0, 0, 0, 0, 0))
         told(t_s, mav.MAVLink_local_position_ned_message(ms, *actual, 0, 0, 0))
         told(t_s, mav.MAVLink_position_target_local_ned_message(

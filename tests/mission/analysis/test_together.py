@@ -1,0 +1,284 @@
+"""Flights judged together, against closed forms: two that fly straight come nearest where the line
+between them is at right angles to how they move against each other."""
+
+import json
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree as ET
+
+import numpy as np
+import pytest
+from numpy.typing import ArrayLike, NDArray
+from told_logs import HOME, WRITERS, made
+
+import aerofed
+from flightdyn.frames import LocalFrame
+from flightdyn.state import BatteryState, Kinematics
+from mission.analysis.compare import compare_run
+from mission.analysis.limits import every_verdict
+from mission.analysis.load import load_run
+from mission.analysis.together import Together, together
+from mission.base.area import Area
+from mission.base.errors import LimitsNotMetError
+from mission.cli import call
+from mission.flight.logs.ulog_export import export_ulog
+from mission.log.values import NOBODY
+from mission.log.writer import FlightLog
+from sitl.observer import VehicleEvent, VehicleSample
+
+Floats = NDArray[np.float64]
+Way = Callable[[Floats], Floats]  # times (n,) -> NED (n, 3) from HOME
+
+UTC_S = 1.7e9
+UNTIL_S = 50.0
+SECOND = np.arange(2.0)
+
+
+def straight(at_s: float, there: ArrayLike, vel: ArrayLike) -> Way:
+    return lambda t_s: np.asarray(there) + (t_s - at_s)[:, None] * np.asarray(vel)
+
+
+def conflict(seed: int) -> tuple[float, float, Way, Way]:
+    """The least distance, when, and the ways of two."""
+    rng = np.random.default_rng(seed)
+    away_m, at_s = rng.uniform(0.1, 20.0), rng.uniform(15.0, 40.0)
+    here = np.append(rng.uniform(-200.0, 200.0, 2), -rng.uniform(120.0, 150.0))
+    one, other = (np.append(rng.uniform(-12.0, 12.0, 2), rng.uniform(-1.0, 1.0)) for _ in range(2))
+    across = np.cross(other - one, rng.normal(size=3))
+    there = here + away_m * across / np.linalg.norm(across)
+    return away_m, at_s, straight(at_s, here, one), straight(at_s, there, other)
+
+
+def write(path: Path, way: Way, *, later_s: float = 0.0) -> Path:
+    """A log of any kind, by its suffix; the clock of one of others begins `later_s` later."""
+    if path.suffix == ".mcap":
+        return write_ours(path, way)
+    flight = made(path=lambda t_s: way(t_s + later_s), until_s=UNTIL_S - later_s)
+    return WRITERS[path.suffix](path, replace(flight, utc_s=UTC_S + later_s))
+
+
+def write_ours(
+    path: Path, way: Way, *, east_m: float = 0.0, from_s: float = 0.0, hole_s: Any = (0, 0)
+) -> Path:
+    """A log of ours, of a vehicle whose home is to the east of the other ones'."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    home = LocalFrame(HOME).to_geodetic(np.array([0.0, east_m, 0.0]))
+    home = replace(home, alt_msl_m=HOME.alt_msl_m)
+    t_s = from_s + np.arange(0.0, UNTIL_S, 0.1)
+    battery = BatteryState(22.2, 10.0, 100.0, 0.9)
+    level = np.array([1.0, 0.0, 0.0, 0.0])
+    area = Area((800.0, 800.0), (400.0, 300.0), home)
+    with FlightLog(path, area=area, devices=NOBODY, start_ns=round(from_s * 1e9)) as log:
+        for at_s, ned in zip(t_s.tolist(), way(t_s), strict=True):
+            t_ns, here = round(at_s * 1e9), ned - np.array([0.0, east_m, 0.0])
+            state = Kinematics(t_ns, here, np.zeros(3), level, np.zeros(3))
+            if at_s == from_s:
+                log.happened(VehicleEvent(t_ns, "armed", "armed", state, state))
+            if not hole_s[0] < at_s < hole_s[1]:
+                log.sampled(VehicleSample(t_ns, state, state, None, battery, "OFFBOARD", True))
+        log.happened(VehicleEvent(t_ns, "armed", "disarmed", state, state))
+    return path
+
+
+def judged(*paths: Path, **offsets: float) -> Together:
+    return together([compare_run(load_run(path)) for path in paths], offsets)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", [".mcap", "exported .ulg", ".ulg", ".bin", ".tlog"])
+@pytest.mark.parametrize("tens", range(4))
+def test_every_conflict_is_found(kind: str, tens: int, tmp_path: Path) -> None:
+    """To a centimetre, and in ArduPilot's and MAVLink's degrees (1e-7: 1.1 cm) to that of the
+    roundings of both more."""
+    noise_m = math.hypot(0.011, 0.008) if kind in (".bin", ".tlog") else 1e-3
+    for seed in range(10 * tens, 10 * tens + 10):
+        away_m, at_s, *ways = conflict(100 * len(kind) + seed)
+        paths = [tmp_path / f"{n}-{seed}{kind[-5:].strip()}" for n in range(2)]
+        for n, (path, way) in enumerate(zip(paths, ways, strict=True)):
+            if kind == "exported .ulg":
+                export_ulog(write_ours(path.with_suffix(".mcap"), way, east_m=5.0 * n), path)
+            else:
+                write(path, way, later_s=3.217 * n)
+        (row,) = judged(*paths).rows
+        assert row["separation_min_m"] == pytest.approx(away_m, abs=max(0.01, noise_m)), seed
+        # So long before and after they are farther by no more than the roundings.
+        apart_mps = float(np.linalg.norm(np.diff(ways[1](SECOND) - ways[0](SECOND), axis=0)))
+        sure_s = 0.01 + math.sqrt(2 * away_m * noise_m) / apart_mps
+        assert row["separation_min_t_s"] == pytest.approx(at_s, abs=sure_s), seed
+
+
+def head_on(folder: Path, *, apart_m: float = 3.0, **more: Any) -> Path:
+    """A folder of one world: two meet at 20 s, 50 m high, one to the right of the other."""
+    east = straight(20.0, (0.0, 0.0, -50.0), (0.0, 5.0, 0.0))
+    west = straight(20.0, (apart_m, 0.0, -50.0), (0.0, -5.0, 0.0))
+    write_ours(folder / "vehicle-1" / "flight-0001.mcap", east, east_m=-100.0)
+    write_ours(folder / "vehicle-2" / "flight-0001.mcap", west, east_m=100.0, **more)
+    return folder
+
+
+def test_a_folder_of_one_world_is_judged_by_itself(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """When, where (in degrees, by the frame of home) and how near; the exit code, and JUnit."""
+    folder, junit = head_on(tmp_path / "w"), tmp_path / "v.xml"
+    limits = ("--limit", "separation_min_m=5", "--limit", "separation_vertical_min_m=0")
+    assert call(["compare", str(folder), *limits, "--junit", str(junit)]) == 6
+    told = capsys.readouterr()
+    where = LocalFrame(HOME).to_geodetic(np.array([1.5, 0.0, -50.0]))
+    assert told.err == (
+        "aerofed: vehicle-1 and vehicle-2: separation_min_m = 3: "
+        f"must be at least 5; nearest, 20.0 s, {where.lat_deg:.7f}, {where.lon_deg:.7f}, "
+        "50.0 m high\n"
+    )
+    assert "Who came how near to whom" in told.out
+    suites = [(s.get("tests"), s.get("failures")) for s in ET.parse(junit).getroot()]
+    assert suites == [("0", "0"), ("0", "0"), ("2", "1")]
+    assert call(["compare", str(folder), "--limit", "separation_min_m=2.99"]) == 0
+    assert "1 limit met by all" in capsys.readouterr().out
+    assert call(["compare", str(folder), "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    (pair,) = found["pairs"]
+    assert len(found["flights"]) == 2
+    assert pair["separation_horizontal_min_m"] == pytest.approx(3.0, abs=1e-3)
+    assert pair["separation_vertical_min_m"] == pytest.approx(0.0, abs=1e-3)
+    assert pair["plan_separation_min_m"] is None
+
+
+def test_horizontal_and_vertical_count_while_the_other_is_too_small(tmp_path: Path) -> None:
+    """One sinks through the height of the other while it comes nearer."""
+    level = straight(20.0, (0.0, 0.0, -100.0), (1.0, 0.0, 0.0))
+    passing = straight(20.0, (10.0, 0.0, -100.0), (-1.0, 0.0, 0.5))  # beside nobody at 25 s
+    paths = [
+        write_ours(tmp_path / name / "flight.mcap", way)
+        for name, way in (("vehicle-1", level), ("vehicle-2", passing))
+    ]
+    found = aerofed.compare(tmp_path)
+    limits = {"separation_horizontal_min_m": 1.0, "separation_vertical_min_m": 2.0}
+    assert all(item.met for item in found.check(**limits))  # 2.5 m high when it is 1 m beside
+    limits = {"separation_horizontal_min_m": 9.0, "separation_vertical_min_m": 2.0}
+    horizontal, vertical = every_verdict(found.flights, limits, found.world)[-1]
+    # Within 2 m of height from 16 to 24 s, where it is 18 to 2 m away; nearer than 9 m from 20.5 s.
+    assert horizontal.value == pytest.approx(2.0, abs=1e-3)
+    assert vertical.value == pytest.approx(0.25, abs=1e-3)
+    with pytest.raises(LimitsNotMetError, match=r"separation_vertical_min_m = 0\.25: "):
+        found.check(**limits)
+    both = aerofed.compare(*paths, together=True).pairs.iloc[0]
+    assert both["separation_horizontal_min_m"] == pytest.approx(0.0, abs=1e-3)
+
+
+def test_a_hole_makes_it_unknown(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = head_on(tmp_path / "w", hole_s=(18.0, 22.0))
+    for limit, code in (("separation_min_m=5", 6), ("separation_min_m=25", 6)):
+        assert call(["compare", str(folder), "--limit", limit]) == code
+        told = capsys.readouterr()
+        assert " / not known" in told.out
+        # Outside it is at least 20.2 m: that breaks 25, and what is in it is not known.
+        known = "= 20.22" if limit.endswith("25") else "= not known"
+        assert f"separation_min_m {known}: must be at least" in told.err
+    more = ("--limit", "gap_max_s=5")
+    assert call(["compare", str(folder), "--limit", "separation_min_m=5", *more]) == 0
+    assert "no positions of one of them at 18.0-22.0 s" in capsys.readouterr().out
+    row = aerofed.compare(folder).pairs.iloc[0]
+    assert math.isnan(row["separation_min_m"])
+
+
+def test_alone_nothing_is_met(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Nor are flights of one folder that are side by side, as they were at different times."""
+    first = write_ours(tmp_path / "a.mcap", straight(0.0, (0.0, 0.0, -50.0), (5.0, 0.0, 0.0)))
+    assert call(["compare", str(first), "--limit", "separation_min_m=5"]) == 6
+    assert "of flights that are judged together (--together)" in capsys.readouterr().err
+
+
+def test_on_the_ground_beside_each_other_nobody_is_too_near(tmp_path: Path) -> None:
+    """They stand 1 m apart, and jump 20 m aside each as they leave the ground."""
+
+    def up(east_m: float) -> Way:
+        def way(t_s: Floats) -> Floats:
+            gone_s = np.clip(t_s - 15.0, 0.0, None)
+            away_m = np.where(gone_s > 0, 20.0 * np.sign(east_m - 0.5), 0.0)
+            return np.column_stack((0 * t_s, east_m + away_m, -10.0 * gone_s - 10.0 * (gone_s > 0)))
+
+        return way
+
+    world = judged(*(write_ours(tmp_path / f"{e}.mcap", up(float(e))) for e in (0, 1)))
+    assert world.rows[0]["separation_min_m"] == pytest.approx(41.0, abs=0.1)
+
+
+PAST = straight(20.0, (0.0, 0.0, -50.0), (0.0, 5.0, 0.0))
+
+
+@pytest.mark.parametrize(
+    ("kinds", "way", "later_s", "options", "said"),
+    [
+        (
+            (".ulg", ".bin"), straight(20.0, (9000.0, 0.0, -50.0), (0.0, 5.0, 0.0)), 0.0, (),
+            "b.bin: 9.0 km from a.ulg: flights of other places; leave --together out to see them "
+            "side by side",
+        ),
+        (
+            (".ulg", ".tlog"), PAST, 900.0, (),
+            "a.ulg: in the air when none of the others is; leave --together out to see them side "
+            "by side, or --offset a.ulg=SECONDS says what to add to its times",
+        ),
+        (
+            (".mcap", ".bin"), PAST, 0.0, (),
+            "b.bin: its clock cannot be aligned with that of a.mcap: not both tell UTC or GPS "
+            "time; --offset b.bin=SECONDS says what to add to its times",
+        ),
+        ((".ulg", ".bin"), PAST, 0.0, ("--offset", "c.bin=1"), "--offset c.bin: no such log "
+         "(there are: a.ulg, b.bin)"),
+        ((".ulg", ".bin"), PAST, 0.0, ("--offset", "b.bin=nan"), "--offset b.bin=nan: must be a "
+         "number of seconds"),
+        ((".ulg", ".bin"), PAST, 0.0, ("--offset", "b.bin"), "--offset b.bin: must be LOG=SECONDS, "
+         "as b.ulg=12.5"),
+    ],
+)  # fmt: skip
+def test_what_cannot_be_judged_together_is_refused_in_a_line(
+    kinds: tuple[str, str],
+    way: Way,
+    later_s: float,
+    options: tuple[str, ...],
+    said: str,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    first = write(tmp_path / f"a{kinds[0]}", PAST)
+    moved: Way = lambda t_s: way(t_s - later_s)  # noqa: E731
+    flight = replace(made(path=moved, until_s=UNTIL_S), utc_s=UTC_S + later_s)
+    other = WRITERS[kinds[1]](tmp_path / f"b{kinds[1]}", flight)
+    assert call(["compare", str(first), str(other), "--together", *options]) == 2
+    assert capsys.readouterr().err == f"aerofed: {said}\n"
+
+
+def test_clocks_are_aligned_and_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """By UTC of the receiver, of the ground station, or as is told; three logs of three kinds."""
+    paths = [
+        write(tmp_path / f"{n}{kind}", straight(20.0, (4.0 * n, 0.0, -50.0), (0.0, 5.0, 0.0)),
+              later_s=2.5 * n)
+        for n, kind in enumerate((".ulg", ".bin", ".tlog"))
+    ]  # fmt: skip
+    names = list(map(str, paths))
+    assert call(["compare", *names, "--together", "--limit", "separation_min_m=3.9"]) == 0
+    told = capsys.readouterr().out
+    assert "1.bin: +2.500 s on the clock of 0.ulg, by UTC" in told
+    assert "2.tlog: +5.000 s on the clock of 0.ulg, by UTC" in told
+    # With another clock the middle one is 5 m/s * 10 s behind the others.
+    found = aerofed.compare(*paths, offsets={"1.bin": 12.5}).pairs
+    assert found["separation_min_m"].tolist() == pytest.approx(
+        [math.hypot(4.0, 50.0), 8.0, math.hypot(4.0, 50.0)], abs=0.1
+    )
+
+
+def test_flights_of_different_times_stay_side_by_side(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for n, from_s in enumerate((0.0, 1000.0), start=1):
+        write_ours(tmp_path / f"vehicle-{n}" / "flight-0001.mcap", PAST, from_s=from_s)
+    assert call(["compare", str(tmp_path)]) == 0
+    told = capsys.readouterr().out
+    assert "Runs side by side" in told
+    assert "Who came" not in told
+    assert call(["compare", str(tmp_path), "--limit", "separation_min_m=1"]) == 6
