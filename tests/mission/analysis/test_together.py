@@ -70,7 +70,7 @@ def write_ours(
     t_s = from_s + np.arange(0.0, UNTIL_S, 0.1)
     battery = BatteryState(22.2, 10.0, 100.0, 0.9)
     level = np.array([1.0, 0.0, 0.0, 0.0])
-    area = Area((800.0, 800.0), (400.0, 300.0), home)
+    area = Area.at((800.0, 800.0), (400.0, 300.0), home)
     with FlightLog(path, area=area, devices=NOBODY, start_ns=round(from_s * 1e9)) as log:
         for at_s, ned in zip(t_s.tolist(), way(t_s), strict=True):
             t_ns, here = round(at_s * 1e9), ned - np.array([0.0, east_m, 0.0])
