@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING
 
 from fl.plugin_code import label_of
 from mission.base.errors import InputError
-from mission.base.interrupted_files import InterruptedFiles
 from mission.base.run_folder import RunFolder, RunSummary
 from mission.base.user_files import read_json
 from mission.log import DamagedLogError, ForeignLogError
@@ -162,7 +161,7 @@ def _load(path: Path) -> LoadedRun:
         raise InputError(f"{path}: {wrong}")
     folder = RunFolder(path)
     # A resumed run keeps its longer log until it has caught up with it.
-    kept = InterruptedFiles(folder).path / folder.log.name
+    kept = folder.kept / folder.log.name
     log = kept if kept.is_file() else folder.log
     if not log.is_file():
         first, others = _flights_in(path)[0], ", nor another flight log"

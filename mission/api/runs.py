@@ -49,7 +49,6 @@ class Run:
             InputError: a log by itself; `table("learning")` has what a log knows, by community.
         """
         from mission.api.frames import frame
-        from mission.base.interrupted_files import InterruptedFiles
         from mission.base.run_folder import RunFolder
         from mission.log.records import DeviceRecord, flat
         from mission.log.tables import read_table
@@ -61,7 +60,7 @@ class Run:
             )
         here = RunFolder(self.path)
         # A resumed run keeps its longer tables until it has caught up with them.
-        kept = InterruptedFiles(here).path / here.learning.name
+        kept = here.kept / here.learning.name
         records = read_table(kept if kept.is_file() else here.learning, DeviceRecord)
         ended = {0, *self.rounds["round"]}
         return frame(DeviceRecord, [flat(item) for item in records if item.round in ended])

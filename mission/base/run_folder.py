@@ -1,23 +1,23 @@
-"""A run's folder: refused when it is used or cannot be written, and its summary, always whole."""
+"""A run's folder: refused when it is used or cannot be written; one process at a time in it; its
+summary, always whole; and the files of a run that is resumed, kept until the new ones hold as much.
+"""
 
+import fcntl
 import hashlib
 import json
 import os
 import platform
 import shutil
 import sys
-import tempfile
 from collections.abc import Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import dataclass
-from fnmatch import fnmatch
 from itertools import count
 from pathlib import Path
-from typing import Self, TypedDict
+from typing import TypedDict
 
 from mission.base.errors import InputError
-from mission.base.folder_lock import alone_in, without_traces
-from mission.base.user_files import DATA_BYTES, read_bytes, read_json
+from mission.base.user_files import DATA_BYTES, or_input_error, read_bytes, read_json
 
 # The libraries that a run's results depend on.
 LIBRARIES = (
@@ -27,7 +27,7 @@ LIBRARIES = (
 
 
 RUNS = Path("runs")  # of folders that nobody named
-_LOCK = ".lock"
+_LOCK, _GONE = ".lock", ".interrupted-gone"
 
 
 class _Inside:
@@ -58,71 +58,48 @@ class RunFolder:
     figures = _Inside("figures")
     report = _Inside("report.html")
 
-    @classmethod
     @contextmanager
-    def taken(cls, path: Path) -> Iterator[Self]:
-        """Context manager: `create` the folder, and keep others out of it while the block runs.
+    def taken(self) -> Iterator[None]:
+        """Context manager: make the folder, or take one that is empty or `stillborn`, and keep
+        others out of it while the block runs.
 
         Where the block fails and left nothing in it, the lock goes, and a folder that is new.
 
         Raises:
-            InputError: see `create` and `lock`.
+            InputError: see `check` and `lock`.
         """
-        with without_traces(path):
-            folder = cls.create(path)
-            with folder.lock(chosen=True):
-                cls.check(path)  # before we were alone, another run may have ended in it
-                try:
-                    yield folder
-                except BaseException:
-                    with suppress(OSError):
-                        only_lock = {folder.checkpoint, folder.checkpoint / _LOCK}
-                        if set(path.rglob("*")) == only_lock:
-                            shutil.rmtree(folder.checkpoint)
-                    raise
+        self.check()
+        with without_traces(self.path), self.lock(chosen=True):
+            self.check()  # before we were alone, another run may have ended in it
+            try:
+                yield
+            except BaseException:
+                if set(self.path.rglob("*")) == {self.checkpoint, self.checkpoint / _LOCK}:
+                    shutil.rmtree(self.checkpoint, ignore_errors=True)
+                raise
 
-    @classmethod
-    def create(cls, path: Path) -> Self:
-        """Make the folder, or take one that is empty or `stillborn`.
-
-        Raises:
-            InputError: it holds something else, is a file, or cannot be written.
-        """
-        cls.check(path)
-        try:
-            path.mkdir(parents=True, exist_ok=True)
-            with tempfile.TemporaryFile(dir=path):
-                pass
-        except (FileExistsError, NotADirectoryError):
-            raise InputError(f"{path}: the output folder is not a folder") from None
-        except OSError as error:
-            raise _unwritable(path, error) from None
-        return cls(path)
-
-    @staticmethod
-    def check(path: Path) -> None:
-        """Refuse a folder that is used or no folder, as `create` does, without making anything.
+    def check(self) -> None:
+        """Refuse a folder that is used or no folder, without making anything.
 
         Raises:
             InputError: it is neither empty nor `stillborn`, is a file, or cannot be read.
         """
-        folder = RunFolder(path)
+        path = self.path
         try:
             str(path).encode()
-            if path.exists() and any(path.iterdir()) and not folder.stillborn:
-                summary = folder.read_summary()
-                goes_on = folder.resumable and summary.get("resumable", True)
+            if path.exists() and any(path.iterdir()) and not self.stillborn:
+                summary = self.read_summary()
+                goes_on = self.resumable and summary.get("resumable", True)
                 goes_on = goes_on and summary.get("status") != "finished"
                 hint = f", or go on with it: aerofed run --resume {path}" if goes_on else ""
                 raise InputError(
                     f"{path}: the output folder is already used; give a new or empty one{hint}"
                 )
-        except NotADirectoryError:
-            raise InputError(f"{path}: the output folder is not a folder") from None
         except UnicodeEncodeError:
             raise InputError(f"{path}: the output folder's name is not UTF-8") from None
         except OSError as error:
-            raise InputError(f"{path}: cannot read the output folder: {error.strerror}") from None
+            reason = f"the output folder cannot be read: {error.strerror}"
+            raise InputError(f"{path}: {reason}; name another folder") from None
 
     def lock(self, *, chosen: bool = False) -> AbstractContextManager[None]:
         """Context manager: keep other processes from flying into this folder; see `alone_in`."""
@@ -139,16 +116,9 @@ class RunFolder:
 
         The lock comes first, so that nobody's own `config.toml` is taken for a run's.
         """
-        lock = self.checkpoint / _LOCK
-        if self.resumable or not lock.is_file():
-            return False
-        left = {p.name for p in self.path.iterdir()} | {p.name for p in self.checkpoint.iterdir()}
-        return all(
-            name in (self.config.name, self.checkpoint.name, _LOCK)
-            or name.endswith(".partial")
-            or fnmatch(name, "learning-*.bin")
-            for name in left
-        )
+        ours = {self.config.name, self.checkpoint.name}
+        left = {p.name for p in self.path.iterdir() if not p.name.endswith(".partial")}
+        return (self.checkpoint / _LOCK).is_file() and not self.resumable and left <= ours
 
     def status(self) -> str | None:
         """Return the status in the summary, such as "finished"; None without a readable one."""
@@ -189,6 +159,85 @@ class RunFolder:
     def write_summary(self, values: Mapping[str, object]) -> None:
         """Replace `summary.json` as a whole: a reader sees the old one or the new one."""
         write_atomically(self.summary, json.dumps(values, indent=2) + "\n")
+
+    @property
+    def kept(self) -> Path:
+        """Where log and tables of a run are while a resumption, which flies its finished rounds
+        again and writes its files from the beginning, has not caught up with them."""
+        return self.checkpoint / "interrupted"
+
+    def set_aside(self) -> None:
+        """Move log and tables to `kept`; those of an earlier, longer flight that are there stay.
+
+        Killed in between, what was not moved yet is moved the next time: nothing is written
+        before all of them are away.
+
+        Raises:
+            InputError: they cannot be moved.
+        """
+        with or_input_error(self.kept, "cannot keep the old files"):
+            shutil.rmtree(self.checkpoint / _GONE, ignore_errors=True)
+            self.kept.mkdir(parents=True, exist_ok=True)
+            for file in (self.log, self.rounds, self.uplinks, self.learning):
+                if file.exists() and not (self.kept / file.name).exists():
+                    file.replace(self.kept / file.name)
+
+    def discard_kept(self) -> None:
+        """Remove the old files, all at once; for when the new ones hold as much. Twice is fine."""
+        if self.kept.exists():
+            # Removed one by one under their name, a kill would leave some of them.
+            self.kept.replace(self.checkpoint / _GONE)
+            shutil.rmtree(self.checkpoint / _GONE, ignore_errors=True)
+
+
+@contextmanager
+def without_traces(folder: Path) -> Iterator[None]:
+    """Context manager: if the block fails, remove those of a folder and its parents that are new
+    and empty.
+    """
+    new = [one for one in (folder, *folder.parents) if not os.access(one, os.F_OK)]
+    try:
+        yield
+    except BaseException:
+        for one in new:
+            with suppress(OSError):  # not empty, as mostly, or never made
+                one.rmdir()
+        raise
+
+
+@contextmanager
+def alone_in(folder: Path, lock: Path, *, who: str, chosen: bool = False) -> Iterator[None]:
+    """Context manager: keep every other `who` out of a folder, by a lock on the file `lock`.
+
+    The lock's folder is made where it is missing, and removed again where the lock is refused. The
+    lock ends with the process; its holder may remove the folder. `who` names the kind of process
+    in messages. `chosen`: the message suggests another folder.
+
+    Raises:
+        InputError: another one is at work there, or the file cannot be written or locked.
+    """
+    with without_traces(lock.parent):
+        with or_input_error(folder, "cannot write"):
+            new = not lock.exists()
+            lock.parent.mkdir(parents=True, exist_ok=True)
+            file = lock.open("a")
+        with file:
+            try:
+                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                # A file that was removed keeps nobody out who makes a new one.
+                if not os.path.samestat(os.fstat(file.fileno()), lock.stat()):
+                    raise BlockingIOError
+            except (BlockingIOError, FileNotFoundError):
+                another = ", or name another" if chosen else ""
+                raise InputError(
+                    f"{folder}: another {who} is at work in this folder; "
+                    f"wait until it has ended{another}"
+                ) from None
+            except OSError as error:  # a file system without locks
+                if new:
+                    lock.unlink(missing_ok=True)
+                raise InputError(f"{folder}: cannot lock {lock.name}: {error.strerror}") from None
+            yield
 
 
 _STREAMS = {"/dev/stdout": 1, "/dev/stderr": 2}
@@ -234,45 +283,25 @@ def output_folder(given: Path | None, name: str) -> Iterator[Path]:
     Raises:
         InputError: it cannot be made.
     """
-    if given is not None:
-        yield given
-        return
-    there = RUNS.exists()
     for number in count(1):
-        path = RUNS / (name if number == 1 else f"{name}-{number}")
-        try:
-            RUNS.mkdir(exist_ok=True)
-            path.mkdir()
-            made = os.open(path, os.O_RDONLY)  # while it is open, no other gets its number
-        except FileExistsError:
-            if not RUNS.is_dir():  # a file, or a link to what is not there
+        path = given or RUNS / (name if number == 1 else f"{name}-{number}")
+        with without_traces(path):
+            try:
+                if given is None:
+                    RUNS.mkdir(exist_ok=True)
+                    path.mkdir()
+            except FileExistsError:
+                if not RUNS.is_dir():  # a file, or a link to what is not there
+                    raise InputError(
+                        f"{RUNS}: not a folder, and so none for {path.name}; name another folder"
+                    ) from None
+                continue
+            except OSError as error:
                 raise InputError(
-                    f"{RUNS}: not a folder, and so none for {path.name}; name another folder"
+                    f"{path}: cannot write the output folder: {error.strerror}; name another folder"
                 ) from None
-            continue
-        except OSError as error:
-            with suppress(OSError):
-                path.rmdir()  # it cannot be opened
-            raise _unwritable(path, error) from None
-        break
-    try:
-        yield path
-    except BaseException:
-        with suppress(OSError):
-            if os.path.samestat(os.fstat(made), path.stat()):
-                path.rmdir()
-        raise
-    finally:
-        os.close(made)
-        if not there:
-            with suppress(OSError):  # not empty, as mostly
-                RUNS.rmdir()
-
-
-def _unwritable(path: Path, error: OSError) -> InputError:
-    return InputError(
-        f"{path}: cannot write the output folder: {error.strerror}; name another folder"
-    )
+            yield path
+            return
 
 
 class RunSummary(TypedDict, total=False):

@@ -2,8 +2,9 @@
 
 from pathlib import Path
 
+from mission.base.run_folder import output_folder
 from mission.commands.options import LIVE_PORT, Flag, Json, Limits, Overrides, console, load
-from mission.commands.run import bounds_of, judge, summary_of, write_page
+from mission.commands.run import bounds_of, judged, write_page
 from mission.config import OF_FLIGHT
 
 
@@ -71,14 +72,13 @@ def fly(
     resolved = load(config, set_, external, counts=OF_FLIGHT)
     bounds = bounds_of(resolved.limits, limit)
     # Only now, so that wrong input is answered at once.
-    from mission.base.run_folder import RunFolder, output_folder
     from mission.run.plan_flight import fly_plan
     from mission.run.recorded import Around
 
     page = None if no_report else write_page
     around = Around(watching, figures=not no_figures, page=page)
     with output_folder(out, plan.stem) as folder:
-        RunFolder.check(folder)
-        with summary_of(folder, as_json=as_json) as more:
-            code = fly_plan(resolved, plan, folder, around)
-            return code or judge(folder, bounds, junit, more, quiet=watching.out.quiet)
+        return judged(
+            lambda: fly_plan(resolved, plan, folder, around), folder, bounds, junit,
+            as_json=as_json, quiet=watching.out.quiet,
+        )  # fmt: skip

@@ -1,14 +1,13 @@
 """`aerofed run`."""
 
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated
 
 from cyclopts import Parameter
 
-from mission.base.console import RunConsole
 from mission.base.errors import InputError
+from mission.base.run_folder import RunFolder, output_folder
 from mission.base.stopwatch import Stopwatch
 from mission.base.user_files import read_json
 from mission.commands.options import (
@@ -100,7 +99,20 @@ def run(
                 "--resume takes no other setting: the folder has them all but --rounds, --limit "
                 "and --junit"
             )
-        return _resume(resume, rounds, limit, junit, watching, stopwatch, as_json=as_json)
+        from mission.run.resume import read_checkpoint
+
+        if rounds is not None or RunFolder(resume).status() != "finished":
+            read_checkpoint(resume)  # refuses what cannot be resumed, before the rest is imported
+        with stopwatch("setup"), watching.waiting("loading"):
+            from mission.analysis.limits import given_limits, limits_in
+            from mission.run.recorded import Around
+            from mission.run.session import resume_session
+        bounds = given_limits(limit, limits_in(RunFolder(resume).config))
+        around = Around(watching, stopwatch, page=write_page)
+        return judged(
+            lambda: resume_session(resume, around, rounds=rounds), resume, bounds, junit,
+            as_json=as_json, quiet=watching.out.quiet,
+        )  # fmt: skip
     options = {
         "seed": seed,
         "mission.rounds": rounds,
@@ -115,12 +127,11 @@ def run(
         check_flown(resolved.mission.strategy)
     if data_dir is not None and not data_dir.is_dir():
         raise InputError(f"--data-dir {data_dir}: no such folder")
-    from mission.base.run_folder import RunFolder, output_folder
-    from mission.config.preflight import load_data
-
     with output_folder(out, resolved.run_name) as folder:
-        RunFolder.check(folder)
+        RunFolder(folder).check()
         with stopwatch("setup"), watching.waiting("loading"):
+            from mission.config.preflight import load_data
+
             load_data(resolved, data_dir)
             if not no_report:
                 from mission.figures.render import begin_libraries
@@ -130,35 +141,10 @@ def run(
             from mission.run.recorded import Around
             from mission.run.session import fly_session
         around = Around(watching, stopwatch, page=None if no_report else write_page)
-        with summary_of(folder, as_json=as_json) as more:
-            code = fly_session(resolved, folder, around, data_dir=data_dir)
-            return code or judge(folder, bounds, junit, more, quiet=watching.out.quiet)
-
-
-def _resume(
-    path: Path,
-    rounds: int | None,
-    limit: Sequence[str],
-    junit: Path | None,
-    watching: RunConsole,
-    stopwatch: Stopwatch,
-    *,
-    as_json: bool,
-) -> int:
-    from mission.base.run_folder import RunFolder
-    from mission.run.resume import read_checkpoint
-
-    if rounds is not None or RunFolder(path).status() != "finished":
-        read_checkpoint(path)  # refuses what cannot be resumed, before anything heavy is imported
-    with stopwatch("setup"), watching.waiting("loading"):
-        from mission.analysis.limits import limits_in
-        from mission.run.recorded import Around
-        from mission.run.session import resume_session
-    bounds = bounds_of(limits_in(RunFolder(path).config), limit)
-    with summary_of(path, as_json=as_json) as more:
-        around = Around(watching, stopwatch, page=write_page)
-        code = resume_session(path, around, rounds=rounds)
-        return code or judge(path, bounds, junit, more, quiet=watching.out.quiet)
+        return judged(
+            lambda: fly_session(resolved, folder, around, data_dir=data_dir), folder, bounds, junit,
+            as_json=as_json, quiet=watching.out.quiet,
+        )  # fmt: skip
 
 
 def bounds_of(table: Mapping[str, object] | None, options: Sequence[str]) -> dict[str, float]:
@@ -174,29 +160,37 @@ def bounds_of(table: Mapping[str, object] | None, options: Sequence[str]) -> dic
     return given_limits(options, table)
 
 
-def judge(
+def judged(
+    fly: Callable[[], int],
     folder: Path,
     bounds: Mapping[str, float],
     junit: Path | None,
-    more: dict[str, object],
     *,
+    as_json: bool,
     quiet: bool,
 ) -> int:
-    """Judge a flight that has ended, if it has limits or `junit` is wanted: fills `more` for the
-    summary, prints, and returns the exit code."""
-    if not (bounds or junit):
-        return 0
-    from mission.analysis.compare import compare_run
-    from mission.analysis.limits import verdicts
-    from mission.analysis.load import load_run
-    from mission.commands.compare import in_json, tell_verdict
+    """Fly, and judge what was flown if it has limits or `junit` is wanted; return the exit code.
 
-    loaded = load_run(folder)
-    # Without limits the file says that a flight was, and may say that none was.
-    found = [compare_run(loaded)] if bounds or loaded.data.plans else []
-    its = [verdicts(one, bounds) for one in found]
-    more.update(in_json([item for each in its for item in each]))
-    return tell_verdict(found, its, junit, quiet=quiet)
+    However that ends, the summary is printed if `as_json`."""
+    more: dict[str, object] = {}
+    try:
+        if (code := fly()) or not (bounds or junit):
+            return code
+        from mission.analysis.compare import compare_run
+        from mission.analysis.limits import verdicts
+        from mission.analysis.load import load_run
+        from mission.commands.compare import in_json, tell_verdict
+
+        loaded = load_run(folder)
+        # Without limits the file says that a flight was, and may say that none was.
+        found = [compare_run(loaded)] if bounds or loaded.data.plans else []
+        its = [verdicts(one, bounds) for one in found]
+        more = in_json([item for each in its for item in each])
+        return tell_verdict(found, its, junit, quiet=quiet)
+    finally:
+        summary = RunFolder(folder).summary
+        if as_json and summary.is_file():
+            print_json({"folder": folder, **read_json(summary), **more})
 
 
 def write_page(folder: Path) -> None:
@@ -204,18 +198,3 @@ def write_page(folder: Path) -> None:
     from mission.report.page import write_report
 
     write_report(folder)
-
-
-@contextmanager
-def summary_of(folder: Path, *, as_json: bool) -> Iterator[dict[str, object]]:
-    """Context manager: after the block, however it ends, print the run's summary if `as_json`, with
-    what was put into the dictionary that it yields."""
-    from mission.base.run_folder import RunFolder
-
-    more: dict[str, object] = {}
-    try:
-        yield more
-    finally:
-        summary = RunFolder(folder).summary
-        if as_json and summary.is_file():
-            print_json({"folder": folder, **read_json(summary), **more})

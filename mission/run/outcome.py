@@ -14,6 +14,7 @@ from mission.base.errors import (
     CallbackError,
     FlightError,
     InputError,
+    LinkLostError,
     PlanError,
     TrainingError,
     UsersCodeError,
@@ -36,18 +37,12 @@ class Outcome:
     @contextmanager
     def flight(self) -> Iterator[None]:
         """Context manager for the flight: keeps its end, that is success, error or Ctrl-C."""
-        try:
+        with self.aside():
             yield
             self.status = "finished"
-        except KeyboardInterrupt:
-            self.status = "interrupted"
-        except AerofedError as failure:
-            self.error = failure
-        except MemoryError:
-            self.error = AerofedError("out of memory")
 
     @contextmanager
-    def aside(self, what: str) -> Iterator[None]:
+    def aside(self, what: str = "") -> Iterator[None]:
         """Context manager for what surrounds a flight (`what`): keeps a first error or Ctrl-C."""
         try:
             yield
@@ -55,24 +50,17 @@ class Outcome:
             if self.error is None:
                 self.status = "interrupted"
         except AerofedError as failure:
-            self._consequence(failure)
+            self._failed(failure)
         except MemoryError:
-            self._consequence(AerofedError(f"{what}: out of memory"))
-        except Exception:  # a bug: the run is over all the same
-            self.status = "failed"
-            raise
+            self._failed(AerofedError(f"{what and f'{what}: '}out of memory"))
+        except Exception as failure:
+            # What a library says that finds no memory for what it loads; else a bug.
+            if not (what and isinstance(failure, ImportError | OSError)):
+                self.status = "failed"
+                raise
+            self._failed(AerofedError(f"{what}: {first_line(failure)}"))
 
-    @contextmanager
-    def post_processing(self) -> Iterator[None]:
-        """Context manager for figures and tables: `aside`, also for errors of libraries."""
-        with self.aside("figures"):
-            try:
-                yield
-            # What a library says that finds no memory for what it loads.
-            except (ImportError, OSError) as failure:
-                raise AerofedError(f"figures: {first_line(failure)}") from failure
-
-    def _consequence(self, failure: AerofedError) -> None:
+    def _failed(self, failure: AerofedError) -> None:
         if self.error is None:  # otherwise of what went wrong before
             self.status, self.error = "failed", failure
 
@@ -99,7 +87,8 @@ class Outcome:
         # A full disk, or a callback, can be mended; the same plan, flight, training or code fails
         # again, and with other code the run would be another.
         again = PlanError | FlightError | TrainingError | UsersCodeError
-        if isinstance(self.error, CallbackError) or not isinstance(self.error, again):
+        mended = isinstance(self.error, CallbackError | LinkLostError)
+        if mended or not isinstance(self.error, again):
             left += goes_on
         raise self.error.in_words(f"{told(self.error, most=20_000)}{left}") from cause
 

@@ -89,7 +89,8 @@ def fly_plan(config: RunConfig, source: Path, path: Path, around: Around) -> int
             if config.link.kind == "external":
                 _refuse_heights_above_sea(plan)
             backend.check()
-            folder = opened.enter_context(RunFolder.taken(path))
+            folder = RunFolder(path)
+            opened.enter_context(folder.taken())
             limits = backend.await_vehicle(say=console.say)
             live = opened.enter_context(live_views(console))
             if limits is not None:

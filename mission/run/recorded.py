@@ -9,7 +9,6 @@ from typing import Protocol
 
 from mission.base.console import RunConsole
 from mission.base.errors import INTERRUPTED, InputError
-from mission.base.interrupted_files import InterruptedFiles
 from mission.base.interrupts import ending_flights, run_flight
 from mission.base.record_file import RecordFile
 from mission.base.stopwatch import Stopwatch
@@ -84,13 +83,13 @@ def fly_recorded(
             if outcome.status != "finished":
                 summary.ended(outcome, totals, stopwatch)
     if outcome.status == "finished":
-        InterruptedFiles(folder).discard()
+        folder.discard_kept()
         (folder.path / TRACEBACK).unlink(missing_ok=True)  # of an attempt before
     try:
         if flight is not None:
             if outcome.status == "interrupted" and around.figures and totals.rounds_done:
                 console.say("interrupted: drawing figures; Ctrl-C again leaves them out")
-            with outcome.post_processing(), stopwatch("figures"), console.waiting(_DRAWING):
+            with outcome.aside("figures"), stopwatch("figures"), console.waiting(_DRAWING):
                 # Interrupted before its first round was over it has nothing to show.
                 if around.figures and (outcome.status != "interrupted" or totals.rounds_done):
                     from mission.figures.run import draw_run
@@ -106,7 +105,7 @@ def fly_recorded(
     if page is not None and outcome.status == "finished":
         # It says that the flight is finished, and so comes after the summary that does: that stays
         # true where the page alone fails.
-        with outcome.post_processing(), console.waiting("writing the report"):
+        with outcome.aside("figures"), console.waiting("writing the report"):
             goes_on = f"; aerofed report {folder.path} makes the page"  # all is flown
             try:
                 page(folder.path)

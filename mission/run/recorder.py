@@ -7,7 +7,6 @@ from dataclasses import dataclass, field
 from fl.federation.rounds import RoundLearning
 from fl.federation.state import FederationState
 from mission.base.console import RunConsole
-from mission.base.interrupted_files import InterruptedFiles
 from mission.base.run_folder import RunFolder, library_versions
 from mission.base.stopwatch import Stopwatch
 from mission.flight.flyers.base import Backend
@@ -102,7 +101,7 @@ class FolderRecorder:
         self.rounds.extend([record])
         if not report.again:
             # Log and tables hold all that the old ones held.
-            InterruptedFiles(self.run.folder).discard()
+            self.run.folder.discard_kept()
             self.run.checkpoint.save(self.run.scenario.federation, state, memory)
         self.progress.round_done(record, real_time_factor=self._speed(record))
         self.run.callbacks.round_finished(report)

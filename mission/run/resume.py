@@ -56,15 +56,6 @@ def header(
     }
 
 
-def begun_with_page(folder: RunFolder) -> bool:
-    """Whether a folder's run was started with a report page; False without a checkpoint."""
-    file = folder.checkpoint / ROUNDS
-    if not file.exists():
-        return False
-    values = parse_json(read_text(file, most=DATA_BYTES), file)
-    return isinstance(values, dict) and bool(values.get("report"))
-
-
 def read_checkpoint(path: Path) -> dict[str, Any]:
     """The values of the checkpoint in the run's folder `path`.
 

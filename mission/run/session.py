@@ -1,10 +1,11 @@
 """One `aerofed run`, started or resumed, from set-up to a complete folder."""
 
 from collections.abc import Iterable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -12,7 +13,6 @@ from fl.federation import rounds as learning
 from fl.plugin_code import passed
 from fl.radio.city import STREET_M
 from mission.base.errors import InputError
-from mission.base.interrupted_files import InterruptedFiles
 from mission.base.run_folder import RunFolder, write_atomically
 from mission.config.loading import load_config
 from mission.config.models import RunConfig
@@ -20,16 +20,14 @@ from mission.config.preflight import code_digests
 from mission.flight.flyers.choice import set_up
 from mission.log.live import live_views
 from mission.run.callbacks import CallbackContext, make_callbacks
-from mission.run.checkpoint import CheckpointFolder
+from mission.run.checkpoint import CheckpointFolder, RoundMemory
 from mission.run.experiment import Experiment, IdealExperiment
 from mission.run.flown_experiment import FlownExperiment
 from mission.run.outcome import Summary
 from mission.run.recorded import Around, fly_recorded
 from mission.run.recorder import Ready, recording
-from mission.run.resume import begun_with_page, read_checkpoint, refuse_others
+from mission.run.resume import read_checkpoint, refuse_others
 from mission.scenario.scenario import Scenario
-
-_SETTING_UP = "setting up"
 
 
 def fly_session(
@@ -47,25 +45,8 @@ def fly_session(
     Raises:
         AerofedError: see the error's exit code; the summary says "failed" then.
     """
-    console = around.console
-    with ExitStack() as opened:
-        with around.stopwatch("setup"), console.waiting(_SETTING_UP):
-            scenario, backend = set_up(config, data_dir=data_dir)
-            config = scenario.config  # which knows its map now
-            backend.check()
-            folder = opened.enter_context(RunFolder.taken(path))
-            backend.await_vehicle(say=console.say)
-            live = opened.enter_context(live_views(console))
-            state = learning.init(scenario.federation)
-            callbacks = make_callbacks(CallbackContext(folder.path, config))
-            opened.enter_context(callbacks)
-            checkpoint = CheckpointFolder(
-                folder.checkpoint, config=config, data_dir=data_dir, report=bool(around.page)
-            )
-            write_atomically(folder.config, config.to_toml())
-            checkpoint.save(scenario.federation, state, None)
-        ready = Ready(scenario, backend, folder, checkpoint, state, callbacks, live=live)
-        return _fly(ready, around)
+    folder = RunFolder(path)
+    return _session(config, folder, folder.taken(), around, data_dir=data_dir)
 
 
 def resume_session(path: Path, around: Around, *, rounds: int | None = None) -> int:
@@ -74,65 +55,79 @@ def resume_session(path: Path, around: Around, *, rounds: int | None = None) -> 
     The rounds before are flown again by their plans, so that the folder ends like that of a run
     that was never interrupted; until that has caught up, the old log and tables are kept in the
     checkpoint's folder. With `rounds` it has so many, as if it had been begun with them, also where
-    it was finished. A page is made if the run was started with one, also where it alone is
-    missing. Returns the exit code.
+    it was finished. A page is made if the run was started with one. Returns the exit code.
 
     Raises:
         InputError: not a run, damaged, of a vehicle that cannot fly its rounds again, or
             started with another configuration, version or data; or it has `rounds` already.
         AerofedError: as `fly_session`.
     """
-    console, page, folder = around.console, around.page, RunFolder(path)
-    if rounds and folder.status() == "finished" and rounds == len(read_checkpoint(path)["rounds"]):
-        rounds = None
-    longer = {} if rounds is None else {"mission.rounds": rounds}
-    with ExitStack() as opened:
-        if longer or not _is_whole(folder, page):
-            refuse_others(folder)  # before the lock leaves its file there
-            opened.enter_context(folder.lock())
-        if not longer and _is_whole(folder, page):  # now: another one may have been at it
+    console, folder = around.console, RunFolder(path)
+    if rounds is not None or folder.status() != "finished":
+        refuse_others(folder)  # before the lock leaves its file there
+        locked = folder.lock()
+    else:
+        locked = nullcontext()
+    with locked:
+        finished = folder.status() == "finished"  # now: another one may have been at it
+        values = {} if finished and rounds is None else read_checkpoint(path)
+        done = len(values.get("rounds", ()))
+        if finished and rounds in (None, done):
             console.say(f"{path} is finished: nothing to resume; --rounds N gives it more rounds")
             return 0
-        if not longer and page is not None and folder.status() == "finished":
-            with console.waiting("writing the report"):
-                page(path)
-            console.say(f"{path} is finished: made its {folder.report.name}, which was missing")
-            return 0
-        values = read_checkpoint(path)
-        if rounds is not None and rounds < (done := len(values["rounds"])):
+        if rounds is not None and rounds < done:
             raise InputError(f"--rounds {rounds}: {path} has {done} rounds already; give more")
+        longer = {} if rounds is None else {"mission.rounds": rounds}
+        config = load_config(folder.config, longer, options={"mission.rounds": "--rounds"})
+        around = around if values["report"] else replace(around, page=None)
         data_dir = Path(values["data_dir"]) if values["data_dir"] else None
-        if not values["report"]:
-            around = replace(around, page=None)
-        with around.stopwatch("setup"), console.waiting(_SETTING_UP):
-            config = load_config(folder.config, longer, options={"mission.rounds": "--rounds"})
-            checkpoint = CheckpointFolder(
-                folder.checkpoint, config=config, data_dir=data_dir, report=bool(values["report"])
-            )
+        return _session(config, folder, nullcontext(), around, data_dir=data_dir, values=values)
+
+
+def _session(
+    config: RunConfig,
+    folder: RunFolder,
+    taking: AbstractContextManager[None],
+    around: Around,
+    *,
+    data_dir: Path | None,
+    values: dict[str, Any] | None = None,
+) -> int:
+    """Set a run up and fly it, in a folder that is taken once nothing more can be refused; go on
+    from the `values` of a checkpoint."""
+    console = around.console
+    report = bool(values["report"] if values else around.page)
+    with ExitStack() as opened:
+        with around.stopwatch("setup"), console.waiting("setting up"):
             scenario, backend = set_up(config, data_dir=data_dir)
-            if backend.no_resume:
+            config = scenario.config  # which knows its map now
+            if values and backend.no_resume:
                 raise InputError(
-                    f"{path}: {backend.no_resume}: its rounds cannot be flown again, so the "
+                    f"{folder.path}: {backend.no_resume}: its rounds cannot be flown again, so the "
                     "run cannot be resumed"
                 )
             backend.check()
-            memory, state = checkpoint.load(scenario.federation, values)
+            opened.enter_context(taking)
+            backend.await_vehicle(say=console.say)
+            checkpoint = CheckpointFolder(
+                folder.checkpoint, config=config, data_dir=data_dir, report=report
+            )
+            memory: tuple[RoundMemory, ...] = ()
+            if values:
+                memory, state = checkpoint.load(scenario.federation, values)
+            else:
+                state = learning.init(scenario.federation)
             live = opened.enter_context(live_views(console))
             callbacks = make_callbacks(CallbackContext(folder.path, config))
             opened.enter_context(callbacks)
-            if longer:  # killed in here, it is one that was interrupted
+            if values:  # killed in here, it is one that was interrupted
                 folder.write_summary({**folder.read_summary(), "status": "interrupted"})
-                write_atomically(folder.config, config.to_toml())
-            InterruptedFiles(folder).set_aside()
+                folder.set_aside()
+            write_atomically(folder.config, config.to_toml())
+            if not values:
+                checkpoint.save(scenario.federation, state, None)
         ready = Ready(scenario, backend, folder, checkpoint, state, callbacks, memory, live)
         return _fly(ready, around)
-
-
-def _is_whole(folder: RunFolder, page: object) -> bool:
-    """Whether a run has ended, and has its page where it was started with one."""
-    if folder.status() != "finished":
-        return False
-    return page is None or folder.report.exists() or not begun_with_page(folder)
 
 
 def _fly(ready: Ready, around: Around) -> int:

@@ -8,8 +8,7 @@ from pathlib import Path
 from typing import Any, TypedDict
 
 from mission.base.errors import InputError
-from mission.base.folder_lock import alone_in
-from mission.base.run_folder import RunFolder, write_atomically
+from mission.base.run_folder import RunFolder, alone_in, write_atomically
 from mission.base.tables import dotted
 from mission.base.user_files import read_json
 from mission.config.preflight import code_digests, own_code

@@ -9,7 +9,6 @@ from drawing import UNDRAWN
 from patience import until
 from test_checkpoint import killed
 
-from mission.base.interrupted_files import InterruptedFiles
 from mission.base.run_folder import RunFolder
 from mission.cli import call
 from mission.log.contents import recover
@@ -29,45 +28,42 @@ def folder(tmp_path: Path) -> RunFolder:
 
 
 def kept(folder: RunFolder) -> dict[str, str]:
-    return {path.name: path.read_text() for path in InterruptedFiles(folder).path.iterdir()}
+    return {path.name: path.read_text() for path in folder.kept.iterdir()}
 
 
 def test_all_are_moved_and_then_gone(folder: RunFolder) -> None:
-    aside = InterruptedFiles(folder)
-    aside.discard()  # nothing there yet
-    aside.set_aside()
+    folder.discard_kept()  # nothing there yet
+    folder.set_aside()
     assert kept(folder) == {name: f"old {name}" for name in NAMES}
     assert not any((folder.path / name).exists() for name in NAMES)
-    aside.discard()
-    aside.discard()
+    folder.discard_kept()
+    folder.discard_kept()
     assert list(folder.checkpoint.iterdir()) == []
 
 
 def test_a_second_kill_keeps_the_older_longer_ones(folder: RunFolder) -> None:
-    InterruptedFiles(folder).set_aside()
+    folder.set_aside()
     for name in NAMES:
         (folder.path / name).write_text("begun anew")
-    InterruptedFiles(folder).set_aside()
+    folder.set_aside()
     assert kept(folder) == {name: f"old {name}" for name in NAMES}
 
 
 @pytest.mark.parametrize("moved", range(len(NAMES) + 1))
 def test_killed_between_two_moves(folder: RunFolder, moved: int) -> None:
-    aside = InterruptedFiles(folder)
-    aside.path.mkdir()
+    folder.kept.mkdir()
     for name in NAMES[:moved]:
-        (folder.path / name).replace(aside.path / name)
-    aside.set_aside()
+        (folder.path / name).replace(folder.kept / name)
+    folder.set_aside()
     assert kept(folder) == {name: f"old {name}" for name in NAMES}
 
 
 def test_killed_while_the_old_ones_are_removed(folder: RunFolder) -> None:
-    aside = InterruptedFiles(folder)
-    aside.set_aside()
-    aside.path.replace(folder.checkpoint / ".interrupted-gone")
+    folder.set_aside()
+    folder.kept.replace(folder.checkpoint / ".interrupted-gone")
     for name in NAMES:
         (folder.path / name).write_text("new")
-    InterruptedFiles(folder).set_aside()
+    folder.set_aside()
     assert kept(folder) == dict.fromkeys(NAMES, "new")
     assert [path.name for path in folder.checkpoint.iterdir()] == ["interrupted"]
 

@@ -14,8 +14,7 @@ from typing import IO
 import pytest
 
 from mission.base.errors import InputError
-from mission.base.folder_lock import alone_in
-from mission.base.run_folder import RunFolder, output_folder, write_atomically
+from mission.base.run_folder import RunFolder, alone_in, output_folder, write_atomically
 
 
 def test_runs_that_begin_together_take_different_folders(
@@ -26,7 +25,7 @@ def test_runs_that_begin_together_take_different_folders(
         taken = [several.enter_context(output_folder(None, "one")) for _ in range(3)]
         assert taken == [Path("runs/one"), Path("runs/one-2"), Path("runs/one-3")]
         for path in taken:
-            (RunFolder.create(path).path / "summary.json").write_text("{}")
+            (path / "summary.json").write_text("{}")
     with output_folder(None, "one") as path:
         assert path == Path("runs/one-4")
     with output_folder(tmp_path / "mine", "one") as path:
@@ -43,24 +42,6 @@ def test_nothing_is_left_of_a_run_that_never_began(
     assert not Path("runs").exists()
 
 
-def test_a_folder_that_another_run_has_taken_by_then_is_left_there(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    Path("runs").mkdir()
-
-    def taken_meanwhile(path: Path) -> None:
-        made = path.stat().st_ctime_ns
-        while path.stat().st_ctime_ns == made:  # the file system's clock may be coarse
-            path.rmdir()
-            path.mkdir()
-        raise InputError("refused")
-
-    with pytest.raises(InputError, match="refused"), output_folder(None, "one") as path:
-        taken_meanwhile(path)
-    assert Path("runs/one").is_dir()
-
-
 @pytest.mark.parametrize("make", [Path.touch, lambda path: path.symlink_to("nowhere")])
 def test_a_folder_that_cannot_be_made_names_the_way_out(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, make: Callable[[Path], None]
@@ -74,7 +55,7 @@ def test_a_folder_that_cannot_be_made_names_the_way_out(
 
 @pytest.mark.parametrize(("chosen", "way_out"), [(True, ", or name another"), (False, "")])
 def test_a_folder_in_use_names_the_way_out(tmp_path: Path, chosen: bool, way_out: str) -> None:
-    folder = RunFolder.create(tmp_path / "one")
+    folder = RunFolder(tmp_path / "one")
     with folder.lock(), pytest.raises(InputError) as refused, folder.lock(chosen=chosen):
         pass
     assert str(refused.value) == (
@@ -102,7 +83,7 @@ def test_a_run_that_cannot_lock_its_folder_leaves_nothing(
     with (
         pytest.raises(InputError, match=r"^\S+: cannot lock .lock: No locks available$"),
         output_folder(given, "one") as path,
-        RunFolder.taken(path),
+        RunFolder(path).taken(),
     ):
         pass
     assert list(tmp_path.rglob("*")) == [tmp_path / "mine"]
@@ -126,7 +107,7 @@ def test_a_refused_run_leaves_what_was_there_and_no_more(
     before = sorted(tmp_path.rglob("*"))
     with (
         pytest.raises(InputError, match="refused"),
-        RunFolder.taken(Path("mine/run")),
+        RunFolder(Path("mine/run")).taken(),
     ):
         raise InputError("refused")
     assert sorted(tmp_path.rglob("*")) == before
@@ -136,7 +117,7 @@ def test_a_lock_whose_folder_was_removed_keeps_nobody_out(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """So whoever gets it is refused: the folder is another one's now."""
-    folder = RunFolder.create(tmp_path / "one")
+    folder = RunFolder(tmp_path / "one")
     flock = fcntl.flock
 
     def late(file: IO[str], how: int) -> None:

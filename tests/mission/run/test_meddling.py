@@ -1,7 +1,5 @@
 """Other programs touch the files of a run while it writes them; a run is without its page."""
 
-import json
-import shutil
 import sys
 from pathlib import Path
 
@@ -71,27 +69,6 @@ def test_what_is_deleted_while_figures_are_drawn_is_missed(
     monkeypatch.setattr("mission.figures.run.draw_run", str)
     assert call(["run", "--resume", str(out), "--quiet"]) == 0
     assert (out / "rounds.csv").exists()
-
-
-def test_a_run_that_was_killed_before_its_page_gets_it_when_resumed(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    out, without = tmp_path / "out", tmp_path / "without"
-    assert play(out, rounds=1, page=True) == 0
-    page = out / "report.html"
-    before = page.read_text(encoding="utf-8")
-    page.unlink()
-    capsys.readouterr()
-    assert call(["run", "--resume", str(out)]) == 0
-    assert "made its report.html, which was missing" in capsys.readouterr().out
-    assert page.read_text(encoding="utf-8") == before
-    shutil.copytree(out, without)
-    (without / "report.html").unlink()
-    checkpoint = without / "checkpoint" / "rounds.json"
-    checkpoint.write_text(json.dumps(json.loads(checkpoint.read_text()) | {"report": False}))
-    assert call(["run", "--resume", str(without)]) == 0
-    assert "nothing to resume" in capsys.readouterr().out
-    assert not (without / "report.html").exists()
 
 
 def test_a_disk_that_is_full_is_said_when_it_is_asked_for() -> None:

@@ -33,7 +33,7 @@ def test_what_goes_wrong_first_counts() -> None:
     outcome = Outcome()
     with outcome.flight():
         raise FlightError("lost")
-    with outcome.post_processing():
+    with outcome.aside("figures"):
         raise InputError("no log to draw")
     assert outcome.summary == {"status": "failed", "error": "lost"}
     with pytest.raises(AerofedError, match=r"^lost; the files are in out$") as caught:
@@ -51,7 +51,7 @@ def test_a_figure_that_fails_is_a_failure(end: type[BaseException] | None, statu
             raise end
     assert outcome.summary == {"status": status}
     outcome.raise_error(Path("out"))
-    with outcome.post_processing():
+    with outcome.aside("figures"):
         raise InputError("no room")
     assert outcome.summary == {"status": "failed", "error": "no room"}
 
@@ -74,7 +74,7 @@ def test_ctrl_c_while_figures_are_drawn_is_an_interruption(
     with outcome.flight():
         if end is not None:
             raise end
-    with outcome.post_processing():
+    with outcome.aside("figures"):
         raise KeyboardInterrupt
     assert outcome.status == status
 
@@ -126,7 +126,7 @@ def test_a_bug_in_the_figures_is_a_failure_too() -> None:
     outcome = Outcome()
     with outcome.flight():
         pass
-    with pytest.raises(KeyError), outcome.post_processing():
+    with pytest.raises(KeyError), outcome.aside("figures"):
         raise KeyError("column")
     assert outcome.summary == {"status": "failed"}
 
