@@ -22,8 +22,18 @@ from mission.figures.style import BAD, COOL, GRID, INK, SOFT, Chart, arranged, t
 from mission.sweep.grid import file_name
 from mission.sweep.outcome.curves import ENOUGH
 from mission.sweep.outcome.figures import draw_sweep
-from mission.sweep.outcome.gains import METHOD, POINTS, Gain, gain_table, paired_gains
-from mission.sweep.outcome.view import ACCURACY, REST, outcome, over_seeds, percent
+from mission.sweep.outcome.view import (
+    ACCURACY,
+    METHOD,
+    POINTS,
+    REST,
+    Gain,
+    gain_table,
+    outcome,
+    over_seeds,
+    paired_gains,
+    percent,
+)
 from mission.sweep.results import RunResult, communities_of, with_equals
 from mission.sweep.state import SweepState, read_sweep
 

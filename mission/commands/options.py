@@ -57,8 +57,7 @@ def load(
         InputError: a key is set twice, by an option of its own too; or see `load_config`.
     """
     # Only now: the configuration's models take half a second to import.
-    from mission.config.loading import builtin_config, load_config
-    from mission.config.overrides import parse_override
+    from mission.config.loading import builtin_config, load_config, parse_override
 
     overrides: dict[str, object] = {}
     for key, value in map(parse_override, set_):

@@ -76,10 +76,9 @@ def radio_map(
 
     from fl.radio.radio_map import RadioMap
     from flightdyn.random import RandomStreams
-    from mission.scenario.radio_maps import origin_of, write_map
+    from mission.scenario.radio_maps import origin_of, traced_map, write_map
     from mission.scenario.radios import city_of
     from mission.scenario.scenario import device_places
-    from mission.scenario.traced_map import traced_map
 
     heights_m = np.arange(low_m, max(high_m, low_m + 0.5 * _STEP_M), _STEP_M)
     heights_m = np.unique(np.append(heights_m, high_m))

@@ -11,15 +11,18 @@ from mission.figures.render import card
 from mission.report.html import page
 from mission.sweep.outcome.curves import flies, groups_of, pictures_of
 from mission.sweep.outcome.figures import curve_charts, final_chart, gain_charts
-from mission.sweep.outcome.gains import METHOD, POINTS, gain_table, paired_gains
 from mission.sweep.outcome.view import (
     ACCURACY,
     AT_THE_END,
     FAIRNESS,
+    METHOD,
+    POINTS,
     REST,
     Cells,
+    gain_table,
     outcome,
     over_seeds,
+    paired_gains,
     percent,
 )
 from mission.sweep.results import RunResult, communities_of

@@ -18,7 +18,7 @@ from mission.log.records import UNKNOWN_ROUND, RoundRecord, UplinkRecord
 from mission.run.budget import RunTotals
 from mission.run.callbacks import RoundReport
 from mission.run.checkpoint import RoundMemory
-from mission.run.outcome import Summary
+from mission.run.recorded import Summary
 from mission.run.recorder import FolderRecorder
 from mission.scenario.limits import Budget
 from mission.scenario.scenario import Scenario

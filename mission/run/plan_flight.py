@@ -35,10 +35,8 @@ from mission.log.live import LiveView, live_views
 from mission.log.values import NOBODY, PlanRecord
 from mission.log.writer import FlightLog
 from mission.run.budget import RunTotals
-from mission.run.outcome import Summary
-from mission.run.plan_progress import PlanProgress
-from mission.run.progress import Progress, make_progress
-from mission.run.recorded import Around, fly_recorded
+from mission.run.progress import PlanProgress, Progress, make_progress
+from mission.run.recorded import Around, Summary, fly_recorded
 from mission.scenario.limits import guidance_of
 from sitl.autopilot.codec.orders import ABSOLUTE_FRAMES, command_name
 from sitl.autopilot.parameters import Parameters, parameters_of

@@ -23,8 +23,7 @@ from mission.run.callbacks import CallbackContext, make_callbacks
 from mission.run.checkpoint import CheckpointFolder, RoundMemory
 from mission.run.experiment import Experiment, IdealExperiment
 from mission.run.flown_experiment import FlownExperiment
-from mission.run.outcome import Summary
-from mission.run.recorded import Around, fly_recorded
+from mission.run.recorded import Around, Summary, fly_recorded
 from mission.run.recorder import Ready, recording
 from mission.run.resume import read_checkpoint, refuse_others
 from mission.scenario.scenario import Scenario

@@ -47,9 +47,9 @@ from mission.scenario.limits import (
     round_limits,
     unflyable,
 )
+from mission.scenario.radio_maps import with_traced_map
 from mission.scenario.radios import believed, radio_of
 from mission.scenario.strategies import Strategy, make_strategy
-from mission.scenario.traced_map import with_traced_map
 
 _HEARD_S = 0.1  # of hover at a stop until the aircraft knows whether it has heard a device
 _LONGEST_UPLOAD_S = 3600.0  # no aircraft hovers as long

@@ -9,9 +9,8 @@ from pathlib import Path
 
 from fl.plugin_code import label_of
 from mission.base.errors import InputError
-from mission.config.loading import load_config
+from mission.config.loading import load_config, parse_override
 from mission.config.models import RunConfig
-from mission.config.overrides import parse_override
 
 Cell = str | int | float | bool
 

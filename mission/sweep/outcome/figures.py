@@ -19,7 +19,7 @@ from mission.sweep.outcome.curves import (
     interval,
     pictures_of,
 )
-from mission.sweep.outcome.gains import METHOD, paired_gains
+from mission.sweep.outcome.view import METHOD, paired_gains
 from mission.sweep.results import RunResult, communities_of
 
 

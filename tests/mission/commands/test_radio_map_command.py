@@ -20,7 +20,7 @@ from scipy.io import netcdf_file
 from fl.radio.radio_map import RadioMap
 from mission.cli import call
 from mission.config.loading import load_config
-from mission.scenario import traced_map
+from mission.scenario import radio_maps
 from mission.scenario.radio_maps import NOTHING_DB, read_map, write_map
 
 HALL = "[{polygon_m = [[90, 90], [110, 90], [110, 110], [90, 110]], height_m = 40}]"
@@ -277,7 +277,7 @@ class TracedRadio:
 def _sionna(monkeypatch: pytest.MonkeyPatch) -> None:
     package = ModuleType("sionna")
     package.rt = TracedRadio  # type: ignore[attr-defined]
-    monkeypatch.setattr(traced_map, "find_spec", lambda name: name)
+    monkeypatch.setattr(radio_maps, "find_spec", lambda name: name)
     monkeypatch.setitem(sys.modules, "sionna", package)
     monkeypatch.setitem(sys.modules, "sionna.rt", TracedRadio)
 
@@ -313,7 +313,7 @@ def test_a_scene_that_is_none_is_refused(capsys, scene: str) -> None:
 
 
 def test_a_missing_extra_is_named(monkeypatch: pytest.MonkeyPatch, capsys) -> None:
-    monkeypatch.setattr(traced_map, "find_spec", lambda _: None)
+    monkeypatch.setattr(radio_maps, "find_spec", lambda _: None)
     assert call(["radio-map", "w.toml", "--out=w.nc", *TRACED]) == 2
     assert "an extra and not installed: pip install 'aerofed[sionna]'" in capsys.readouterr().err
 
@@ -333,7 +333,7 @@ def test_the_map_of_a_scene_is_made_once_for_each_seed(monkeypatch: pytest.Monke
     assert config["map_sha256"] == hashlib.sha256(kept.read_bytes()).hexdigest()
     assert Path(config["map_file"]) == kept.resolve()
     with monkeypatch.context() as without:
-        without.setattr(traced_map, "find_spec", lambda _: None)
+        without.setattr(radio_maps, "find_spec", lambda _: None)
         assert uplinks("b", *OF_A_SCENE, "--set=seed=7") == first
     uplinks("c", *OF_A_SCENE, "--set=seed=8")
     assert len(list(kept.parent.glob("*.nc"))) == 2
@@ -343,10 +343,10 @@ def test_the_map_of_a_scene_is_made_once_for_each_seed(monkeypatch: pytest.Monke
 def test_runs_that_begin_at_once_share_the_map_of_a_scene(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", "cache")
     config = load_config(Path("w.toml"), {"radio.truth": "map", "radio.scene": "munich"})
-    trace, traced, found = traced_map.traced_map, [], []
+    trace, traced, found = radio_maps.traced_map, [], []
 
     def run() -> None:
-        known = traced_map.with_traced_map(config, np.array([[50.0, 50.0]]))
+        known = radio_maps.with_traced_map(config, np.array([[50.0, 50.0]]))
         found.append(known.radio.map_sha256)
 
     other = threading.Thread(target=run)
@@ -358,7 +358,7 @@ def test_runs_that_begin_at_once_share_the_map_of_a_scene(monkeypatch: pytest.Mo
             other.join(0.5)  # it waits for the map; where it does not, it has traced one by then
         return trace(*given, **more)
 
-    monkeypatch.setattr(traced_map, "traced_map", tracing)
+    monkeypatch.setattr(radio_maps, "traced_map", tracing)
     run()
     other.join()
     assert len(traced) == 1
@@ -381,7 +381,7 @@ def test_the_scene_of_a_run_is_no_file(scene: str, capsys) -> None:
 
 def test_a_scene_without_the_extra_is_one_line(monkeypatch: pytest.MonkeyPatch, capsys) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", "cache")
-    monkeypatch.setattr(traced_map, "find_spec", lambda _: None)
+    monkeypatch.setattr(radio_maps, "find_spec", lambda _: None)
     assert call(["run", "munich", "--out=x"]) == 2
     (line,) = capsys.readouterr().err.strip().splitlines()
     assert "munich.toml: radio.scene = 'munich': needs sionna-rt, which is an extra" in line

@@ -12,9 +12,8 @@ import tomli_w
 
 from mission.base.errors import InputError
 from mission.base.explain import tables
-from mission.config.loading import builtin_config, load_config
+from mission.config.loading import builtin_config, load_config, parse_override
 from mission.config.models import RunConfig
-from mission.config.overrides import parse_override
 from mission.config.preflight import load_data
 from mission.config.url import checked_url
 

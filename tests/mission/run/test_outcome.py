@@ -25,8 +25,7 @@ from mission.base.run_folder import RunFolder
 from mission.base.stopwatch import Stopwatch
 from mission.planner.errors import SolverError
 from mission.run.budget import RunTotals
-from mission.run.outcome import Outcome, Summary
-from mission.run.recorded import Around, fly_recorded
+from mission.run.recorded import Around, Outcome, Summary, fly_recorded
 
 
 def test_what_goes_wrong_first_counts() -> None:

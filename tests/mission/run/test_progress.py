@@ -12,8 +12,7 @@ from rich.console import Console
 
 from mission.base.stopwatch import Stopwatch
 from mission.log.records import UNKNOWN_ROUND, RoundRecord
-from mission.run.plan_progress import PlanProgress
-from mission.run.progress import LiveTable, PlainLines, Progress, make_progress
+from mission.run.progress import LiveTable, PlainLines, PlanProgress, Progress, make_progress
 from mission.run.recorder import FolderRecorder
 
 

@@ -24,7 +24,7 @@ from mission.base.errors import InputError
 from mission.report.sweep_page import sweep_html
 from mission.sweep.grid import Axis, points
 from mission.sweep.outcome.figures import sweep_pictures
-from mission.sweep.outcome.gains import gain_table, paired_gains
+from mission.sweep.outcome.view import gain_table, paired_gains
 from mission.sweep.results import Row, RunResult, with_equals, write_results
 from mission.sweep.state import SweepState, read_sweep
 

@@ -23,7 +23,6 @@ from mission.sweep.folder import SweepFolder
 from mission.sweep.grid import Point, make_grid
 from mission.sweep.outcome.curves import DISTANCE, ROUNDS, band, interval
 from mission.sweep.outcome.view import final_table, over_seeds, percent
-from mission.sweep.progress import Bar, duration
 from mission.sweep.results import (
     Row,
     RunResult,
@@ -34,6 +33,7 @@ from mission.sweep.results import (
     with_equals,
     write_results,
 )
+from mission.sweep.sweep import Bar, duration
 
 
 @pytest.mark.parametrize("count", [3, 4, 10])
