@@ -113,7 +113,7 @@ def refusal(name: str, value: object, reason: str, blame: Blame) -> str:
         # Of an option that may be given several times, the reason says which one is meant.
         several = isinstance(value, list | tuple)
         return f"{option}: {reason}" if several else f"{option} {value}: {reason}"
-    return f"{blame.on(name)}: {name} = {shown(value)}: {reason}"
+    return f"{blame.on(name)}: {told(name, most=100)} = {shown(value)}: {reason}"
 
 
 def shown(value: object) -> str:

@@ -8,7 +8,7 @@ from rich.progress import BarColumn, DownloadColumn, Progress, TaskID, TextColum
 
 from mission.base.errors import InputError
 from mission.base.terminal import PLAIN, Terminal
-from mission.commands.options import Json, print_json
+from mission.commands.options import Json, print_json, tell
 
 if TYPE_CHECKING:
     from fl.data.fetch import TaskCheck
@@ -85,11 +85,7 @@ def check(folder: Path, *, task: Tasks | None = None, as_json: Json = False) -> 
     if not folder.is_dir():
         raise InputError(f"{folder}: no such folder; aerofed data fetch {folder} makes it")
     found: tuple[TaskCheck, ...] = look(folder, tasks=tuple(task or FETCHED))
-    console = Terminal(**PLAIN)
-    for item in () if as_json else found:
-        console.print(f"{item.task}: {item.status}: {item.detail}")
-    if as_json:
-        print_json(found)
+    tell(found, [f"{one.task}: {one.status}: {one.detail}" for one in found], as_json=as_json)
     bad = {"damaged"} if task is None else {"damaged", "missing"}
     if any(item.status in bad for item in found):
         return InputError.exit_code

@@ -10,7 +10,7 @@ from rich.table import Table
 from mission.base.errors import DIFFERENT, InputError
 from mission.base.run_folder import RunFolder
 from mission.base.terminal import PLAIN, Terminal
-from mission.commands.options import Json, print_json
+from mission.commands.options import Json, print_json, tell
 from mission.log import DamagedLogError
 
 Form = Literal["csv", "parquet", "kml", "geojson", "ulog", "attachments"]
@@ -34,17 +34,14 @@ def recover(log: Path, out: Path | None = None, *, as_json: Json = False) -> int
 
     log = _file(log)
     saved = save(log, out or log.with_name(f"{log.stem}.recovered{log.suffix}"))
-    if as_json:
-        print_json(saved)
-        return 0
-    console = Terminal(**PLAIN)
-    console.print(
+    lines = [
         f"{saved.target}: {saved.messages} messages, {saved.attachments} attachments, "
         f"{saved.seconds:.1f} s of simulated time"
-    )
+    ]
     for loss in saved.losses:
         where = f"bytes {loss.start} to {loss.end}" if loss.end > loss.start else "nothing"
-        console.print(f"lost: {where}: {loss.reason}")
+        lines.append(f"lost: {where}: {loss.reason}")
+    tell(saved, lines, as_json=as_json)
     return 0
 
 
@@ -111,16 +108,9 @@ def check(log: Path, *, as_json: Json = False) -> int:
         if as_json:
             print_json({"log": log, "sound": False, "findings": [str(error)]})
         raise
-    if as_json:
-        print_json({"log": log, "sound": not findings, "findings": findings})
-        return DIFFERENT if findings else 0
-    console = Terminal(**PLAIN)
-    for finding in findings:
-        console.print(f"{log}: {finding}")
-    if findings:
-        return DIFFERENT
-    console.print(f"{log}: sound")
-    return 0
+    value = {"log": log, "sound": not findings, "findings": findings}
+    tell(value, [f"{log}: {finding}" for finding in findings or ("sound",)], as_json=as_json)
+    return DIFFERENT if findings else 0
 
 
 def export(
@@ -150,11 +140,7 @@ def export(
         Print the new files' paths as a JSON list.
     """
     written = _write(_file(log), out, to)
-    if as_json:
-        print_json(written)
-        return 0
-    for path in written:
-        Terminal(**PLAIN).print(path)
+    tell(written, written, as_json=as_json)
     return 0
 
 
@@ -200,17 +186,10 @@ def diff(first: Path, second: Path, *, as_json: Json = False) -> int:
     """
     from mission.log.inspection import diff as compare
 
-    console = Terminal(**PLAIN)
     lines = compare(_file(first), _file(second))
-    if as_json:
-        print_json({"same": not lines, "differences": lines})
-        return DIFFERENT if lines else 0
-    for line in lines:
-        console.print(line)
-    if lines:
-        return DIFFERENT
-    console.print("the same")
-    return 0
+    value = {"same": not lines, "differences": lines}
+    tell(value, lines or ("the same",), as_json=as_json)
+    return DIFFERENT if lines else 0
 
 
 def _file(log: Path) -> Path:

@@ -1,7 +1,7 @@
 """Options that several commands share, and what they are turned into."""
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -100,6 +100,15 @@ def print_json(value: object) -> None:
     text = to_json(value, indent=2, inf_nan_mode="null", fallback=lambda array: array.tolist())
     # Letters beyond ASCII as JSON writes them: standard output may know no others.
     Terminal(**PLAIN).print(json.dumps(json.loads(text), indent=2))
+
+
+def tell(value: object, lines: Iterable[object], *, as_json: bool) -> None:
+    """Print lines as they are, or `as_json` in their place the value that they tell."""
+    if as_json:
+        print_json(value)
+        return
+    for line in lines:
+        Terminal(**PLAIN).print(line)
 
 
 def console(*, quiet: bool, live: bool, live_port: int) -> RunConsole:

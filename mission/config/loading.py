@@ -198,7 +198,7 @@ def override(data: dict[str, Any], dotted: str, value: object) -> None:
     parts: list[Any] = dotted.split(".")
     if len(parts) > MOST_DEEP:
         reason = f"no key has {len(parts)} parts; {MOST_DEEP} at most"
-        raise SettingError(shown(dotted), value, reason)
+        raise SettingError(dotted, value, reason)
     node: Any = data
     for depth, part in enumerate(parts):
         name, last = ".".join(parts[:depth]), depth == len(parts) - 1

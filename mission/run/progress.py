@@ -1,4 +1,4 @@
-"""What a person sees of a run or a flight: a table on a terminal, plain lines elsewhere, nothing."""
+"""What a person sees of a run or a flight: a live table on a terminal, or plain lines elsewhere."""
 
 import math
 import time

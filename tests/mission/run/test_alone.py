@@ -33,6 +33,7 @@ def another(monkeypatch: pytest.MonkeyPatch) -> None:
     lock = RunFolder.lock
 
     def late(folder: RunFolder, *, chosen: bool = False) -> object:
+        folder.path.mkdir(exist_ok=True)
         folder.write_summary(FINISHED)
         return lock(folder, chosen=chosen)
 
