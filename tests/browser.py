@@ -69,6 +69,11 @@ class Browser:
         assert "exceptionDetails" not in done, done
         return done["result"].get("value")
 
+    def press(self, key: str, code: int) -> None:
+        """Press and release a key, with its number on Windows."""
+        for what in ("rawKeyDown", "keyUp"):
+            self._ask("Input.dispatchKeyEvent", type=what, key=key, windowsVirtualKeyCode=code)
+
     def shot(self) -> bytes:
         """The whole page as PNG."""
         done = self._ask("Page.captureScreenshot", captureBeyondViewport=True)

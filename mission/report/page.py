@@ -17,13 +17,14 @@ from mission.base.errors import InputError
 from mission.base.run_folder import RunFolder, write_atomically
 from mission.base.tables import number
 from mission.figures.conditions import condition_charts, estimator_charts, flight_charts
+from mission.figures.film import Actor, film, with_film
 from mission.figures.flight import profile_charts, timeline_chart
 from mission.figures.learning import learning_charts, radio_charts
 from mission.figures.maps import round_map
 from mission.figures.radio import beliefs, plan_errors
 from mission.figures.render import card
 from mission.figures.told import flight_map, health_charts, told_charts
-from mission.log.values import FlightData
+from mission.log.values import NS_PER_S, FlightData
 from mission.report.about import about
 from mission.report.html import page
 
@@ -54,13 +55,14 @@ def report_html(loaded: LoadedRun) -> str:
     run, summary = loaded.data, loaded.summary
     comparison = compare_run(loaded) if run.plans or loaded.unjudged else None
     status = str(summary.get("status", ""))
-    flown: dict[str, object] = {"map": None, "tables": []}
+    flown: dict[str, object] = {"map": None, "film": None, "tables": []}
     flown |= {"rounds": [], "details": [], "flight": [], "radio": [], "told": [], "health": []}
     if comparison is not None:
         numbers = [item.round for item in comparison.rounds]
         plans = [plan for plan in run.plans if plan.round in numbers]
         chart = round_map(run, plans) if plans else flight_map(comparison)
-        flown |= {"map": card(chart, is_map=True), "rounds": numbers}
+        shown = film([Actor(run, run.truth)], _spans_s(comparison))
+        flown |= {"map": card(with_film(chart), is_map=True), "film": shown, "rounds": numbers}
         if run.planned is None:
             columns = [(head.replace("\n", " "), cell) for head, cell in COLUMNS]
             flown |= {
@@ -129,6 +131,16 @@ def report_html(loaded: LoadedRun) -> str:
         footer="Aerofed report. Positions are metres: x east, y north; heights are above home.",
         **flown,
     )
+
+
+def _spans_s(comparison: RunComparison) -> dict[int, tuple[float, float]]:
+    """From when to when each round or pass lasted; of one, or without any, 0 and the flight."""
+    rounds = [item.record for item in comparison.measured]
+    if len(rounds) > 1:
+        return {item.round: (item.start_t_s, item.start_t_s + item.duration_s) for item in rounds}
+    flown = comparison.flown
+    begin_s, end_s = comparison.run.data.truth.t_ns[[0, -1]] / NS_PER_S
+    return {0: (flown.start_s, flown.end_s) if flown else (float(begin_s), float(end_s))}
 
 
 def _tiles(run: FlightData, comparison: RunComparison | None) -> list[tuple[str, str]]:

@@ -1,6 +1,7 @@
 """Every kind of page in a real browser, on a phone, on a desk and on paper."""
 
 import json
+import math
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -193,4 +194,52 @@ def test_slider_buttons_and_box_do_what_they_say(chromium: Browser, tmp_path: Pa
     assert chromium.run(shown) == ["2"]
     chromium.run("document.getElementById('everything').click()")
     until(lambda: chromium.run(flown) == 3)
+    assert chromium.told == []
+
+
+@pytest.mark.slow
+@pytest.mark.real
+def test_the_map_is_played(chromium: Browser, tmp_path: Path) -> None:
+    """The slider of time, by keyboard too, leads the aircraft along the path that is drawn, and
+    tells who is heard when; a round has its own times; on paper nothing of it is left."""
+    made = fly(tmp_path, rounds=3)
+    chromium.open(write_report(tmp_path), PHONE)
+    places = """(() => {
+      const numbers = (text) => text.match(/-?[\\d.]+/g).map(Number);
+      const now = [...document.querySelectorAll(".now_marks path")]
+        .map((e) => numbers(e.getAttribute("transform")).slice(0, 2));
+      const flown = [...document.querySelectorAll(".chart path")].find((e) =>
+        e.getAttribute("stroke") === "var(--flown)" && e.getBBox().width > 40);
+      const along = numbers(flown.getAttribute("d"));
+      return [now, [along.slice(0, 2), along.slice(-2)]];
+    })()"""
+    at = """((t) => { const clock = document.getElementById("clock"); clock.value = t;
+      clock.dispatchEvent(new Event("input")); })"""
+    said = "document.getElementById('now').textContent"
+
+    def is_at(end: int) -> bool:
+        now, ends = chromium.run(places)
+        return len(now) > 0 and now[0] == pytest.approx(ends[end], abs=1.5)
+
+    first, second = made.rounds[:2]
+    until(lambda: is_at(0))
+    assert chromium.run(said) == f"{first.start_t_s:.1f} s · 60 m high"
+    chromium.run(f"{at}({first.start_t_s + first.duration_s})")
+    until(lambda: is_at(1))
+    sent = made.uplinks[0]
+    chromium.run(f"{at}({math.ceil(sent.slot_t_s)})")
+    word = "heard" if sent.delivered else "lost"
+    assert f" · device {sent.device} {word}" in chromium.run(said)
+    until(lambda: len(chromium.run(places)[0]) == 2)
+    chromium.run("document.getElementById('next').click()")
+    assert chromium.run(said).startswith(f"{second.start_t_s:.1f} s · ")
+    chromium.run("document.getElementById('play').click()")
+    until(lambda: float(chromium.run(said).split()[0]) > second.start_t_s + 1.0)
+    chromium.run("document.getElementById('play').click()")
+    assert chromium.run("document.getElementById('play').ariaLabel") == "play"
+    before = float(chromium.run("document.getElementById('clock').value"))
+    chromium.run("document.getElementById('clock').focus()")
+    chromium.press("ArrowRight", 39)
+    assert float(chromium.run("document.getElementById('clock').value")) == before + 1.0
+    assert {"▶", "heard"}.isdisjoint(word for word, _ in words_of(chromium.printed()))
     assert chromium.told == []
