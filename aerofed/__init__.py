@@ -19,8 +19,7 @@ from fl.federation.rounds import RoundLearning
 from fl.radio.channel import Channel
 from fl.radio.learned import Belief, Heard
 from fl.radio.place import LinkTerms, Radio
-from fl.training.custom_trainer import DeviceData, Trainer, TrainingDevice
-from fl.training.local import LocalResult, LocalSettings
+from fl.training.local import DeviceData, LocalResult, LocalSettings, Trainer, TrainingDevice
 from mission.api.comparing import compare
 from mission.api.configuring import channel, config
 from mission.api.figures import Figure

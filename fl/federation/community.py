@@ -15,11 +15,9 @@ from fl.config import CommunityConfig, LearningConfig
 from fl.data import partition
 from fl.data.dataset import Dataset, Split, held_out_of_each, hold_out, subset
 from fl.data.load import load
-from fl.federation.algorithms import Algorithm
-from fl.federation.custom_algorithm import make_algorithm
+from fl.federation.algorithms import Algorithm, make_algorithm
 from fl.federation.device_work import compute_times
-from fl.training.custom_trainer import CustomTrainer, make_trainer
-from fl.training.local import Network, Scaling, scaling_of
+from fl.training.local import CustomTrainer, Network, Scaling, make_trainer, scaling_of
 from fl.training.networks import make_network
 
 Stream = Callable[[str], np.random.Generator]

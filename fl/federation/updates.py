@@ -10,12 +10,10 @@ import numpy as np
 from aerofed_errors import UsersCodeError
 from fl.arrays import Bools, Vector, frozen
 from fl.errors import DivergedError
-from fl.federation.algorithms import StaleStart
+from fl.federation.algorithms import CustomAlgorithm, StaleStart
 from fl.federation.community import Federation
-from fl.federation.custom_algorithm import CustomAlgorithm
 from fl.federation.state import FederationState, Pending, parts_of
-from fl.training.custom_trainer import TrainingDevice
-from fl.training.local import LocalSettings, LocalTask, in_parallel
+from fl.training.local import LocalSettings, LocalTask, TrainingDevice, in_parallel
 
 # Training that has begun, by community and by device within it.
 Begun: TypeAlias = Mapping[tuple[int, int], Future[Pending]]

@@ -19,7 +19,7 @@ import numpy as np
 
 from fl.arrays import Bools, Floats, Ints
 from fl.native import library
-from fl.radio import waves
+from fl.radio.place import drawn_waves
 
 # Walls (TR 38.901, tables 7.4.3-1 and -2): share of windows, loss of their glass (and more of it
 # for each GHz), and standard deviation from wall to wall, in dB. The rest is concrete.
@@ -64,7 +64,7 @@ class City:
         places_m = np.column_stack((devices_m, np.full(count, device_height_m)))
         *wall, self._wall_db = _WALLS[walls]
         entry_db = np.full(count, _entry_loss_db(carrier_ghz, *wall))
-        fields = None if rng is None else waves.drawn(rng, count)
+        fields = None if rng is None else drawn_waves(rng, count)
         if rng is not None:
             entry_db += self._wall_db * rng.standard_normal(count)
         floors_m = [building.from_m or -math.inf for building in buildings]

@@ -1,9 +1,10 @@
-"""Radio models: packet error rates of devices by the place of the aircraft."""
+"""Radio models: packet error rates of devices by the place of the aircraft; maps of path gains, and
+normal fields over places, made of plane waves: the same again at a place."""
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Protocol
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Protocol, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -11,7 +12,6 @@ from numpy.typing import ArrayLike
 from fl.arrays import Floats, Ints
 from fl.native import library
 from fl.plugins import PlugIn
-from fl.radio import waves
 from fl.radio.channel import Channel, average_per, log_mean_snr, los_probability
 
 THERMAL_NOISE_DBM_HZ = -174.0  # at 290 K
@@ -62,7 +62,7 @@ class SettledRadio:
         """Packet error rates (n,), 0 or 1; their mean over the draws is the average PER."""
         channel, height_m = self.average.channel, place_m[:, 2]
         far_m = self.average.distance_m(device, place_m)
-        sight, shadow = waves.values(self.waves, device, place_m, correlation_m=self.correlation_m)
+        sight, shadow = wave_values(self.waves, device, place_m, correlation_m=self.correlation_m)
         seen = library.normal_shares(sight) < los_probability(channel, far_m, height_m=height_m)
         los, nlos = log_mean_snr(channel, far_m, height_m=height_m)
         log_snr = np.where(
@@ -129,3 +129,70 @@ class PlacedRadio:
             return library.normal_shares(lacking / self.terms.fading_db)
         spread_db = np.hypot(self.terms.fading_db, self.unknown_db(device, place_m))
         return library.normal_shares(lacking / spread_db)
+
+
+def drawn_waves(rng: np.random.Generator, count: int) -> Floats:
+    """Draw waves (count, 2, 3, WAVES), two fields a device: turns a correlation distance d_cor east
+    and north, phase in turns.
+
+    A field is normal with variance 1, and its correlation over a distance d is exp(-d / d_cor). In
+    the plane that is the transform of a density over wave numbers k that falls as
+    (1 + (k d_cor)^2)^(-3/2), so that 1 / sqrt(1 + (k d_cor)^2) is uniform.
+    """
+    u = 1.0 - rng.random((count, 2, library.WAVES))  # in (0, 1]
+    k = np.sqrt(1.0 / u**2 - 1.0) / (2.0 * np.pi)
+    east, north = rng.standard_normal((2, *u.shape))  # of no preferred direction
+    turns = k / np.sqrt(east**2 + north**2)
+    return np.stack((turns * east, turns * north, rng.random(u.shape)), axis=2)
+
+
+def wave_values(waves: Floats, device: Ints, place_m: Floats, *, correlation_m: float) -> Floats:
+    """Both fields (2, n) of devices (n,) at places (n, 2 or 3)."""
+    found = np.empty((2, len(device)))
+    for at, (of, (x, y)) in enumerate(zip(device, place_m[:, :2] / correlation_m, strict=True)):
+        east, north, phase = waves[of].transpose(1, 0, 2)  # (2, WAVES) each
+        found[:, at] = np.cos(2.0 * np.pi * (x * east + y * north + phase)).sum(axis=1)
+    return np.asarray(found * np.sqrt(2.0 / waves.shape[-1]))
+
+
+@dataclass(frozen=True, eq=False)
+class RadioMap:
+    """`Gains` at the centres of cells, interpolated linearly in dB; beyond the edge as in the cells
+    of the edge."""
+
+    path_gain_db: Floats  # (K, H, Y, X)
+    height_m: Floats  # (H,) above home, ascending, as the next two
+    y_m: Floats  # (Y,) north in the area
+    x_m: Floats  # (X,) east
+    devices_m: Floats  # (K, 2)
+    home: Mapping[str, float] = field(default_factory=dict)  # where its file says that home is
+
+    @classmethod
+    def of(
+        cls,
+        gains: Gains,
+        devices_m: Floats,
+        *,
+        size_m: tuple[float, float],
+        height_m: Floats,
+        cell_m: float,
+    ) -> Self:
+        """Compute the map of `gains` over an area of `size_m` (east, north) in square cells."""
+        x_m, y_m = (np.arange(0.5 * cell_m, side + 0.5 * cell_m, cell_m) for side in size_m)
+        places = np.meshgrid(height_m, y_m, x_m, indexing="ij")
+        place_m = np.stack([axis.ravel() for axis in reversed(places)], axis=1)
+        every = [
+            gains.gain_db(np.full(len(place_m), device), place_m).reshape(places[0].shape)
+            for device in range(len(devices_m))
+        ]
+        return cls(np.array(every), height_m, y_m, x_m, devices_m)
+
+    def gain_db(self, device: Ints, place_m: Floats) -> Floats:
+        """Return path gains (n,) in dB, as `Gains.gain_db`."""
+        # Imported here: few runs have a map.
+        from scipy.ndimage import map_coordinates
+
+        axes = zip(place_m.T[::-1], (self.height_m, self.y_m, self.x_m), strict=True)
+        cells = [np.interp(at, axis, np.arange(len(axis))) for at, axis in axes]
+        found = map_coordinates(self.path_gain_db, [device, *cells], order=1, mode="nearest")
+        return np.asarray(found, dtype=np.float64)

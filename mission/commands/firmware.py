@@ -97,7 +97,7 @@ def list_(*, folder: Path | None = None) -> int:
 def _download(path: Path, version: str, wanted: str | None, site: str) -> str:
     """Put the file in place, and its checksum beside it, which is returned."""
     from fl.data.fetch import download
-    from sitl.firmware.ardupilot_launch import NAME
+    from sitl.firmware.ardupilot import NAME
 
     published = version if version.isalpha() else f"stable-{version}"
     url = f"{site.rstrip('/')}/{_BUILD.format(published)}"

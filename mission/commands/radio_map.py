@@ -74,7 +74,7 @@ def radio_map(
 
     import numpy as np
 
-    from fl.radio.radio_map import RadioMap
+    from fl.radio.place import RadioMap
     from flightdyn.random import RandomStreams
     from mission.scenario.radio_maps import origin_of, traced_map, write_map
     from mission.scenario.radios import city_of

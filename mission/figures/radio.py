@@ -8,7 +8,7 @@ import numpy as np
 
 from fl.radio.city import Building
 from fl.radio.per_grid import PerGrid
-from fl.radio.radio_map import RadioMap
+from fl.radio.place import RadioMap
 from mission.base.arrays import Floats
 from mission.figures.charts import finished
 from mission.figures.frame import MapFrame, run_frame, run_lines

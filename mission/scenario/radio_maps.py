@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from aerofed_errors import SettingError, did_you_mean, first_line
-from fl.radio.radio_map import RadioMap
+from fl.radio.place import RadioMap
 from mission.base.arrays import Floats
 from mission.base.errors import InputError
 from mission.base.run_folder import write_atomically

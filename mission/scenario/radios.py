@@ -8,13 +8,20 @@ import numpy as np
 from aerofed_errors import SettingError
 from fl.config import RADIOS
 from fl.plugins import PlugIn
-from fl.radio import waves
 from fl.radio.channel import Channel
 from fl.radio.city import City
 from fl.radio.learned import Heard, Learned, Listener
 from fl.radio.per_grid import PerGrid
-from fl.radio.place import AverageRadio, CustomRadio, LinkTerms, PlacedRadio, Radio, SettledRadio
-from fl.radio.radio_map import RadioMap
+from fl.radio.place import (
+    AverageRadio,
+    CustomRadio,
+    LinkTerms,
+    PlacedRadio,
+    Radio,
+    RadioMap,
+    SettledRadio,
+    drawn_waves,
+)
 from flightdyn.random import RandomStreams
 from mission.base.area import Area
 from mission.base.arrays import Floats
@@ -55,7 +62,7 @@ def radio_of(
         average, correlation_m = AverageRadio(channel, devices_m), config.channel.correlation_m
         if correlation_m is None:
             return average
-        fields = waves.drawn(streams.generator("shadowing"), len(devices_m))
+        fields = drawn_waves(streams.generator("shadowing"), len(devices_m))
         return SettledRadio(average, fields, correlation_m)
     if truth not in RADIOS:
         return CustomRadio.made(truth, channel, devices_m)

@@ -20,9 +20,8 @@ from sitl.autopilot.codec.wire import Wire
 from sitl.autopilot.failsafe import Failsafes
 from sitl.autopilot.fence import FenceError
 from sitl.autopilot.flying.flight import Flight
-from sitl.autopilot.flying.flight_commands import FlightCommands
+from sitl.autopilot.flying.flight_commands import FlightCommands, Orbits
 from sitl.autopilot.flying.modes import Mode
-from sitl.autopilot.flying.orbit import Orbits
 from sitl.autopilot.guard import Guard
 from sitl.autopilot.injection import Injector
 from sitl.autopilot.monitor import Monitor
@@ -33,6 +32,7 @@ from sitl.autopilot.pilots.sticks import Sticks
 from sitl.autopilot.pilots.stream import Cockpit
 from sitl.autopilot.protocol.commands import (
     CommandServer,
+    NoPayload,
     RefusedError,
     demand,
 )
@@ -40,7 +40,6 @@ from sitl.autopilot.protocol.ftp import FtpServer
 from sitl.autopilot.protocol.log_server import LogServer
 from sitl.autopilot.protocol.order_rules import absent, check_item
 from sitl.autopilot.protocol.parameter_server import ParameterServer
-from sitl.autopilot.protocol.payload import NoPayload
 from sitl.autopilot.protocol.streams import DEFAULT_RATES_HZ, SERVED_RATES_HZ, Streams
 from sitl.autopilot.protocol.transfer import MissionTransfer
 from sitl.autopilot.reporter import EventSink, Reporter

@@ -8,9 +8,9 @@ from pymavlink.dialects.v20 import common as mav
 from flightdyn.aircraft import Aircraft
 from sitl.autopilot.codec.instruments import DeferredValues, Snapshot
 from sitl.autopilot.failsafe import Cause, Failsafes
-from sitl.autopilot.flying.circle import Orbit
 from sitl.autopilot.flying.flight import Flight
 from sitl.autopilot.flying.modes import Mode
+from sitl.autopilot.flying.orbit import Orbit
 from sitl.autopilot.guard import Guard
 from sitl.autopilot.reporter import Reporter
 

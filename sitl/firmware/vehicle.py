@@ -17,12 +17,11 @@ from sitl.autopilot.codec.orders import Fields
 from sitl.block import following
 from sitl.config import VehicleConfig
 from sitl.errors import FirmwareError, FirmwareSilentError
-from sitl.firmware.ardupilot import LOOPS_HZ, slowest_rate_hz
-from sitl.firmware.ardupilot_launch import ardupilot_launch, check_arducopter
+from sitl.firmware.ardupilot import LOOPS_HZ, ardupilot_launch, check_arducopter, slowest_rate_hz
 from sitl.firmware.bridge import bound
 from sitl.firmware.clock import FirmwareClock
 from sitl.firmware.launch import FirmwareProcess, LaunchOptions
-from sitl.firmware.px4_launch import etc_of, px4_launch
+from sitl.firmware.px4 import etc_of, px4_launch
 from sitl.firmware.relay import Hear, Relay, Writer
 from sitl.links import Link
 

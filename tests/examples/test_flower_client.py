@@ -14,8 +14,7 @@ from flwr.clientapp import ClientApp
 
 from examples.flower_client import FlowerTrainer
 from fl.config import LearningConfig
-from fl.training.custom_trainer import CustomTrainer, TrainingDevice
-from fl.training.local import LocalResult, LocalSettings, LocalTask
+from fl.training.local import CustomTrainer, LocalResult, LocalSettings, LocalTask, TrainingDevice
 from mission.config.loading import load_config
 from mission.scenario.scenario import build_scenario
 

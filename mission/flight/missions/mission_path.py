@@ -12,7 +12,7 @@ from mission.base.area import Area
 from mission.base.arrays import Bools, Floats, Ints
 from mission.log.values import MissionRecord
 from sitl.autopilot.codec.orders import GLOBAL_FRAMES, MissionItem, bare_name
-from sitl.autopilot.flying.circle import DEFAULT_RADIUS_M
+from sitl.autopilot.flying.orbit import DEFAULT_RADIUS_M
 from sitl.autopilot.flying.route import MAX_STEPS, flown_order, item_altitude, repeats
 
 KINDS = {

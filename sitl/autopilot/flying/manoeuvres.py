@@ -18,7 +18,7 @@ from flightdyn.frames import wrap_pi, yaw_of
 from flightdyn.guidance.path import FlightPath
 from flightdyn.guidance.pursuit import Target
 from flightdyn.state import Vector
-from sitl.autopilot.flying.circle import Orbit
+from sitl.autopilot.flying.orbit import Orbit
 
 _READY_TIMEOUT_S = 120.0
 _TURN_TOLERANCE_RAD = math.radians(2.0)

@@ -18,7 +18,7 @@ from flightdyn.guidance.path import FlightPath
 from flightdyn.state import GeodeticPoint, Vector
 from sitl.autopilot.codec import ranges
 from sitl.autopilot.codec.orders import RELATIVE_FRAMES, MissionItem
-from sitl.autopilot.flying.circle import DEFAULT_RADIUS_M, Orbit, fastest
+from sitl.autopilot.flying.orbit import DEFAULT_RADIUS_M, Orbit, fastest
 from sitl.autopilot.parameters import Parameters
 from sitl.autopilot.protocol.order_rules import PLACES
 

@@ -13,7 +13,7 @@ from pymavlink.dialects.v20 import common as mav
 
 from sitl.autopilot.codec.orders import Handlers, Outbox, Peer
 from sitl.autopilot.parameters import SPECS, Parameters
-from sitl.autopilot.protocol.burst import Burst
+from sitl.autopilot.protocol.streams import Burst
 from sitl.logfolder import LogFolder
 
 _HEADER = struct.Struct("<HBBBBBxI")  # number, session, opcode, size, asked, complete, offset

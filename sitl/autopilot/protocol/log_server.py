@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterator, Sequence
 from pymavlink.dialects.v20 import common as mav
 
 from sitl.autopilot.codec.orders import Handlers, Outbox, Peer
-from sitl.autopilot.protocol.burst import Burst
+from sitl.autopilot.protocol.streams import Burst
 from sitl.autopilot.reporter import Reporter
 from sitl.logfolder import LogFile, LogFolder
 

@@ -15,8 +15,8 @@ from sitl.autopilot.parameters import (
     load_parameters,
     save_parameters,
 )
-from sitl.autopilot.protocol.burst import Burst
 from sitl.autopilot.protocol.commands import Commands, RefusedError, UnsupportedError
+from sitl.autopilot.protocol.streams import Burst
 
 _INDEX = {spec.name: index for index, spec in enumerate(TABLE)}
 # Values travel bytewise, as with PX4: the field, a float, begins with the bytes of the number.

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from fl.config import LearningConfig
-from fl.federation.algorithms import FedAdam, FedAvg, FedAvgM, Scaffold, Update
-from fl.federation.custom_algorithm import make_algorithm
+from fl.federation.algorithms import FedAdam, FedAvg, FedAvgM, Scaffold, Update, make_algorithm
 
 MODEL = np.array([1.0, -2.0], dtype=np.float32)
 UPDATES = (

@@ -16,8 +16,8 @@ from fl.config import CommunityConfig, LearningConfig
 from fl.data.dataset import Split
 from fl.errors import CheckpointError, DivergedError
 from fl.federation import rounds as fed
+from fl.federation.algorithms import CustomAlgorithm
 from fl.federation.community import Federation, build_federation
-from fl.federation.custom_algorithm import CustomAlgorithm
 from fl.federation.state import FederationState, from_bytes, to_bytes
 from fl.federation.updates import begin_training
 from fl.training.networks import ConvNet

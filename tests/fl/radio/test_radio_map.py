@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from fl.radio.radio_map import RadioMap
+from fl.radio.place import RadioMap
 
 DEVICES = np.array([[10.0, 20.0], [70.0, 30.0]])
 X, Y, H = np.array([5.0, 15.0, 25.0]), np.array([2.0, 6.0]), np.array([40.0, 60.0])

@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 
-from fl.radio import waves
 from fl.radio.channel import CHANNEL_PRESETS
-from fl.radio.place import AverageRadio, SettledRadio
+from fl.radio.place import AverageRadio, SettledRadio, drawn_waves
 
 COUNT = 4000
 EVERY = np.arange(COUNT)
@@ -13,7 +12,7 @@ EVERY = np.arange(COUNT)
 
 def radio() -> SettledRadio:
     average = AverageRadio(CHANNEL_PRESETS["urban"], np.zeros((COUNT, 2)))
-    return SettledRadio(average, waves.drawn(np.random.default_rng(3), COUNT), 30.0)
+    return SettledRadio(average, drawn_waves(np.random.default_rng(3), COUNT), 30.0)
 
 
 def at(x: float, y: float = 0.0) -> np.ndarray:

@@ -11,8 +11,7 @@ from fl.arrays import Vector
 from fl.config import LearningConfig
 from fl.federation import rounds
 from fl.federation.state import FederationState
-from fl.training.custom_trainer import DeviceData, TrainingDevice
-from fl.training.local import LocalResult
+from fl.training.local import DeviceData, LocalResult, TrainingDevice
 from mission.config.loading import load_config
 from mission.scenario.scenario import build_scenario
 

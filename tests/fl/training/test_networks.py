@@ -12,8 +12,7 @@ from torch import nn
 from aerofed_errors import InputError, UsersCodeError
 from fl.config import ConvNetConfig
 from fl.data.dataset import Split
-from fl.training.custom_trainer import CustomTrainer
-from fl.training.local import LocalSettings, LocalTask, scaling_of
+from fl.training.local import CustomTrainer, LocalSettings, LocalTask, scaling_of
 from fl.training.networks import ConvNet, make_network
 
 SHAPE = (8, 8, 1)

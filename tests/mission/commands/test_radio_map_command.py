@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 from scipy.io import netcdf_file
 
-from fl.radio.radio_map import RadioMap
+from fl.radio.place import RadioMap
 from mission.cli import call
 from mission.config.loading import load_config
 from mission.scenario import radio_maps

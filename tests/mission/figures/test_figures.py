@@ -22,7 +22,7 @@ from synthetic_flight import AREA, devices, fly
 
 from aerofed import first_problem, plan
 from fl.radio.city import Building
-from fl.radio.radio_map import RadioMap
+from fl.radio.place import RadioMap
 from mission.analysis.compare import compare_run
 from mission.analysis.load import flown, load_run
 from mission.base.airspace import thin

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from fl.data.arrays import Samples
-from fl.radio.radio_map import RadioMap
+from fl.radio.place import RadioMap
 from mission.base.errors import InputError
 from mission.config.loading import builtin_config, load_config
 from mission.flight.flyers.choice import set_up

@@ -21,10 +21,10 @@ from flightdyn.random import RandomStreams
 from sitl.autopilot.parameters import parameters_of
 from sitl.config import FirmwareConfig, VehicleConfig
 from sitl.errors import FirmwareSilentError
-from sitl.firmware.ardupilot_launch import airframe_parameters as of_copter
+from sitl.firmware.ardupilot import airframe_parameters as of_copter
 from sitl.firmware.launch import FirmwareProcess, LaunchOptions, check_binary
-from sitl.firmware.px4_launch import airframe_parameters as of_px4
-from sitl.firmware.px4_launch import px4_launch
+from sitl.firmware.px4 import airframe_parameters as of_px4
+from sitl.firmware.px4 import px4_launch
 from sitl.firmware.relay import Relay
 from sitl.firmware.vehicle import FirmwareVehicle, plant_for
 
@@ -206,7 +206,7 @@ def test_two_px4_take_different_instances_where_ports_do_not_tell_them_apart(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """As in two network namespaces: each has the ports of its own."""
-    monkeypatch.setattr("sitl.firmware.px4_launch.INSTANCES", range(238, 240))
+    monkeypatch.setattr("sitl.firmware.px4.INSTANCES", range(238, 240))
     options = LaunchOptions(px4_stand_in(tmp_path), 1, 2, 10.0)
     monkeypatch.setattr("sitl.firmware.px4.Px4Bridge.open", lambda _: None)
     launches = [px4_launch(options, plant()) for _ in range(2)]
