@@ -15,6 +15,7 @@ from fl.radio.channel import Channel, average_per
 from mission.base.arrays import Bools, Floats, Ints
 from mission.base.explain import shown
 from mission.planner.errors import PlanInputError
+from mission.planner.native.library import HOPE
 from mission.planner.native.rounds import CandidatePlan
 from mission.planner.problem import (
     MOST_COUNT,
@@ -179,7 +180,19 @@ def bounded(problem: RoundProblem, plan: RoundPlan, bound: float, nodes: int) ->
     """
     if plan.value > bound * (1.0 + TABLED):  # not where no bound is proven: NaN
         raise BoundError(problem, plan, bound)
+    if not plan.value and _nobody_in_reach(problem):
+        bound = 0.0
     return replace(plan, upper_bound=max(bound, plan.value), nodes=nodes)
+
+
+def _nobody_in_reach(problem: RoundProblem) -> bool:
+    """Whether nobody is heard as often as it takes to be asked from any place in reach: there is
+    nothing to collect."""
+    if problem.ready_in_s is not None and problem.upload_s is not None:
+        return False  # while one without hope sends, others get ready
+    away_m = np.hypot(*(problem.devices_m - problem.start_m).T)
+    chances = success_bounds(problem, np.maximum(away_m - problem.most_m, 0.0))
+    return bool((chances[:, problem.importance > 0.0] < HOPE).all())
 
 
 def scheduled(problem: RoundProblem, waypoints_m: Floats, *, hold_s: float = 0.0) -> RoundPlan:
@@ -219,7 +232,7 @@ def plan_without_moving(problem: RoundProblem) -> RoundPlan | None:
     ):
         return None
     plan = plan_along(problem, np.tile(problem.start_m, (problem.steps, 1)))
-    return replace(plan, upper_bound=max(plan.value, _bound_at_rest(problem)))
+    return bounded(problem, plan, max(plan.value, _bound_at_rest(problem)), 0)
 
 
 def success_bounds(problem: RoundProblem, far_m: Floats) -> Floats:

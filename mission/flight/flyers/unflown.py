@@ -95,7 +95,9 @@ class UnflownFlyer(Flyer):
     ) -> None:
         self._ned_m = there
         self._t_ns += round(1e9 * duration_s)
-        state = Kinematics(self._t_ns, there, velocity, LEVEL, np.zeros(3))
+        # Observers hear of places as those that are flown to: at their heights above the globe.
+        at = there + np.array([0.0, 0.0, self.area.frame.drop_m(*there[:2])])
+        state = Kinematics(self._t_ns, at, velocity, LEVEL, np.zeros(3))
         sample = VehicleSample(
             t_ns=self._t_ns,
             truth=state,

@@ -13,7 +13,7 @@ import numpy as np
 from pymavlink.dialects.v20 import common as mav
 
 from flightdyn.config import LimitsConfig
-from flightdyn.foresight import SETTLING_S
+from flightdyn.foresight import SETTLING_S, STOPPING_S
 from flightdyn.frames import LocalFrame
 from flightdyn.guidance.path import FlightPath
 from flightdyn.guidance.path_plan import passing_times
@@ -186,11 +186,11 @@ def _duration_s(
     stages = route.compile_route(
         items, p, frame=LocalFrame(home), home=home, start=np.zeros(3), on_ground=True
     )
-    duration_s, here = 0.0, np.zeros(3)
+    duration_s, here = SETTLING_S, np.zeros(3)  # where it ends
     for stage in stages:
         match stage:
             case route.Fly(path):
-                duration_s += float(passing_times(path, limits)[-1]) + SETTLING_S
+                duration_s += float(passing_times(path, limits)[-1]) + STOPPING_S
                 here = path.points_ned_m[-1]
             case route.Wait(wait_s):
                 duration_s += wait_s
@@ -205,7 +205,7 @@ def _duration_s(
                     points = np.array([here, (*here[:2], down_m), (*end_ned_m[:2], down_m)])
                     speeds, radii = np.full(2, p["MPC_XY_CRUISE"]), np.full(3, p["NAV_ACC_RAD"])
                     path = FlightPath(points, speeds, radii)
-                    duration_s += float(passing_times(path, limits)[-1]) + SETTLING_S
+                    duration_s += float(passing_times(path, limits)[-1]) + STOPPING_S
                 slow_m = min(-down_m, p["MPC_LAND_ALT2"])
                 fast_s = (-down_m - slow_m) / p["MPC_Z_VEL_MAX_DN"]
                 duration_s += fast_s + slow_m / p["MPC_LAND_SPEED"]

@@ -5,7 +5,6 @@
 
 #include "stops.h"
 
-static const double HOPE = 0.01; /* of success: with less nobody is asked to send */
 static const double ROUNDING_M = 1e-9; /* a path that is over its budget by less is not */
 static const double FILLED = 1.05;     /* of a limit: a device that seems to take no more is tried */
 static const double FULL = 0.999;      /* of a limit, to which a path is cut */
@@ -35,7 +34,7 @@ static void assign_steps(
 static void assign_ready(const Round *round, int timed, unsigned char *schedule, Desk *desk)
 {
     const int64_t devices = round->devices, steps = round->steps;
-    const double hope = round->ready && round->upload ? 0.0 : HOPE;
+    const double hope = round->ready && round->upload ? 0.0 : HOPE_PERCENT / 100.0;
     for (int64_t n = 0; n < steps; n++)
         for (int64_t k = 0; k < devices; k++) {
             const double chance = desk->chances[n * devices + k];

@@ -16,6 +16,7 @@ from native.loading import address, interface
 
 PLANNER = interface(library("planner"))
 MOST_DEVICES: int = PLANNER.MOST_DEVICES  # of a search
+HOPE: float = PLANNER.HOPE_PERCENT / 100  # of success: with less nobody is asked to send
 POINT = columns(PLANNER.Point, "x y")
 
 

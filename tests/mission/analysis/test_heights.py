@@ -1,9 +1,12 @@
 """Heights are above home on the globe, however far from it: the plane that touches the globe there
 is 5 m higher at 8 km."""
 
+import asyncio
 import json
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 import pymap3d
@@ -19,8 +22,13 @@ from flightdyn.state import GeodeticPoint
 from mission.analysis.compare import compare_run
 from mission.analysis.load import load_run
 from mission.cli import call
+from mission.commands.options import load
+from mission.flight.flyers.unflown import UnflownFlyer
+from mission.flight.missions.round_mission import FlightPlan
 from mission.log.reader import read_log
 from mission.log.writer import FlightLog
+from mission.planner.stops import Stop
+from sitl.observer import VehicleObserver, VehicleSample
 
 HEIGHT_M, FAR_M = 60.0, 8000.0
 
@@ -95,3 +103,21 @@ def test_a_foreign_log_is_exported_as_high_as_it_says(tmp_path: Path) -> None:
     (line,) = [f for f in found if f["properties"]["kind"] == "believed"]
     heights = [row[2] for row in line["geometry"]["coordinates"]]
     assert heights == pytest.approx([PX4_HOME.alt_msl_m + 30.0] * len(heights), abs=0.01)
+
+
+def test_who_flies_nothing_is_at_the_same_heights() -> None:
+    """Places of the plan are met exactly, and observers hear of them where they are."""
+    heard: list[VehicleSample] = []
+    observer = SimpleNamespace(sampled=heard.append)
+    mission = load(None, ()).mission
+    flyer = UnflownFlyer(AREA, mission, [cast("VehicleObserver", observer)])
+    far_m = np.add(AREA.home_m, (6e3, -5e3))
+    plan = FlightPlan((Stop(far_m, (1,)),), HEIGHT_M, 20.0, 5.0)
+    flight = asyncio.run(flyer.fly(plan))
+    (passage,) = flight.passages
+    assert passage is not None
+    assert AREA.xyz(passage.true_ned_m) == pytest.approx([*far_m, HEIGHT_M], abs=1e-9)
+    for state in (heard[-1].truth, heard[-1].belief):
+        where = HOME.lat_deg, HOME.lon_deg, HOME.alt_msl_m
+        *_, alt_m = pymap3d.ned2geodetic(*state.pos_ned_m, *where)
+        assert alt_m - HOME.alt_msl_m == pytest.approx(HEIGHT_M, abs=0.01)

@@ -1,17 +1,19 @@
 """Inputs at the edge of sense: each has a defined answer, the same for every method."""
 
 import dataclasses
-from typing import get_args
+from typing import Any, get_args
 
 import numpy as np
 import pytest
 from one_aircraft import changed, round_problem
 
 from fl.radio.channel import CHANNEL_PRESETS, average_per
+from flightdyn.config import LimitsConfig
 from mission.planner.check import check_plan
 from mission.planner.config import PlannerConfig, PlannerKind
 from mission.planner.errors import InfeasiblePlanError, PlanInputError
 from mission.planner.factory import make_planner
+from mission.planner.performance import Performance, RoundLimits
 from mission.planner.problem import PlannedPath
 
 KINDS = tuple(kind for kind in get_args(PlannerKind) if kind != "import")
@@ -142,3 +144,19 @@ def test_a_false_value_is_found_out_in_any_unit() -> None:
     check_plan(tiny, good)
     with pytest.raises(InfeasiblePlanError, match="claims a value of"):
         check_plan(tiny, dataclasses.replace(good, value=5.0 * good.value))
+
+
+@pytest.mark.parametrize(("away_m", "budget_m"), [(320.0, 0.0), (3000.0, 2600.0), (3000.0, 2680.0)])
+@pytest.mark.parametrize("timed", [False, True])
+def test_where_nobody_is_in_reach_nothing_is_left_out(
+    away_m: float, budget_m: float, timed: bool
+) -> None:
+    """Success falls below 1 % within 360 m of a device; one of no importance does not count."""
+    limits = RoundLimits(Performance(20.0, 5.0, LimitsConfig()), 200.0) if timed else None
+    far: dict[str, Any] = {
+        "devices_m": np.array([[away_m, 0.0], [0.0, 4000.0], [10.0, 0.0]]),
+        "importance": np.array([1.0, 0.5, 0.0]),
+    }
+    made = plan("certified", **far, path_budget_m=budget_m, limits=limits)
+    assert (made.value, made.upper_bound, made.gap) == (0.0, 0.0, 0.0)
+    assert plan("certified", **far, path_budget_m=away_m).value > 0.9

@@ -291,6 +291,16 @@ def test_home_is_the_first_item_that_has_a_place(
     assert (order.area.home.lat_deg, order.area.home.lon_deg) == pytest.approx((NORTH, 8.5))
 
 
+@pytest.mark.slow
+def test_a_plan_of_many_waits_takes_as_long_as_foreseen(tmp_path: Path) -> None:
+    """Within a second, where a stop that is foreseen 0.25 s too long adds up to four."""
+    ends = [place(NORTH if n % 2 else 47.4, 8.5, wait_s=1) for n in range(1, 17)]
+    plan, out = written(tmp_path, TAKE_OFF, *ends, RETURN), tmp_path / "out"
+    assert call(["fly", str(plan), "--out", str(out), "--no-report", *QUIET]) == 0
+    found = summary(out)["planned_and_flown"]
+    assert found["duration_s"] == pytest.approx(found["plan_duration_s"], abs=1.0)
+
+
 def test_turns_are_timed_by_their_number(tmp_path: Path) -> None:
     def planned_s(turns: float) -> float:
         circle = simple(18, turns, 0, 20, 0, 47.401, 8.5, 50)
