@@ -37,7 +37,14 @@ def rows(path: Path) -> list[dict[str, str]]:
 
 
 def digests(folder: Path) -> dict[str, str]:
-    names = ("rounds.csv", "uplinks.csv", "learning.csv", "devices.csv", "flight.mcap")
+    names = (
+        "rounds.csv",
+        "aircraft.csv",
+        "uplinks.csv",
+        "learning.csv",
+        "devices.csv",
+        "flight.mcap",
+    )
     return {name: hashlib.sha256((folder / name).read_bytes()).hexdigest() for name in names}
 
 

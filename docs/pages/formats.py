@@ -5,7 +5,7 @@ from collections.abc import Iterable
 
 from mission.base.tables import told
 from mission.log import topics
-from mission.log.records import DeviceRecord, TimedUplinkRecord, UplinkRecord
+from mission.log.records import AircraftRecord, DeviceRecord, TimedUplinkRecord, UplinkRecord
 from mission.log.values import ControlTrack
 
 HEAD = """# What a run leaves
@@ -17,7 +17,8 @@ needed to look at the run, to compute with it and to fly it again.
 |---|---|
 | see where the drone flew and who was served | `figures/` |
 | compute with rounds, transmissions or accuracies | [`rounds.csv`](#roundscsv), \
-[`uplinks.csv`](#uplinkscsv), [`learning.csv`](#learningcsv), `devices.csv` |
+[`uplinks.csv`](#uplinkscsv), [`learning.csv`](#learningcsv), [`aircraft.csv`](#aircraftcsv), \
+`devices.csv` |
 | follow the flight second by second | [`flight.mcap`](#flightmcap), see \
 [reading a log](reading-logs.md) |
 | know how the run ended, with which versions and data | `summary.json` |
@@ -36,7 +37,8 @@ the formulas, the [glossary](glossary.md) most terms.
 - `plan_` is what was planned, `est_` what the autopilot believed (its estimate), `true_` what was
   true in the simulation.
 - CSV files are UTF-8 with one header line. Numbers are written in their shortest exact form. `nan`
-  stands where there is no value (`null` in the log).
+  stands where there is no value (`null` in the log). Tables of earlier versions are read, also
+  where a column that may hold `nan` was not there yet.
 - With the built-in autopilot the same configuration and seed give the same bytes in a folder of the
   same name. Only `summary.json` and `report.html` differ, by the wall times in them.
 
@@ -52,6 +54,7 @@ same again |
 samples of each class (`class:samples`), configured share. Where devices take time, `compute_s` \
 and `upload_s` too. `positions_file` takes this file |
 | `rounds.csv` | a row for each round |
+| `aircraft.csv` | a row for each round and aircraft |
 | `uplinks.csv` | a row for each scheduled device of each round |
 | `learning.csv` | a row for each device after every round |
 | `flight.mcap` | the flight log |
@@ -95,6 +98,8 @@ def _body() -> list[str]:
     lines = [
         *("", "## rounds.csv", "", "One row for each round.", "", *_round_columns()),
         *("", "`COMMUNITY` is the name of one: there is a column for each."),
+        *("", "## aircraft.csv", "", "One row for each round and aircraft."),
+        *("", *_columns(AircraftRecord)),
         *("", "## uplinks.csv", "", "One row for each scheduled device of each round."),
         *("", *_fields(topics.UPLINKS)),
         *(

@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 import pandas as pd
 
 from mission.base.tables import columns
-from mission.log.records import is_by_community
+from mission.log.records import OfSeveral, is_by_community
 
 
 def frame(
@@ -18,5 +18,6 @@ def frame(
     found = pd.DataFrame(values)
     if len(found.columns) or record is None:
         return found
-    known = {c.name: c.holds for c in columns(record) if not is_by_community(c)}
+    told = [c for c in columns(record) if c.find(OfSeveral) is None]
+    known = {c.name: c.holds for c in told if not is_by_community(c)}
     return pd.DataFrame({name: pd.Series([], dtype=kind) for name, kind in known.items()})

@@ -42,28 +42,48 @@ class Run:
         return self.table("uplinks")
 
     @cached_property
+    def aircraft(self) -> "pd.DataFrame":
+        """One row per round and aircraft, with the columns of `aircraft.csv`.
+
+        Raises:
+            InputError: a log by itself, or a run of an earlier version.
+        """
+        from mission.log.records import AircraftRecord
+
+        return self._beside_log("aircraft", AircraftRecord, words="aircraft", logged="rounds")
+
+    @cached_property
     def learning(self) -> "pd.DataFrame":
         """One row per device and round, from 0 (untrained), with the columns of `learning.csv`.
 
         Raises:
             InputError: a log by itself; `table("learning")` has what a log knows, by community.
         """
+        from mission.log.records import DeviceRecord
+
+        return self._beside_log("learning", DeviceRecord, words="devices", logged="learning")
+
+    def _beside_log(
+        self, name: str, record: "type[Any]", *, words: str, logged: str
+    ) -> "pd.DataFrame":
+        """A table that the log has not, of the rounds that have ended."""
         from mission.api.frames import frame
         from mission.base.run_folder import RunFolder
-        from mission.log.records import DeviceRecord, flat
+        from mission.log.records import flat
         from mission.log.tables import read_table
 
         if self.path.is_file():
             raise InputError(
-                f"{self.path}: a log has no table of devices; its folder's learning.csv has, "
-                'and table("learning") is what the log knows, by community'
+                f"{self.path}: a log has no table of {words}; its folder's {name}.csv has, and "
+                f'table("{logged}") is what the log knows'
             )
         here = RunFolder(self.path)
+        file: Path = getattr(here, name)
         # A resumed run keeps its longer tables until it has caught up with them.
-        kept = here.kept / here.learning.name
-        records = read_table(kept if kept.is_file() else here.learning, DeviceRecord)
+        kept = here.kept / file.name
+        records = read_table(kept if kept.is_file() else file, record)
         ended = {0, *self.rounds["round"]}
-        return frame(DeviceRecord, [flat(item) for item in records if item.round in ended])
+        return frame(record, [flat(item) for item in records if item.round in ended])
 
     @cached_property
     def track(self) -> "pd.DataFrame":

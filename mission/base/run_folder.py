@@ -49,6 +49,7 @@ class RunFolder:
     config = _Inside("config.toml")
     devices = _Inside("devices.csv")
     rounds = _Inside("rounds.csv")
+    aircraft = _Inside("aircraft.csv")
     uplinks = _Inside("uplinks.csv")
     learning = _Inside("learning.csv")
     log = _Inside("flight.mcap")
@@ -133,9 +134,14 @@ class RunFolder:
             return {}
         return summary if isinstance(summary, dict) else {}
 
+    @property
+    def tables(self) -> tuple[Path, ...]:
+        """Tables that grow with the rounds."""
+        return self.rounds, self.aircraft, self.uplinks, self.learning
+
     def digests(self) -> dict[str, str]:
         """SHA-256 of the configuration and of each table, by file name."""
-        files = self.config, self.devices, self.rounds, self.uplinks, self.learning
+        files = self.config, self.devices, *self.tables
         return {
             file.name: hashlib.sha256(read_bytes(file, most=DATA_BYTES)).hexdigest()
             for file in files
@@ -178,7 +184,7 @@ class RunFolder:
         with or_input_error(self.kept, "cannot keep the old files"):
             shutil.rmtree(self.checkpoint / _GONE, ignore_errors=True)
             self.kept.mkdir(parents=True, exist_ok=True)
-            for file in (self.log, self.rounds, self.uplinks, self.learning):
+            for file in (self.log, *self.tables):
                 if file.exists() and not (self.kept / file.name).exists():
                     file.replace(self.kept / file.name)
 

@@ -1,4 +1,4 @@
-"""The rows of `rounds.csv`, `uplinks.csv` and `learning.csv`, and how records become JSON and back.
+"""The rows of `rounds.csv`, `aircraft.csv`, `uplinks.csv` and `learning.csv`; records as JSON.
 
 Each column is declared here alone; tables, readers, the log's schemas and the pages follow: field
 order is column order, the text is what people read of the column. Metres, seconds; positions are
@@ -9,7 +9,7 @@ import math
 import operator
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Annotated, Any, TypeAlias, TypeVar, get_origin
+from typing import Annotated, Any, Self, TypeAlias, TypeVar, get_origin
 
 import numpy as np
 
@@ -36,6 +36,14 @@ def _item(row: Sequence[float | None]) -> tuple[float, ...]:
     if len(found) != _ITEM_NUMBERS or not all(map(math.isfinite, found[:3])):
         raise ValueError(f"item {row}")
     return found
+
+
+@dataclass(frozen=True)
+class OfSeveral:
+    """Description of a column that tables have only where several aircraft fly. The log has none of
+    it: there the name of the topic says whose a record is."""
+
+    words: str
 
 
 @dataclass(frozen=True)
@@ -142,6 +150,7 @@ class UplinkRecord:
     true_per: Annotated[float, "packet error rate at the true position; 1 where never reached"]
     importance: Annotated[float, "delta of the device in this round"]
     delivered: Annotated[bool, "the update arrived"]
+    aircraft: Annotated[str, OfSeveral("name of the aircraft that served it")] = ""
 
     @property
     def outcome(self) -> str:
@@ -149,7 +158,7 @@ class UplinkRecord:
         return "delivered" if self.delivered else "lost"
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class TimedUplinkRecord(UplinkRecord):
     """The same of a run whose devices take time to train, or to send."""
 
@@ -195,6 +204,31 @@ class RoundRecord:
 
 
 @dataclass(frozen=True, slots=True)
+class AircraftRecord:
+    """What one aircraft has done in a round: a row of `aircraft.csv`."""
+
+    round: Annotated[int, "round, from 1"]
+    aircraft: Annotated[str, "name of the aircraft"]
+    start_t_s: Annotated[float, "simulated time at which it began"]
+    duration_s: Annotated[float, "simulated seconds from its start to its end"]
+    plan_path_m: Annotated[float, "length of its planned path"]
+    flown_path_m: Annotated[float, "length of its track"]
+    scheduled: Annotated[int, "devices that it was to serve"]
+    delivered: Annotated[int, "updates that arrived with it"]
+    battery_remaining: Annotated[float, "0..1 of its capacity at the end"]
+    plan_altitude_m: Annotated[Maybe, "height above home that was chosen; nan where it is given"]
+    plan_duration_s: Annotated[Maybe, "planned seconds from its start to its end"]
+    plan_energy_j: Annotated[Maybe, "planned joules of its battery"]
+    energy_j: Annotated[Maybe, "joules that its flight took; nan where nobody knows"]
+
+    @classmethod
+    def alone(cls, round_: RoundRecord, name: str) -> Self:
+        """The row of the only aircraft of a round."""
+        of_all = {c.name: getattr(round_, c.name) for c in columns(cls) if c.name != "aircraft"}
+        return cls(aircraft=name, **of_all)
+
+
+@dataclass(frozen=True, slots=True)
 class DeviceRecord:
     """What one device has learnt after a round: a row of `learning.csv`."""
 
@@ -212,13 +246,14 @@ def is_by_community(column: Column) -> bool:
 
 
 def flat(record: object) -> dict[str, Any]:
-    """Convert a record to a table row by column name; fields by community give a column each."""
+    """Convert a record to a table row by column name; fields by community give a column each, and
+    those of several aircraft none where there is one."""
     row: dict[str, Any] = {}
     for column in columns(type(record)):
         value = getattr(record, column.name)
         if is_by_community(column):
             row |= {f"{column.name}_{name}": float(item) for name, item in value.items()}
-        else:
+        elif value or not column.find(OfSeveral):
             row[column.name] = value
     return row
 

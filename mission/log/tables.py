@@ -1,11 +1,13 @@
-"""`rounds.csv`, `uplinks.csv`, `learning.csv`: written row by row, read back with checks.
+"""A run's tables of records: written row by row, read back with checks.
 
 CSV of the dialect of `csv_lines` with one header line. A round's accuracies and CoVs stand in one
-column a community: `accuracy_<name>`, `cov_<name>`. The same records give the same bytes.
+column a community: `accuracy_<name>`, `cov_<name>`. The same records give the same bytes. Columns
+that came later may be missing in a table of an earlier version: those of which a value may be, too.
 """
 
 import csv
 import io
+import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Generic, NamedTuple, Self, TypeVar
@@ -15,7 +17,11 @@ from mission.base.record_file import RecordFile
 from mission.base.tables import columns, csv_lines
 from mission.base.user_files import DATA_BYTES, read_text
 from mission.log.records import (
+    MAYBE,
+    AircraftRecord,
     DeviceRecord,
+    Kind,
+    OfSeveral,
     RoundRecord,
     TimedUplinkRecord,
     UplinkRecord,
@@ -23,7 +29,7 @@ from mission.log.records import (
     is_by_community,
 )
 
-Record = TypeVar("Record", bound=UplinkRecord | RoundRecord | DeviceRecord)
+Record = TypeVar("Record", bound=UplinkRecord | RoundRecord | AircraftRecord | DeviceRecord)
 
 # A record, and the one with more columns that may stand in its table.
 _WIDER: Mapping[type, type] = {UplinkRecord: TimedUplinkRecord}
@@ -42,15 +48,18 @@ class Table(Generic[Record]):
         record: type[Record],
         *,
         communities: Sequence[str] = (),
+        several: bool = False,
     ) -> None:
         """Start the table, replacing a file that is there.
 
-        `communities`: names, for the columns of fields by community.
+        `communities`: names, for the columns of fields by community. `several`: with the columns of
+        several aircraft.
 
         Raises:
             InputError: the file cannot be written.
         """
-        self._header = [cell.name for cell in _cells(record, communities)]
+        cells = _cells(record, communities)
+        self._header = [cell.name for cell in cells if several or cell.missing != ""]
         self.file = RecordFile(path)
         self._append([self._header])
 
@@ -90,11 +99,13 @@ def read_table(path: Path, record: type[Record]) -> tuple[Record, ...]:
     header, rows = _read(path)
     communities = [c.removeprefix("accuracy_") for c in header if c.startswith("accuracy_")]
     wider: Any = _WIDER.get(record, record)
-    if header == [cell.name for cell in _cells(wider, communities)]:
+    if {cell.name for cell in _cells(wider, communities) if cell.missing is None} <= {*header}:
         record = wider
     cells = _cells(record, communities)
-    _check_header(path, header, [cell.name for cell in cells])
-    return tuple(record(**_values(path, record, cells, *row)) for row in rows)
+    there = [cell for cell in cells if cell.name in header or cell.missing is None]
+    _check_header(path, header, [cell.name for cell in there])
+    lacking: dict[str, Any] = {cell.field: cell.missing for cell in cells if cell not in there}
+    return tuple(record(**lacking, **_values(path, record, there, *row)) for row in rows)
 
 
 class _Cell(NamedTuple):
@@ -104,6 +115,7 @@ class _Cell(NamedTuple):
     field: str
     key: str | None  # in the field, where it holds several columns
     kind: object  # type of the value
+    missing: object = None  # value where the table lacks the column; None: it must not
 
 
 def _cells(record: type, communities: Sequence[str]) -> list[_Cell]:
@@ -113,7 +125,9 @@ def _cells(record: type, communities: Sequence[str]) -> list[_Cell]:
         if is_by_community(column):
             cells += [_Cell(f"{field}_{name}", field, name, float) for name in communities]
         else:
-            cells.append(_Cell(field, field, None, column.holds))
+            may = column.find(Kind) is MAYBE
+            missing = math.nan if may else "" if column.find(OfSeveral) else None
+            cells.append(_Cell(field, field, None, column.holds, missing))
     return cells
 
 

@@ -6,7 +6,8 @@ objects with a JSON schema that says the unit of every number. NaN is written as
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cache
 from typing import Any
 
 from foxglove import messages as fox
@@ -72,6 +73,12 @@ def _json(name: str, title: str, record: type, *, latched: bool = False) -> Topi
     }
     data = json.dumps(schema, separators=(",", ":")).encode()
     return Topic(name, title, "jsonschema", data, "json", description, latched)
+
+
+@cache
+def of_vehicle(topic: Topic, name: str) -> Topic:
+    """Return the topic of one of several vehicles: `/north/true/pose`; of one alone, as it is."""
+    return replace(topic, name=f"/{name}{topic.name}") if name else topic
 
 
 def _is_plain(field: Mapping[str, Any]) -> bool:

@@ -9,7 +9,7 @@ from fl.federation.rounds import RoundLearning
 from fl.plugins import PlugIn
 from mission.base.errors import CallbackError, UsersCodeError
 from mission.config.models import RunConfig
-from mission.log.records import RoundRecord, UplinkRecord
+from mission.log.records import AircraftRecord, RoundRecord, UplinkRecord
 
 
 @dataclass(frozen=True)
@@ -27,6 +27,7 @@ class RoundReport:
     round: RoundRecord  # its row in rounds.csv
     uplinks: tuple[UplinkRecord, ...]  # its rows in uplinks.csv
     learning: RoundLearning
+    aircraft: tuple[AircraftRecord, ...]  # its rows in aircraft.csv
     again: bool  # told before: a resumed run flies its finished rounds again
 
 

@@ -14,7 +14,7 @@ from mission.base.interrupts import in_background
 from mission.base.record_file import RecordFile
 from mission.base.stopwatch import Stopwatch
 from mission.base.tables import count
-from mission.log.records import UNKNOWN_ROUND, RoundRecord, UplinkRecord
+from mission.log.records import UNKNOWN_ROUND, AircraftRecord, RoundRecord, UplinkRecord
 from mission.run.budget import RunTotals
 from mission.run.callbacks import RoundReport
 from mission.run.checkpoint import RoundMemory
@@ -51,7 +51,7 @@ class Experiment(ABC):
     def files(self) -> Sequence[RecordFile]:
         """Log and tables."""
         recorder = self.recorder
-        tables = recorder.rounds, recorder.uplinks, recorder.devices
+        tables = recorder.rounds, recorder.aircraft, recorder.uplinks, recorder.devices
         return recorder.log.file, *(table.file for table in tables)
 
     async def run(self) -> None:
@@ -124,9 +124,14 @@ class Experiment(ABC):
         self.recorder.progress.phase(f"round {self.totals.next_round}/{rounds}: {what}")
 
     def _finish(
-        self, record: RoundRecord, memory: RoundMemory, served: tuple[UplinkRecord, ...] = ()
+        self,
+        record: RoundRecord,
+        memory: RoundMemory,
+        served: tuple[UplinkRecord, ...] = (),
+        aircraft: tuple[AircraftRecord, ...] = (),
     ) -> None:
-        report = RoundReport(record, served, memory.learnt, again=self._recalled() is not None)
+        again = self._recalled() is not None
+        report = RoundReport(record, served, memory.learnt, aircraft, again=again)
         with self.stopwatch("log"):
             self.recorder.finished(report, memory, self.state)
         self.totals.add(record)

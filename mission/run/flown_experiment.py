@@ -18,7 +18,7 @@ from mission.flight.flyers.base import CHARGED, Attached, Flyer
 from mission.flight.missions.geofence import airspace_rings, fence_items
 from mission.flight.missions.round_mission import FlightPlan, flight_of_round
 from mission.flight.track import FlownTrack
-from mission.log.records import LATE, RoundRecord, UplinkRecord
+from mission.log.records import LATE, AircraftRecord, RoundRecord, UplinkRecord
 from mission.planner.flyable import share_of
 from mission.planner.performance import Foreseen
 from mission.planner.problem import RoundPlan, RoundProblem
@@ -159,7 +159,8 @@ class FlownExperiment(Experiment):
             energy_used_j=used.joules,
         )
         memory = RoundMemory(problem.importance, sortie, learnt, true_objective, tuple(flown.rests))
-        self._finish(record, memory, served)
+        (name,) = self.scenario.aircraft
+        self._finish(record, memory, served, (AircraftRecord.alone(record, name),))
 
     def _needed_charge(self) -> float:
         """Charge (0..1) below which no round begins: the most that one took, and the reserve.

@@ -77,8 +77,10 @@ def uplinks(
     rng: np.random.Generator,
     gate: Gate = "average",
     work: DeviceWork | None = None,
+    aircraft: str = "",
 ) -> tuple[UplinkRecord, ...]:
-    """Return a record per scheduled device, in order of step and device; `passages` by device.
+    """Return a record per device that an aircraft serves, in order of step and device; `passages`
+    by device, `aircraft` its name where there are several.
 
     Updates are drawn at the true positions, where `radio` gives the rates; planned and believed
     rates are those of the problem's radio. `rng` is this round's own stream. `work` says when
@@ -123,6 +125,7 @@ def uplinks(
             true_per=float(arrivals.per[device]),
             importance=float(problem.importance[device]),
             delivered=bool(arrivals.delivered[device]),
+            aircraft=aircraft,
         )
         if work is not None:
             record = _timed(record, work, late=late, upload_s=_upload_s(problem, device))

@@ -14,6 +14,7 @@ from mission.flight.missions.plan_file import write_round_plan
 from mission.flight.missions.round_mission import FlightPlan
 from mission.log.live import LiveView
 from mission.log.records import (
+    AircraftRecord,
     DeviceRecord,
     RoundRecord,
     TimedUplinkRecord,
@@ -52,6 +53,7 @@ class FolderRecorder:
     run: Ready
     log: FlightLog
     rounds: Table[RoundRecord]
+    aircraft: Table[AircraftRecord]
     uplinks: Table[UplinkRecord]
     devices: Table[DeviceRecord]
     progress: Progress
@@ -98,6 +100,7 @@ class FolderRecorder:
         self.learnt(record.round, report.learning)
         self.log.round(record)
         self.uplinks.extend(report.uplinks)
+        self.aircraft.extend(report.aircraft)
         self.rounds.extend([record])
         if not report.again:
             # Log and tables hold all that the old ones held.
@@ -157,7 +160,9 @@ def recording(run: Ready, console: RunConsole, stopwatch: Stopwatch) -> Iterator
         names = scenario.federation.names
         rounds = stack.enter_context(Table(folder.rounds, RoundRecord, communities=names))
         uplink = TimedUplinkRecord if scenario.device_times else UplinkRecord
-        uplinks = stack.enter_context(Table(folder.uplinks, uplink))
+        several = len(scenario.aircraft) > 1
+        uplinks = stack.enter_context(Table(folder.uplinks, uplink, several=several))
+        aircraft = stack.enter_context(Table(folder.aircraft, AircraftRecord))
         learnt = stack.enter_context(Table(folder.learning, DeviceRecord))
         # What is needed to understand the log goes with it.
         log.attach("config.toml", "application/toml", scenario.config.to_toml().encode())
@@ -166,7 +171,7 @@ def recording(run: Ready, console: RunConsole, stopwatch: Stopwatch) -> Iterator
         if scenario.config.radio.belief not in ("channel", "truth"):
             count = len(scenario.devices_m)
             log.radio_true(radio_grid(scenario.radio, scenario.channel, scenario.area, count))
-        tables = rounds, uplinks, learnt
+        tables = rounds, aircraft, uplinks, learnt
         recorder = FolderRecorder(run, log, *tables, progress, stopwatch)
         for notice in scenario.notices():
             recorder.notice(notice)

@@ -73,6 +73,11 @@ class Scenario:
     strategy: Strategy | None  # None: ideal, nothing is flown
 
     @property
+    def aircraft(self) -> tuple[str, ...]:
+        """(A,) the name of each aircraft."""
+        return ("uav1",)
+
+    @property
     def community_of(self) -> tuple[str, ...]:
         """(K,) the name of each device's community."""
         return tuple(self.federation.names[c] for c in self.federation.community_of)

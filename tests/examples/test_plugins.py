@@ -43,7 +43,7 @@ SMALL = {
 }
 WALL = {"polygon_m": [[20.0, 200.0], [780.0, 200.0], [780.0, 230.0]], "height_m": 45.0}
 WALLED = {"area.buildings": [WALL], "radio.truth": "buildings"}
-TABLES = ("rounds.csv", "uplinks.csv", "learning.csv")
+TABLES = ("rounds.csv", "aircraft.csv", "uplinks.csv", "learning.csv")
 
 
 def fly(out: Path, more: Mapping[str, Any]) -> aerofed.Run:

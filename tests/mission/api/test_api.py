@@ -39,7 +39,7 @@ SMALL = {
     "communities.1.devices": 3,
     "learning.local_epochs": 1,
 }
-TABLES = ("rounds.csv", "uplinks.csv", "learning.csv", "flight.mcap")
+TABLES = ("rounds.csv", "aircraft.csv", "uplinks.csv", "learning.csv", "flight.mcap")
 
 
 HERE = (400, 400)  # where the problem begins
@@ -159,6 +159,7 @@ def test_tables_are_data_frames(run: aerofed.Run) -> None:
     assert run.uplinks["device"].tolist() == [item.device for item in records]
     assert run.uplinks["delivered"].dtype == bool
     assert len(run.learning) == 6 * 3
+    assert run.aircraft["flown_path_m"].tolist() == run.rounds["flown_path_m"].tolist()
     assert run.learning["loss"].notna().sum() == run.uplinks["delivered"].sum()
     assert set(run.track["round"]) == {0, 1, 2}
     first = run.track[run.track["round"] == 1]

@@ -16,7 +16,7 @@ from mission.log.reader import read_log
 from mission.log.records import RoundRecord
 from mission.log.tables import read_table
 
-NAMES = ("flight.mcap", "rounds.csv", "uplinks.csv", "learning.csv")
+NAMES = ("flight.mcap", "rounds.csv", "aircraft.csv", "uplinks.csv", "learning.csv")
 
 
 @pytest.fixture

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mission.base.errors import InputError
-from mission.log.records import UNKNOWN_ROUND, RoundRecord, UplinkRecord
+from mission.log.records import UNKNOWN_ROUND, RoundRecord, UplinkRecord, flat
 from mission.log.tables import Table, TableError, read_table
 
 FLOATS = st.floats(allow_nan=False)
@@ -125,3 +125,26 @@ def test_a_boolean_must_be_one(tmp_path: Path) -> None:
     path.write_text(path.read_text().replace("true\n", "yes\n"))
     with pytest.raises(TableError, match="delivered = 'yes': must be true or false"):
         read_table(path, UplinkRecord)
+
+
+def test_a_table_of_before_lacks_what_may_be_missing(tmp_path: Path) -> None:
+    path = write(tmp_path / "r.csv", round_record(0))
+    head, row, _ = path.read_text().split("\n")
+    for cut in range(1, 7):  # plan_altitude_m and all after it came later, one by one
+        path.write_text(
+            "\n".join((*(",".join(line.split(",")[:-cut]) for line in (head, row)), ""))
+        )
+        (found,) = read_table(path, RoundRecord)
+        last = head.split(",")[-cut:]
+        assert all(math.isnan(getattr(found, name)) for name in last)
+        assert found.battery_remaining == round_record(0).battery_remaining
+
+
+def test_uplinks_say_by_whom_where_there_are_several(tmp_path: Path) -> None:
+    for sent in (uplink(3), uplink(3, aircraft="north")):
+        several = bool(sent.aircraft)
+        with Table(tmp_path / "u.csv", UplinkRecord, several=several) as table:
+            table.extend([sent])
+        assert (",aircraft\n" in (tmp_path / "u.csv").read_text()) == several
+        assert read_table(tmp_path / "u.csv", UplinkRecord) == (sent,)
+        assert ("aircraft" in flat(sent)) == several

@@ -201,6 +201,22 @@ def test_each_round(folder: Path) -> None:
     assert first.true_objective > 1.005 * first.est_objective > 1.01 * first.plan_objective
 
 
+def test_each_round_of_the_aircraft(folder: Path) -> None:
+    (first, second), sent = rows(folder / "aircraft.csv"), rows(folder / "uplinks.csv")
+    for row, (start_s, duration_s, path_m) in ((first, (0, 9, 180)), (second, (9, 3, 60))):
+        mine = [uplink for uplink in sent if uplink["round"] == row["round"]]
+        assert row["aircraft"] == "uav1"
+        assert float(row["start_t_s"]) == start_s
+        assert float(row["duration_s"]) == float(row["plan_duration_s"]) == duration_s
+        assert float(row["plan_path_m"]) == pytest.approx(path_m)
+        assert float(row["flown_path_m"]) == pytest.approx(TRUE * path_m)
+        assert float(row["energy_j"]) == DRAWN_J
+        assert float(row["battery_remaining"]) == pytest.approx(0.9 - (start_s + duration_s) / 100)
+        assert int(row["scheduled"]) == len(mine)
+        assert int(row["delivered"]) == sum(uplink["delivered"] == "true" for uplink in mine)
+        assert row["plan_altitude_m"] == "nan"
+
+
 def test_each_device(folder: Path) -> None:
     found = rows(folder / "devices.csv")
     assert [row["community"] for row in found] == ["near", "near", "far"]

@@ -46,7 +46,8 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.mark.slow
 def test_a_run_leaves_what_it_promises(run: Path) -> None:
     assert {path.name for path in run.iterdir()} >= {
-        "config.toml", "devices.csv", "rounds.csv", "uplinks.csv", "flight.mcap", "summary.json",
+        "config.toml", "devices.csv", "rounds.csv", "aircraft.csv", "uplinks.csv", "flight.mcap",
+        "summary.json",
         "figures", "checkpoint", "plans",
     }  # fmt: skip
     for picture in (run / "figures").iterdir():
@@ -125,7 +126,7 @@ def test_the_same_seed_gives_the_same_bytes_on_a_loaded_machine(run: Path, tmp_p
         for process in load:
             process.kill()
             process.wait()
-    for name in ("rounds.csv", "uplinks.csv", "learning.csv"):
+    for name in ("rounds.csv", "aircraft.csv", "uplinks.csv", "learning.csv"):
         first = [row for row in rows(run / name) if row["round"] in ("0", "1")]
         assert rows(tmp_path / "again" / name) == first
     assert digests(tmp_path / "again")["devices.csv"] == digests(run)["devices.csv"]

@@ -105,7 +105,7 @@ def test_a_sweep_leaves_runs_tables_and_figures(swept: Path) -> None:
 def test_a_run_of_a_sweep_is_an_ordinary_run(swept: Path, tmp_path: Path) -> None:
     config = swept / "runs" / "cov-seed2" / "config.toml"
     assert call(["run", str(config), "--out", str(tmp_path / "alone"), *QUIET]) == 0
-    for name in ("rounds.csv", "uplinks.csv", "flight.mcap"):
+    for name in ("rounds.csv", "aircraft.csv", "uplinks.csv", "flight.mcap"):
         alone = (tmp_path / "alone" / name).read_bytes()
         assert (swept / "runs" / "cov-seed2" / name).read_bytes() == alone
 
