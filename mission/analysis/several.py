@@ -18,6 +18,12 @@ class Several:
     world: Together | None
     left_out: tuple[str, ...]  # logs that are not among them, and why
 
+    @property
+    def together(self) -> Together:
+        """The world, where it was asked for."""
+        assert self.world is not None
+        return self.world
+
 
 def load_several(
     given: Iterable[Path | LoadedRun],

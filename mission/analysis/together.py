@@ -7,7 +7,7 @@ both are in the air; beside each other on the ground nobody is too near.
 import itertools
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -18,7 +18,9 @@ from mission.base.area import Area, on_globe
 from mission.base.arrays import Bools, Floats
 from mission.base.errors import InputError
 from mission.base.gaps import inside
+from mission.base.palette import community_colour
 from mission.log.values import NS_PER_S, OURS, FlightData, PlanRecord, Track
+from mission.log.world_files import Met, Seen
 
 # Which axes (east, north, up) each distance has; by the name of its limit.
 SEPARATIONS: Mapping[str, tuple[int, ...]] = {
@@ -112,6 +114,13 @@ class Pair:
             return ""
         return f"no positions of one of them at {begin_s:.1f}-{end_s:.1f} s"
 
+    def over_time(self, near: Near) -> tuple[Floats, Floats]:
+        """Times and distances, with the least one among them; NaN behind what is not known."""
+        t_s, known = self.flown.t_s, np.append(self.flown.known, True)
+        away_m = np.where(known, np.linalg.norm(self.flown.away_m, axis=1), math.nan)
+        at = int(np.searchsorted(t_s, near.t_s))
+        return np.insert(t_s, at, near.t_s), np.insert(away_m, at, near.away_m)
+
     def nearest(self, name: str, limits: Mapping[str, float]) -> Near:
         """The least of a distance under limits; with a limit of the other one, of the horizontal
         and the vertical one each counts only while the other is below its limit."""
@@ -130,13 +139,32 @@ class Together:
     tracks: tuple[Track, ...]
     added_s: tuple[float, ...]  # to the times of each
     by: tuple[str, ...]  # what each clock is known by
-    pairs: tuple[Pair, ...] = field(default=())
+    plans: tuple[tuple[Floats, ...], ...]  # planned paths (P, 3) of each
+    pairs: tuple[Pair, ...] = ()
 
     def middle_m(self, pair: Pair, t_s: float) -> Floats:
         """(3,) the place in the middle between two flights at an instant, in the area."""
         t_ns = np.array([round(t_s * NS_PER_S)])
         both = [self.tracks[n].at(t_ns).pos_m[0] for n in (pair.first, pair.second)]
         return np.asarray(np.mean(both, axis=0))
+
+    @property
+    def seen(self) -> list[Seen]:
+        """Each flight with a colour of its own."""
+        each = zip(self.names, self.tracks, self.plans, strict=True)
+        return [Seen(of[0], community_colour(n), *of[1:]) for n, of in enumerate(each)]
+
+    @property
+    def met(self) -> list[Met]:
+        """Where and when each two came nearest, as far as is known."""
+        found = []
+        for pair in self.pairs:
+            near = pair.flown.near(SEPARATIONS["separation_min_m"])
+            if math.isfinite(near.away_m):
+                over_time = pair.over_time(near)
+                at_m = self.middle_m(pair, near.t_s)
+                found.append(Met(pair.name, at_m, near.t_s, near.away_m, *over_time))
+        return found
 
     def place(self, pair: Pair, t_s: float) -> dict[str, float]:
         """The same in degrees, and metres above the home of the first."""
@@ -210,7 +238,7 @@ def together(
             )
     clocks = [clock for clock in found if clock is not None]
     tracks = [
-        _moved(flight.run.data.truth, flight.run.data.area, first.area, added_s)
+        _track(flight.run.data.truth, flight.run.data.area, first.area, added_s)
         for flight, (added_s, _) in zip(flights, clocks, strict=True)
     ]
     some = [t.pos_m[:: max(1, len(t.t_ns) // _LOOKED_AT), :2] for t in tracks]
@@ -226,8 +254,12 @@ def together(
     shift = np.append(np.subtract(area.home_m, first.area.home_m), 0.0)
     tracks = [Track(t.t_ns, t.pos_m + shift) for t in tracks]
     added_s, by = zip(*clocks, strict=True)
-    made = Together(tuple(flights), tuple(names), area, tuple(tracks), added_s, by)
-    made = replace(made, pairs=tuple(_pairs(made, first.area, shift)))
+    plans = tuple(
+        tuple(_moved(plan.route_3d_m, flight.run.data.area, first.area) + shift for plan in of)
+        for flight, of in ((flight, flight.run.data.plans) for flight in flights)
+    )
+    made = Together(tuple(flights), tuple(names), area, tuple(tracks), added_s, by, plans)
+    made = replace(made, pairs=tuple(_pairs(made, first.area)))
     for n, name in enumerate(names):
         if all(n not in (pair.first, pair.second) for pair in made.pairs):
             raise InputError(
@@ -270,16 +302,20 @@ def _simulated(data: FlightData) -> bool:
     return data.source.clock == OURS.clock and not external
 
 
-def _moved(track: Track, area: Area, to: Area, added_s: float) -> Track:
-    """A track in another area, of which only home and the place of home in it count."""
-    ned = area.to_ned(track.pos_m[:, :2], track.pos_m[:, 2])
-    up_m = track.pos_m[:, 2] + area.home.alt_msl_m - to.home.alt_msl_m
+def _moved(points_m: Floats, area: Area, to: Area) -> Floats:
+    """Places (n, 3) of an area in another one, of each of which only home and its place count."""
+    ned = area.to_ned(points_m[:, :2], points_m[:, 2])
+    up_m = points_m[:, 2] + area.home.alt_msl_m - to.home.alt_msl_m
     ned[:, 2] += area.frame.drop_m(ned[:, 0], ned[:, 1])
-    xy = to.from_ned(area.frame.in_frame(ned, to.frame))
-    return Track(track.t_ns + round(added_s * NS_PER_S), np.column_stack((xy, up_m)))
+    return np.column_stack((to.from_ned(area.frame.in_frame(ned, to.frame)), up_m))
 
 
-def _pairs(world: Together, area: Area, shift: Floats) -> Iterator[Pair]:
+def _track(track: Track, area: Area, to: Area, added_s: float) -> Track:
+    """A track of an area in another one, and on its clock."""
+    return Track(track.t_ns + round(added_s * NS_PER_S), _moved(track.pos_m, area, to))
+
+
+def _pairs(world: Together, area: Area) -> Iterator[Pair]:
     """Yield all pairs that are in the air at the same time."""
     air, lost, planned = list[Floats](), list[Floats](), list[list[Track]]()
     for flight, added_s in zip(world.flights, world.added_s, strict=True):
@@ -288,8 +324,7 @@ def _pairs(world: Together, area: Area, shift: Floats) -> Iterator[Pair]:
         begin_ns, end_ns = data.truth.t_ns[[0, -1]].tolist()
         lost.append(position_gaps(data, begin_ns - 1, end_ns + 1) + added_s)
         tracks = [_planned(p) for p in data.plans if math.isfinite(p.duration_s)]
-        moved = [_moved(track, data.area, area, added_s) for track in tracks]
-        planned.append([Track(t.t_ns, t.pos_m + shift) for t in moved])
+        planned.append([_track(track, data.area, area, added_s) for track in tracks])
     for a, b in itertools.combinations(range(len(world.flights)), 2):
         spans = np.array([
             (max(one[0], two[0]), min(one[1], two[1])) for one in air[a] for two in air[b]
@@ -309,8 +344,7 @@ def _pairs(world: Together, area: Area, shift: Floats) -> Iterator[Pair]:
 def _planned(plan: PlanRecord) -> Track:
     """Where a plan leads when, from its begin on."""
     t_ns = plan.t_ns + np.round(plan.slot_s * NS_PER_S).astype(np.int64)
-    stops = plan.stops_at
-    return Track(t_ns, np.column_stack((plan.route_m, plan.route_height_m))[stops])
+    return Track(t_ns, plan.route_3d_m[plan.stops_at])
 
 
 def _apart_planned(first: Sequence[Track], second: Sequence[Track]) -> Apart:

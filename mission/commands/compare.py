@@ -71,7 +71,7 @@ def compare(
         of flights together an object of such flights and of pairs.
     figure
         Also draw the comparison into this file (.png, .svg or .pdf): runs round by round, flights
-        of plan files along the plan, others over time.
+        of plan files along the plan, others over time; of flights together a map and distances.
     rounds
         Compare only the first rounds, as many as this, where runs differ in length.
     """
@@ -98,7 +98,7 @@ def compare(
         from mission.figures.render import save
         from mission.figures.run import comparison_figure
 
-        save(comparison_figure(found), figure)
+        save(comparison_figure(found, world, bounds), figure)
     console = Terminal.for_tables()
     judged = every_verdict(found, bounds, world)
     if as_json:

@@ -13,7 +13,7 @@ from mission.base.terminal import PLAIN, Terminal
 from mission.commands.options import Json, print_json, tell
 from mission.log import DamagedLogError
 
-Form = Literal["csv", "parquet", "kml", "geojson", "ulog", "attachments"]
+Form = Literal["csv", "parquet", "kml", "geojson", "mcap", "ulog", "attachments"]
 
 
 def recover(log: Path, out: Path | None = None, *, as_json: Json = False) -> int:
@@ -127,25 +127,37 @@ def export(
     Parameters
     ----------
     log
-        The log, or its run's folder.
+        The log, or its run's folder; for kml, geojson and mcap also a folder of flights of one
+        world, or of one time and place.
     out
-        The new folder, or file for kml, geojson and ulog. Default: beside the log.
+        The new folder, or file for kml, geojson, mcap and ulog. Default: beside the log; of
+        flights together, together.kml, .geojson or .mcap in their folder.
     to
         csv or parquet: one table each of track, plans, devices, rounds, uplinks, learning, events,
         battery, wind, control and innovations; kml: devices, planned and flown paths; geojson:
-        planned and flown paths in latitude and longitude, also of a .ulg, .bin or .tlog; ulog: the
+        planned and flown paths in latitude and longitude, also of a .ulg, .bin or .tlog; mcap:
+        flights together, with where they came nearest, for Foxglove; ulog: the
         flight as PX4 logs one, for Flight Review and PlotJuggler; attachments: the files inside the
         log (configuration, a Foxglove layout).
     as_json
         Print the new files' paths as a JSON list.
     """
-    written = _write(_file(log), out, to)
+    written = _write(log, out, to)
     tell(written, written, as_json=as_json)
     return 0
 
 
 def _write(log: Path, out: Path | None, to: Form) -> tuple[Path, ...]:
     """Write the export in one form; imports only what that form needs."""
+    if to in ("kml", "geojson", "mcap") and log.is_dir() and not RunFolder(log).log.is_file():
+        from mission.analysis.several import load_several
+        from mission.log.world_files import write_world
+
+        world = load_several((log,), asked=True).together
+        return (write_world(out or log / f"together.{to}", world.area, world.seen, world.met),)
+    if to == "mcap":
+        raise InputError(f"{log}: is a log of one flight; --to mcap is of a folder of several")
+    log = _file(log)
     folder = out or log.with_name(f"{log.stem}-{to}")
     file = out or log.with_suffix(f".{to}")
     if to == "kml":

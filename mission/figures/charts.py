@@ -62,20 +62,21 @@ def line_chart(
     whole_x: bool = False,
     steps: bool = False,
     gate: str = "",
+    gate_at: float = 1.0,
     marks: Series | None = None,
     height: float = HEIGHT,
 ) -> Chart:
     """Lines over a common axis; `x` and `y` are its titles, with units.
 
     The vertical axis begins at zero where nothing is negative, and ends at `most` at the latest.
-    `steps`: a value holds until the next. `gate` names a line at 1; `marks` are single points to
-    be seen.
+    `steps`: a value holds until the next. `gate` names a line, at 1 if not told; `marks` are
+    single points to be seen.
     """
     data = table(series=_labels(series, "x"), x=_joined(series, "x"), y=_joined(series, "y"))
     names = [item.label for item in series]
     drawn = [*series, *([] if marks is None else [marks])]
     values = [edge for item in drawn for edge in (item.y, item.low, item.high) if edge is not None]
-    shown = np.concatenate([[1.0] if gate else [], *values])
+    shown = np.concatenate([[gate_at] if gate else [], *values])
     # Told, not found: where no value is known, an axis without ends could not be drawn.
     along = _joined(drawn, "x")
     known = along[np.isfinite(along)]
@@ -107,7 +108,7 @@ def line_chart(
         ),
     ]
     if gate:
-        layers += _gate(gate)
+        layers += _gate(gate, gate_at)
     if marks is not None and len(marks.x):
         found = alt.Chart(table(series=_labels([marks], "x"), x=marks.x, y=marks.y))
         layers.append(
@@ -118,9 +119,9 @@ def line_chart(
     return finished(layers, title=title, note=note, height=height)
 
 
-def _gate(name: str) -> list[alt.Chart]:
-    """Rule at 1, the limit of an innovation test, with its name."""
-    at = alt.Chart(table(y=[1.0], name=[name]))
+def _gate(name: str, at_y: float) -> list[alt.Chart]:
+    """Rule at a limit, with its name."""
+    at = alt.Chart(table(y=[at_y], name=[name]))
     where: dict[str, Any] = {"align": "right", "baseline": "bottom", "dy": -3, "clip": False}
     text = at.mark_text(color=BAD, fontSize=11, **where)
     return [

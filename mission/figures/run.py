@@ -1,6 +1,6 @@
 """The picture files of a run, and of several runs side by side."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 from altair.utils.schemapi import debug_mode
@@ -9,6 +9,7 @@ from mission.analysis.compare import RunComparison, compare_run
 from mission.analysis.comparison_text import labels_of
 from mission.analysis.load import LoadedRun, load_run
 from mission.analysis.numbers import Comparison
+from mission.analysis.together import Together
 from mission.base.palette import community_colour
 from mission.figures.charts import Series, line_chart
 from mission.figures.flight import profiles
@@ -17,6 +18,7 @@ from mission.figures.maps import overview, round_map, round_maps
 from mission.figures.radio import belief_picture, beliefs
 from mission.figures.render import engine, save_all, stacked
 from mission.figures.style import Chart
+from mission.figures.together import separation_chart, together_map
 from mission.figures.told import side_by_side_charts
 
 _KINDS: tuple[tuple[str, str, Callable[[Comparison], float]], ...] = (
@@ -61,11 +63,19 @@ def run_pictures(loaded: LoadedRun) -> dict[str, Chart]:
     return pictures
 
 
-def comparison_figure(runs: Sequence[RunComparison]) -> Chart:
+def comparison_figure(
+    runs: Sequence[RunComparison],
+    world: Together | None = None,
+    limits: Mapping[str, float] | None = None,
+) -> Chart:
     """Runs against each other, round by round: tracking, timing, objective and arrivals.
 
-    Flights of plan files, which have no rounds, stand against each other along their plans.
+    Flights of plan files, which have no rounds, stand against each other along their plans; those
+    of one world are on one map, with their distances over time.
     """
+    if world is not None:
+        charts = [together_map(world), separation_chart(world, limits or {})]
+        return stacked(charts, title="Flown together", about=f"{len(runs)} flights")
     if all(run.run.judged is not None for run in runs):
         return profiles(runs)
     if all(run.run.data.planned is not None for run in runs):

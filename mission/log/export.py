@@ -13,7 +13,7 @@ from xml.etree import ElementTree as ET
 import numpy as np
 from numpy.typing import NDArray
 
-from mission.base.area import on_globe
+from mission.base.area import Area, on_globe
 from mission.base.arrays import Floats
 from mission.base.errors import InputError
 from mission.base.palette import community_colour
@@ -37,7 +37,7 @@ from mission.log.values import (
 Column: TypeAlias = Sequence[object] | NDArray[np.generic]
 Tables: TypeAlias = dict[str, dict[str, Column]]
 
-_KML = "http://www.opengis.net/kml/2.2"
+KML = "http://www.opengis.net/kml/2.2"
 # Colour and width (px) of lines, bright: on a globe they lie over dark pictures of the ground.
 _LINES = {"planned": ("#F0E442", 5), "flown": ("#56B4E9", 2), "fence": ("#FF8A80", 2)}
 
@@ -226,34 +226,33 @@ def export_kml(path: Path, target: Path) -> Path:
     data = read_log(path)
     if target.exists():
         raise InputError(f"{target}: exists already; give another name")
-    root = ET.Element("kml", xmlns=_KML)
+    root = ET.Element("kml", xmlns=KML)
     document = ET.SubElement(root, "Document")
-    _text(document, "name", path.stem)
+    text(document, "name", path.stem)
     for kind, (colour, width) in _LINES.items():
-        line = ET.SubElement(ET.SubElement(document, "Style", id=kind), "LineStyle")
-        _text(line, "color", _kml_colour(colour))
-        _text(line, "width", str(width))
-    folder = _named(document, "Folder", "devices")
+        look = ET.SubElement(ET.SubElement(document, "Style", id=kind), "LineStyle")
+        text(look, "color", kml_colour(colour))
+        text(look, "width", str(width))
+    folder = named(document, "Folder", "devices")
     for k, (x, y) in enumerate(data.devices.pos_m.tolist()):
         colour = community_colour(int(data.devices.community_of[k]))
-        point = _named(folder, "Placemark", f"{k} {data.devices.community[k]}")
+        point = named(folder, "Placemark", f"{k} {data.devices.community[k]}")
         icon = ET.SubElement(ET.SubElement(point, "Style"), "IconStyle")
-        _text(icon, "color", _kml_colour(colour))
+        text(icon, "color", kml_colour(colour))
         ground = np.array([[x, y, 0.0]])
-        _text(ET.SubElement(point, "Point"), "coordinates", _coordinates(data, ground))
+        text(ET.SubElement(point, "Point"), "coordinates", coordinates(data.area, ground))
     if data.fence:
-        lines = _named(document, "Folder", "fence")
+        lines = named(document, "Folder", "fence")
         for zone in data.fence:
             ground = np.column_stack((zone.outline_m, np.zeros(len(zone.outline_m))))
             closed = np.vstack((ground, ground[:1]))
             name = "fence" if zone.keep_in else "no-fly area"
-            _line(lines, name, "fence", _coordinates(data, closed))
-    planned, flown = (_named(document, "Folder", name) for name in ("planned", "flown"))
+            line(lines, name, "fence", coordinates(data.area, closed))
+    planned, flown = (named(document, "Folder", name) for name in ("planned", "flown"))
     for plan in data.plans:
-        points = np.column_stack((plan.route_m, plan.route_height_m))
-        _line(planned, f"round {plan.round}", "planned", _coordinates(data, points))
+        line(planned, f"round {plan.round}", "planned", coordinates(data.area, plan.route_3d_m))
     for name, track in _pieces(data):
-        _line(flown, name, "flown", _coordinates(data, track.pos_m))
+        line(flown, name, "flown", coordinates(data.area, track.pos_m))
     ET.indent(root)
     write_atomically(target, ET.tostring(root, encoding="utf-8", xml_declaration=True))
     return target
@@ -271,11 +270,10 @@ def export_geojson(data: FlightData, target: Path) -> Path:
     only = data.source.only
     flown = [("true", data.truth), ("believed", data.belief)]
     features = [
-        _path(data, np.column_stack((p.route_m, p.route_height_m)), kind="planned", round=p.round)
-        for p in data.plans
+        feature_of(data.area, p.route_3d_m, kind="planned", round=p.round) for p in data.plans
     ]
     features += [
-        _path(data, track.pos_m, kind=kind, t_s=(track.t_ns / 1e9).tolist())
+        feature_of(data.area, track.pos_m, kind=kind, t_s=(track.t_ns / 1e9).tolist())
         for kind, track in flown
         if (only is None or kind == only) and len(track.t_ns) > 1
     ]
@@ -283,8 +281,12 @@ def export_geojson(data: FlightData, target: Path) -> Path:
     return target
 
 
-def _path(data: FlightData, points_m: Floats, **properties: object) -> dict[str, object]:
-    return feature("LineString", _places(data, points_m), **properties)
+def feature_of(area: Area, points_m: Floats, **properties: object) -> dict[str, object]:
+    """A feature of GeoJSON: a line through (n, 3) places in an area, or a point."""
+    places = _places(area, points_m)
+    if len(places) == 1:
+        return feature("Point", places[0], **properties)
+    return feature("LineString", places, **properties)
 
 
 def _pieces(data: FlightData) -> Iterable[tuple[str, Track]]:
@@ -302,36 +304,39 @@ def _pieces(data: FlightData) -> Iterable[tuple[str, Track]]:
             yield name, piece
 
 
-def _coordinates(data: FlightData, points_m: Floats) -> str:
-    """KML's `lon,lat,height` list."""
-    where = _places(data, points_m)
+def coordinates(area: Area, points_m: Floats) -> str:
+    """KML's `lon,lat,height` list of (n, 3) places in an area."""
+    where = _places(area, points_m)
     return " ".join(f"{lon:.8f},{lat:.8f},{height:.3f}" for lon, lat, height in where)
 
 
-def _places(data: FlightData, points_m: Floats) -> list[tuple[float, float, float]]:
+def _places(area: Area, points_m: Floats) -> list[tuple[float, float, float]]:
     """Longitude, latitude, height above sea level, to a millimetre."""
-    where = on_globe(data.area, points_m[:, :2], points_m[:, 2])
+    where = on_globe(area, points_m[:, :2], points_m[:, 2])
     return [(round(p.lon_deg, 8), round(p.lat_deg, 8), round(p.alt_msl_m, 3)) for p in where]
 
 
-def _text(parent: ET.Element, tag: str, text: str) -> None:
-    ET.SubElement(parent, tag).text = text
+def text(parent: ET.Element, tag: str, words: str) -> None:
+    """Add an element of text."""
+    ET.SubElement(parent, tag).text = words
 
 
-def _named(parent: ET.Element, tag: str, name: str) -> ET.Element:
+def named(parent: ET.Element, tag: str, name: str) -> ET.Element:
+    """Add an element with a name, and return it."""
     made = ET.SubElement(parent, tag)
-    _text(made, "name", name)
+    text(made, "name", name)
     return made
 
 
-def _kml_colour(colour: str) -> str:
+def kml_colour(colour: str) -> str:
     """A `#rrggbb` colour as KML writes it: aabbggrr."""
     return f"ff{colour[5:7]}{colour[3:5]}{colour[1:3]}".lower()
 
 
-def _line(parent: ET.Element, name: str, style: str, coordinates: str) -> None:
-    placemark = _named(parent, "Placemark", name)
-    _text(placemark, "styleUrl", f"#{style}")
-    line = ET.SubElement(placemark, "LineString")
-    _text(line, "altitudeMode", "absolute")
-    _text(line, "coordinates", coordinates)
+def line(parent: ET.Element, name: str, style: str, places: str) -> None:
+    """Add a line in one of the document's styles."""
+    placemark = named(parent, "Placemark", name)
+    text(placemark, "styleUrl", f"#{style}")
+    drawn = ET.SubElement(placemark, "LineString")
+    text(drawn, "altitudeMode", "absolute")
+    text(drawn, "coordinates", places)

@@ -18,6 +18,7 @@ from mission.log.values import Devices, PlanRecord, Zone
 _LINK_SHOWN = fox.Duration(4)  # simulated time for which a link stays in the picture
 _DEVICE_SIZE_M = (8.0, 22.0)  # smallest and largest importance
 _LABEL_M = 18.0  # so far above what it names that it does not hide it
+_BODY_M = 3.0  # of an aircraft among several, and of the arms of a cross
 _TURN = np.linspace(0.0, 2.0 * np.pi, 8, endpoint=False)
 _OCTAGON = np.column_stack((np.cos(_TURN), np.sin(_TURN)))  # (8, 2) what a disc is on the map
 
@@ -161,6 +162,44 @@ def plan_map(area: Area, world: Devices, fence: Sequence[Zone], plan: PlanRecord
     return encoded(fox.GeoJson, geojson=geojson(features))
 
 
+def world(
+    t_ns: int,
+    paths: Sequence[tuple[str, str, float, Floats]],
+    crosses: Sequence[tuple[Floats, str]],
+) -> bytes:
+    """SceneUpdate of several aircraft: paths (name, colour, width, points) and, in the frame that
+    is called like it, a body of each; crosses with what they say."""
+    entities = []
+    for name, colour in dict.fromkeys((name, colour) for name, colour, _, _ in paths):
+        lines = [_strip(points, colour, width) for of, _, width, points in paths if of == name]
+        entities.append(_entity(t_ns, f"paths of {name}", lines=lines))
+        body = fox.SpherePrimitive(
+            pose=_at(0.0, 0.0, 0.0),
+            size=fox.Vector3(x=_BODY_M, y=_BODY_M, z=_BODY_M),
+            color=_colour(palette.rgb(colour), 1.0),
+        )
+        label = _label(0.0, 0.0, 2 * _BODY_M, name)
+        entities.append(_entity(t_ns, name, frame=name, spheres=[body], texts=[label]))
+    for (x, y, z), words in crosses:
+        arms = [
+            _strip(np.array([[x, y, z - _BODY_M], [x, y, z + _BODY_M]]) + turn, palette.FENCE, 3.0)
+            for side in (-_BODY_M, _BODY_M)
+            for turn in (np.array([[side, 0.0, 0.0], [-side, 0.0, 0.0]]),)
+        ]
+        entities.append(_entity(t_ns, words, lines=arms, texts=[_label(x, y, z + _LABEL_M, words)]))
+    return _update(entities)
+
+
+def _strip(points: Floats, colour: str, width: float) -> object:
+    return fox.LinePrimitive(
+        type=fox.LinePrimitiveLineType.LineStrip,
+        thickness=width,
+        scale_invariant=True,
+        points=[fox.Point3(x=x, y=y, z=z) for x, y, z in points.tolist()],
+        color=_colour(palette.rgb(colour), 0.9),
+    )
+
+
 def _ring(area: Area, corners_m: Floats) -> list[tuple[float, float]]:
     """Return the closed ring of corners (n, 2), in area metres, as longitude and latitude."""
     around = _lonlat(area, corners_m, 0.0)
@@ -201,8 +240,8 @@ def _colour(rgb: palette.RGB, alpha: float) -> object:
     return fox.Color(r=rgb[0], g=rgb[1], b=rgb[2], a=alpha)
 
 
-def _entity(t_ns: int, name: str, **parts: object) -> object:
-    return fox.SceneEntity(timestamp=timestamp(t_ns), frame_id=FRAME, id=name, **parts)
+def _entity(t_ns: int, name: str, frame: str = FRAME, **parts: object) -> object:
+    return fox.SceneEntity(timestamp=timestamp(t_ns), frame_id=frame, id=name, **parts)
 
 
 def _update(entities: Sequence[object]) -> bytes:

@@ -162,6 +162,11 @@ class PlanRecord:
         return np.full(len(self.route_m), self.altitude_m)  # around areas only rounds fly
 
     @property
+    def route_3d_m(self) -> Floats:
+        """(P, 3) the route with its heights."""
+        return np.column_stack((self.route_m, self.route_height_m))
+
+    @property
     def path_m(self) -> float:
         """Length of the planned polyline."""
         return polyline.length(self.route_m)

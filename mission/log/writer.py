@@ -144,8 +144,8 @@ class FlightLog:
         t_ns = self._now_ns = written.t_ns
         self._write(topics.PLAN, t_ns, messages.record(written))
         stamp = messages.timestamp(t_ns)
-        route = np.column_stack((written.route_m, written.route_height_m))
-        self._write(topics.PLAN_PATH, t_ns, messages.path(stamp, route.tolist()))
+        path = messages.path(stamp, written.route_3d_m.tolist())
+        self._write(topics.PLAN_PATH, t_ns, path)
         on_map = scene.plan_map(self._area, self._devices, self._fence, written)
         self._write(topics.PLAN_MAP, t_ns, on_map)
         seen = scene.devices(t_ns, self._devices, written.importance)

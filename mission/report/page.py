@@ -1,6 +1,7 @@
 """The report page of a run or a flight."""
 
 import math
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from mission.analysis.compare import RunComparison, compare_run
@@ -10,9 +11,12 @@ from mission.analysis.comparison_text import (
     labelled,
     leg_rows,
     lines,
+    pair_rows,
     stretch_rows,
 )
 from mission.analysis.load import LoadedRun, load_run
+from mission.analysis.several import load_several
+from mission.analysis.together import Together
 from mission.base.errors import InputError
 from mission.base.run_folder import RunFolder, write_atomically
 from mission.base.tables import number
@@ -23,14 +27,25 @@ from mission.figures.learning import learning_charts, radio_charts
 from mission.figures.maps import round_map
 from mission.figures.radio import beliefs, plan_errors
 from mission.figures.render import card
-from mission.figures.told import flight_map, health_charts, told_charts
+from mission.figures.together import separation_chart, together_film, together_map
+from mission.figures.told import flight_map, health_charts, side_by_side_charts, told_charts
 from mission.log.values import NS_PER_S, FlightData
 from mission.report.about import about
 from mission.report.html import page
 
 
-def write_report(path: Path, target: Path | None = None, plan: Path | None = None) -> Path:
+def write_report(
+    path: Path,
+    target: Path | None = None,
+    plan: Path | None = None,
+    *,
+    others: Sequence[Path] = (),
+    offsets: Mapping[str, float] | None = None,
+) -> Path:
     """Write the report of a run, or of any flight, to `target`; returns the file.
+
+    Flights of one world, a folder of their logs or `path` and `others`, have one together, by
+    default `together.html`; `offsets` are those of `together`.
 
     `path` is its folder, or its log, which is compared with `plan` in place of its own mission.
     Default target: `report.html` in the folder, or beside the log. Of a run that was interrupted
@@ -40,6 +55,12 @@ def write_report(path: Path, target: Path | None = None, plan: Path | None = Non
         InputError: `path` is neither, damaged, or has no finished round; or `target` cannot be
             written.
     """
+    if others or (path.is_dir() and not RunFolder(path).log.is_file()):
+        several = load_several((path, *others), plan, asked=True, offsets=offsets)
+        beside = path if path.is_dir() else path.parent
+        target = target or beside / "together.html"
+        write_atomically(target, together_html(several.together, path.stem))
+        return target
     run = load_run(path, plan)
     if not run.data.rounds and not run.unjudged:
         why = f": {run.notice}" if run.notice else ""
@@ -131,6 +152,55 @@ def report_html(loaded: LoadedRun) -> str:
         footer="Aerofed report. Positions are metres: x east, y north; heights are above home.",
         **flown,
     )
+
+
+def together_html(world: Together, name: str) -> str:
+    """The page of flights judged together."""
+    flights = list(world.flights)
+    limits = flights[0].run.data.config.get("limits", {})
+    top, lower = pair_rows(world)
+    heads, *rows = ([cell.replace("\n", " ") for cell in row] for row in (top, *lower))
+    names = [pair.name for pair in world.pairs]
+    nearest = min(world.met, key=lambda near: near.away_m)
+    each = labelled([item.total for item in flights])
+    notes = [(str(at), line) for at, line in enumerate(world.lines, start=1)]
+    return page(
+        "run.html",
+        title=name,
+        badge="",
+        good=True,
+        facts=[f"{len(flights)} vehicles", *world.names],
+        notice="",
+        tiles=[
+            (f"{len(flights)}", "vehicles"),
+            (f"{nearest.away_m:.2f} m", f"nearest: {nearest.name}"),
+            (f"{nearest.t_s:.1f} s", "when they were nearest"),
+        ],
+        map=card(with_film(together_map(world)), is_map=True),
+        film=together_film(world),
+        rounds=[],
+        details=[
+            (nearest.name, 0, list(zip(heads, rows[names.index(nearest.name)], strict=True))[1:]),
+            *([("Clocks, and what is not known", 0, notes)] if notes else []),
+        ],
+        a_flight=True,
+        flight_title="Who came how near to whom",
+        flight=[card(separation_chart(world, limits))],
+        told=[card(chart) for chart in side_by_side_charts(flights)],
+        tables=[
+            ("All pairs", heads, rows, 1),
+            (
+                "Each vehicle",
+                ["whole flight", *world.names],
+                [[text, *(number(v, digits) for v in values)] for text, digits, values in each],
+                1,
+            )
+        ],
+        **dict.fromkeys(("health", "radio", "learning", "estimator", "conditions"), ()),
+        about=about(flights[0].run),
+        footer="Aerofed report. Positions are metres: x east, y north; heights are above the home "
+        f"of {world.names[0]}.",
+    )  # fmt: skip
 
 
 def _spans_s(comparison: RunComparison) -> dict[int, tuple[float, float]]:

@@ -3,7 +3,6 @@ between them is at right angles to how they move against each other."""
 
 import json
 import math
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -11,34 +10,24 @@ from xml.etree import ElementTree as ET
 
 import numpy as np
 import pytest
-from numpy.typing import ArrayLike, NDArray
+from mcap.reader import make_reader
+from one_world import UNTIL_S, Floats, Way, head_on, straight, write_ours
 from told_logs import HOME, WRITERS, made
 
 import aerofed
 from flightdyn.frames import LocalFrame
-from flightdyn.state import BatteryState, Kinematics
 from mission.analysis.compare import compare_run
 from mission.analysis.limits import every_verdict
 from mission.analysis.load import load_run
+from mission.analysis.several import load_several
 from mission.analysis.together import Together, together
-from mission.base.area import Area
 from mission.base.errors import LimitsNotMetError
 from mission.cli import call
+from mission.figures.run import comparison_figure
 from mission.flight.logs.ulog_export import export_ulog
-from mission.log.values import NOBODY
-from mission.log.writer import FlightLog
-from sitl.observer import VehicleEvent, VehicleSample
-
-Floats = NDArray[np.float64]
-Way = Callable[[Floats], Floats]  # times (n,) -> NED (n, 3) from HOME
 
 UTC_S = 1.7e9
-UNTIL_S = 50.0
 SECOND = np.arange(2.0)
-
-
-def straight(at_s: float, there: ArrayLike, vel: ArrayLike) -> Way:
-    return lambda t_s: np.asarray(there) + (t_s - at_s)[:, None] * np.asarray(vel)
 
 
 def conflict(seed: int) -> tuple[float, float, Way, Way]:
@@ -58,29 +47,6 @@ def write(path: Path, way: Way, *, later_s: float = 0.0) -> Path:
         return write_ours(path, way)
     flight = made(path=lambda t_s: way(t_s + later_s), until_s=UNTIL_S - later_s)
     return WRITERS[path.suffix](path, replace(flight, utc_s=UTC_S + later_s))
-
-
-def write_ours(
-    path: Path, way: Way, *, east_m: float = 0.0, from_s: float = 0.0, hole_s: Any = (0, 0)
-) -> Path:
-    """A log of ours, of a vehicle whose home is to the east of the other ones'."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    home = LocalFrame(HOME).to_geodetic(np.array([0.0, east_m, 0.0]))
-    home = replace(home, alt_msl_m=HOME.alt_msl_m)
-    t_s = from_s + np.arange(0.0, UNTIL_S, 0.1)
-    battery = BatteryState(22.2, 10.0, 100.0, 0.9)
-    level = np.array([1.0, 0.0, 0.0, 0.0])
-    area = Area.at((800.0, 800.0), (400.0, 300.0), home)
-    with FlightLog(path, area=area, devices=NOBODY, start_ns=round(from_s * 1e9)) as log:
-        for at_s, ned in zip(t_s.tolist(), way(t_s), strict=True):
-            t_ns, here = round(at_s * 1e9), ned - np.array([0.0, east_m, 0.0])
-            state = Kinematics(t_ns, here, np.zeros(3), level, np.zeros(3))
-            if at_s == from_s:
-                log.happened(VehicleEvent(t_ns, "armed", "armed", state, state))
-            if not hole_s[0] < at_s < hole_s[1]:
-                log.sampled(VehicleSample(t_ns, state, state, None, battery, "OFFBOARD", True))
-        log.happened(VehicleEvent(t_ns, "armed", "disarmed", state, state))
-    return path
 
 
 def judged(*paths: Path, **offsets: float) -> Together:
@@ -108,15 +74,6 @@ def test_every_conflict_is_found(kind: str, tens: int, tmp_path: Path) -> None:
         apart_mps = float(np.linalg.norm(np.diff(ways[1](SECOND) - ways[0](SECOND), axis=0)))
         sure_s = 0.01 + math.sqrt(2 * away_m * noise_m) / apart_mps
         assert row["separation_min_t_s"] == pytest.approx(at_s, abs=sure_s), seed
-
-
-def head_on(folder: Path, *, apart_m: float = 3.0, **more: Any) -> Path:
-    """A folder of one world: two meet at 20 s, 50 m high, one to the right of the other."""
-    east = straight(20.0, (0.0, 0.0, -50.0), (0.0, 5.0, 0.0))
-    west = straight(20.0, (apart_m, 0.0, -50.0), (0.0, -5.0, 0.0))
-    write_ours(folder / "vehicle-1" / "flight-0001.mcap", east, east_m=-100.0)
-    write_ours(folder / "vehicle-2" / "flight-0001.mcap", west, east_m=100.0, **more)
-    return folder
 
 
 def test_a_folder_of_one_world_is_judged_by_itself(
@@ -282,3 +239,42 @@ def test_flights_of_different_times_stay_side_by_side(
     assert "Runs side by side" in told
     assert "Who came" not in told
     assert call(["compare", str(tmp_path), "--limit", "separation_min_m=1"]) == 6
+
+
+def test_files_for_maps_have_all_vehicles_and_where_they_were_nearest(tmp_path: Path) -> None:
+    """GeoJSON, KML (by its namespace) and an MCAP that the library mcap reads."""
+    folder = head_on(tmp_path)
+    for form in ("geojson", "kml", "mcap"):
+        assert call(["log", "export", str(folder), "--to", form]) == 0
+        assert call(["log", "export", str(folder), "--to", form]) == 2  # it is there
+    where = LocalFrame(HOME).to_geodetic(np.array([1.5, 0.0, -50.0]))
+    middle = [where.lon_deg, where.lat_deg, HOME.alt_msl_m + 50.0]
+    features = json.loads((folder / "together.geojson").read_text())["features"]
+    kinds = [f["properties"].get("vehicle", f["properties"]["kind"]) for f in features]
+    assert kinds == ["vehicle-1", "vehicle-2", "nearest"]
+    assert features[2]["geometry"]["coordinates"] == pytest.approx(middle, rel=1e-5)
+    assert features[2]["geometry"]["coordinates"][1] == pytest.approx(middle[1], abs=2e-8)
+    assert len(features[0]["properties"]["t_s"]) == len(features[0]["geometry"]["coordinates"])
+    root = ET.parse(folder / "together.kml").getroot()
+    (point,) = root.findall(".//{*}Point/{*}coordinates")
+    assert list(map(float, str(point.text).split(","))) == pytest.approx(middle, rel=1e-5)
+    with (folder / "together.mcap").open("rb") as file:
+        seen: dict[str, list[Any]] = {}
+        for _, channel, message in make_reader(file).iter_messages():
+            seen.setdefault(channel.topic, []).append(message)
+    assert set(seen) == {
+        "/scene/world", "/tf", "/vehicle-1/location", "/vehicle-2/location",
+        "/separation/vehicle-1_and_vehicle-2",
+    }  # fmt: skip
+    distances = [json.loads(m.data)["away_m"] for m in seen["/separation/vehicle-1_and_vehicle-2"]]
+    assert min(distances) == pytest.approx(3.0, abs=1e-3)
+    assert b"vehicle-1 and vehicle-2: 3.00 m at 20.0 s" in seen["/scene/world"][0].data
+
+
+def test_the_picture_has_the_limit(tmp_path: Path) -> None:
+    folder = head_on(tmp_path / "w")
+    flights = load_several([folder])
+    chart = comparison_figure(flights.flights, flights.together, {"separation_min_m": 5.0})
+    texts = json.dumps(chart["datasets"])
+    assert "limit 5 m" in texts
+    assert "3.00 m" in texts

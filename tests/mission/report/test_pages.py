@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 from browser import Browser, browser, words_of
 from made_up_logs import write_ulog
+from one_world import head_on
 from patience import until
 from small_runs import SETTINGS, last_counts
 from synthetic_flight import fly
@@ -103,6 +104,10 @@ def foreign_log(folder: Path) -> Path:
     return write_report(write_ulog(folder / "f.ulg"))
 
 
+def of_one_world(folder: Path) -> Path:
+    return write_report(head_on(folder / "two"))
+
+
 def sweep(folder: Path) -> Path:
     page = folder / "sweep.html"
     page.write_text(sweep_html(state()), encoding="utf-8")
@@ -148,8 +153,8 @@ def radio_map_drawn(folder: Path) -> Path:
 @pytest.mark.parametrize(
     ("made", "charts"),
     [
-        (run, 15), (nobody_served, 14), (plan_flown, 27), (foreign_log, 5), (sweep, 16),
-        (sweep_of_settings, 16),
+        (run, 15), (nobody_served, 14), (plan_flown, 27), (foreign_log, 5),
+        (of_one_world, 3), (sweep, 16), (sweep_of_settings, 16),
         (on_a_radio_map, 19), (radio_map_drawn, 0),
     ],
 )  # fmt: skip

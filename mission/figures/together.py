@@ -1,0 +1,91 @@
+"""Pictures of flights judged together: one map, and distances over time."""
+
+from collections.abc import Mapping
+
+import altair as alt
+import numpy as np
+
+from mission.analysis.holes import position_gaps
+from mission.analysis.together import SEPARATIONS, Together
+from mission.base.airspace import thin
+from mission.base.gaps import outside
+from mission.base.palette import COLOURS, community_colour
+from mission.figures.charts import Series, envelope, line_chart
+from mission.figures.film import Actor, film
+from mission.figures.frame import TOLERANCE_M, Lines, MapFrame, line_table
+from mission.figures.style import BAD, Chart, line_keys, named, table
+from mission.figures.words import Drawn, Look, Word, words
+from mission.log.values import NS_PER_S
+
+_PAIRS = 2 * COLOURS  # in one chart, the nearest: more look alike
+_CROSS_PX = 7.0
+_LEAST_SIDE = 0.4  # of a map's longer side
+
+
+def together_map(world: Together, width: float = 640.0) -> Chart:
+    """A map with a hue for each flight, planned paths wide and pale, and a cross where two came
+    nearest, with how near."""
+    seen, met = world.seen, world.met
+    planned: Lines = [(of.name, 0, path[:, :2]) for of in seen for path in of.plans]
+    flown: Lines = []
+    for of, flight, added_s in zip(seen, world.flights, world.added_s, strict=True):
+        own = flight.run.data.truth.t_ns
+        lost = position_gaps(flight.run.data, int(own[0]), int(own[-1])) + added_s
+        parts = outside(of.track.pos_m[:, :2], of.track.t_ns / NS_PER_S, lost)
+        flown += [(of.name, 0, thin(part, TOLERANCE_M)) for part in parts]
+    every = np.vstack([points for _, _, points in (*planned, *flown)])
+    low, high = every.min(axis=0), every.max(axis=0)
+    aside = _LEAST_SIDE / 2 * (high - low).max()  # those who fly in a line need some height
+    around = (low + high) / 2 + np.array([[-aside, -aside], [aside, aside]])
+    frame = MapFrame.around([every, around], [], width)
+    names = [of.name for of in seen]
+    hue = alt.Stroke(
+        "kind:O", scale=named(names, [of.colour for of in seen]), legend=line_keys(names)
+    )
+    order = alt.Order("step:Q"), alt.Detail("part:N")
+    at = np.array([near.at_m[:2] for near in met]).reshape(-1, 2)
+    told = [f"{near.away_m:.2f} m" for near in met]
+    tip = alt.Tooltip("words:N", title=" ")
+    crosses = frame.chart(table(x=at[:, 0], y=at[:, 1], words=[near.words for near in met]))
+    # The nearest first, so that its words have room.
+    order_of = sorted(range(len(met)), key=lambda n: met[n].away_m)
+    labels = [Word(told[n], tuple(at[n].tolist())) for n in order_of]
+    dots = np.column_stack((at, np.full(len(at), _CROSS_PX)))
+    lines = [(0, points) for _, _, points in flown]
+    layers = [
+        frame.chart(line_table(planned)).mark_line(strokeWidth=5, opacity=0.3).encode(hue, *order),
+        frame.chart(line_table(flown)).mark_line(strokeWidth=1.8).encode(hue, *order),
+        crosses.mark_point(
+            shape="cross", fill=BAD, stroke=None, size=110, opacity=1, angle=45
+        ).encode(tooltip=tip),
+        *words(frame, [(Look(colour=BAD), labels)], Drawn(dots, lines)),
+    ]
+    return frame.finished(layers, {"text": "Flown together"})
+
+
+def together_film(world: Together) -> Chart:
+    """The film of the map: all aircraft at once."""
+    actors = [
+        Actor(flight.run.data, of.track, of.name, of.colour, added_s)
+        for flight, of, added_s in zip(world.flights, world.seen, world.added_s, strict=True)
+    ]
+    begin_s, end_s = zip(*((t.t_ns[0] / NS_PER_S, t.t_ns[-1] / NS_PER_S) for t in world.tracks),
+                         strict=True)  # fmt: skip
+    return film(actors, {0: (float(min(begin_s)), float(max(end_s)))})
+
+
+def separation_chart(world: Together, limits: Mapping[str, float]) -> Chart:
+    """The distance of each pair over time, with the limit as a red line."""
+    met = sorted(world.met, key=lambda near: near.away_m)
+    some = f"the {_PAIRS} pairs that came nearest" if len(met) > _PAIRS else ""
+    series = [
+        Series(near.name, community_colour(n), *envelope(near.times_s, near.distances_m),
+               again=n >= COLOURS)
+        for n, near in enumerate(met[:_PAIRS])
+    ]  # fmt: skip
+    (name, *_) = SEPARATIONS
+    limit = limits.get(name)
+    return line_chart(
+        "Distances between vehicles", series, x=f"time of {world.names[0]} (s)", y="distance (m)",
+        note=some, gate="" if limit is None else f"limit {limit:g} m", gate_at=limit or 0.0,
+    )  # fmt: skip
