@@ -5,11 +5,14 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias
 
+from aerofed_errors import SettingError
+from fl.config import ChannelConfig
 from mission.base.errors import InputError
+from mission.base.explain import Blame, explained
+from mission.config.models import RunConfig
 
 if TYPE_CHECKING:
     from fl.radio.channel import Channel
-    from mission.config.models import RunConfig
 
 # A name ("quickstart"), a TOML file, or a configuration.
 Source: TypeAlias = "str | Path | RunConfig"
@@ -46,8 +49,6 @@ def checked(source: Source, overrides: object) -> "Path | RunConfig":
     Raises:
         InputError: one of the two is of another type.
     """
-    from mission.config.models import RunConfig
-
     if not isinstance(source, str | PathLike | RunConfig):
         raise InputError(
             f"source = {source!r}: must be a configuration's name, its file, or a RunConfig"
@@ -72,10 +73,6 @@ def channel(
     Raises:
         InputError: an unknown preset or constant, or one out of range.
     """
-    from aerofed_errors import SettingError
-    from fl.config import ChannelConfig
-    from mission.base.explain import Blame, explained
-
     given = {"preset": preset, **constants}
     try:
         with explained(ChannelConfig, given, Blame("channel")):

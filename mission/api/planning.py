@@ -2,13 +2,14 @@
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from mission.api.configuring import Source, config, folder
 from mission.base.errors import InputError
-
-if TYPE_CHECKING:
-    from mission.planner.problem import Planner, RoundPlan, RoundProblem
+from mission.base.explain import Blame, explained, shown
+from mission.planner.check import check_plan
+from mission.planner.config import PlannerConfig
+from mission.planner.evaluate import check_problem
+from mission.planner.problem import Planner, RoundPlan, RoundProblem
 
 
 def plan(
@@ -28,12 +29,7 @@ def plan(
         InputError: no such planner, an option is refused, or the problem makes no sense.
         PlanError: the plan breaks a constraint.
     """
-    from mission.base.explain import Blame, explained, shown
-    from mission.planner.check import check_plan
-    from mission.planner.config import PlannerConfig
-    from mission.planner.evaluate import check_problem
     from mission.planner.factory import make_planner
-    from mission.planner.problem import RoundPlan
 
     if isinstance(problem, Mapping):
         from mission.planner.files import problems_of

@@ -10,6 +10,10 @@ from typing import TYPE_CHECKING, Any
 from mission.api.configuring import Source, as_path, config, folder
 from mission.api.figures import Figure, chosen
 from mission.base.errors import INTERRUPTED, InputError
+from mission.base.interrupts import in_a_thread
+from mission.base.run_folder import RunFolder, output_folder
+from mission.config.models import RunConfig
+from mission.log.records import DeviceRecord, RoundRecord, UplinkRecord, flat
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -18,7 +22,6 @@ if TYPE_CHECKING:
 
     from mission.analysis.load import LoadedRun
     from mission.base.console import RunConsole
-    from mission.config.models import RunConfig
 
 
 @dataclass(frozen=True)
@@ -59,8 +62,6 @@ class Run:
         Raises:
             InputError: a log by itself; `table("learning")` has what a log knows, by community.
         """
-        from mission.log.records import DeviceRecord
-
         return self._beside_log("learning", DeviceRecord, words="devices", logged="learning")
 
     def _beside_log(
@@ -68,8 +69,6 @@ class Run:
     ) -> "pd.DataFrame":
         """A table that the log has not, of the rounds that have ended."""
         from mission.api.frames import frame
-        from mission.base.run_folder import RunFolder
-        from mission.log.records import flat
         from mission.log.tables import read_table
 
         if self.path.is_file():
@@ -104,7 +103,6 @@ class Run:
         """
         from mission.api.frames import frame
         from mission.log.export import tables
-        from mission.log.records import RoundRecord, UplinkRecord
 
         found = tables(self._loaded.data)
         if name not in found:
@@ -129,8 +127,6 @@ class Run:
             InputError: the log's copy is missing, or of another version.
         """
         import tomllib
-
-        from mission.config.models import RunConfig
 
         try:
             values = tomllib.loads(self._loaded.data.attachments["config.toml"].decode())
@@ -197,8 +193,6 @@ def run(
         AerofedError: what else `aerofed run` would end with. What was flown stays in `out`.
         KeyboardInterrupt: it was interrupted; `resume(out)` goes on.
     """
-    from mission.base.run_folder import output_folder
-
     if strategy is not None and isinstance(overrides, Mapping | None):
         overrides = {**(overrides or {}), "mission.strategy": strategy}
     resolved = config(source, overrides)
@@ -230,7 +224,6 @@ def resume(path: Path | str, *, rounds: int | None = None, quiet: bool = True) -
         KeyboardInterrupt: it was interrupted again.
     """
     from mission.analysis.limits import limits_in
-    from mission.base.run_folder import RunFolder
 
     found = as_path(path, "path")
     kept = RunFolder(found).config
@@ -273,7 +266,6 @@ def flown(
 
         known_limits(limits, "limits")
     from mission.base.console import RunConsole
-    from mission.base.interrupts import in_a_thread
 
     console = RunConsole(Console(quiet=quiet))
     code = in_a_thread(lambda: fly(console)) if _loop_is_running() else fly(console)

@@ -10,6 +10,7 @@ from mission.api.configuring import Source, as_path, checked, folder
 from mission.api.figures import Figure, chosen
 from mission.api.runs import Run, load
 from mission.base.errors import INTERRUPTED, InputError
+from mission.base.run_folder import RUNS
 from mission.config import STRATEGIES
 
 if TYPE_CHECKING:
@@ -122,7 +123,6 @@ def sweep(
     """
     from rich.console import Console
 
-    from mission.base.run_folder import RUNS
     from mission.config.loading import plain
     from mission.sweep.execute.engine import EngineChoice
     from mission.sweep.grid import Axis, make_grid

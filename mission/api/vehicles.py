@@ -12,6 +12,8 @@ from mission.api.configuring import Source, as_path, checked, config_of
 from mission.api.runs import Run, flown
 from mission.base.errors import InputError
 from mission.config import OF_FLIGHT, OF_VEHICLE
+from mission.flight.serve import PX4_HOME
+from sitl.config import BINARIES
 
 if TYPE_CHECKING:
     from mission.api.simulated_vehicle import SimulatedVehicle
@@ -152,7 +154,6 @@ def _firmware_keys(firmware: Firmware) -> dict[str, object]:
     """Return the overrides that let a firmware fly the vehicle."""
     if not isinstance(firmware, str) or firmware not in _FIRMWARES:
         raise InputError(f"firmware = {firmware!r}: must be 'px4' or 'arducopter'")
-    from sitl.config import BINARIES
 
     autopilot = _FIRMWARES[firmware]
     variable = BINARIES[autopilot]
@@ -171,7 +172,6 @@ def vehicle_config(
     firmware: "Firmware | None" = None,
 ) -> "RunConfig":
     """The configuration of a vehicle that stands alone; arguments and errors are `vehicle`'s."""
-    from mission.flight.serve import PX4_HOME
 
     checked("quickstart" if source is None else source, overrides)
     given = {

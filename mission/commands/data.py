@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from cyclopts import Parameter
 from rich.progress import BarColumn, DownloadColumn, Progress, TaskID, TextColumn
 
+from fl.errors import FETCHED
 from mission.base.errors import InputError
 from mission.base.terminal import PLAIN, Terminal
 from mission.commands.options import Json, print_json, tell
@@ -75,7 +76,6 @@ def check(folder: Path, *, task: Tasks | None = None, as_json: Json = False) -> 
         Print what was found as a JSON list.
     """
     from fl.data.fetch import check as look
-    from fl.errors import FETCHED
 
     if folder.exists() and not folder.is_dir():
         raise InputError(

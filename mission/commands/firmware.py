@@ -6,6 +6,7 @@ import re
 from pathlib import Path
 from typing import Literal
 
+from aerofed_errors import one_line
 from mission.base.errors import InputError
 from mission.base.terminal import PLAIN, Terminal
 from mission.base.user_files import cache_folder
@@ -44,8 +45,6 @@ def fetch(
     folder
         Where to put it. Default: aerofed/firmware in XDG_CACHE_HOME, or in ~/.cache.
     """
-    from aerofed_errors import one_line
-
     if not re.fullmatch(r"\d+(\.\d+)+|stable|beta|latest", version, re.ASCII):
         raise InputError(f"--version {one_line(version)}: such as 4.6.3, or stable, beta, latest")
     if sha256 is not None and not re.fullmatch(r"[0-9a-f]{64}", sha256):
