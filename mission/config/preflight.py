@@ -105,28 +105,15 @@ def load_data(config: "RunConfig", data_dir: Path | None) -> None:
     """Load the data sets that are files into the cache of this process, for the run to use.
 
     Raises:
-        InputError: one is missing or damaged.
+        InputError: one is damaged, or some are missing; a line for each.
     """
+    missing: dict[str, None] = {}  # the first community that needs a data set tells it
     for index, community in enumerate(config.communities):
         task, file = community.task, community.data_file
         try:
             if needs_files(task):
                 load(task, data_dir=data_dir, data_file=file, community=index)
         except DataMissingError as error:
-            raise InputError(f"{error}{_others(config, index, data_dir)}") from None
-
-
-def _others(config: "RunConfig", index: int, data_dir: Path | None) -> str:
-    """Which data sets are missing beside a community's where no folder was given."""
-    if data_dir is not None:
-        return ""
-    first, *later = (
-        (community.task, community.data_file) for community in config.communities[index:]
-    )
-    others = [
-        f"{task} ({file or f'aerofed data fetch FOLDER --task {task}'})"
-        for task, file in dict.fromkeys(later)
-        if task in TASKS and needs_files(task) and (task, file) != first
-        if file is None or not Path(file).is_absolute()
-    ]
-    return f"; --data-dir FOLDER must also hold {' and '.join(others)}" if others else ""
+            missing[str(error)] = None
+    if missing:
+        raise InputError("\n".join(missing))

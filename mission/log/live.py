@@ -5,11 +5,13 @@ viewer is the Origin that the browser sends. Foxglove's server does not look at 
 does, in front of it.
 """
 
-import asyncio
 import logging
 import secrets
+import socket
+import socketserver
 import sys
 import threading
+import time
 from collections.abc import Iterator
 from contextlib import closing, contextmanager, suppress
 from typing import Any
@@ -156,8 +158,10 @@ def admitted(head: bytes) -> bool:
     return len(named) == 1 and (named[0] in ORIGINS or host in _OWN)
 
 
-class OriginProxy:
-    """TCP proxy, in a thread, that forwards clients with an admitted Origin to `upstream`."""
+class OriginProxy(socketserver.ThreadingTCPServer):
+    """TCP proxy, in threads, that forwards clients with an admitted Origin to `upstream`."""
+
+    allow_reuse_address = daemon_threads = True
 
     def __init__(self, host: str, port: int, *, upstream: tuple[str, int]) -> None:
         """Start; port 0 takes a free one.
@@ -165,76 +169,63 @@ class OriginProxy:
         Raises:
             LinkLostError: the port is in use or may not be opened.
         """
-        self._upstream = upstream
-        self._loop = asyncio.new_event_loop()
-        self._visits: set[asyncio.Task[None]] = set()
+        self.upstream = upstream
+        self.visits: set[socket.socket] = set()
         try:
-            self._server = self._loop.run_until_complete(
-                asyncio.start_server(self._visit, host, port, limit=_HEAD_BYTES)
-            )
+            super().__init__((host, port), _Visit)
         except (OSError, OverflowError) as error:
-            self._loop.close()
             reason = getattr(error, "strerror", None) or str(error)
             if "in use" in reason:
                 reason = "the port is in use"
             raise LinkLostError(f"live view: cannot serve on {host}:{port}: {reason}") from None
-        self.port = int(self._server.sockets[0].getsockname()[1])
-        self._thread = threading.Thread(target=self._loop.run_forever, name="live", daemon=True)
-        self._thread.start()
+        self.port = int(self.server_address[1])
+        threading.Thread(target=self.serve_forever, args=(0.05,), name="live", daemon=True).start()
 
     def close(self) -> None:
         """Stop, and disconnect all clients. Closing twice is fine."""
-        if self._loop.is_closed():
+        self.shutdown()
+        for visit in tuple(self.visits):
+            with suppress(OSError):
+                visit.shutdown(socket.SHUT_RDWR)
+        self.server_close()
+
+
+class _Visit(socketserver.BaseRequestHandler):
+    """A client of the proxy. One that leaves, says nothing or talks nonsense is no error."""
+
+    server: OriginProxy
+
+    def handle(self) -> None:
+        self.server.visits.add(self.request)
+        with suppress(OSError):
+            self._receive(self.request)
+        self.server.visits.discard(self.request)
+
+    def _receive(self, client: socket.socket) -> None:
+        until_s, head = time.monotonic() + _HEAD_S, b""
+        while b"\r\n\r\n" not in head and len(head) <= _HEAD_BYTES:
+            client.settimeout(max(0.01, until_s - time.monotonic()))
+            if not (data := client.recv(_HEAD_BYTES)):
+                return
+            head += data
+        client.settimeout(None)
+        fields, ended, _ = head.partition(b"\r\n\r\n")
+        if not ended or not admitted(fields) or len(self.server.visits) > _VISITORS:
+            client.sendall(_REFUSAL)
             return
-        asyncio.run_coroutine_threadsafe(self._stop(), self._loop).result()
-        self._loop.call_soon_threadsafe(self._loop.stop)
-        self._thread.join()
-        self._loop.close()
-
-    async def _stop(self) -> None:
-        self._server.close()
-        for visit in self._visits:
-            visit.cancel()
-        await asyncio.gather(*self._visits, return_exceptions=True)
-
-    async def _visit(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        task = asyncio.current_task()
-        assert task is not None
-        self._visits.add(task)
-        try:
-            # A visitor that leaves, says nothing or talks nonsense is no error of the run's.
-            with suppress(OSError, TimeoutError, asyncio.IncompleteReadError, ValueError):
-                await self._receive(reader, writer)
-        except asyncio.CancelledError:
-            pass
-        finally:
-            self._visits.discard(task)
-            writer.close()
-
-    async def _receive(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        async with asyncio.timeout(_HEAD_S):
-            try:
-                head = await reader.readuntil(b"\r\n\r\n")
-            except asyncio.LimitOverrunError:
-                head = b""
-        if not head or not admitted(head) or len(self._visits) > _VISITORS:
-            writer.write(_REFUSAL)
-            await writer.drain()
-            return
-        inner_reader, inner_writer = await asyncio.open_connection(*self._upstream)
-        inner_writer.write(head)
-        there = asyncio.create_task(_pass_on(reader, inner_writer))
-        back = asyncio.create_task(_pass_on(inner_reader, writer))
-        try:
-            await asyncio.wait((there, back), return_when=asyncio.FIRST_COMPLETED)
-        finally:
-            inner_writer.close()
-            there.cancel()
-            back.cancel()
-            await asyncio.gather(there, back, return_exceptions=True)
+        with socket.create_connection(self.server.upstream) as inner:
+            inner.sendall(head)
+            back = threading.Thread(target=_pass_on, args=(inner, client), daemon=True)
+            back.start()
+            _pass_on(client, inner)
+            back.join()
 
 
-async def _pass_on(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-    while data := await reader.read(1 << 16):
-        writer.write(data)
-        await writer.drain()
+def _pass_on(source: socket.socket, target: socket.socket) -> None:
+    """Send what comes until one of the two is gone, which is the end of both."""
+    with suppress(OSError):
+        while data := source.recv(1 << 16):
+            target.sendall(data)
+    for end in (source, target):
+        with suppress(OSError):
+            end.shutdown(socket.SHUT_RDWR)
