@@ -40,8 +40,7 @@ def fly(kind: str, folder: Path) -> dict[str, float]:
     """One run in this process; its times in seconds."""
     from rich.console import Console
 
-    from mission.base.console import RunConsole
-    from mission.base.stopwatch import Stopwatch
+    from mission.base.console import RunConsole, Stopwatch
     from mission.config.loading import builtin_config, load_config
     from mission.log.writer import FlightLog
     from mission.run import recorder, session

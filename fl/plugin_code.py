@@ -6,7 +6,6 @@ object which was passed from Python, `python:callable_DIGEST`. `LABEL=` before i
 tables and pictures.
 """
 
-import ast
 import hashlib
 import importlib
 import importlib.util
@@ -16,7 +15,7 @@ import sysconfig
 from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
-from functools import cache, lru_cache
+from functools import cache
 from pathlib import Path
 
 from aerofed_errors import did_you_mean
@@ -26,6 +25,7 @@ LABELLED = r"^[\w .+-]{1,40}="
 GROUP = "aerofed.plugins"
 PASSED = "python"  # in the place of a module, in the name of an object that was passed
 
+_IMPORT = re.compile(r"(?m)^\s*(?:from\s+([.\w]+)\s+)?import\s+(\([^)]*\)|[^\n#;]+)")
 _OURS = {"__main__", "aerofed", "fl", "flightdyn", "mission", "native", "sitl"}
 # Of one process only, in a pickle: numbers that cloudpickle draws, and that of a notebook.
 _DRAWN = re.compile(r"[0-9a-f]{32}|ipykernel_\d+")
@@ -232,20 +232,16 @@ def _sources(module: str) -> dict[str, tuple[Path, bytes]]:
     return found
 
 
-@lru_cache(maxsize=1024)
 def _imports(name: str, file: Path, text: bytes) -> list[str]:
     """Names that a module may import: its package, and of `from a import b` both `a` and `a.b`."""
     outer = name.rpartition(".")[0]
     found = [outer] if outer else []
-    package = name if file.name == "__init__.py" else outer
-    with suppress(SyntaxError, ValueError, ImportError):  # which importing it says
-        for node in ast.walk(ast.parse(text)):
-            if isinstance(node, ast.Import):
-                found += [alias.name for alias in node.names]
-            elif isinstance(node, ast.ImportFrom):
-                dotted = "." * node.level + (node.module or "")
-                base = importlib.util.resolve_name(dotted, package)
-                found += [base, *(f"{base}.{alias.name}" for alias in node.names)]
+    for base, listed in _IMPORT.findall(text.decode(errors="replace")):
+        names = re.findall(r"[\w.]+", listed)
+        with suppress(ImportError):  # beyond the outermost package, which importing it says
+            package = name if file.name == "__init__.py" else outer
+            base = base and importlib.util.resolve_name(base, package)
+            found += [base, *(f"{base}.{one}" for one in names)] if base else names
     return found
 
 

@@ -4,7 +4,7 @@ from pathlib import Path
 
 from studies.reproduction_tables import reproduction
 
-from mission.sweep.state import read_sweep
+from mission.sweep.folder import read_sweep
 
 
 def page(folder: Path) -> str:

@@ -19,6 +19,7 @@ import numpy as np
 from mission.figures.charts import finished
 from mission.figures.render import save_all, stacked
 from mission.figures.style import BAD, COOL, GRID, INK, SOFT, Chart, arranged, table
+from mission.sweep.folder import SweepState, read_sweep
 from mission.sweep.grid import file_name
 from mission.sweep.outcome.curves import ENOUGH
 from mission.sweep.outcome.figures import draw_sweep
@@ -35,7 +36,6 @@ from mission.sweep.outcome.view import (
     percent,
 )
 from mission.sweep.results import RunResult, communities_of, with_equals
-from mission.sweep.state import SweepState, read_sweep
 
 # What the paper reports of its method against the same without fairness (section V).
 CLAIMED, CLAIM = 0.14, "+14 %"

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
     from mission.analysis.load import LoadedRun
-    from mission.base.console import RunConsole
+    from mission.run.recorded import Around
 
 
 @dataclass(frozen=True)
@@ -202,15 +202,13 @@ def run(
         check_flown(resolved.mission.strategy)
     data = folder(data_dir)
     given = None if out is None else as_path(out, "out")
+    from mission.run.session import fly_session
+
     with output_folder(given, resolved.run_name) as path:
-
-        def fly(console: "RunConsole") -> int:
-            from mission.run.recorded import Around
-            from mission.run.session import fly_session
-
-            return fly_session(resolved, path, Around(console), data_dir=data)
-
-        return flown(fly, path, resolved.limits, quiet=quiet)
+        return flown(
+            lambda around: fly_session(resolved, path, around, data_dir=data), path,
+            resolved.limits, quiet=quiet,
+        )  # fmt: skip
 
 
 def resume(path: Path | str, *, rounds: int | None = None, quiet: bool = True) -> Run:
@@ -224,18 +222,15 @@ def resume(path: Path | str, *, rounds: int | None = None, quiet: bool = True) -
         KeyboardInterrupt: it was interrupted again.
     """
     from mission.analysis.limits import limits_in
+    from mission.run.session import resume_session
 
     found = as_path(path, "path")
     kept = RunFolder(found).config
     limits = limits_in(kept) if kept.is_file() else None
 
-    def fly(console: "RunConsole") -> int:
-        from mission.run.recorded import Around
-        from mission.run.session import resume_session
-
-        return resume_session(found, Around(console), rounds=rounds)
-
-    return flown(fly, found, limits, quiet=quiet)
+    return flown(
+        lambda around: resume_session(found, around, rounds=rounds), found, limits, quiet=quiet
+    )
 
 
 def load(path: Path | str) -> Run:
@@ -250,12 +245,13 @@ def load(path: Path | str) -> Run:
 
 
 def flown(
-    fly: "Callable[[RunConsole], int]",
+    fly: "Callable[[Around], int]",
     path: Path,
     limits: Mapping[str, float] | None,
     *,
     quiet: bool,
     goes_on: bool = True,
+    figures: bool = True,
 ) -> Run:
     """Call `fly`, which returns an exit code; return the run at `path` if it keeps to `limits`.
     `goes_on`: whether an interrupted one can be resumed."""
@@ -266,9 +262,10 @@ def flown(
 
         known_limits(limits, "limits")
     from mission.base.console import RunConsole
+    from mission.run.recorded import Around
 
-    console = RunConsole(Console(quiet=quiet))
-    code = in_a_thread(lambda: fly(console)) if _loop_is_running() else fly(console)
+    around = Around(RunConsole(Console(quiet=quiet)), figures=figures)
+    code = in_a_thread(lambda: fly(around)) if _loop_is_running() else fly(around)
     if code == INTERRUPTED:
         more = f"; resume({str(path)!r}) goes on" if goes_on else ""
         raise KeyboardInterrupt(f"{path} was interrupted{more}")

@@ -16,7 +16,7 @@ from mission.config import STRATEGIES
 if TYPE_CHECKING:
     import pandas as pd
 
-    from mission.sweep.state import SweepState
+    from mission.sweep.folder import SweepState
 
 
 @dataclass(frozen=True)
@@ -77,7 +77,7 @@ class Sweep:
 
     @cached_property
     def _state(self) -> "SweepState":
-        from mission.sweep.state import read_sweep
+        from mission.sweep.folder import read_sweep
 
         return read_sweep(self.path)
 

@@ -17,7 +17,6 @@ from sitl.config import BINARIES
 
 if TYPE_CHECKING:
     from mission.api.simulated_vehicle import SimulatedVehicle
-    from mission.base.console import RunConsole
     from mission.config.models import RunConfig
     from sitl.pace import Runs
 
@@ -228,15 +227,12 @@ def fly(
         KeyboardInterrupt: it was interrupted.
     """
     from mission.base.run_folder import output_folder
+    from mission.run.plan_flight import fly_plan
 
     file, resolved = as_path(plan, "plan"), config_of(source, overrides, OF_FLIGHT)
     given = None if out is None else as_path(out, "out")
     with output_folder(given, file.stem) as path:
-
-        def flight(console: "RunConsole") -> int:
-            from mission.run.plan_flight import fly_plan
-            from mission.run.recorded import Around
-
-            return fly_plan(resolved, file, path, Around(console, figures=False))
-
-        return flown(flight, path, resolved.limits, quiet=quiet, goes_on=False)
+        return flown(
+            lambda around: fly_plan(resolved, file, path, around), path, resolved.limits,
+            quiet=quiet, goes_on=False, figures=False,
+        )  # fmt: skip

@@ -6,9 +6,9 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
+from mission.base.console import Stopwatch
 from mission.base.errors import InputError
 from mission.base.run_folder import RunFolder, output_folder
-from mission.base.stopwatch import Stopwatch
 from mission.base.user_files import read_json
 from mission.commands.options import (
     LIVE_PORT,

@@ -115,7 +115,7 @@ def _page(folder: Path) -> None:
 
 
 def _print_results(folder: Path) -> None:
-    from mission.sweep.state import read_sweep
+    from mission.sweep.folder import read_sweep
 
     state = read_sweep(folder)
     runs = [{**result.point.keys, **result.summary} for result in state.results]

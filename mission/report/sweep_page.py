@@ -9,6 +9,7 @@ from mission.base.run_folder import write_atomically
 from mission.base.tables import count
 from mission.figures.render import card
 from mission.report.html import page
+from mission.sweep.folder import SweepState, read_sweep
 from mission.sweep.outcome.curves import flies, groups_of, pictures_of
 from mission.sweep.outcome.figures import curve_charts, final_chart, gain_charts
 from mission.sweep.outcome.view import (
@@ -26,7 +27,6 @@ from mission.sweep.outcome.view import (
     percent,
 )
 from mission.sweep.results import RunResult, communities_of
-from mission.sweep.state import SweepState, read_sweep
 
 # Section of each picture.
 _SECTIONS = {

@@ -9,10 +9,9 @@ import numpy as np
 from fl.federation import rounds as learning
 from fl.federation.state import FederationState
 from fl.federation.updates import Begun
-from mission.base.console import RunConsole
+from mission.base.console import RunConsole, Stopwatch
 from mission.base.interrupts import in_background
 from mission.base.record_file import RecordFile
-from mission.base.stopwatch import Stopwatch
 from mission.base.tables import count
 from mission.log.records import UNKNOWN_ROUND, AircraftRecord, RoundRecord, UplinkRecord
 from mission.run.budget import RunTotals

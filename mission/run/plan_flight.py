@@ -15,11 +15,10 @@ from mission.analysis.comparison_text import in_full
 from mission.analysis.load import load_run
 from mission.analysis.passes import PLAN_FILE
 from mission.base.area import Area
-from mission.base.console import RunConsole
+from mission.base.console import RunConsole, Stopwatch
 from mission.base.errors import AerofedError, FlightError, InputError
 from mission.base.record_file import RecordFile
 from mission.base.run_folder import RunFolder, write_atomically
-from mission.base.stopwatch import Stopwatch
 from mission.config.area import AreaConfig
 from mission.config.models import RunConfig
 from mission.flight.flyers.base import Attached, Backend, Flyer, Task

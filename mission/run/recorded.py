@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Literal, Protocol
 
 from aerofed_errors import first_line, told
-from mission.base.console import RunConsole
+from mission.base.console import RunConsole, Stopwatch
 from mission.base.errors import (
     INTERRUPTED,
     AerofedError,
@@ -25,7 +25,6 @@ from mission.base.errors import (
 from mission.base.interrupts import ending_flights, run_flight
 from mission.base.record_file import RecordFile
 from mission.base.run_folder import RunFolder, environment, write_atomically
-from mission.base.stopwatch import Stopwatch
 from mission.run.budget import RunTotals
 
 TRACEBACK = "traceback.txt"  # in the folder of a run that a researcher's own code ended

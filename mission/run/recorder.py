@@ -6,9 +6,8 @@ from dataclasses import dataclass, field
 
 from fl.federation.rounds import RoundLearning
 from fl.federation.state import FederationState
-from mission.base.console import RunConsole
+from mission.base.console import RunConsole, Stopwatch
 from mission.base.run_folder import RunFolder, library_versions
-from mission.base.stopwatch import Stopwatch
 from mission.flight.flyers.base import Backend
 from mission.flight.missions.plan_file import write_round_plan
 from mission.flight.missions.round_mission import FlightPlan

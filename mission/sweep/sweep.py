@@ -19,11 +19,10 @@ from mission.run.budget import rounds_paid_for
 from mission.scenario.limits import budget_of, foreseen_performance
 from mission.sweep.execute.engine import Engine, EngineChoice, execute_all
 from mission.sweep.execute.worker import RunEnd, RunOrder
-from mission.sweep.folder import SweepFolder, read_manifest
+from mission.sweep.folder import SweepFolder, read_manifest, read_sweep, rounds_in
 from mission.sweep.grid import Grid, SweepRun
 from mission.sweep.outcome.view import METHOD
 from mission.sweep.results import communities_of, read_run, write_results
-from mission.sweep.state import read_sweep, rounds_in
 
 Page: TypeAlias = Callable[[Path], object]
 

@@ -11,7 +11,7 @@ from types import SimpleNamespace
 import pytest
 from rich.console import Console
 
-from mission.base.console import RunConsole
+from mission.base.console import RunConsole, Stopwatch
 from mission.base.errors import (
     AerofedError,
     FlightError,
@@ -22,7 +22,6 @@ from mission.base.errors import (
 )
 from mission.base.record_file import RecordFile
 from mission.base.run_folder import RunFolder
-from mission.base.stopwatch import Stopwatch
 from mission.planner.errors import SolverError
 from mission.run.budget import RunTotals
 from mission.run.recorded import Around, Outcome, Summary, fly_recorded
@@ -152,7 +151,7 @@ def test_terminal_page_and_summary_tell_the_same_wall_time(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     looks = SimpleNamespace(perf_counter=itertools.count().__next__)  # each a second later
-    monkeypatch.setattr("mission.base.stopwatch.time", looks)
+    monkeypatch.setattr("mission.base.console.time", looks)
     stopwatch, folder, screen = Stopwatch(), RunFolder(tmp_path), io.StringIO()
     seen: list[object] = []
 

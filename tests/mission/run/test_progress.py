@@ -10,7 +10,7 @@ from unittest.mock import Mock
 
 from rich.console import Console
 
-from mission.base.stopwatch import Stopwatch
+from mission.base.console import Stopwatch
 from mission.log.records import UNKNOWN_ROUND, RoundRecord
 from mission.run.progress import LiveTable, PlainLines, PlanProgress, Progress, make_progress
 from mission.run.recorder import FolderRecorder

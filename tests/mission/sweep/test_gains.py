@@ -22,11 +22,11 @@ from reproduction_tables import (
 
 from mission.base.errors import InputError
 from mission.report.sweep_page import sweep_html
+from mission.sweep.folder import SweepState, read_sweep
 from mission.sweep.grid import Axis, points
 from mission.sweep.outcome.figures import sweep_pictures
 from mission.sweep.outcome.view import gain_table, paired_gains
 from mission.sweep.results import Row, RunResult, with_equals, write_results
-from mission.sweep.state import SweepState, read_sweep
 
 AXES = [Axis("mission.steps", (2, 10)), Axis("channel.extra_gain_db", (-7.0, 0.0))]
 # Of cov less no_cov by seed: mean 4 and interval 2.48, and mean 1 and interval 4.97.

@@ -7,9 +7,9 @@ import pytest
 from reproduction_tables import reproduction
 
 from mission.base.errors import InputError
+from mission.sweep.folder import Missing, SweepState, read_sweep
 from mission.sweep.grid import Point
 from mission.sweep.results import Row, RunResult
-from mission.sweep.state import Missing, SweepState, read_sweep
 
 COLUMNS = (
     "rounds", "flown_m", "delivered_share", "participation_cifar10", "participation_mnist",

@@ -13,11 +13,11 @@ from drawing import drawn
 
 from mission.figures.render import save_all
 from mission.report.sweep_page import sweep_html
+from mission.sweep.folder import Missing, SweepState
 from mission.sweep.grid import Point
 from mission.sweep.outcome.curves import pictures_of
 from mission.sweep.outcome.figures import sweep_pictures
 from mission.sweep.results import Row, RunResult
-from mission.sweep.state import Missing, SweepState
 
 SEEDS = (1, 2, 3)
 # Final accuracy per seed; flying strategies first. Of "b" there are no runs of ideal.
