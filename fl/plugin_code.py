@@ -25,7 +25,7 @@ LABELLED = r"^[\w .+-]{1,40}="
 GROUP = "aerofed.plugins"
 PASSED = "python"  # in the place of a module, in the name of an object that was passed
 
-_IMPORT = re.compile(r"(?m)^\s*(?:from\s+([.\w]+)\s+)?import\s+(\([^)]*\)|[^\n#;]+)")
+_IMPORT = re.compile(r"(?m)(?:^|[:;])\s*(?:from\s+([.\w]+)\s+)?import\s+(\([^)]*\)|[^\n#;]+)")
 _OURS = {"__main__", "aerofed", "fl", "flightdyn", "mission", "native", "sitl"}
 # Of one process only, in a pickle: numbers that cloudpickle draws, and that of a notebook.
 _DRAWN = re.compile(r"[0-9a-f]{32}|ipykernel_\d+")

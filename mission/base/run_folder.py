@@ -223,10 +223,14 @@ def alone_in(folder: Path, lock: Path, *, who: str, chosen: bool = False) -> Ite
         InputError: another one is at work there, or the file cannot be written or locked.
     """
     with without_traces(lock.parent):
-        with or_input_error(folder, "cannot write"):
+        another = "; name another folder" if chosen else ""
+        try:
             new = not lock.exists()
             lock.parent.mkdir(parents=True, exist_ok=True)
             file = lock.open("a")
+        except OSError as error:
+            reason = f"cannot write the output folder: {error.strerror}{another}"
+            raise InputError(f"{folder}: {reason}") from None
         with file:
             try:
                 fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -234,7 +238,7 @@ def alone_in(folder: Path, lock: Path, *, who: str, chosen: bool = False) -> Ite
                 if not os.path.samestat(os.fstat(file.fileno()), lock.stat()):
                     raise BlockingIOError
             except (BlockingIOError, FileNotFoundError):
-                another = ", or name another" if chosen else ""
+                another = another and ", or name another"
                 raise InputError(
                     f"{folder}: another {who} is at work in this folder; "
                     f"wait until it has ended{another}"

@@ -1,18 +1,29 @@
 """What `aerofed plan` does, apart from reading its arguments."""
 
+import math
 import re
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
+from rich import box
+from rich.table import Table
+
+from fl.plugin_code import label_of
 from mission.base.errors import InputError, PlanError
+from mission.base.tables import number
+from mission.base.terminal import PLAIN, Terminal
 from mission.config.area import AreaConfig
+from mission.config.models import RunConfig
 from mission.planner.check import check_plan
-from mission.planner.files import NamedPlan, NamedProblem, write_plans
+from mission.planner.config import PlannerConfig
+from mission.planner.factory import make_planner
+from mission.planner.files import NamedPlan, NamedProblem, read_problems, write_plans
 from mission.planner.flyable import foresee_round
 from mission.planner.problem import RoundPlan, RoundProblem
-from mission.scenario.strategies import Sortie
+from mission.scenario.scenario import Scenario, build_scenario
+from mission.scenario.strategies import FIXED_PATHS, Optimised, Sortie, Strategy
 
 
 def plan_problems(
@@ -105,3 +116,147 @@ def _file_name(number: int, name: str) -> str:
     """Return the picture's file name for a problem's id (free text), unique by the number."""
     safe = re.sub(r"[^A-Za-z0-9._-]+", "_", name)[:60]
     return f"{number:03d}-{safe}.png"
+
+
+@dataclass(frozen=True)
+class Task:
+    """Problems to plan, the strategy that plans them, and the scenario that they come from."""
+
+    problems: Sequence[NamedProblem]
+    strategy: Strategy
+    about: str  # for people: whose plans they are
+    scenario: Scenario | None = None  # None: the problems are of a file
+
+
+def first_round(config: RunConfig, data_dir: Path | None) -> Task:
+    """The first round of a configuration, planned by its strategy.
+
+    Raises:
+        InputError: it flies nothing; or as `build_scenario`.
+    """
+    scenario = build_scenario(config, data_dir=data_dir)
+    if scenario.strategy is None:
+        raise InputError(
+            "mission.strategy = 'ideal': flies nothing, so there is no path to plan; give "
+            "another, such as --set mission.strategy=cov"
+        )
+    fixed = isinstance(scenario.strategy, FIXED_PATHS)
+    planner = "" if fixed else f" · planner {config.planner.kind}"
+    strategy = label_of(config.mission.strategy)
+    about = f"{config.name}{planner} · strategy {strategy} · seed {config.seed}"
+    problems = (NamedProblem("round-1", scenario.first_problem()),)
+    return Task(problems, scenario.strategy, about, scenario)
+
+
+def problems_of_file(path: Path, config: RunConfig) -> Task:
+    """The problems of a file, planned by the configured planner; raises as `read_problems`."""
+    problems = read_problems(path)
+    strategy = Optimised(make_planner(config.planner), fairness=True)
+    return Task(problems, strategy, f"{path} · planner {config.planner.kind}")
+
+
+def write_qgc(path: Path, problem: RoundProblem, made: NamedPlan, scenario: Scenario) -> None:
+    """Write a QGroundControl plan of a round."""
+    # Only here: it takes a third of a second to import.
+    from mission.flight.missions.plan_file import write_round_plan
+    from mission.flight.missions.round_mission import flight_of_round
+
+    mission = scenario.config.mission
+    flight = flight_of_round(problem, made.plan, hold_s=made.hold_s, mission=mission)
+    write_round_plan(path, flight, scenario.area)
+
+
+def _row(named: NamedPlan) -> dict[str, float]:
+    """Return a plan's row of the table, by heading; NaN for what the plan does not have."""
+    made = named.plan
+    flights = [path.foreseen for path in made.paths if path.foreseen]  # where it is limited
+    heights = {path.altitude_m for path in made.paths}
+    return {
+        "value": made.value,
+        "upper\nbound": made.upper_bound,
+        "gap\n%": 100.0 * made.gap,
+        "path\nm": made.path_m,
+        "alt.\nm": (heights.pop() if len(heights) == 1 else None) or math.nan,
+        "takes\ns": max((flight.duration_s for flight in flights), default=math.nan),
+        "takes\nkJ": sum(flight.energy_j for flight in flights) / 1000.0 or math.nan,
+        "served": int(made.schedule.sum()),
+        "nodes": made.nodes,
+        "ms": 1e3 * named.time_s,
+    }
+
+
+def _nobody(problem: RoundProblem, made: RoundPlan) -> str:
+    """Return in words why a plan serves nobody."""
+    if not len(problem.devices_m):
+        return "there are no devices"
+    if not problem.importance.any():
+        return "the importance of every device is 0"
+    away_m, most_m, aircraft = min(
+        (math.dist(device_m, start.start_m), problem.alone(a).most_m, a)
+        for a, start in enumerate(problem.starts)
+        for device_m in problem.devices_m
+    )
+    if away_m <= most_m:
+        return _no_upload_fits(problem.alone(aircraft), made.alone(aircraft)) or (
+            "no update gets through from anywhere on the way: look at the channel "
+            "(aerofed link-budget)"
+        )
+    return (
+        f"no device is in reach: the nearest lies {away_m:.0f} m from the start, and the path may "
+        f"be {most_m:.0f} m long"
+    )
+
+
+def _no_upload_fits(problem: RoundProblem, made: RoundPlan) -> str:
+    """Why no upload fits into the limits beside the path, in words; empty where one does."""
+    limits, upload_s, flight = problem.limits, problem.upload_s, made.foreseen
+    if limits is None or upload_s is None or flight is None:
+        return ""
+    hover = limits.performance.foresee_hover(float(upload_s.min()))
+    for unit, needed, allowed, taken in (
+        ("s", hover.duration_s, limits.duration_s, flight.duration_s),
+        ("J", hover.energy_j, limits.energy_j, flight.energy_j),
+    ):
+        if needed > allowed - taken:
+            return (
+                f"no update can be sent: of the {allowed:.0f} {unit} that the round may take, the "
+                f"path leaves {allowed - taken:.0f}, and the quickest upload takes {needed:.0f}: "
+                "allow more, or send faster (channel.upload_rate_bps)"
+            )
+    return ""
+
+
+_DIGITS = {"value": 4, "upper\nbound": 4, "gap\n%": 2, "served": 0, "nodes": 0, "ms": 0}
+
+
+def show(
+    plans: Sequence[NamedPlan], problems: Sequence[NamedProblem], planner: PlannerConfig
+) -> None:
+    """Print the plans as a table, then notes: loose bounds, cut searches, plans serving nobody."""
+    _print(plans)
+    if loose := planner.loosely_proven([named.plan.gap for named in plans]):
+        Terminal(**PLAIN).print(loose)
+    limits = (start.limits for entry in problems for start in entry.problem.starts)
+    told = {each.performance.best_speeds for each in limits if each and each.energy_j < math.inf}
+    for line in sorted(told):
+        Terminal(**PLAIN).print(line)
+    by_id = {entry.id: entry.problem for entry in problems}
+    for named in plans:
+        if named.plan.ended:
+            Terminal(**PLAIN).print(f"{named.id}: the search: {named.plan.ended}")
+        if not named.plan.schedule.any():
+            Terminal(**PLAIN).print(f"{named.id}: {_nobody(by_id[named.id], named.plan)}")
+
+
+def _print(plans: Sequence[NamedPlan]) -> None:
+    table = Table(box=box.SIMPLE_HEAD, show_edge=False, pad_edge=False, collapse_padding=True)
+    table.add_column("problem", overflow="fold")
+    rows = [_row(named) for named in plans]
+    # Only some plans may choose their altitude, or have limits of time and energy.
+    headings = [name for name in rows[0] if not all(math.isnan(row[name]) for row in rows)]
+    for heading in headings:
+        table.add_column(heading, justify="right", no_wrap=True)
+    for named, row in zip(plans, rows, strict=True):
+        cells = (number(row[heading], _DIGITS.get(heading, 1)) for heading in headings)
+        table.add_row(named.id, *cells)
+    Terminal.for_tables().print(table)
