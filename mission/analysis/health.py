@@ -12,18 +12,22 @@ from mission.log.values import NS_PER_S, FlightData
 
 _FULL = 0.99  # of a motor: it has no more to give
 BATTERY = ("remaining", "voltage_v", "current_a")
-HEALTH = (  # names of numbers over time, which are the greatest of their signals' axes
+_LEAST = ("remaining", "voltage_v")
+HEALTH = (  # names of numbers over time: of their signals' axes the greatest, of these the least
     *("vibration_mps2", "clips", "innovation_ratio", "gnss_fix", "satellites", "hdop"),
     *("gnss_accuracy_m", "motors", *BATTERY),
 )
 
 
 def with_battery(data: FlightData) -> dict[str, Signal]:
-    """The signals of a flight, with those of its battery."""
-    t_s = data.battery.t_ns / NS_PER_S
-    more = {name: Signal(t_s, getattr(data.battery, name)[:, None]) for name in BATTERY}
-    known = {name: each for name, each in more.items() if np.isfinite(each.values).any()}
-    return {**data.signals, **known}
+    """The signals of a flight, with those of its battery, and of more where it has some."""
+    found, t_s = dict(data.signals), data.battery.t_ns / NS_PER_S
+    for name in BATTERY:
+        own = getattr(data.battery, name)[:, None]
+        if np.isfinite(own).any():
+            others = found[name].at(t_s)[:, 1:] if name in found else own[:, 1:]
+            found[name] = Signal(t_s, np.hstack((own, others)))
+    return found
 
 
 def health(data: FlightData, air_s: Spans) -> dict[str, Values]:
@@ -37,8 +41,8 @@ def health(data: FlightData, air_s: Spans) -> dict[str, Values]:
         t_s, values = signal.t_s[here], signal.values[here]
         if name == "clips":  # counters: what came since
             values = values - values[:1]
-        most = np.where(np.isnan(values), -math.inf, values).max(axis=1, initial=-math.inf)
-        most[np.isinf(most)] = math.nan
+        worst = np.fmin if name in _LEAST else np.fmax
+        most = worst.reduce(values, axis=1, initial=math.nan)
         found[name] = Values(t_s, most, hidden_s(signal.t_s, air_s))
         if name == "motors" and len(t_s):
             full_s = float(np.diff(t_s)[most[:-1] >= _FULL].sum())
@@ -48,7 +52,8 @@ def health(data: FlightData, air_s: Spans) -> dict[str, Values]:
                     found[name], t_s=np.full(1, math.nan), values=np.array([whole])
                 )
         if name == "voltage_v":
-            found["sag_v"] = replace(found[name], values=most[:1] - most)
+            sag = np.fmax.reduce(values[:1] - values, axis=1, initial=math.nan)
+            found["sag_v"] = replace(found[name], values=sag)
     return {**found, "log_gap_s": _log_gaps(data, air_s)}
 
 

@@ -126,7 +126,7 @@ def missing(data: FlightData) -> list[str]:
     """What the log of a flight does not hold, in words."""
     lacks = [] if any(m.kind == "mission" and m.items for m in data.missions) else ["a mission"]
     lacks += [what for what, of in _HELD.items() if not set(of.split()) & set(data.signals)]
-    return lacks + ["battery"] * (not len(data.battery.t_ns))
+    return lacks + ["battery"] * (not len(data.battery.t_ns) and "voltage_v" not in data.signals)
 
 
 def pair(signals: Mapping[str, Signal], name: str) -> tuple[Floats, Floats, Floats] | None:

@@ -26,6 +26,7 @@ AXES: Mapping[str, tuple[str, ...]] = {
     "clips": ("IMU 0", "IMU 1", "IMU 2"),
     "innovation_ratio": ("velocity", "position", "height", "heading"),
     "motors": tuple(f"motor {number}" for number in range(1, 13)),
+    **dict.fromkeys(("voltage_v", "current_a", "remaining"), ("battery 1", "battery 2")),
 }
 _MOTORS = (*range(33, 41), *range(82, 86))  # SERVOn_FUNCTION of motors 1 to 12
 _MOST = 1e10  # beyond is damage
@@ -79,7 +80,8 @@ def gathered(tables: Mapping[str, Columns], sources: Iterable[Source]) -> dict[s
         table, columns = tables.get(source.message, {}), source.columns.split()
         if source.axis in parts.get(source.signal, ()) or any(c not in table for c in columns):
             continue
-        values = np.column_stack([table[c].astype(np.float64) for c in columns])
+        with np.errstate(invalid="ignore"):  # damage makes signalling NaNs, too
+            values = np.column_stack([table[c].astype(np.float64) for c in columns])
         values[np.abs(values) > _MOST] = np.nan
         values = values * source.by if isinstance(source.by, float) else source.by(values)
         known = np.abs(table["t_s"]) < _LAST_S

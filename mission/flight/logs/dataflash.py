@@ -14,11 +14,13 @@ from typing import Any
 import numpy as np
 from pymavlink.dialects.v20 import common as mav
 
+from flightdyn.frames import LocalFrame
+from flightdyn.state import GeodeticPoint
 from mission.base.errors import InputError
 from mission.base.user_files import read_bytes
 from mission.flight.logs.flight import MOST_BYTES, LogRows, ardupilot_mode
 from mission.flight.logs.sources import DATAFLASH
-from mission.log.signals import Columns, gathered, motors
+from mission.log.signals import Columns, Signal, gathered, motors
 from mission.log.values import COPTER, PLANE, ROVER, FlightData
 from sitl.autopilot.codec.orders import MissionItem
 
@@ -33,11 +35,25 @@ _LETTERS = {  # of a format: the number in Python's `struct`, and what it is div
 }  # fmt: skip
 _MISSION, _RELATIVE = mav.MAV_MISSION_TYPE_MISSION, mav.MAV_FRAME_GLOBAL_RELATIVE_ALT
 _READ = (
-    *("POS", "MODE", "MSG", "ORGN", "CMD", "MISE", "GPS", "BAT", "XKF2", "ERR", "ARM", "EV"),
+    *(
+        "POS",
+        "MODE",
+        "MSG",
+        "ORGN",
+        "CMD",
+        "MISE",
+        "GPS",
+        "BAT",
+        "CURR",
+        "XKF2",
+        "ERR",
+        "ARM",
+        "EV",
+    ),
     *("FNCE", "RALY", "PARM", "FMTU", "MULT"),
 )
 _SIGNALS = {source.message.split()[0] for source in DATAFLASH} | {"RCOU"}
-_INSTANCE = ("I", "C", "IMU", "Instance")  # columns that number the sensors of a kind
+_INSTANCE = ("I", "C", "IMU", "Inst", "Instance")  # columns that number the sensors of a kind
 _FENCE = {  # FNCE.Type: AC_PolyFenceType
     98: mav.MAV_CMD_NAV_FENCE_POLYGON_VERTEX_INCLUSION,
     97: mav.MAV_CMD_NAV_FENCE_POLYGON_VERTEX_EXCLUSION,
@@ -50,7 +66,9 @@ _VEHICLES = {  # by what the firmware calls itself
     **dict.fromkeys(("ArduRover", "Rover"), ROVER),
     "ArduPlane": PLANE,
 }
-_FIX_3D = 3
+# Multipliers by id, in logs that lack the rows that tell them: log_Multipliers of ArduPilot.
+_MULTIPLIERS = {ord(letter): 10.0**-n for n, letter in enumerate("0ABCDEFG")}
+_FIX_3D, _GUIDED = 3, 4
 _WEEK_MS = 7 * 86_400_000
 # The begin of GPS time in UTC, less the leap seconds since: 18 from 2017 on, when 3.5 came.
 _GPS_NS = (315_964_800 - 18) * 1_000_000_000
@@ -82,6 +100,7 @@ def read_dataflash(path: Path) -> FlightData:
         tables |= form.tables(b"".join(rows), reader.multipliers(form))
     reader.found.signals = gathered(tables, DATAFLASH)
     reader.found.signals |= motors(reader.params, tables.get("RCOU", {}), "C{}")
+    reader.hold_goals()
     return reader.found.flight()
 
 
@@ -160,9 +179,10 @@ class _Reader:
         self._lists: dict[int, tuple[int, int, dict[int, MissionItem]]] = {}
         self._vehicle = "ArduCopter"
         self._modes: list[tuple[int, int]] = []
+        self._origin: GeodeticPoint | None = None  # of the filter's frame
         self.params: dict[str, float] = {}
         self._units: dict[int, str] = {}  # ids of a kind's multipliers
-        self._multipliers: dict[int, float] = {}  # by id
+        self._multipliers = dict(_MULTIPLIERS)
 
     def multipliers(self, form: _Format) -> list[float]:
         """What the columns of a kind are to be multiplied by; none where the log does not say."""
@@ -171,12 +191,20 @@ class _Reader:
 
     def take(self, kind: str, row: Any) -> None:
         """Keep what a row of a kind says."""
-        found, t_ns = self.found, int(row.TimeUS) * 1000
+        found = self.found
+        if not hasattr(row, "TimeUS"):
+            old = (
+                "its rows have no times in microseconds: logs of ArduPilot before 3.3 are not read"
+            )
+            raise InputError(f"{found.path}: {old}")
+        t_ns = int(row.TimeUS) * 1000
         match kind:
             case "POS":
                 found.places.append((t_ns, row.Lat, row.Lng, row.Alt))
             case "ORGN" if row.Type == _HOME:
                 found.homes.append((t_ns, row.Lat, row.Lng, row.Alt))
+            case "ORGN":
+                self._origin = GeodeticPoint(row.Lat, row.Lng, row.Alt)
             case "MODE":
                 number = int(getattr(row, "ModeNum", row.Mode))
                 self._modes.append((t_ns, number))
@@ -204,9 +232,10 @@ class _Reader:
                 if hasattr(row, "GWk"):
                     gps_ns = (row.GWk * _WEEK_MS + row.GMS) * 1_000_000 + _GPS_NS
                     found.utc_ns.append((t_ns, round(gps_ns)))
-            case "BAT" if getattr(row, "Inst", getattr(row, "Instance", 0)) == 0:
+            case "BAT" | "CURR" if getattr(row, "Inst", getattr(row, "Instance", 0)) == 0:
                 left = getattr(row, "RemPct", float("nan")) / 100
-                found.battery.append((t_ns, row.Volt, row.Curr, row.CurrTot, left))
+                unit = 0.01 if isinstance(row.Volt, int) else 1.0  # before 3.4
+                found.battery.append((t_ns, row.Volt * unit, row.Curr * unit, row.CurrTot, left))
             case "XKF2" if getattr(row, "C", 0) == 0:
                 # The wind that the filter estimates is where the air moves to.
                 found.wind.append((t_ns, row.VWE, row.VWN))
@@ -254,6 +283,21 @@ class _Reader:
         self.found.vehicle = _VEHICLES[self._vehicle]
         for t_ns, number in self._modes:
             self.found.mode(t_ns, ardupilot_mode(self.found.vehicle, number))
+
+    def hold_goals(self) -> None:
+        """Each target that GUIDED was given holds until the next one, or the mode's end."""
+        signals = self.found.signals
+        goal, origin = signals.pop("goal_m", None), self._origin
+        if goal is None or origin is None or not self._modes:
+            return
+        places = [LocalFrame(origin).to_geodetic(np.append(ne, 0.0)) for ne in goal.values]
+        deg = np.array([(place.lat_deg, place.lon_deg) for place in places])
+        t_s = np.array([t_ns / 1e9 for t_ns, *_ in self.found.places])
+        since_s = np.array([t_ns / 1e9 for t_ns, _ in self._modes])
+        guided = np.array([number == _GUIDED for _, number in self._modes])
+        at, mode = (np.searchsorted(of, t_s, side="right") - 1 for of in (goal.t_s, since_s))
+        held = (at >= 0) & (mode >= 0) & guided[mode] & (goal.t_s[at] >= since_s[mode])
+        signals["goal_deg"] = Signal(t_s, np.where(held[:, None], deg[at], np.nan))
 
     def _close_mission(self) -> None:
         """Take a mission that was not listed as far as it is known."""

@@ -27,6 +27,12 @@ def _masked(bits: int, scale: float = 1.0) -> _Making:
     )
 
 
+def _of_kinds(*kinds: int) -> _Making:
+    """Values whose last column says their kind: those of some kinds."""
+    return lambda values: np.where(np.isin(values[:, -1:], kinds), values[:, :-1], np.nan)
+
+
+_NO_CELL = 65535
 _MADE: dict[str, _Making | float] = {
     "rad": 180.0 / np.pi, "cm": 0.01, "mm": 0.001,
     "quaternion": euler_deg,
@@ -34,13 +40,16 @@ _MADE: dict[str, _Making | float] = {
     "used": lambda values: values[:, np.isfinite(values).any(axis=0)],
     "not 0": _but(0), "not 255": _but(255), "DOP": _but(0, 65535, scale=0.01),
     "mm, not 0": _but(0, scale=0.001),
+    "%": 0.01, "%, cA": _but(-1, scale=0.01),
+    "cells": lambda mv: np.where(mv == _NO_CELL, 0.0, mv / 1e3).sum(axis=1, keepdims=True),
+    "of WP": _of_kinds(1, 3), "of WP, Pos": _of_kinds(1, 2, 3),
     "mask 7": _masked(7), "mask 56": _masked(56), "mask 3, 1e-7": _masked(3, 1e-7),
 }  # fmt: skip
 
 
 def _sources(table: str) -> tuple[Source, ...]:
     """Rows of signal and first axis, message, columns (`q[4]`: four of them), and how it is made
-    of them; `plain cm`: centimetres where the log does not tell units."""
+    of them; `plain cm`: centimetres where the log does not tell units. `BAT 1`: the second one."""
     found = []
     for row in table.strip().splitlines():
         name, message, names, how, *_ = (*(part.strip() for part in row.split("|")), "")
@@ -50,8 +59,8 @@ def _sources(table: str) -> tuple[Source, ...]:
             for column, _, count in (each.rstrip("]").partition("[") for each in names.split())
             for n in range(int(count or 1))
         ]
-        plain = 0.01 if how == "plain cm" else 1.0
-        by = _MADE.get(how, 1.0)
+        plain = 0.01 if how.endswith("plain cm") else 1.0
+        by = _MADE.get(how.removesuffix(", plain cm"), 1.0)
         found.append(Source(signal, message, " ".join(columns), by, int(axis or 0), plain))
     return tuple(found)
 
@@ -77,6 +86,8 @@ wanted_position_m   | NTUN   | DPosX DPosY             | plain cm
 position_m          | NTUN   | PosX PosY               | plain cm
 wanted_velocity_mps | NTUN   | DVelX DVelY             | plain cm
 velocity_mps        | NTUN   | VelX VelY               | plain cm
+goal_m              | GUIP   | pX pY Type              | of WP, Pos, plain cm
+goal_m              | GUID   | pX pY Type              | of WP, plain cm
 wanted_height_m     | CTUN   | DAlt
 height_m            | CTUN   | Alt
 wanted_attitude_deg | ATT    | DesRoll DesPitch DesYaw
@@ -95,6 +106,11 @@ gnss_fix            | GPS    | Status
 satellites          | GPS    | NSats
 hdop                | GPS    | HDop
 gnss_accuracy_m     | GPA    | HAcc
+voltage_v 1         | BAT 1  | Volt
+current_a 1         | BAT 1  | Curr
+remaining 1         | BAT 1  | RemPct                  | %
+voltage_v 1         | CUR2   | Volt
+current_a 1         | CUR2   | Curr
 """)
 # What the position controller was given; its velocity is what it asks for in all.
 ULOG = _sources("""
@@ -150,6 +166,12 @@ gnss_fix            | GPS_RAW_INT                | fix_type
 satellites          | GPS_RAW_INT                | satellites_visible                   | not 255
 hdop                | GPS_RAW_INT                | eph                                  | DOP
 gnss_accuracy_m     | GPS_RAW_INT                | h_acc                                | mm, not 0
+voltage_v           | BATTERY_STATUS             | voltages[10]                         | cells
+current_a           | BATTERY_STATUS             | current_battery                      | %, cA
+remaining           | BATTERY_STATUS             | battery_remaining                    | %, cA
+voltage_v 1         | BATTERY_STATUS 1           | voltages[10]                         | cells
+current_a 1         | BATTERY_STATUS 1           | current_battery                      | %, cA
+remaining 1         | BATTERY_STATUS 1           | battery_remaining                    | %, cA
 """)
 # ArduPilot's target is where it heads for; PX4's VIBRATION has the accelerometers' in z only.
 OF_ARDUPILOT = _sources("vibration_mps2 | VIBRATION | vibration_x vibration_y vibration_z")

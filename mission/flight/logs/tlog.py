@@ -87,6 +87,12 @@ def _messages(content: bytes, found: LogRows) -> Iterator[tuple[int, Any]]:
             found.skipped["message of another dialect"] += 1
 
 
+def _kind(message: Any) -> str:
+    """The message's name, with the number of another battery than the first."""
+    name: str = message.get_type()
+    return f"{name} {message.id}".removesuffix(" 0") if name == "BATTERY_STATUS" else name
+
+
 def _number(message: Any, field: str) -> float:
     """A field, or one of its numbers: `q[0]`."""
     name, _, at = field.partition("[")
@@ -145,7 +151,7 @@ class _Reader:
     def take_at(self, t_ns: int, message: Any) -> None:
         """Keep what a message says, at a time of the vehicle's clock."""
         found = self._found
-        if message.get_type() in _FIELDS:
+        if _kind(message) in _FIELDS:
             self._keep(t_ns, message)
         match message.get_type():
             case "HEARTBEAT" if message.autopilot != _NO_AUTOPILOT:
@@ -192,9 +198,9 @@ class _Reader:
     def _keep(self, t_ns: int, message: Any) -> None:
         """Keep a row of signals, at the message's own time where it has one."""
         own_ns = getattr(message, "time_boot_ms", 0) * 1_000_000
-        fields = _FIELDS[message.get_type()]
+        fields = _FIELDS[_kind(message)]
         row = (_number(message, field) for field in fields)
-        self._rows.setdefault(message.get_type(), []).append(((own_ns or t_ns) / 1e9, *row))
+        self._rows.setdefault(_kind(message), []).append(((own_ns or t_ns) / 1e9, *row))
 
     def signals(self) -> dict[str, Signal]:
         """The signals of all messages that were kept."""

@@ -10,6 +10,7 @@ from xml.etree import ElementTree as ET
 import numpy as np
 import pytest
 from pymavlink import DFReader
+from pymavlink.dialects.v20 import common as mav
 from pyulog import ULog
 from told_logs import (
     HOME,
@@ -27,6 +28,7 @@ from told_logs import (
 import aerofed
 from mission.analysis.compare import RunComparison, compare_run
 from mission.analysis.load import load_run
+from mission.analysis.told import missing
 from mission.cli import call
 from mission.figures.charts import envelope
 
@@ -76,6 +78,89 @@ def test_each_version_of_dataflash_tells_the_same(tmp_path: Path, version: str) 
     old = compared(write_bin(tmp_path / "old.bin", flight, version=version)).total
     for name in ("tracking_rms_m", "tracking_max_m", "height_tracking_max_m", "tracking_delay_s"):
         assert getattr(old, name) == pytest.approx(getattr(new, name), abs=1e-4), name
+
+
+@pytest.mark.parametrize("version", ["PSC", "PSCN 4.7"])
+def test_multipliers_that_a_log_lacks_are_ardupilots(tmp_path: Path, version: str) -> None:
+    """Their rows stand at a log's begin, and are lost where that is."""
+    flight = made(off_m=2.0, down_m=1.0)
+    log = write_bin(tmp_path / "x.bin", flight, version=version, multipliers=False)
+    assert compared(log).total.tracking_max_m == pytest.approx(2.0, abs=1e-3)
+
+
+@pytest.mark.parametrize(("kind", "at", "other"), [("GUIP", 2, 5), ("GUID", 1, 4)])
+def test_targets_of_guided_hold_until_the_next_one(
+    tmp_path: Path, kind: str, at: int, other: int
+) -> None:
+    """North for 20 s, east for the rest, and 3 m off to the south meanwhile; targets in cm, from
+    the filter's origin at home. Rows of other kinds have no place."""
+    t_s = np.arange(0.0, 60.0, STEP_S)
+    path = np.column_stack((np.clip(t_s - 10, 0, 20), np.clip(t_s - 30, 0, 20), -10 + 0 * t_s))
+    path[(t_s > 40) & (t_s < 42), 0] -= 3.0
+    flight = made(path=lambda _: path, until_s=60.0)
+    rows = [(10e6, at, 2000.0, 0.0), (20e6, other, 7.0, 7.0), (30e6, at, 2000.0, 2000.0)]
+    origin = (0, 0, *(round(x * 1e7) for x in (HOME.lat_deg, HOME.lon_deg)), HOME.alt_msl_m)
+    log = write_bin(
+        tmp_path / "x.bin", flight, version="none",
+        more=[("ORGN", "QBLLf", "TimeUS,Type,Lat,Lng,Alt", [origin]),
+              (kind, "QBff", "TimeUS,Type,pX,pY", [(round(t), *more) for t, *more in rows])],
+    )  # fmt: skip
+    found = compared(log)
+    assert found.total.across_target_max_m == pytest.approx(3.0, abs=0.05)
+    of_target = [row for row in found.stretches if row["reference"] == "target"]
+    times_s = [row[end] for row in of_target for end in ("start_s", "end_s")]
+    assert times_s == pytest.approx([10.0, 20.0, 30.0, t_s[-1]], abs=0.1)
+
+
+def test_logs_without_times_in_microseconds_are_refused_as_old(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    log = write_bin(
+        tmp_path / "x.bin", made(), more=[("CURR", "IHH", "TimeMS,Volt,Curr", [(1, 2, 3)])]
+    )
+    assert call(["compare", str(log)]) == 2
+    assert "logs of ArduPilot before 3.3 are not read" in capsys.readouterr().err
+
+
+_BAT = "QBfff", "TimeUS,Inst,Volt,Curr,CurrTot"
+_CURR = "TimeUS,Volt,Curr,CurrTot"
+_TWO = [(n * 10**6, k, 12.0 - k - n / 50, 9.0 + k, 0.0) for n in range(80) for k in (0, 1)]
+
+
+@pytest.mark.parametrize(
+    ("kinds", "least_v", "most_a", "sag_v"),
+    [
+        ([("BAT", *_BAT, _TWO)], 9.42, 10.0, 1.54),
+        # Until 3.5, a row a battery; whole numbers are hundredths.
+        ([("CURR", "Qfff", _CURR, [(n * 10**6, 12.0, 9.0, 0.0) for n in range(80)]),
+          ("CUR2", "Qff", _CURR[:-8], [(n * 10**6, 11.0 - n / 50, 10.0) for n in range(80)])],
+         9.42, 10.0, 1.54),
+        ([("CURR", "Qhhf", _CURR, [(n * 10**6, 1200, 900, 0.0) for n in range(80)])],
+         12.0, 9.0, 0.0),
+    ],
+)  # fmt: skip
+def test_every_battery_of_dataflash_counts(
+    tmp_path: Path, kinds: list[Any], least_v: float, most_a: float, sag_v: float
+) -> None:
+    total = compared(write_bin(tmp_path / "x.bin", made(), more=kinds)).total
+    assert total.voltage_min_v == pytest.approx(least_v, abs=1e-3)
+    assert total.current_max_a == pytest.approx(most_a, abs=1e-3)
+    assert total.voltage_sag_max_v == pytest.approx(sag_v, abs=0.021)
+
+
+def test_every_battery_of_a_telemetry_log_counts(tmp_path: Path) -> None:
+    """Cells in mV, of which those that are not there are 65535; what is not known is -1."""
+    told = [
+        (float(n), mav.MAVLink_battery_status_message(
+            k, 0, 0, 32767, [4000 - 10 * n * k] * 3 + [65535] * 7, 900 if k else -1, -1, -1,
+            90 - n if k else -1))
+        for n in range(80) for k in (0, 1)
+    ]  # fmt: skip
+    found = compared(write_tlog(tmp_path / "x.tlog", made(), more=told))
+    assert found.total.voltage_min_v == pytest.approx(3 * (4.0 - 0.79), abs=1e-3)
+    assert found.total.current_max_a == pytest.approx(9.0)
+    assert found.total.battery_min == pytest.approx(0.11)
+    assert "battery" not in missing(found.run.data)
 
 
 def test_a_row_of_attitude_without_a_value_costs_itself_alone(tmp_path: Path) -> None:

@@ -5,7 +5,7 @@ What was wanted and what was are arrays of the test; bytes are written here.
 
 import math
 import struct
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -88,13 +88,23 @@ _TARGETS: Mapping[str, Any] = {
     "NTUN": ("Qffff", "TimeUS,DPosX,DPosY,PosX,PosY", 100.0),
     "PSC": ("Qffff", "TimeUS,TPX,TPY,PX,PY", 1.0),
     "PSCN": ("Qff", "TimeUS,TPN,PN", 1.0),
+    "none": ("Qffff", "TimeUS,A,B,C,D", 1.0),  # is not read
     # 4.7: more columns before, and in the test's log in millimetres, as its multiplier says.
     "PSCN 4.7": ("Qfff", "TimeUS,DPN,TPN,PN", 1000.0),
 }
 
 
-def write_bin(path: Path, flight: Made, *, version: str = "PSCN", motors: bool = True) -> Path:
-    """As ArduCopter writes it; `version` is the kind of row that holds positions."""
+def write_bin(
+    path: Path,
+    flight: Made,
+    *,
+    version: str = "PSCN",
+    motors: bool = True,
+    multipliers: bool = True,
+    more: Sequence[tuple[str, str, str, Sequence[Sequence[Any]]]] = (),
+) -> Path:
+    """As ArduCopter writes it; `version` is the kind of row that holds positions. Logs may lack the
+    rows of `multipliers`. `more`: name, format and columns of kinds of the test's own, and rows."""
     out = bytearray()
     formats: dict[str, tuple[int, str]] = {}
 
@@ -112,7 +122,8 @@ def write_bin(path: Path, flight: Made, *, version: str = "PSCN", motors: bool =
     declare("FMTU", "QBNN", "TimeUS,FmtType,UnitIds,MultIds")
     declare("MULT", "Qbd", "TimeUS,Id,Mult")
     for letter, factor in (("F", 1e-6), ("0", 1.0), ("C", 1e-3), ("-", 0.0)):
-        row("MULT", 1, ord(letter), factor)
+        if multipliers:
+            row("MULT", 1, ord(letter), factor)
     form, columns, scale = _TARGETS[version]
     kind, names = version.split()[0], [version.split()[0]]
     if kind == "PSCN":
@@ -165,6 +176,10 @@ def write_bin(path: Path, flight: Made, *, version: str = "PSCN", motors: bool =
         row("RCOU", t_us, 1500, 1500, 1600, 1400)
         row("POS", t_us, round(lat * 1e7), round(lon * 1e7), alt)
     row("EV", round(flight.t_s[-1] * 1e6) + 1, 11)
+    for name, form, columns, rows in more:
+        declare(name, form, columns)
+        for values in rows:
+            row(name, *values)
     path.write_bytes(out)
     return path
 
@@ -224,8 +239,8 @@ def write_ulg(path: Path, flight: Made, *, dropout_ms: int = 0) -> Path:
     return path
 
 
-def write_tlog(path: Path, flight: Made) -> Path:
-    """As a ground station of PX4 writes it, in OFFBOARD."""
+def write_tlog(path: Path, flight: Made, *, more: Sequence[tuple[float, Any]] = ()) -> Path:
+    """As a ground station of PX4 writes it, in OFFBOARD; `more`: messages, each with its time."""
     out, vehicle = bytearray(), mav.MAVLink(None, 1, 1)
 
     def told(t_s: float, message: Any) -> None:
@@ -252,6 +267,8 @@ def write_tlog(path: Path, flight: Made) -> Path:
         told(t_s, mav.MAVLink_vibration_message(ms * 1000, 0, 0, flight.vibration[n], count, 0, 0))
         told(t_s, mav.MAVLink_gps_raw_int_message(
             ms * 1000, 3, *where, 80, 90, 0, 0, round(flight.satellites[n])))  # fmt: skip
+    for t_s, message in more:
+        told(t_s, message)
     path.write_bytes(out)
     return path
 
