@@ -14,6 +14,7 @@ OUTSIDE = {
     "CHANGELOG.md": "CHANGELOG.md",
     "SECURITY.md": "SECURITY.md",
     "data-sources.md": "fl/data/README.md",
+    "airframe.md": "flightdyn/physics/airframe/README.md",
 }
 
 

@@ -1,5 +1,6 @@
 """The checks that every page of the documentation passes; the pages themselves: `make check`."""
 
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -22,6 +23,16 @@ def faults(root: Path) -> list[str]:
     command = [sys.executable, "-c", code, str(root)]
     done = subprocess.run(command, cwd=ROOT / "docs", capture_output=True, text=True, check=True)
     return done.stdout.splitlines()
+
+
+def test_the_site_has_every_page_and_all_that_pages_lead_to() -> None:
+    """Whose builder, mkdocs, the tests do not need: `make docs` fails where this does."""
+    site, nav = (ROOT / "docs" / "site.py").read_text(), (ROOT / "mkdocs.yml").read_text()
+    outside = dict(re.findall(r'^    "(\S+\.md)": "(\S+\.md)",$', site, re.MULTILINE))
+    pages = {path.name: path.read_text() for path in (ROOT / "docs").glob("*.md")}
+    assert set(re.findall(r": (\S+\.md)$", nav, re.MULTILINE)) == {*pages, *outside}
+    links = {link for text in pages.values() for link in re.findall(r"\]\(\.\./([^)#]+)", text)}
+    assert links <= {*outside.values(), "README.md"}
 
 
 @pytest.mark.slow
