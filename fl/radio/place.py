@@ -189,7 +189,7 @@ class RadioMap:
 
     def gain_db(self, device: Ints, place_m: Floats) -> Floats:
         """Return path gains (n,) in dB, as `Gains.gain_db`."""
-        # Imported here: few runs have a map.
+        # Imported here: few runs have a map, and SciPy takes 150 ms.
         from scipy.ndimage import map_coordinates
 
         axes = zip(place_m.T[::-1], (self.height_m, self.y_m, self.x_m), strict=True)

@@ -8,6 +8,7 @@ from fl.plugin_code import label_of
 from mission.base.errors import InputError
 from mission.base.run_folder import RunFolder, RunSummary
 from mission.base.user_files import read_json
+from mission.flight.logs.reading import read_flight
 from mission.log import DamagedLogError, ForeignLogError
 from mission.log.contents import load_damaged
 from mission.log.reader import decode, read_log
@@ -88,7 +89,7 @@ def load_run(path: Path, plan: Path | None = None, *, believed: bool = False) ->
         data = replace(data, truth=data.belief, source=replace(data.source, only="believed"))
     if plan is None and (data.rounds or data.devices.community):
         return replace(loaded, data=data)
-    # Only for such flights: pymavlink takes half a second to import.
+    # Only for such flights: pymavlink and the vehicle's rules take 130 ms to import.
     from mission.analysis.passes import Plan, judged
     from mission.flight.missions.plan_file import read_plan_file
 
@@ -147,8 +148,6 @@ def _flights_in(path: Path) -> list[Path]:
 def _load(path: Path) -> LoadedRun:
     if path.is_file():
         if path.suffix.lower() in FOREIGN:
-            from mission.flight.logs.reading import read_flight
-
             return LoadedRun(path, read_flight(path), {})
         try:
             return LoadedRun(path, read_log(path), {})

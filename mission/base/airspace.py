@@ -66,7 +66,7 @@ class Airspace:
     @cached_property
     def outlines(self) -> "Outlines":
         """The outlines for C, built on first use; only for an airspace that is not open."""
-        # Imported here, as most runs have no areas.
+        # Imported here, as most runs have no areas: 24 ms, and shapely, below, 10 ms.
         from mission.base.native.library import Outlines
 
         # A little more than the margin, so that rounding leaves what lies there free.

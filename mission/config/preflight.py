@@ -85,7 +85,7 @@ def signing_key(path: Path) -> bytes:
     Raises:
         InputError: the file cannot be read, or the phrase is too short.
     """
-    from sitl.autopilot.codec.wire import key_of
+    from sitl.autopilot.codec.wire import key_of  # 15 ms, where a key is configured
 
     return key_of(read_text(path).strip())
 

@@ -1,7 +1,7 @@
 """Who flies a run: the choice among the backends.
 
-Each is imported where it is chosen: who flies nothing waits for no aircraft, whose filter alone
-takes most of a second.
+Those with an aircraft are imported where they are chosen: of ours, filter and physics take 740 ms,
+of an external one MAVSDK takes 40 ms.
 """
 
 from pathlib import Path
@@ -10,6 +10,7 @@ import numpy as np
 
 from mission.config.models import RunConfig
 from mission.flight.flyers.base import Backend, Task
+from mission.flight.flyers.unflown import UnflownBackend
 from mission.flight.missions.round_mission import Demand
 from mission.scenario.scenario import Scenario, build_scenario
 
@@ -43,8 +44,6 @@ def set_up(config: RunConfig, *, data_dir: Path | None) -> tuple[Scenario, Backe
     scenario = build_scenario(config, data_dir=data_dir)
     task = Task(scenario.config, scenario.area, scenario.streams, _demand(scenario))
     if scenario.strategy is None or config.mission.flight == "none":
-        from mission.flight.flyers.unflown import UnflownBackend
-
         return scenario, UnflownBackend(task)
     return scenario, backend_for(task)
 

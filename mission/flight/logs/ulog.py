@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 from pymavlink.dialects.v20 import common as mav
 
+from flightdyn.frames import LocalFrame
 from flightdyn.state import GeodeticPoint
 from mission.base.user_files import read_bytes
 from mission.flight.logs.flight import MOST_BYTES, LogRows
@@ -132,8 +133,6 @@ def _battery(data: Columns | None) -> Iterator[tuple[float, ...]]:
 
 def _local(data: Columns | None) -> Iterator[tuple[float, ...]]:
     """Yield (t_ns, latitude, longitude, altitude) of local positions with a known reference."""
-    from flightdyn.frames import LocalFrame
-
     for t_ns, x, y, z, lat, lon, alt, valid in _rows(
         data, "x", "y", "z", "ref_lat", "ref_lon", "ref_alt", "xy_global"
     ):

@@ -120,7 +120,7 @@ def pymavlink_client(url: str) -> Any:
     Raises:
         LinkLostError: none came in time.
     """
-    from pymavlink import mavutil
+    from pymavlink import mavutil  # 17 ms, for a client of pymavlink alone
 
     client: Any = mavutil.mavlink_connection(  # type: ignore[no-untyped-call]  # pymavlink has no types
         url.replace("://", ":")
