@@ -50,7 +50,7 @@ class SettingError(InputError):
     """A setting whose value is refused; who knows where it was set names that, too."""
 
     def __init__(self, key: str, value: object, allowed: str) -> None:
-        super().__init__(f"{key} = {told(value, repr)}: {allowed}")
+        super().__init__(f"{key} = {printable(value, repr)}: {allowed}")
         self.key, self.value, self.allowed = key, value, allowed
 
 
@@ -78,7 +78,7 @@ class LinkLostError(AerofedError):
     exit_code = 5
 
 
-def told(value: object, how: Callable[[Any], str] = str, *, most: int = 500) -> str:
+def printable(value: object, how: Callable[[Any], str] = str, *, most: int = 500) -> str:
     """Return `how(value)` (`str`, `repr`), cut to `most` characters, or a note that it raised.
 
     Lone surrogates and control characters but line feeds and tabs become escapes, so that the text
@@ -96,12 +96,12 @@ def told(value: object, how: Callable[[Any], str] = str, *, most: int = 500) -> 
 
 def one_line(value: object) -> str:
     """As `told`, on one line."""
-    return " ".join(told(value).split())
+    return " ".join(printable(value).split())
 
 
 def first_line(error: BaseException) -> str:
     """Kind and message of an exception, on one line."""
-    return f"{type(error).__name__}: {(told(error).splitlines() or [''])[0]}"
+    return f"{type(error).__name__}: {(printable(error).splitlines() or [''])[0]}"
 
 
 def did_you_mean(name: str, known: Iterable[str]) -> str:

@@ -11,7 +11,7 @@ from cyclopts.help import DefaultFormatter, HelpPanel
 from rich.console import Console, ConsoleOptions
 from rich.text import Text
 
-from aerofed_errors import told
+from aerofed_errors import printable
 from mission.base.errors import EXIT_CODES, INTERRUPTED, AerofedError, InputError
 from mission.base.interrupts import hear_interruptions, prepare_exit
 from mission.base.terminal import PLAIN, Terminal
@@ -138,7 +138,7 @@ def call(tokens: Sequence[str] | None = None) -> int:
         errors.print(f"aerofed: {usage.in_words(error)}")
         return InputError.exit_code
     except AerofedError as error:
-        for line in told(error, most=_MOST).splitlines():
+        for line in printable(error, most=_MOST).splitlines():
             errors.print(f"aerofed: {line}")
         return error.exit_code
     except MemoryError:

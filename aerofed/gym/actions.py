@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from aerofed_errors import told
+from aerofed_errors import printable
 from mission.base.arrays import Floats
 from mission.base.errors import InputError
 
@@ -17,6 +17,6 @@ def checked(action: object, count: int, *, under_way: bool) -> Floats:
         given = np.empty(0)
     real = given.dtype.kind in "iuf" and not np.ma.isMaskedArray(action)
     if not real or given.shape != (count,) or not (np.abs(given) <= 1.0).all():
-        said = " ".join(told(action, repr).split())
+        said = " ".join(printable(action, repr).split())
         raise InputError(f"action = {said}: must be {count} numbers from -1 to 1, shape ({count},)")
     return np.asarray(given, dtype=np.float64)

@@ -3,7 +3,7 @@
 import json
 from collections.abc import Iterable
 
-from mission.base.tables import told
+from mission.base.tables import annotated
 from mission.log import topics
 from mission.log.records import AircraftRecord, DeviceRecord, TimedUplinkRecord, UplinkRecord
 from mission.log.values import ControlTrack
@@ -94,7 +94,7 @@ def page() -> str:
 
 def _body() -> list[str]:
     """The tables' columns, then every topic of the log."""
-    every, every_uplink = topics.TOPICS, list(told(UplinkRecord, str))
+    every, every_uplink = topics.TOPICS, list(annotated(UplinkRecord, str))
     lines = [
         *("", "## rounds.csv", "", "One row for each round.", "", *_round_columns()),
         *("", "`COMMUNITY` is the name of one: there is a column for each."),
@@ -107,7 +107,7 @@ def _body() -> list[str]:
             "Where [devices take time](learning.md#devices-that-take-time), four columns more, in",
         ),
         "the log as well. A late device sends nothing: its PERs are 1.",
-        *("", *_table(row for row in told(TimedUplinkRecord, str) if row not in every_uplink)),
+        *("", *_table(row for row in annotated(TimedUplinkRecord, str) if row not in every_uplink)),
         *("", "## learning.csv", "", "One row for each device after every round."),
         *("", *_columns(DeviceRecord)),
         *("", "## flight.mcap", ""),
@@ -122,8 +122,8 @@ def _body() -> list[str]:
     ]
     about = " ".join((ControlTrack.__doc__ or "").split())
     named = [
-        (name, f"{' '.join(axes).strip() or 'number'}: {dict(told(ControlTrack, str))[name]}")
-        for name, axes in told(ControlTrack, tuple)
+        (name, f"{' '.join(axes).strip() or 'number'}: {dict(annotated(ControlTrack, str))[name]}")
+        for name, axes in annotated(ControlTrack, tuple)
     ]
     lines += ["", "### /control", "", about, "", *_table(named, "field")]
     for topic in every:
@@ -146,7 +146,7 @@ def _fields(topic: topics.Topic, head: str = "column") -> list[str]:
 
 
 def _columns(record: type) -> list[str]:
-    return _table(told(record, str))
+    return _table(annotated(record, str))
 
 
 def _table(rows: Iterable[tuple[str, str]], head: str = "column") -> list[str]:

@@ -23,7 +23,7 @@ from mission.analysis.whole import whole_flight
 from mission.base.area import on_globe
 from mission.base.arrays import mean
 from mission.base.errors import InputError
-from mission.base.tables import told
+from mission.base.tables import annotated
 from mission.log.records import LATE
 from mission.log.values import NS_PER_S, FlightData
 
@@ -73,7 +73,7 @@ class RunComparison:
 
     def _stretch(self, item: Stretch) -> dict[str, Any]:
         numbers, worst = told_numbers(item.series), {}
-        for name, how in told(Comparison, Told):
+        for name, how in annotated(Comparison, Told):
             at_s = how.worst_s(item.series[how.of]) if how.of in item.series else math.nan
             if "tracking_max" in name and not math.isnan(at_s):
                 worst[name] = {"t_s": at_s, **self.place(at_s)}
@@ -194,7 +194,7 @@ def _made(
     items: Sequence[Measured], number: int | None, series: Mapping[str, Values]
 ) -> Comparison:
     made: dict[str, Any] = {
-        name: how.by(items) if items else math.nan for name, how in told(Comparison, Made)
+        name: how.by(items) if items else math.nan for name, how in annotated(Comparison, Made)
     }
     return Comparison(round=number, **made, **told_numbers(series))
 

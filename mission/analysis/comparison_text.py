@@ -16,7 +16,7 @@ from mission.analysis.numbers import Comparison, Label
 from mission.analysis.spikes import spikes
 from mission.analysis.told import MISSION, TARGET, missing
 from mission.base.explain import shown
-from mission.base.tables import count, dotted, number, told
+from mission.base.tables import annotated, count, dotted, number
 from mission.base.terminal import TABLE_WIDTH
 from mission.log.values import FlightData
 
@@ -303,7 +303,7 @@ def labelled(numbers: Sequence[Comparison]) -> list[tuple[str, int, list[float]]
     """Label, digits and values of every number that has a label, and a value in any of them."""
     rows = [
         (name, label.text, label.digits, [float(getattr(item, name)) for item in numbers])
-        for name, label in told(Comparison, Label)
+        for name, label in annotated(Comparison, Label)
     ]
     return [
         (text, digits, values)

@@ -8,8 +8,7 @@ from xml.etree import ElementTree as ET
 
 import numpy as np
 
-from aerofed_errors import did_you_mean
-from aerofed_errors import told as printable
+from aerofed_errors import did_you_mean, printable
 from mission.analysis.compare import RunComparison
 from mission.analysis.measure import Measured
 from mission.analysis.numbers import Comparison, Made, Told
@@ -17,11 +16,11 @@ from mission.analysis.together import SEPARATIONS, Pair, Together
 from mission.base.arrays import Floats, least
 from mission.base.errors import InputError, LimitsNotMetError
 from mission.base.run_folder import write_atomically
-from mission.base.tables import told
+from mission.base.tables import annotated
 from mission.base.user_files import parse_toml, read_text
 from mission.log.values import NS_PER_S
 
-_TOLD = dict(told(Comparison, Told))
+_TOLD = dict(annotated(Comparison, Told))
 # Of these more is better: their limit is the least that is allowed.
 _AT_LEAST = frozenset(
     {name for name, how in _TOLD.items() if how.by is least}
@@ -29,7 +28,7 @@ _AT_LEAST = frozenset(
     | {"plan_objective", "est_objective", "true_objective", *SEPARATIONS}
 )
 _MOST = 10_000  # characters of a name
-_MADE = {name: how.of for name, how in told(Comparison, Made)}
+_MADE = {name: how.of for name, how in annotated(Comparison, Made)}
 _MADE |= {name: how.of for name, how in _TOLD.items()}
 _HIDDEN = frozenset(  # by a hole in positions: all that was flown, and happened
     {"cross_m", "straight", "corner_cut_m", "height_m", "estimate_m", "estimate_height_m"}

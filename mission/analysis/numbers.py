@@ -10,7 +10,7 @@ import numpy as np
 from mission.analysis.measure import Measured
 from mission.analysis.told import Values
 from mission.base.arrays import Floats, greatest, least, mean, rms
-from mission.base.tables import told
+from mission.base.tables import annotated
 
 
 @dataclass(frozen=True)
@@ -220,5 +220,5 @@ def told_numbers(series: Mapping[str, Values]) -> dict[str, Any]:
     """The numbers of what was told and of health, by name; NaN where the log holds none."""
     return {
         name: how.by(series[how.of].values) if how.of in series else math.nan
-        for name, how in told(Comparison, Told)
+        for name, how in annotated(Comparison, Told)
     }

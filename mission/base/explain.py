@@ -10,7 +10,7 @@ from typing import Literal, TypeAlias, get_args, get_origin
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails, PydanticUndefined
 
-from aerofed_errors import SettingError, did_you_mean, told
+from aerofed_errors import SettingError, did_you_mean, printable
 from mission.base.errors import InputError, several
 
 _LONG = 60  # characters of a value that are shown
@@ -50,7 +50,7 @@ class Blame:
         return self.giver if self.sets(name) else self.source
 
     @contextmanager
-    def told(self) -> Iterator[None]:
+    def named(self) -> Iterator[None]:
         """Context manager: name the origin of the key in a `SettingError` of the block.
 
         Raises:
@@ -113,14 +113,14 @@ def refusal(name: str, value: object, reason: str, blame: Blame) -> str:
         # Of an option that may be given several times, the reason says which one is meant.
         several = isinstance(value, list | tuple)
         return f"{option}: {reason}" if several else f"{option} {value}: {reason}"
-    return f"{blame.on(name)}: {told(name, most=100)} = {shown(value)}: {reason}"
+    return f"{blame.on(name)}: {printable(name, most=100)} = {shown(value)}: {reason}"
 
 
 def shown(value: object) -> str:
     """Format a value for a message: null, true, false, or Python's repr, shortened if long."""
     if value is None or isinstance(value, bool):
         return json.dumps(value)
-    return told(value, _in_a_line, most=_LONG)
+    return printable(value, _in_a_line, most=_LONG)
 
 
 def _in_a_line(value: object) -> str:

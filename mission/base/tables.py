@@ -16,7 +16,7 @@ from typing import Annotated, Any, TypeVar, get_args, get_origin, get_type_hints
 
 from mission.base.errors import InputError
 
-Told = TypeVar("Told")
+Annotation = TypeVar("Annotation")
 
 
 @dataclass(frozen=True)
@@ -25,11 +25,11 @@ class Column:
 
     name: str
     holds: object  # its bare type
-    told: tuple[object, ...]
+    annotations: tuple[object, ...]
 
-    def find(self, kind: type[Told]) -> Told | None:
+    def find(self, kind: type[Annotation]) -> Annotation | None:
         """Return the annotation of a type (`str`: the description); None where there is none."""
-        return next((item for item in self.told if isinstance(item, kind)), None)
+        return next((item for item in self.annotations if isinstance(item, kind)), None)
 
 
 def columns(record: type) -> tuple[Column, ...]:
@@ -43,7 +43,7 @@ def _columns(record: type) -> tuple[Column, ...]:
     return tuple(_column(field.name, hints[field.name]) for field in fields(record))
 
 
-def told(record: type, kind: type[Told]) -> Iterator[tuple[str, Told]]:
+def annotated(record: type, kind: type[Annotation]) -> Iterator[tuple[str, Annotation]]:
     """Yield name and annotation of the fields that have an annotation of type `kind`."""
     for column in columns(record):
         found = column.find(kind)

@@ -93,7 +93,7 @@ def radio_map(
             f"--cell {cell:g}: makes {cells} cells, {_MOST_CELLS} are allowed; take larger ones"
         )
     if engine == "buildings":
-        with resolved.blame.told():
+        with resolved.blame.named():
             city = city_of(resolved, area, devices_m, streams)
         made = RadioMap.of(city, devices_m, size_m=size_m, height_m=heights_m, cell_m=cell)
         source = (

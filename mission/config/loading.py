@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, get_args
 
-from aerofed_errors import SettingError, did_you_mean, told
+from aerofed_errors import SettingError, did_you_mean, printable
 from fl.plugin_code import register
 from mission.base.errors import InputError
 from mission.base.explain import Blame, explained, refusal, shown
@@ -93,7 +93,7 @@ def load_config(
         _make_absolute(data, path.parent)
     given = {key: (options or {}).get(key, "") for key in overrides or {}}
     blame = Blame(str(path), given, giver)
-    with blame.told():
+    with blame.named():
         return _checked(data, overrides or {}, blame)
 
 
@@ -143,7 +143,7 @@ def plain(value: object) -> object:
 
 def _json(value: object) -> str:
     def of_other(it: object) -> object:
-        return it.tolist() if hasattr(it, "tolist") else told(register(it))
+        return it.tolist() if hasattr(it, "tolist") else printable(register(it))
 
     return json.dumps(value, default=of_other)
 

@@ -17,12 +17,12 @@ from google.protobuf.descriptor_pb2 import (
 
 from mission.base.area import Area
 from mission.base.arrays import Floats, Ints
-from mission.base.tables import told
+from mission.base.tables import annotated
 from mission.log.signals import Signal, euler_deg
 from mission.log.values import NS_PER_S, ControlTrack, Track
 
 NAME = "aerofed.Control"
-_AXES = dict(told(ControlTrack, tuple))  # names of each field's numbers
+_AXES = dict(annotated(ControlTrack, tuple))  # names of each field's numbers
 # Before the numbers of a field stand its tag, a packed list, and how many bytes they are.
 _HEADS = {f"{name} head": (n << 3 | 2, 4 * len(_AXES[name])) for n, name in enumerate(_AXES, 1)}
 _ROW = np.dtype(

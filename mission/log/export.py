@@ -18,7 +18,7 @@ from mission.base.arrays import Floats
 from mission.base.errors import InputError
 from mission.base.palette import community_colour
 from mission.base.run_folder import write_atomically
-from mission.base.tables import csv_lines, parquet, told
+from mission.base.tables import annotated, csv_lines, parquet
 from mission.base.user_files import or_input_error
 from mission.log import LogError
 from mission.log.messages import feature, geojson
@@ -162,7 +162,7 @@ def _control(track: ControlTrack | None) -> dict[str, Column]:
         "t_s": track.t_ns / 1e9,
         **{
             f"{name}_{axis}".removesuffix("_"): getattr(track, name)[:, index]
-            for name, axes in told(ControlTrack, tuple)
+            for name, axes in annotated(ControlTrack, tuple)
             for index, axis in enumerate(axes)
         },
     }

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal, Protocol
 
-from aerofed_errors import first_line, told
+from aerofed_errors import first_line, printable
 from mission.base.console import RunConsole, Stopwatch
 from mission.base.errors import (
     INTERRUPTED,
@@ -71,7 +71,7 @@ class Outcome:
     @property
     def summary(self) -> dict[str, str]:
         """Status and error as `summary.json` has them."""
-        why = {} if self.error is None else {"error": told(self.error)}
+        why = {} if self.error is None else {"error": printable(self.error)}
         return {"status": self.status, **why}
 
     def raise_error(self, folder: Path, *, goes_on: str = "") -> None:
@@ -94,7 +94,7 @@ class Outcome:
         mended = isinstance(self.error, CallbackError | LinkLostError)
         if mended or not isinstance(self.error, again):
             left += goes_on
-        raise self.error.in_words(f"{told(self.error, most=20_000)}{left}") from cause
+        raise self.error.in_words(f"{printable(self.error, most=20_000)}{left}") from cause
 
 
 class Summary:

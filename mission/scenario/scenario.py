@@ -351,7 +351,7 @@ def build_scenario(config: RunConfig, *, data_dir: Path | None) -> Scenario:
     Raises:
         InputError: data is missing or damaged, or a setting contradicts another.
     """
-    with config.blame.told():
+    with config.blame.named():
         return _built(config, data_dir)
 
 

@@ -143,13 +143,13 @@ class Limit:
 
 @dataclass(frozen=True)
 class VehicleLimits:
-    """The limits that a vehicle told, by the keys of `LimitNames`; those it lacks are missing."""
+    """The limits that a vehicle has, by the keys of `LimitNames`; those it lacks are missing."""
 
-    told: dict[str, Limit] = field(default_factory=dict)
+    known: dict[str, Limit] = field(default_factory=dict)
 
     def value(self, what: str, *, otherwise: float) -> float:
         """A limit in our unit (SI), `otherwise` where the vehicle has none such."""
-        limit = self.told.get(what)
+        limit = self.known.get(what)
         return otherwise if limit is None else limit.value
 
     @property
@@ -171,7 +171,7 @@ class VehicleLimits:
 
     def lines(self) -> list[str]:
         """Return the parameters behind the limits, one a line, in the vehicle's own units."""
-        return [f"{limit.name} = {limit.raw:g}" for limit in self.told.values()]
+        return [f"{limit.name} = {limit.raw:g}" for limit in self.known.values()]
 
     def adjustments(self, demand: Demand) -> dict[str, tuple[float, float]]:
         """Parameters to change: the value of each, and the one with which the demand can be flown.
@@ -194,7 +194,7 @@ class VehicleLimits:
 
     def _correctable(self, demand: Demand) -> list[tuple[Limit, float, str]]:
         """Limits that may be set otherwise, what is asked of each, and what it allows in words."""
-        speed, radius = self.told.get("speed_mps"), self.told.get("acceptance_m")
+        speed, radius = self.known.get("speed_mps"), self.known.get("acceptance_m")
         found = []
         if speed is not None and speed.value < demand.speed_mps:
             found.append((speed, demand.speed_mps, f"{speed.value:g} m/s at most"))
@@ -217,7 +217,7 @@ class VehicleLimits:
             for what, (kind, wanted_m, where) in asked.items()
             # 0 means that there is none.
             if kinds & kind
-            and (limit := self.told.get(what)) is not None
+            and (limit := self.known.get(what)) is not None
             and 0.0 < limit.value < wanted_m
         ]
 
@@ -228,14 +228,14 @@ async def read_limits(parameters: Parameters, names: LimitNames) -> VehicleLimit
     A name that it lacks costs seconds of waiting: the names of the version that has answered come
     first for the others.
     """
-    told = {}
+    known = {}
     version = 0
     for what, alternatives in names.items():
         versions = enumerate(alternatives.items())
         for number, (name, unit) in sorted(versions, key=lambda one: one[0] != version):
             value = await parameters.get(name)
             if value is not None:
-                told[what] = Limit(name, unit, value * unit)
+                known[what] = Limit(name, unit, value * unit)
                 version = max(version, number)
                 break
-    return VehicleLimits(told)
+    return VehicleLimits(known)

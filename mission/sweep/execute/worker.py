@@ -8,7 +8,7 @@ from pathlib import Path
 
 from rich.console import Console
 
-from aerofed_errors import told
+from aerofed_errors import printable
 from fl.plugin_code import PassedObject, bring
 from mission.base.console import RunConsole
 from mission.base.errors import AerofedError, InputError
@@ -101,6 +101,6 @@ def _goes_on(folder: RunFolder) -> bool:
 def failed(error: AerofedError | OSError, folder: Path) -> RunEnd:
     """The `RunEnd` of a run that ended with an error."""
     if isinstance(error, AerofedError):
-        return RunEnd(error.exit_code, told(error))
+        return RunEnd(error.exit_code, printable(error))
     where, why = error.filename or folder, error.strerror or error
     return RunEnd(InputError.exit_code, f"{where}: {why}")

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation, Slerp
 from synthetic_flight import AREA
 
 import aerofed
-from mission.base.tables import told
+from mission.base.tables import annotated
 from mission.cli import call
 from mission.log import ForeignLogError, control, topics
 from mission.log.contents import load
@@ -123,7 +123,7 @@ def test_any_reader_of_protobuf_reads_it(flown: Path, data: FlightData) -> None:
         reader = make_reader(file, decoder_factories=[DecoderFactory()])
         found = [row for *_, row in reader.iter_decoded_messages(topics=["/control"])]
     assert len(found) == len(track.t_ns)
-    for name, axes in told(ControlTrack, tuple):
+    for name, axes in annotated(ControlTrack, tuple):
         values = np.array([getattr(row, name) for row in found])
         assert values.shape == (len(found), len(axes))
         np.testing.assert_array_equal(values, getattr(track, name))
