@@ -107,18 +107,12 @@ def budget_of(config: RunConfig, performance: Performance) -> Budget:
         hover = performance.foresee_hover(mission.hover_s)
         whole = Amount(metres, hover.duration_s, hover.energy_j)
         return Budget(mission.rounds, total, whole)
-    hover_s = 0.0
     limits = RoundLimits(
         performance, _or_inf(mission.round_deadline_s), _or_inf(mission.round_energy_j)
     )
     flown_m = min(metres, limits.longest_m())
-    if mission.strategy == "rectangular" and mission.tour_hover_points:
-        width, height = config.area.size_m
-        tour_m = 2.0 * (1.0 - 2.0 * mission.tour_inset) * (width + height)
-        flown_m, hover_s = min(flown_m, tour_m / mission.tour_hover_points), mission.hover_s
-    seconds = performance.least_s(flown_m) + hover_s
-    joules = performance.least_j(flown_m) + performance.hover_j(hover_s)
-    seconds, joules = mission.round_deadline_s or seconds, mission.round_energy_j or joules
+    seconds = mission.round_deadline_s or performance.least_s(flown_m)
+    joules = mission.round_energy_j or performance.least_j(flown_m)
     return Budget(mission.rounds, total, Amount(metres, seconds, joules))
 
 
@@ -152,10 +146,7 @@ def unflyable(config: RunConfig, performance: Performance) -> Iterator[WrongKey]
                 "of an external vehicle nobody knows the power, so energy cannot limit its "
                 "plans; leave it out, and give a deadline or metres",
             )
-    hovers = mission.strategy == "barycenter" or (
-        mission.strategy == "rectangular" and mission.tour_hover_points > 0
-    )
-    if hovers:
+    if mission.strategy == "barycenter":
         hover = performance.foresee_hover(mission.hover_s)
         least = Amount(0.0, hover.duration_s, hover.energy_j)
         why, out = f"a hover of mission.hover_s = {mission.hover_s:g} s", "hover shorter"
