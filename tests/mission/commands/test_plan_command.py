@@ -166,7 +166,7 @@ class NoWayAcross:
 def test_a_problem_that_fails_is_named_and_the_others_are_planned(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("mission.planner.factory.make_planner", lambda _: NoWayAcross())
+    monkeypatch.setattr("mission.commands.planning.make_planner", lambda _: NoWayAcross())
     source, out, pictures = (tmp_path / name for name in ("problems.json", "plans.json", "figures"))
     more = [{**PROBLEM, "id": "x", "steps": 2}, {**PROBLEM, "id": "y"}]
     source.write_text(json.dumps([PROBLEM, *more]))
