@@ -7,10 +7,8 @@ from aerofed_errors import InputError
 from flightdyn.config import LimitsConfig
 from flightdyn.frames import Triple
 from flightdyn.guidance.control import AttitudeOrder, Setpoint
-from flightdyn.guidance.path import FlightPath, PathProgress
-from flightdyn.guidance.path_plan import brake_and_go, plan_path
+from flightdyn.guidance.path import FlightPath, PathProgress, Trajectory, brake_and_go, plan_path
 from flightdyn.guidance.pursuit import Target, pursue, wanted_velocity
-from flightdyn.guidance.trajectory import Trajectory
 from flightdyn.inertial import NavState
 from flightdyn.native.library import (
     ATTITUDE,

@@ -9,7 +9,7 @@ import numpy as np
 
 from flightdyn.config import LimitsConfig
 from flightdyn.foresight import SETTLING_S, least_duration, least_energy, longest_within
-from flightdyn.guidance.path_plan import steering_of
+from flightdyn.guidance.path import steering_of
 from flightdyn.native.library import Structure
 from flightdyn.physics.power import air_of, power_w
 from mission.base.arrays import Floats, given_alone

@@ -16,8 +16,7 @@ from fl.training.local import LocalSettings, LocalTask, scaling_of
 from fl.training.networks import make_network
 from flightdyn.config import LimitsConfig
 from flightdyn.frames import quaternion_from_euler
-from flightdyn.guidance.path import FlightPath
-from flightdyn.guidance.path_plan import brake_and_go, passing_times, plan_path
+from flightdyn.guidance.path import FlightPath, brake_and_go, passing_times, plan_path
 from flightdyn.native.library import (
     ATTITUDE,
     NOTHING,

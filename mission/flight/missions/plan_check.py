@@ -15,8 +15,7 @@ from pymavlink.dialects.v20 import common as mav
 from flightdyn.config import LimitsConfig
 from flightdyn.foresight import SETTLING_S, STOPPING_S
 from flightdyn.frames import LocalFrame
-from flightdyn.guidance.path import FlightPath
-from flightdyn.guidance.path_plan import passing_times
+from flightdyn.guidance.path import FlightPath, passing_times
 from flightdyn.state import GeodeticPoint
 from mission.base import polyline
 from mission.base.area import Area

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from flightdyn.config import LimitsConfig
-from flightdyn.guidance.path import FlightPath
-from flightdyn.guidance.path_plan import plan_path
+from flightdyn.guidance.path import FlightPath, plan_path
 
 SPILL = 0.2  # of the acceptance radius: how far off the legs a blend may be outside of it
 

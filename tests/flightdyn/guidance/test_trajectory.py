@@ -12,9 +12,7 @@ from hypothesis import strategies as st
 from aerofed_errors import InputError
 from flightdyn.clock import SimClock
 from flightdyn.config import LimitsConfig
-from flightdyn.guidance.path import FlightPath
-from flightdyn.guidance.path_plan import brake_and_go, plan_path
-from flightdyn.guidance.trajectory import Trajectory
+from flightdyn.guidance.path import FlightPath, Trajectory, brake_and_go, plan_path
 from flightdyn.native.ticks import FLIGHT
 from flightdyn.state import Vector
 
