@@ -39,7 +39,8 @@ from mission.base.errors import (
 from mission.config.models import MissionConfig, RunConfig
 from mission.log.records import RoundRecord, UplinkRecord
 from mission.planner.evaluate import finish, fit_budget
-from mission.planner.performance import Foreseen, Performance, RoundLimits
+from mission.planner.limits import RoundLimits
+from mission.planner.performance import Foreseen, Performance
 from mission.planner.problem import PlannedPath, Planner, RoundPlan, RoundProblem, Start
 from mission.run.callbacks import Callback, CallbackContext, RoundReport
 from mission.scenario.custom_strategies import ImportanceStrategy, RoundInfo, StrategyContext

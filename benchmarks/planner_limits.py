@@ -25,7 +25,8 @@ from mission.planner.check import check_plan
 from mission.planner.config import PlannerConfig
 from mission.planner.factory import make_planner
 from mission.planner.fitting import fitted
-from mission.planner.performance import Performance, RoundLimits
+from mission.planner.limits import RoundLimits
+from mission.planner.performance import Performance
 from mission.planner.problem import RoundPlan, RoundProblem, Start
 
 CHANNELS = ("suburban", "suburban+10dB", "dense-urban")

@@ -21,7 +21,8 @@ from fl.radio.channel import CHANNEL_PRESETS
 from flightdyn.config import LimitsConfig
 from mission.base.airspace import Airspace
 from mission.planner.check import check_plan
-from mission.planner.performance import Performance, RoundLimits
+from mission.planner.limits import RoundLimits
+from mission.planner.performance import Performance
 from mission.planner.problem import RoundPlan, RoundProblem
 
 FLYING = Performance(20.0, 5.0, LimitsConfig())

@@ -22,7 +22,7 @@ from mission.base.errors import InputError
 from mission.config.models import RunConfig
 from mission.planner.evaluate import check_problem, in_time, objective
 from mission.planner.flyable import foresee_round, share_of
-from mission.planner.performance import WITHIN_ROUNDING
+from mission.planner.limits import WITHIN_ROUNDING
 from mission.planner.problem import PlannedPath, RoundPlan, RoundProblem
 from mission.scenario.radios import believed, radio_of
 from mission.scenario.scenario import build_scenario, device_places

@@ -5,6 +5,7 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias
 
+from aerofed_errors import SettingError
 from fl.config import ChannelConfig
 from mission.base.errors import InputError
 from mission.base.explain import Blame, explained
@@ -73,9 +74,11 @@ def channel(
         InputError: an unknown preset or constant, or one out of range.
     """
     given = {"preset": preset, **constants}
-    blame = Blame("channel")
-    with blame.named(), explained(ChannelConfig, given, blame):
-        return ChannelConfig.model_validate(given).channel(altitude_m=altitude_m)
+    try:
+        with explained(ChannelConfig, given, Blame("channel")):
+            return ChannelConfig.model_validate(given).channel(altitude_m=altitude_m)
+    except SettingError as error:
+        raise InputError(f"channel: {error}") from None
 
 
 def as_path(path: object, what: str) -> Path:

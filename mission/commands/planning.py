@@ -213,14 +213,12 @@ def _no_upload_fits(problem: RoundProblem, made: RoundPlan) -> str:
     if limits is None or upload_s is None or flight is None:
         return ""
     hover = limits.performance.foresee_hover(float(upload_s.min()))
-    for unit, needed, allowed, taken in (
-        ("s", hover.duration_s, limits.duration_s, flight.duration_s),
-        ("J", hover.energy_j, limits.energy_j, flight.energy_j),
-    ):
-        if needed > allowed - taken:
+    for limit in limits.each:
+        needed, left = limit.taken(hover), limit.most - limit.taken(flight)
+        if needed > left:
             return (
-                f"no update can be sent: of the {allowed:.0f} {unit} that the round may take, the "
-                f"path leaves {allowed - taken:.0f}, and the quickest upload takes {needed:.0f}: "
+                f"no update can be sent: of the {limit.most:.0f} {limit.unit} that the round may "
+                f"take, the path leaves {left:.0f}, and the quickest upload takes {needed:.0f}: "
                 "allow more, or send faster (channel.upload_rate_bps)"
             )
     return ""

@@ -7,7 +7,6 @@ from typing import Annotated, Literal
 from cyclopts import Parameter
 
 from mission.base.errors import InputError
-from mission.base.explain import Blame
 from mission.base.terminal import PLAIN, Terminal
 from mission.commands.options import Overrides, load
 
@@ -101,10 +100,12 @@ def radio_map(
             f"{len(area.buildings)} buildings, {resolved.radio.environment}, seed {resolved.seed}"
         )
     else:
-        with Blame("command line", {"radio.scene": "--scene"}).named():
+        try:
             made = traced_map(
                 resolved, scene, devices_m, middle_m=middle, height_m=heights_m, cell_m=cell
             )
+        except InputError as error:
+            raise error.in_words(f"--scene {scene}: {error}") from None
         x, y = middle
         source = f"{scene} about ({x:g}, {y:g}), Sionna RT {version('sionna-rt')}"
     write_map(out, made, origin_of(resolved, source))

@@ -22,8 +22,8 @@ def report(
     Parameters
     ----------
     run
-        A run's folder, a sweep's folder, or a flight log (.mcap, .ulg, .bin, .tlog); or the folder
-        of one world's vehicles (vehicle-1, vehicle-2, ...).
+        A run's folder, a sweep's folder, or a flight log (.mcap, .ulg, .bin, .tlog); or a folder
+        of flights of one world, or of one time and place.
     others
         More logs of the same time and place: one page of all of them together.
     plan

@@ -5,7 +5,6 @@ problem's id to what `docs/planner.md` lists.
 """
 
 import json
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -35,7 +34,8 @@ from mission.base.fence_area import FenceArea, joined
 from mission.base.run_folder import write_atomically
 from mission.base.user_files import read_json
 from mission.planner.errors import PlanInputError
-from mission.planner.performance import Performance, RoundLimits
+from mission.planner.limits import LIMITS, RoundLimits
+from mission.planner.performance import Performance
 from mission.planner.problem import MOST_COUNT, PlannedPath, RoundPlan, RoundProblem, Start
 
 # Strict: neither texts nor true and false are numbers.
@@ -103,7 +103,7 @@ class VehicleEntry(Table):
         return self
 
 
-_SHARED = ("path_budget_m", "altitudes_m", "deadline_s", "energy_j")
+_SHARED = ("path_budget_m", "altitudes_m", *(kind.key for kind in LIMITS))
 
 
 class ProblemEntry(Table):
@@ -285,14 +285,13 @@ def _problem(entry: ProblemEntry) -> RoundProblem:
 
 
 def _start(own: VehicleEntry, performance: Performance, limited: bool) -> Start:
-    limited = limited or own.deadline_s is not None or own.energy_j is not None
+    given = {kind.name: getattr(own, kind.key) for kind in LIMITS}
+    most = {name: value for name, value in given.items() if value is not None}
     assert own.path_budget_m is not None
     return Start(
         start_m=_frozen(own.start, (2,)),
         path_budget_m=own.path_budget_m,
-        limits=RoundLimits(performance, own.deadline_s or math.inf, own.energy_j or math.inf)
-        if limited
-        else None,
+        limits=RoundLimits(performance, **most) if limited or most else None,
         altitudes_m=own.altitudes_m,
         altitude_m=own.altitude_m,
     )
@@ -332,5 +331,5 @@ def _path(path: PlannedPath, schedule: Ints) -> tuple[dict[str, object], dict[st
         "waypoints": path.waypoints_m.tolist(),
         "route": path.route_m.tolist(),
         "schedule": schedule.tolist(),
-        **({"duration_s": taken.duration_s, "energy_j": taken.energy_j} if taken else {}),
+        **({kind.name: kind.of(vars(taken)) for kind in LIMITS} if taken else {}),
     }, ({} if path.altitude_m is None else {"altitude_m": path.altitude_m})

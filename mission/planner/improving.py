@@ -1,7 +1,5 @@
 """Local search on plans by random changes: threshold accepting (`native/variation.h`)."""
 
-import math
-
 from mission.planner.fitting import fitted, varied
 from mission.planner.problem import RoundPlan, RoundProblem
 
@@ -36,7 +34,8 @@ def improved(problem: RoundProblem, plans: list[RoundPlan], enough: float) -> Ro
 def _changes(problem: RoundProblem) -> int:
     """Return how many random changes to try: fewer where evaluating one takes longer."""
     work, devices = 1.0, len(problem.devices_m)
-    energy = problem.limits is not None and math.isfinite(problem.limits.energy_j)
+    limits = () if problem.limits is None else problem.limits.each
+    energy = any("energy_j" in limit.counted for limit in limits)  # takes most of the work
     if problem.ready_in_s is not None:
         work += 2
     if energy:
@@ -48,7 +47,7 @@ def _changes(problem: RoundProblem) -> int:
         work += 3
         if energy:
             work += 15
-        elif problem.limits is not None and math.isfinite(problem.limits.duration_s):
+        elif limits:
             work += devices / _SERVED
     if problem.per_grid is not None:  # many summits, and a look is short
         work *= _ON_GRID

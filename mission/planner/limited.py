@@ -115,13 +115,13 @@ def _weighed(problem: RoundProblem) -> list[tuple[Floats, Sequence[float]]]:
 
 def servable(problem: RoundProblem) -> Floats:
     """(K,) importance, with 0 for devices that are not ready before the longest round ends or whose
-    upload alone breaks a limit of time or energy."""
+    upload alone breaks a limit."""
     limits, served = problem.limits, np.ones(len(problem.devices_m), dtype=bool)
     if limits is not None and problem.ready_in_s is not None:
         served &= problem.ready_in_s <= problem.longest_s
     if limits is not None and problem.upload_s is not None:
-        served &= problem.upload_s <= limits.duration_s
-        served &= problem.upload_s * limits.performance.hover_j(1.0) <= limits.energy_j
+        for limit in limits.each:
+            served &= problem.upload_s * limit.hover(1.0) <= limit.most
     return np.where(served, problem.importance, 0.0)
 
 

@@ -1,8 +1,8 @@
-"""Flight performance as plans depend on it, and a round's limits of time and energy."""
+"""Flight performance as plans depend on it."""
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -15,7 +15,6 @@ from flightdyn.physics.power import air_of, power_w
 from mission.base.arrays import Floats, given_alone
 from mission.planner.native import rounds
 
-WITHIN_ROUNDING = 1.0 + 1e-9
 _ROUNDED = 1.01  # times: watts between samples of a table
 AHEAD_S, AHEAD_SHARE = 0.5, 0.02  # by which a flight may be ahead of what was foreseen
 SHARES = (0.8, 0.6, 0.5, 0.4, 0.3, 0.2)  # of the widest acceptance radius
@@ -25,11 +24,15 @@ _LONGEST_M, _ENERGY_STEP_M = 20_000.0, 0.5  # of a round's path; how finely its 
 
 @dataclass(frozen=True)
 class Foreseen:
-    """Predicted times and energy of a flight from rest to rest, in the steady wind."""
+    """What a flight takes from rest to rest, in the steady wind, as predicted."""
 
     arrived_s: Floats  # (S,) at each of its stops
+    # In the order of `native/planner.h`, where limits weigh them.
     duration_s: float
     energy_j: float  # electrical, of the simulated aircraft
+    flown_m: float = 0.0  # from stop to stop
+    hovered_s: float = 0.0
+    turned_rad: float = 0.0  # at stops
 
 
 @dataclass(frozen=True)
@@ -49,21 +52,21 @@ class Performance:
 
     def foresee(self, points_m: Floats, hold_s: Sequence[float], radius_m: float) -> Foreseen:
         """Predict a flight through stops (S, 2), hovers `hold_s` (S,), acceptance `radius_m`."""
-        return Foreseen(*rounds.foresee(self._flying, points_m, hold_s, radius_m))
+        arrived_s, counted = rounds.foresee(self._flying, points_m, hold_s, radius_m)
+        return Foreseen(arrived_s, *counted.tolist())
 
     @cached_property
     def _flying(self) -> Structure:
         return self.flying()
 
-    def flying(self, duration_s: float = math.inf, energy_j: float = math.inf) -> Structure:
-        """Return the C structure of performance and a round's limits of time and energy."""
+    def flying(self, limits: Sequence[tuple[float, Sequence[float]]] = ()) -> Structure:
+        """Return the C structure of performance and a round's limits, as `rounds.flying` has it."""
         guided = self.guidance is not None
         return rounds.flying(
             guided=guided, steering=steering_of(self.guidance or LimitsConfig()),
             air=air_of(self.density, (*self.wind_mps, 0.0)), speed=self.speed_mps,
             widest=self.widest_m, pace=self.pace, stopping=self.stopping_s, settling=SETTLING_S,
-            ahead=guided * AHEAD_S, ahead_share=guided * AHEAD_SHARE, duration=duration_s,
-            energy=energy_j,
+            ahead=guided * AHEAD_S, ahead_share=guided * AHEAD_SHARE, limits=limits,
         )  # fmt: skip
 
     def foresee_hover(self, hover_s: float) -> Foreseen:
@@ -78,7 +81,7 @@ class Performance:
             flight.duration_s + count * begun_s,
             flight.energy_j + count * begun_j,
         )
-        return Foreseen(flight.arrived_s, duration_s, energy_j)
+        return replace(flight, duration_s=duration_s, energy_j=energy_j)
 
     def longest_m(self, duration_s: float) -> float:
         """Return an upper bound (m) on the path flown in `duration_s`, whatever its corners."""
@@ -213,41 +216,3 @@ def acceptance_radii(widest_m: float) -> Floats:
     """Acceptance radii in metres that a flight may have, the widest first."""
     narrower = [share * widest_m for share in SHARES if share * widest_m > NARROWEST_M]
     return np.array([widest_m, *narrower])
-
-
-@dataclass(frozen=True)
-class RoundLimits:
-    """A round's limits of time and energy, with the performance that predicts what it takes."""
-
-    performance: Performance
-    duration_s: float = math.inf
-    energy_j: float = math.inf
-
-    __getstate__ = given_alone
-
-    @cached_property
-    def flying(self) -> Structure:
-        """C structure of performance and limits."""
-        return self.performance.flying(self.duration_s, self.energy_j)
-
-    def longest_m(self, legs: float = math.inf) -> float:
-        """Return an upper bound (m) on the length of a path within limits, of up to `legs` legs."""
-        farthest_m = self.performance.farthest_m(self.energy_j, legs)
-        return min(self.performance.longest_m(self.duration_s), farthest_m)
-
-    def share(self, foreseen: Foreseen) -> float:
-        """How much of the tighter limit a flight takes; more than 1 does not fit."""
-        # Limits above 0: a round that may take nothing is not begun.
-        return max(foreseen.duration_s / self.duration_s, foreseen.energy_j / self.energy_j)
-
-    def fits(self, foreseen: Foreseen) -> bool:
-        """Whether a flight keeps to the limits."""
-        return self.share(foreseen) <= WITHIN_ROUNDING
-
-    def excess(self, foreseen: Foreseen) -> str:
-        """By how much a flight breaks a limit, in words; empty where it keeps to both."""
-        if self.fits(foreseen):
-            return ""
-        if foreseen.duration_s > self.duration_s * WITHIN_ROUNDING:
-            return f"the flight takes {foreseen.duration_s:.2f} s, allowed are {self.duration_s:g}"
-        return f"the flight takes {foreseen.energy_j:.0f} J, allowed are {self.energy_j:g}"

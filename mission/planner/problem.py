@@ -19,8 +19,9 @@ from mission.base.arrays import Bools, Floats, Ints, given_alone
 from mission.base.errors import PlanError
 from mission.base.explain import shown
 from mission.planner.errors import PlanInputError
+from mission.planner.limits import RoundLimits
 from mission.planner.native.rounds import CandidatePlan, Round
-from mission.planner.performance import Foreseen, RoundLimits, acceptance_radii
+from mission.planner.performance import Foreseen, acceptance_radii
 
 Own = TypeVar("Own")
 
@@ -159,7 +160,7 @@ class RoundProblem:
         """Upper bound in seconds on a round's duration; needs `limits`."""
         limits, legs = self.limits, self.steps - 1
         assert limits is not None
-        most_s = min(limits.duration_s, limits.energy_j / limits.performance.least_w)
+        most_s = limits.longest_s
         if not self.airspace.is_open:  # any number of corners between waypoints
             return most_s
         flown_s = legs * limits.performance.least_s(self.most_m / legs) if legs else 0.0

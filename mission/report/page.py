@@ -14,7 +14,7 @@ from mission.analysis.comparison_text import (
     pair_rows,
     stretch_rows,
 )
-from mission.analysis.load import LoadedRun, load_run, vehicles_of
+from mission.analysis.load import LoadedRun, load_run
 from mission.analysis.several import load_several
 from mission.analysis.together import Together
 from mission.base.errors import InputError
@@ -55,7 +55,7 @@ def write_report(
         InputError: `path` is neither, damaged, or has no finished round; or `target` cannot be
             written.
     """
-    if others or vehicles_of(path):
+    if others or (path.is_dir() and not RunFolder(path).log.is_file()):
         several = load_several((path, *others), plan, asked=True, offsets=offsets)
         beside = path if path.is_dir() else path.parent
         target = target or beside / "together.html"

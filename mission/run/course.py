@@ -45,15 +45,14 @@ class Course:
         """
         whole, route_m = self.problem, self.plan.route_m[: self.plan.stops_at[step - 1] + 1]
         limits, ready_in_s = whole.limits, whole.ready_in_s
+        flown_m = polyline.length(np.vstack((route_m, start_m)))
         if step >= whole.steps:
             return None
         if limits is not None:
-            left_s, left_j = limits.duration_s - elapsed_s, limits.energy_j - used_j
-            flying = limits.performance
-            if left_s < flying.least_s(SHORT_M) or left_j < flying.least_j(SHORT_M):
+            taken = {"duration_s": elapsed_s, "energy_j": used_j, "flown_m": flown_m}
+            limits = limits.less(taken)
+            if any(limit.most < limit.least(SHORT_M) for limit in limits.each):
                 return None
-            limits = replace(limits, duration_s=left_s, energy_j=left_j)
-        flown_m = polyline.length(np.vstack((route_m, start_m)))
         left_m = max(0.0, whole.path_budget_m - flown_m)
         return replace(
             whole.with_own(start_m=start_m, path_budget_m=left_m, limits=limits),

@@ -12,7 +12,8 @@ from flightdyn.physics.power import density_ratio
 from flightdyn.physics.wind import steady_wind_ned
 from mission.base.explain import WrongKey
 from mission.config.models import MissionConfig, RunConfig
-from mission.planner.performance import Performance, RoundLimits
+from mission.planner.limits import LIMITS, RoundLimits
+from mission.planner.performance import Performance
 from sitl.config import VehicleConfig
 
 
@@ -31,11 +32,11 @@ KEYS = (
     ("mission.total_deadline_s", "s", "time"),
     ("mission.total_energy_j", "J", "energy"),
 )
-_LIMITS = (
-    ("round_deadline_s", "s"),
-    ("total_deadline_s", "s"),
-    ("round_energy_j", "J"),
-    ("total_energy_j", "J"),
+# Keys of limits in the table `mission`, and of which kind each is.
+_KEYS = tuple(
+    (f"{span}_{kind.key}", kind)
+    for kind in LIMITS
+    for span in ("round", *(["total"] if kind.budget else []))
 )
 _WITHIN_ROUNDING = 1.0 - 1e-9  # 800.1 m pay for 3 rounds of 266.7 m, also in binary fractions
 # Share of a whole round's metres, seconds and joules that is enough to begin one: flights take some
@@ -54,7 +55,13 @@ class Budget:
 
 def is_limited(mission: MissionConfig) -> bool:
     """Whether anything but metres is limited."""
-    return any(getattr(mission, key) is not None for key, _ in _LIMITS)
+    return any(getattr(mission, key) is not None for key, _ in _KEYS)
+
+
+def _of_round(mission: MissionConfig) -> dict[str, float]:
+    """The limits of a round that are given, by their names in `RoundLimits`."""
+    given = ((kind.name, getattr(mission, f"round_{kind.key}")) for kind in LIMITS)
+    return {name: most for name, most in given if most is not None}
 
 
 def performance_of(
@@ -98,22 +105,30 @@ def budget_of(config: RunConfig, performance: Performance) -> Budget:
     A round costs its own limits; where it has none, what its metres take at least.
     """
     mission = config.mission
-    total = Amount(
-        mission.total_budget_m, _or_inf(mission.total_deadline_s), _or_inf(mission.total_energy_j)
-    )
+    budgets = {kind.budget: kind for kind in LIMITS if kind.budget}
+    totals = {name: getattr(mission, f"total_{kind.key}") for name, kind in budgets.items()}
+    given = {name: most for name, most in totals.items() if most is not None}
+    total = Amount(mission.total_budget_m, **given)
     hovers = mission.strategy == "barycenter"
     metres = mission.hover_cost_m if hovers else mission.path_budget_m
     if hovers:
         hover = performance.foresee_hover(mission.hover_s)
-        whole = Amount(metres, hover.duration_s, hover.energy_j)
+        taken = {name: kind.of(vars(hover)) for name, kind in budgets.items()}
+        whole = Amount(metres, **taken)
         return Budget(mission.rounds, total, whole)
-    limits = RoundLimits(
-        performance, _or_inf(mission.round_deadline_s), _or_inf(mission.round_energy_j)
-    )
+    hover_s = 0.0
+    limits = RoundLimits(performance, **_of_round(mission))
     flown_m = min(metres, limits.longest_m())
-    seconds = mission.round_deadline_s or performance.least_s(flown_m)
-    joules = mission.round_energy_j or performance.least_j(flown_m)
-    return Budget(mission.rounds, total, Amount(metres, seconds, joules))
+    if mission.strategy == "rectangular" and mission.tour_hover_points:
+        width, height = config.area.size_m
+        tour_m = 2.0 * (1.0 - 2.0 * mission.tour_inset) * (width + height)
+        flown_m, hover_s = min(flown_m, tour_m / mission.tour_hover_points), mission.hover_s
+    costs = dict[str, float]()
+    for name, kind in budgets.items():
+        any_ = kind(math.inf, performance)
+        least = any_.least(flown_m) + any_.hover(hover_s)
+        costs[name] = getattr(mission, f"round_{kind.key}") or least
+    return Budget(mission.rounds, total, Amount(metres, **costs))
 
 
 def round_limits(
@@ -125,11 +140,11 @@ def round_limits(
     """
     if not (timed or is_limited(mission)):
         return None
-    return RoundLimits(
-        performance,
-        min(_or_inf(mission.round_deadline_s), left.seconds),
-        min(_or_inf(mission.round_energy_j), left.joules),
-    )
+    most = _of_round(mission)
+    for kind in LIMITS:
+        if kind.budget:
+            most[kind.name] = min(most.get(kind.name, math.inf), getattr(left, kind.budget))
+    return RoundLimits(performance, **most)
 
 
 def unflyable(config: RunConfig, performance: Performance) -> Iterator[WrongKey]:
@@ -137,30 +152,33 @@ def unflyable(config: RunConfig, performance: Performance) -> Iterator[WrongKey]
     mission = config.mission
     if not is_limited(mission):
         return
-    for key in ("round_energy_j", "total_energy_j"):
-        joules = getattr(mission, key)
-        if joules is not None and config.link.kind == "external":
+    for key, kind in _KEYS:
+        most = getattr(mission, key)
+        if most is not None and kind.needs_power and config.link.kind == "external":
             yield (
                 f"mission.{key}",
-                joules,
+                most,
                 "of an external vehicle nobody knows the power, so energy cannot limit its "
                 "plans; leave it out, and give a deadline or metres",
             )
-    if mission.strategy == "barycenter":
-        hover = performance.foresee_hover(mission.hover_s)
-        least = Amount(0.0, hover.duration_s, hover.energy_j)
+    hovers = mission.strategy == "barycenter" or (
+        mission.strategy == "rectangular" and mission.tour_hover_points > 0
+    )
+    if hovers:
         why, out = f"a hover of mission.hover_s = {mission.hover_s:g} s", "hover shorter"
     else:
-        least = Amount(0.0, performance.least_s(SHORT_M), performance.least_j(SHORT_M))
         why, out = f"flying {SHORT_M:g} m and stopping", "leave it out"
-    for key, unit in _LIMITS:
-        given, needed = getattr(mission, key), least.seconds if unit == "s" else least.joules
+    for key, kind in _KEYS:
+        limit = kind(math.inf, performance)
+        hover = performance.foresee_hover(mission.hover_s) if hovers else None
+        needed = limit.least(SHORT_M) if hover is None else limit.taken(hover)
+        given = getattr(mission, key)
         if given is not None and given < needed:
             yield (
                 f"mission.{key}",
                 given,
                 f"no round can be flown in it: {why} takes "
-                f"{_rounded_up(needed)} {unit}; give at least that, or {out}",
+                f"{_rounded_up(needed)} {kind.unit}; give at least that, or {out}",
             )
     whole = budget_of(config, performance).whole_round
     for index, key in ((1, "deadline_s"), (2, "energy_j")):
@@ -185,7 +203,3 @@ SHORT_M = 10.0  # limits that allow less are refused
 
 def _rounded_up(needed: float) -> str:
     return f"{math.ceil(100.0 * needed) / 100.0:.15g}"
-
-
-def _or_inf(limit: float | None) -> float:
-    return math.inf if limit is None else limit

@@ -34,7 +34,8 @@ from mission.base.airspace import Airspace
 from mission.planner.certified import CertifiedPlanner
 from mission.planner.fitting import fitted
 from mission.planner.flyable import foresee_round
-from mission.planner.performance import Performance, RoundLimits
+from mission.planner.limits import RoundLimits
+from mission.planner.performance import Performance
 from mission.planner.problem import RoundProblem, Start
 from sitl.firmware.native import library as bridge
 

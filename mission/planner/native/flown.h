@@ -78,8 +78,14 @@ static double left_to_hover(const Flying *flying, double length)
     double per_metre = INFINITY;
     for (int64_t v = 1; v < air->rows; v++)
         per_metre = least(per_metre, power_at((double)v, 0.0, air) / ((double)(v + 1) + wind));
-    const double left_s = flying->duration - length / flying->speed * flying->pace;
-    return least(left_s, (flying->energy - length * per_metre) / hover_w);
+    const double way[COUNTED] = {length / flying->speed * flying->pace, length * per_metre, length};
+    const double hover[COUNTED] = {[SECONDS] = 1.0, [JOULES] = hover_w, [HOVERED] = 1.0};
+    double left_s = INFINITY;
+    for (const Limit *limit = flying->limit; limit < flying->limit + flying->limits; limit++) {
+        const double rate = taken_of(limit, hover);
+        if (rate > 0.0) left_s = least(left_s, (limit->most - taken_of(limit, way)) / rate);
+    }
+    return left_s;
 }
 
 /* Of device k's success at the step where that is largest: the nearest one, but on a grid. */

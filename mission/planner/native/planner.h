@@ -54,7 +54,17 @@ typedef struct {
     const double *promise;      /* (K, B) bound of delta f for a device out of reach of radius b */
 } Relaxation;
 
-/* How fast, how sharply and at what power is flown, and what a round may take: infinity for no limit. */
+/* What is counted of a flight: seconds, joules, metres, seconds of hover, radians of turns. */
+enum { SECONDS, JOULES, METRES, HOVERED, TURNED, COUNTED };
+
+/* A limit of a round: at most so much, of which a flight takes so much for each that is counted. */
+typedef struct {
+    double most, of[COUNTED];
+} Limit;
+
+enum { MOST_LIMITS = 8 };
+
+/* How fast, how sharply and at what power is flown, and what a round may take. */
 typedef struct {
     int64_t guided; /* 0: always at its speed, as where nothing is flown */
     Steering steering;
@@ -63,7 +73,8 @@ typedef struct {
     /* Times the guidance's own seconds; those from its end to rest, on the way and at the last stop. */
     double pace, stopping, settling;
     double ahead, ahead_share;    /* by which a flight may be ahead of what was foreseen */
-    double duration, energy;      /* s, J */
+    int64_t limits;
+    Limit limit[MOST_LIMITS];
 } Flying;
 
 /* A round as its plans are judged; see `mission.planner.problem.RoundProblem`. */
@@ -144,9 +155,9 @@ typedef struct {
     int (*leave_out)(const Round *, CandidatePlan *);
     /* What is asked of a plan's flight: 0, or -1. */
     int (*judge)(const Round *, const CandidatePlan *, Evaluation *);
-    /* When each of `count` stops is reached, and the joules; returns seconds. */
-    double (*foresee)(const Flying *, int64_t count, const Point *stops, const double *hold,
-                      double radius, double *arrived, double *joules);
+    /* When each of `count` stops is reached, and what is counted of the flight (COUNTED,): 0, or -1. */
+    int (*foresee)(const Flying *, int64_t count, const Point *stops, const double *hold,
+                   double radius, double *arrived, double *counted);
 
     /* Parts that are tested by themselves. */
 

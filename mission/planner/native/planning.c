@@ -184,20 +184,21 @@ static int judge(const Round *round, const CandidatePlan *plan, Evaluation *eval
     return 0;
 }
 
-static double foresee(
+static int foresee(
     const Flying *flying, int64_t count, const Point *stops, const double *hold, double radius,
-    double *arrived, double *joules)
+    double *arrived, double *counted)
 {
     const Round round = {.steps = 1, .per_step = 1};
     Arena arena;
     Desk desk;
-    if (!open_desk(&desk, &arena, &round, count)) return NAN;
+    if (!open_desk(&desk, &arena, &round, count)) return -1;
     desk.stops = count;
     for (int64_t i = 0; i < count; i++) desk.at[i] = (Stop){.p = stops[i], .hold = hold[i]};
-    const double seconds = fly_stops(flying, radius, joules, &desk);
+    counted[SECONDS] = fly_stops(flying, radius, counted + JOULES, &desk);
+    count_way(counted, &desk);
     for (int64_t i = 0; i < count; i++) arrived[i] = desk.at[i].arrived;
     release(&arena);
-    return seconds;
+    return 0;
 }
 
 const Planner NAMED(planner) = {

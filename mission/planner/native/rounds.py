@@ -17,9 +17,15 @@ _NO_RADII = np.zeros(0)
 _CHANNEL = ctypes.sizeof(PLANNER.Channel) // 8
 
 
-def flying(**values: Any) -> Structure:
-    """C structure of flight performance and a round's limits, `Flying` of `planner.h`."""
-    made: Structure = PLANNER.Flying(**values)
+COUNTED: int = PLANNER.COUNTED  # of a flight: how many amounts
+
+
+def flying(limits: Sequence[tuple[float, Sequence[float]]] = (), **values: Any) -> Structure:
+    """C structure of flight performance and a round's limits, `Flying` of `planner.h`: each limit
+    is at most so much, and weighs what is counted (COUNTED,)."""
+    rows = [PLANNER.Limit(most=most, of=tuple(weights)) for most, weights in limits]
+    table = (PLANNER.Limit * PLANNER.MOST_LIMITS)(*rows)
+    made: Structure = PLANNER.Flying(limits=len(rows), limit=table, **values)
     return made
 
 
@@ -36,7 +42,7 @@ class Evaluation(NamedTuple):
     """Evaluation of a plan's flight; `share` and `begins_s` are 0 for a round without limits."""
 
     radius_m: float  # acceptance radius
-    share: float  # of the tighter limit
+    share: float  # of the tightest limit
     stop_of: Ints  # (P,) the stop of each point
     hold_s: Floats  # (P,) hover at each stop
     offset_s: Floats  # (N,) when each step begins, after the arrival at its stop
@@ -187,8 +193,9 @@ class Round:
 
 def foresee(
     flying: Structure, stops_m: Floats, hold_s: Sequence[float], radius_m: float
-) -> tuple[Floats, float, float]:
-    """Predict a flight through stops (S, 2): arrival times (S,) in s, duration in s, energy in J.
+) -> tuple[Floats, Floats]:
+    """Predict a flight through stops (S, 2): arrival times (S,) in s, and what is counted of it
+    (COUNTED,).
 
     Raises:
         ValueError: there is no stop, or not a hover for each.
@@ -196,12 +203,12 @@ def foresee(
     """
     stops = np.ascontiguousarray(stops_m, dtype=np.float64)
     holds, arrived_s = np.array(hold_s, dtype=np.float64), np.empty(len(stops))
-    joules = ctypes.c_double()
+    counted = np.zeros(COUNTED)
     if not len(stops):
         raise ValueError("a flight has at least one stop")
-    seconds = enough_memory(PLANNER.foresee(
+    enough_memory(PLANNER.foresee(
         ctypes.addressof(flying), len(stops), address(stops, np.float64, (len(stops), POINT)),
         address(holds, np.float64, (len(stops),)), radius_m, arrived_s.ctypes.data,
-        ctypes.addressof(joules),
+        counted.ctypes.data,
     ))  # fmt: skip
-    return arrived_s, seconds, joules.value
+    return arrived_s, counted

@@ -210,15 +210,51 @@ static double fly_stops(const Flying *flying, double radius, double *joules, Des
     return now;
 }
 
-/* How much of the tighter limit the flight of a plan takes; more than 1 does not fit. */
+/* What else is counted of the way through the stops. */
+static void count_way(double *counted, const Desk *desk)
+{
+    Point before = {0.0, 0.0};
+    for (int64_t i = 0; i < desk->stops; i++) {
+        const Point a = desk->at[i ? i - 1 : 0].p, b = desk->at[i].p, leg = {b.x - a.x, b.y - a.y};
+        const double across = before.x * leg.y - before.y * leg.x;
+        counted[METRES] += between(a, b);
+        counted[HOVERED] += desk->at[i].hold;
+        counted[TURNED] += fabs(arc_tangent2(across, before.x * leg.x + before.y * leg.y));
+        before = leg;
+    }
+}
+
+/* How much a limit counts of what is counted. */
+static double taken_of(const Limit *limit, const double *counted)
+{
+    double taken = 0.0;
+    for (int64_t i = 0; i < COUNTED; i++)
+        if (limit->of[i] != 0.0) taken += limit->of[i] * counted[i];
+    return taken;
+}
+
+/* Whether some limit counts one of what is counted, from the first to the last. */
+static int is_limited(const Flying *flying, int64_t first, int64_t last)
+{
+    for (int64_t l = 0; l < flying->limits; l++)
+        for (int64_t i = first; i <= last; i++)
+            if (flying->limit[l].of[i] != 0.0) return 1;
+    return 0;
+}
+
+/* How much of the tightest limit the flight of a plan takes; more than 1 does not fit. */
 static double share_of(const Round *round, const CandidatePlan *plan, double radius, Desk *desk)
 {
     const Flying *flying = round->flying;
-    double joules = 0.0;
+    double counted[COUNTED] = {0.0}, share = 0.0;
     gather_stops(round, plan, desk);
     /* Energy takes most of the work to foresee. */
-    const double seconds = fly_stops(flying, radius, isinf(flying->energy) ? NULL : &joules, desk);
-    return most(seconds / flying->duration, joules / flying->energy);
+    double *joules = is_limited(flying, JOULES, JOULES) ? counted + JOULES : NULL;
+    counted[SECONDS] = fly_stops(flying, radius, joules, desk);
+    if (is_limited(flying, METRES, TURNED)) count_way(counted, desk);
+    for (int64_t l = 0; l < flying->limits; l++)
+        share = most(share, taken_of(flying->limit + l, counted) / flying->limit[l].most);
+    return share;
 }
 
 /* When each step begins at the earliest, in seconds into the round: as foreseen with the widest

@@ -13,7 +13,8 @@ from mission.planner.check import check_plan
 from mission.planner.config import PlannerConfig, PlannerKind
 from mission.planner.errors import InfeasiblePlanError, PlanInputError
 from mission.planner.factory import make_planner
-from mission.planner.performance import Performance, RoundLimits
+from mission.planner.limits import RoundLimits
+from mission.planner.performance import Performance
 from mission.planner.problem import PlannedPath
 
 KINDS = tuple(kind for kind in get_args(PlannerKind) if kind != "import")

@@ -16,7 +16,8 @@ from mission.planner.check import check_plan
 from mission.planner.evaluate import plan_along
 from mission.planner.fitting import fitted, serving_fewer
 from mission.planner.flyable import foresee_round, share_of
-from mission.planner.performance import Performance, RoundLimits
+from mission.planner.limits import RoundLimits
+from mission.planner.performance import Performance
 from mission.planner.problem import RoundProblem
 
 FLYING = Performance(20.0, 5.0, LimitsConfig())

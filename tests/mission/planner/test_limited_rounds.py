@@ -21,7 +21,8 @@ from mission.planner.factory import make_planner
 from mission.planner.fitting import fitted, standing, varied
 from mission.planner.flyable import foresee_round
 from mission.planner.limited import LimitedPlanner
-from mission.planner.performance import Performance, RoundLimits
+from mission.planner.limits import RoundLimits
+from mission.planner.performance import Performance
 from mission.planner.problem import Planner, RoundPlan, RoundProblem
 
 FLYING = Performance(20.0, 5.0, LimitsConfig())

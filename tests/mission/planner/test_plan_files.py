@@ -17,7 +17,8 @@ from mission.planner.config import PlannerConfig
 from mission.planner.errors import PlanInputError
 from mission.planner.factory import make_planner
 from mission.planner.files import ProblemEntry, read_problems
-from mission.planner.performance import Performance, RoundLimits
+from mission.planner.limits import RoundLimits
+from mission.planner.performance import Performance
 from mission.planner.problem import RoundProblem
 from mission.scenario.strategies import Sortie
 

@@ -20,7 +20,8 @@ from mission.planner.errors import InfeasiblePlanError, PlanInputError
 from mission.planner.evaluate import check_problem, finish
 from mission.planner.factory import make_planner
 from mission.planner.files import NamedPlan, plans_as_json, problems_of
-from mission.planner.performance import Performance, RoundLimits
+from mission.planner.limits import RoundLimits
+from mission.planner.performance import Performance
 from mission.planner.problem import PlannedPath, RoundPlan, RoundProblem, Start
 from mission.scenario import strategies
 

@@ -13,9 +13,10 @@ from flightdyn.config import LimitsConfig
 from mission.base.arrays import Floats
 from mission.planner.certified import Goal, case_of
 from mission.planner.fitting import fitted
-from mission.planner.performance import AHEAD_S, AHEAD_SHARE, Performance, RoundLimits
+from mission.planner.limits import RoundLimits
+from mission.planner.performance import AHEAD_S, AHEAD_SHARE, Performance
 from mission.planner.problem import RoundProblem
-from mission.planner.timed import _limits, timed_bound
+from mission.planner.timed import _limits, searched, timed_bound
 
 FLYING = Performance(20.0, 5.0, LimitsConfig())
 GOAL = Goal(0.001, 60_000)
@@ -159,7 +160,7 @@ def test_turns_count_where_joules_are_what_is_searched() -> None:
     def bound(ready_in_s: float) -> float:
         late = dataclasses.replace(given, ready_in_s=np.full(2, ready_in_s))
         *_, joules = _limits(late)
-        return joules.search(case_of(late), late.importance, 0.9, GOAL)
+        return searched(joules, case_of(late), late.importance, 0.9, GOAL)
 
     assert bound(55.0) < 1.4 < 1.9 < bound(0.0)
 

