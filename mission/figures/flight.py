@@ -18,11 +18,22 @@ from mission.figures.render import stacked
 from mission.figures.style import BAD, COOL, FLOWN, GOOD, PLANNED, Chart, line_keys, named, table
 from mission.log.values import NS_PER_S
 
+_OF_ERRORS = 4  # layers of a time line
+_OTHERS = (1, 3, 4, 5, 6, 0)  # colours than those of errors
 _TOLERANCE = 0.02  # metres, or metres a second, that thinning may move a line
 _TOLD = (  # lines of a flight without a plan
     ("off its setpoint", FLOWN, "tracking_m"),
     ("off its target's way", COOL, "target_m"),
     ("height", GOOD, "height_off_m"),
+)
+# How the vehicle was: shares of a whole, and others of the most in the flight.
+_HEALTH = (
+    ("innovations, of what is accepted", "innovation_ratio"),
+    ("battery left", "remaining"),
+    ("motors, of the most", "motors"),
+    ("vibration, of {:.1f} m/s2", "vibration_mps2"),
+    ("clips, of {:.0f}", "clips"),
+    ("satellites, of {:.0f}", "satellites"),
 )
 _ALONG = "along the plan (m)"
 
@@ -75,7 +86,8 @@ def profile_charts(flights: Sequence[RunComparison]) -> list[Chart]:
 
 
 def timeline_chart(flight: RunComparison, *, alone: bool) -> Chart:
-    """Errors over the log's time with what happened: events as lines, spikes with reasons."""
+    """Errors over the log's time with what happened (events as lines, spikes with reasons), and by
+    the axis at the right how the vehicle was."""
     errors: dict[tuple[str, str], Callable[[Measured], Floats]] = {
         ("cross-track", FLOWN): lambda measured: measured.cross_m,
         ("height", GOOD): lambda measured: np.abs(measured.height_m),
@@ -121,11 +133,37 @@ def timeline_chart(flight: RunComparison, *, alone: bool) -> Chart:
         alt.Chart(rules).mark_rule(color=BAD, strokeDash=[3, 3]).encode(x=x, tooltip=told),
         alt.Chart(lines).mark_line(strokeWidth=1.6).encode(x=x, y=y, color=colour),
         alt.Chart(tops).mark_point(color=BAD, filled=True, size=50).encode(x=x, y=y, tooltip=told),
+        *_shares(flight, x),
     ]
     shown = (("dashed: something happened", happened), ("points: spikes, and why", peaks))
     note = "; ".join(words for words, there in shown if there)
     title = "Time line" if alone else f"Time line of {flight.run.about}"
-    return finished(layers, title=title, note=note)
+    chart = finished(layers, title=title, note=note)
+    if len(layers) > _OF_ERRORS:  # beside an axis of its own
+        *of_errors, shares = chart["layer"]
+        scales = {"y": "independent", "color": "independent"}
+        chart |= {"layer": [{"layer": of_errors}, shares], "resolve": {"scale": scales}}
+    return chart
+
+
+def _shares(flight: RunComparison, x: alt.X) -> list[alt.Chart]:
+    """A layer of the lines of `_HEALTH` that the log has; none without any."""
+    drawn: dict[str, Floats] = {}
+    for label, key in _HEALTH:
+        rows = _told(flight, key)
+        most = np.nanmax(rows[:, 1], initial=0.0)
+        if most > 0.0:
+            of = most if "{" in label else 1.0
+            drawn[label.format(most)] = rows / (1.0, of)
+    if not drawn:
+        return []
+    x_s, share = np.vstack(list(drawn.values())).T
+    lines = table(series=[name for name, rows in drawn.items() for _ in rows], x=x_s, y=share)
+    shades = named(list(drawn), [community_colour(n) for n in _OTHERS[: len(drawn)]])
+    colour = alt.Color("series:O", scale=shades, legend=line_keys(list(drawn)))
+    y = alt.Y("y:Q", title="share", axis=alt.Axis(grid=False))
+    marks = alt.Chart(lines).mark_line(strokeWidth=1.0, opacity=0.6, strokeDash=[6, 2])
+    return [marks.encode(x=x, y=y, color=colour)]
 
 
 def _told(flight: RunComparison, key: str) -> Floats:

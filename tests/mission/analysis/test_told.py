@@ -31,6 +31,7 @@ from mission.analysis.load import load_run
 from mission.analysis.told import missing
 from mission.cli import call
 from mission.figures.charts import envelope
+from mission.figures.flight import timeline_chart
 
 KINDS = pytest.mark.parametrize("end", WRITERS)
 
@@ -406,3 +407,19 @@ def test_no_line_is_drawn_where_nothing_was_told() -> None:
     assert np.nanmax(y) == pytest.approx(np.sin(t_s).max())  # no peak is lost
     assert len(x) < 1000
     assert [len(each) for each in envelope(t_s[:0], t_s[:0])] == [0, 0]
+
+
+def test_the_time_line_has_health_beside_the_errors(tmp_path: Path) -> None:
+    """By an axis of its own: what is no share, as one of the most in the flight; dropouts told."""
+    flight = replace(made(off_m=2.0), vibration=np.linspace(1.0, 4.0, 1600))
+    log = write_ulg(tmp_path / "x.ulg", flight, dropout_ms=700)
+    (of_errors, of_health) = timeline_chart(compared(log), alone=True)["layer"]
+    assert of_health["encoding"]["y"]["title"] == "share"
+    chart = timeline_chart(compared(log), alone=True)
+    assert chart["resolve"]["scale"]["y"] == "independent"
+    rows = chart["datasets"][of_health["data"]["name"]]
+    shares = {row["series"]: row for row in rows}
+    assert set(shares) == {"vibration, of 4.0 m/s2", "satellites, of 12"}
+    assert max(row["y"] for row in rows if row["y"] is not None) == pytest.approx(1.0)
+    words = str([chart["datasets"][layer["data"]["name"]] for layer in of_errors["layer"]])
+    assert "log dropout of 0.70 s" in words
