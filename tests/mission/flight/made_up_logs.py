@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 from pymavlink.dialects.v20 import common as mav
+from ulog_bytes import UlogBytes
 
 from flightdyn.frames import LocalFrame
 from flightdyn.state import GeodeticPoint
@@ -106,35 +107,21 @@ def write_ulog(
     each its fields, their format for `struct`, and its rows, which begin with a time in seconds."""
     setpoint = "bool current.valid;uint8_t current.type;double current.lat;double current.lon;float current.alt"  # noqa: E501
     topics = {
-        "vehicle_global_position": ("double lat;double lon;float alt", "<Qddf"),
-        "home_position": ("double lat;double lon;float alt", "<Qddf"),
+        "vehicle_global_position": ("double lat;double lon;float alt", "ddf"),
+        "home_position": ("double lat;double lon;float alt", "ddf"),
         "vehicle_status": (
-            "uint8_t nav_state;uint8_t arming_state;bool failsafe;uint8_t vehicle_type", "<QBB?B",
+            "uint8_t nav_state;uint8_t arming_state;bool failsafe;uint8_t vehicle_type", "BB?B",
         ),
-        "position_setpoint_triplet": (setpoint, "<Q?Bddf"),
-        "mission_result": ("uint32_t mission_id;uint16_t seq_current;bool finished", "<QIH?"),
+        "position_setpoint_triplet": (setpoint, "?Bddf"),
+        "mission_result": ("uint32_t mission_id;uint16_t seq_current;bool finished", "IH?"),
     }  # fmt: skip
     own = instead or {}
-    topics |= {name: (fields, f"<Q{form}") for name, (fields, form, _) in own.items()}
-    out = bytearray(b"ULog\x01\x12\x35\x01" + struct.pack("<Q", 0))
-
-    def message(mark: bytes, data: bytes) -> None:
-        out.extend(struct.pack("<H", len(data)) + mark + data)
-
-    message(b"B", bytes(40))
-    for name, (fields, _) in topics.items():
-        message(b"F", f"{name}:uint64_t timestamp;{fields};".encode())
-    for number, name in enumerate(topics):
-        message(b"A", struct.pack("<BH", 0, number) + name.encode())
-
-    def data(name: str, t_s: float, *values: Any) -> None:
-        number = list(topics).index(name)
-        row = struct.pack(topics[name][1], round(t_s * 1e6), *values)
-        message(b"D", struct.pack("<H", number) + row)
+    topics |= {name: (fields, form) for name, (fields, form, _) in own.items()}
+    out = UlogBytes(topics)
 
     def made(name: str, t_s: float, *values: Any) -> None:
         if name not in own:
-            data(name, t_s, *values)
+            out.row(name, t_s, *values)
 
     made("home_position", 0.0, HOME.lat_deg, HOME.lon_deg, HOME.alt_msl_m)
     toward = -1
@@ -155,9 +142,9 @@ def write_ulog(
             made("position_setpoint_triplet", s.t_s, True, 2, lat + 1e-5, lon, up_m)
     for name, (_, _, rows) in own.items():
         for row in rows:
-            data(name, *row)
-    message(b"L", b"4" + struct.pack("<Q", 1_000_000) + b"low battery")
-    path.write_bytes(out)
+            out.row(name, *row)
+    out.message(b"L", b"4" + struct.pack("<Q", 1_000_000) + b"low battery")
+    path.write_bytes(out.content)
     return path
 
 

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from pymavlink.dialects.v20 import common as mav
+from ulog_bytes import UlogBytes
 
 from flightdyn.frames import LocalFrame
 from flightdyn.state import GeodeticPoint
@@ -207,16 +208,7 @@ def write_ulg(path: Path, flight: Made, *, dropout_ms: int = 0) -> Path:
             "uint64_t time_utc_usec;uint8_t fix_type;uint8_t satellites_used", "QBB",
         ),
     }  # fmt: skip
-    out = bytearray(b"ULog\x01\x12\x35\x01" + struct.pack("<Q", 0))
-
-    def message(mark: bytes, data: bytes) -> None:
-        out.extend(struct.pack("<H", len(data)) + mark + data)
-
-    message(b"B", bytes(40))
-    for name, (fields, _) in topics.items():
-        message(b"F", f"{name}:uint64_t timestamp;{fields};".encode())
-    for number, name in enumerate(topics):
-        message(b"A", struct.pack("<BH", 0, number) + name.encode())
+    out = UlogBytes(topics)
     turns = [quaternions(each) for each in flight.attitude]
     for n, where in enumerate(places(flight)):
         utc_us = 0 if flight.utc_s is None else round((flight.utc_s + flight.t_s[n]) * 1e6)
@@ -230,12 +222,11 @@ def write_ulg(path: Path, flight: Made, *, dropout_ms: int = 0) -> Path:
             "vehicle_imu_status": (flight.vibration[n], round(flight.clips[n]), 0, 0),
             "vehicle_gps_position": (utc_us, 3, round(flight.satellites[n])),
         }
-        for number, (name, (_, form)) in enumerate(topics.items()):
-            data = struct.pack(f"<Q{form}", round(flight.t_s[n] * 1e6), *values[name])
-            message(b"D", struct.pack("<H", number) + data)
+        for name in topics:
+            out.row(name, flight.t_s[n], *values[name])
         if dropout_ms and n == len(flight.t_s) // 2:
-            message(b"O", struct.pack("<H", dropout_ms))
-    path.write_bytes(out)
+            out.message(b"O", struct.pack("<H", dropout_ms))
+    path.write_bytes(out.content)
     return path
 
 
