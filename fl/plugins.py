@@ -37,14 +37,14 @@ def problem_of(name: str) -> str | None:
 
 @contextmanager
 def failures_as(
-    make: Callable[[BaseException], Exception], *, but: tuple[type[BaseException], ...] = ()
+    make: Callable[[BaseException], Exception], *, but: type[BaseException] = KeyboardInterrupt
 ) -> Iterator[None]:
     """Context manager: raise `make(error)` for any exception in the block, SystemExit too;
-    KeyboardInterrupt and the kinds in `but` pass unchanged."""
+    KeyboardInterrupt and `but` pass unchanged."""
     try:
         yield
     except BaseException as error:
-        if isinstance(error, (KeyboardInterrupt, *but)):
+        if isinstance(error, KeyboardInterrupt | but):
             raise
         raise make(error) from error
 
@@ -67,7 +67,6 @@ class PlugIn:
     setting: ClassVar[str]  # that names it
     members: ClassVar[tuple[str, ...]] = ()  # of what its factory makes; none: it is a function
     error: ClassVar[type[Exception]] = UsersCodeError
-    passed: ClassVar[tuple[type[Exception], ...]] = (AerofedError,)  # told as they are
 
     name: str
     inner: Any = field(repr=False)
@@ -170,7 +169,7 @@ class PlugIn:
         Raises:
             error: the code raised; one line with the place in its file.
         """
-        with failures_as(lambda error: self._told(doing, error), but=self.passed):
+        with failures_as(lambda error: self._told(doing, error), but=AerofedError):
             yield
 
     def refuse(self, reason: str) -> NoReturn:

@@ -22,7 +22,6 @@ from mission.config import STRATEGIES
 from sitl.autopilot.parameters import problems_of
 
 if TYPE_CHECKING:
-    from fl.config import CommunityConfig
     from mission.config.models import RunConfig
 
 
@@ -37,8 +36,12 @@ def problems(config: "RunConfig") -> Iterator[WrongKey]:
             yield "link.signing_key", str(path), str(wrong)
     for index, community in enumerate(config.communities):
         at = f"communities.{index}"
-        if (error := _owners(community)) is not None:
-            yield f"{at}.{error.key}", error.value, error.allowed
+        if community.partition == "labels" and community.task in TASKS[:-1]:
+            each, coverage = community.labels_per_device, community.coverage
+            try:
+                check_owners(community.devices, CLASSES, per_device=each, coverage=coverage)
+            except SettingError as error:
+                yield f"{at}.{error.key}", error.value, error.allowed
         if community.network not in BUILT_IN_NETWORKS and (missing := needs_torch()):
             yield f"{at}.network", community.network, missing
     for key, name in own_code(config):
@@ -88,17 +91,6 @@ def signing_key(path: Path) -> bytes:
     from sitl.autopilot.codec.wire import key_of  # 15 ms, where a key is configured
 
     return key_of(read_text(path).strip())
-
-
-def _owners(community: "CommunityConfig") -> SettingError | None:
-    """Return why labels cannot be dealt out to a community's devices; None where none is known."""
-    if community.partition == "labels" and community.task in TASKS[:-1]:
-        each, coverage = community.labels_per_device, community.coverage
-        try:
-            check_owners(community.devices, CLASSES, per_device=each, coverage=coverage)
-        except SettingError as error:
-            return error
-    return None
 
 
 def load_data(config: "RunConfig", data_dir: Path | None) -> None:

@@ -35,10 +35,6 @@ Record = TypeVar("Record", bound=UplinkRecord | RoundRecord | AircraftRecord | D
 _WIDER: Mapping[type, type] = {UplinkRecord: TimedUplinkRecord}
 
 
-class TableError(InputError):
-    """The file is not a valid table of these records."""
-
-
 class Table(Generic[Record]):
     """A CSV file of records being written: what was appended survives the process."""
 
@@ -93,8 +89,8 @@ def read_table(path: Path, record: type[Record]) -> tuple[Record, ...]:
     """Read a table's records, equal to those written; uplinks may be of `TimedUplinkRecord`.
 
     Raises:
-        InputError: the file cannot be read.
-        TableError: other columns, or a value that is not what its column holds.
+        InputError: the file cannot be read, or is no table of these records: other columns, or a
+            value that is not what its column holds.
     """
     header, rows = _read(path)
     communities = [c.removeprefix("accuracy_") for c in header if c.startswith("accuracy_")]
@@ -141,7 +137,7 @@ def _values(
         try:
             value = parse(text)
         except (ValueError, KeyError):
-            raise TableError(
+            raise InputError(
                 f"{path}: line {line}: {cell.name} = {text!r}: must be {allowed}"
             ) from None
         if cell.key is None:
@@ -154,27 +150,27 @@ def _values(
 def _read(path: Path) -> tuple[list[str], Iterator[tuple[int, list[str]]]]:
     text = read_text(path, most=DATA_BYTES)
     if not text:
-        raise TableError(f"{path}: not a table: the file is empty")
+        raise InputError(f"{path}: not a table: the file is empty")
     if not text.endswith("\n"):
         last = text.count("\n") + 1
-        raise TableError(f"{path}: line {last}: the last row is cut short")
+        raise InputError(f"{path}: line {last}: the last row is cut short")
     reader = csv.reader(io.StringIO(text), strict=True)
     try:
         header = next(reader)
     except csv.Error as error:
-        raise TableError(f"{path}: line 1: not a table: {error}") from None
+        raise InputError(f"{path}: line 1: not a table: {error}") from None
 
     def rows() -> Iterator[tuple[int, list[str]]]:
         try:
             for row in reader:
                 if len(row) != len(header):
-                    raise TableError(
+                    raise InputError(
                         f"{path}: line {reader.line_num}: {len(row)} values for "
                         f"{len(header)} columns"
                     )
                 yield reader.line_num, row
         except csv.Error as error:
-            raise TableError(f"{path}: line {reader.line_num}: {error}") from None
+            raise InputError(f"{path}: line {reader.line_num}: {error}") from None
 
     return header, rows()
 
@@ -189,7 +185,7 @@ def _check_header(path: Path, header: Sequence[str], expected: Sequence[str]) ->
         for kind, names in (("missing", missing), ("unknown", unknown))
         if names
     )
-    raise TableError(f"{path}: line 1: other columns than this table has: {what or 'their order'}")
+    raise InputError(f"{path}: line 1: other columns than this table has: {what or 'their order'}")
 
 
 # How the values of a type are read, and what is allowed.

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from mission.base.errors import InputError
 from mission.log.records import UNKNOWN_ROUND, RoundRecord, UplinkRecord, flat
-from mission.log.tables import Table, TableError, read_table
+from mission.log.tables import Table, read_table
 
 FLOATS = st.floats(allow_nan=False)
 
@@ -103,7 +103,7 @@ def test_a_row_is_in_the_file_as_soon_as_it_is_appended(tmp_path: Path) -> None:
 def test_damage_is_refused_with_file_and_line(tmp_path: Path, damage, message: str) -> None:
     path = write(tmp_path / "r.csv", round_record(0), round_record(1))
     path.write_text(damage(path.read_text()))
-    with pytest.raises(TableError, match=message) as caught:
+    with pytest.raises(InputError, match=message) as caught:
         read_table(path, RoundRecord)
     assert str(path) in str(caught.value)
 
@@ -123,7 +123,7 @@ def test_a_boolean_must_be_one(tmp_path: Path) -> None:
     with Table(path, UplinkRecord) as table:
         table.extend([uplink()])
     path.write_text(path.read_text().replace("true\n", "yes\n"))
-    with pytest.raises(TableError, match="delivered = 'yes': must be true or false"):
+    with pytest.raises(InputError, match="delivered = 'yes': must be true or false"):
         read_table(path, UplinkRecord)
 
 
