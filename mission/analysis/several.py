@@ -25,6 +25,9 @@ class Several:
         return self.world
 
 
+NOTHING = Several((), None, ())
+
+
 def load_several(
     given: Iterable[Path | LoadedRun],
     plan: Path | None = None,

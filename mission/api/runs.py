@@ -270,11 +270,11 @@ def flown(
         more = f"; resume({str(path)!r}) goes on" if goes_on else ""
         raise KeyboardInterrupt(f"{path} was interrupted{more}")
     if limits:
-        from mission.analysis.compare import compare_run
         from mission.analysis.limits import kept
-        from mission.analysis.load import load_run
+        from mission.analysis.several import load_several
 
-        kept([compare_run(load_run(path))], limits)
+        several = load_several((path,))
+        kept(several.flights, limits, several.world)
     return Run(path)
 
 

@@ -176,17 +176,17 @@ def judged(
     try:
         if (code := fly()) or not (bounds or junit):
             return code
-        from mission.analysis.compare import compare_run
-        from mission.analysis.limits import verdicts
-        from mission.analysis.load import load_run
+        from mission.analysis.limits import every_verdict
+        from mission.analysis.load import load_run, vehicles_of
+        from mission.analysis.several import NOTHING, load_several
         from mission.commands.compare import in_json, tell_verdict
 
-        loaded = load_run(folder)
         # Without limits the file says that a flight was, and may say that none was.
-        found = [compare_run(loaded)] if bounds or loaded.data.plans else []
-        its = [verdicts(one, bounds) for one in found]
+        flew = bool(bounds or vehicles_of(folder)) or load_run(folder).data.plans
+        several = load_several((folder,)) if flew else NOTHING
+        its = every_verdict(several.flights, bounds, several.world)
         more = in_json([item for each in its for item in each])
-        return tell_verdict(found, its, junit, quiet=quiet)
+        return tell_verdict(several.flights, its, junit, quiet=quiet, world=several.world)
     finally:
         summary = RunFolder(folder).summary
         if as_json and summary.is_file():
