@@ -91,11 +91,11 @@ def judged(path: object, data: FlightData, given: Plan | None) -> Judged:
     left_out: Counter[str] = Counter()
     before = None
     for plan, times_ns in _joined(flown, stretches):
-        for found in _passes(path, data, plan, times_ns, first=len(passes) + 1):
+        for one in _passes(path, data, plan, times_ns, first=len(passes) + 1):
             if plan is before:
-                passes[-1] = _left_at(data, passes[-1], found)
-            passes.append(found)
-            left_out |= Counter(found.path.left_out)
+                passes[-1] = _left_at(data, passes[-1], one)
+            passes.append(one)
+            left_out |= Counter(one.path.left_out)
             before = plan
     if not passes:
         raise InputError(f"{path}: no stretch of its mission lasts {_LEAST_S:g} s")
@@ -107,22 +107,22 @@ def judged(path: object, data: FlightData, given: Plan | None) -> Judged:
         left_out[str(error)] += 1
     places = {
         int(seq): point
-        for found in passes
-        for seq, point in zip(found.path.seqs, found.path.points_m, strict=True)
+        for one in passes
+        for seq, point in zip(one.path.seqs, one.path.points_m, strict=True)
         if seq >= 0
     }
-    passed = {p.seq for found in passes for p in found.passages if not math.isnan(p.t_s)}
+    passed = {p.seq for one in passes for p in one.passages if not math.isnan(p.t_s)}
     data = replace(
         data,
         fence=fence,
-        plans=tuple(found.plan for found in passes),
-        rounds=tuple(found.record for found in passes),
+        plans=tuple(one.plan for one in passes),
+        rounds=tuple(one.record for one in passes),
         planned=PlannedPlaces(
             ", ".join(dict.fromkeys(plan.source for plan in plans)),
             places,
             _rally_m(data),
             frozenset(passed),
-            in_holes=any(len(position_gaps(data, *found.span_ns)) for found in passes),
+            in_holes=any(len(position_gaps(data, *one.span_ns)) for one in passes),
         ),
     )
     return Judged(data, tuple(passes), _apart(flown, passes, start_ns, end_ns), left_out)
@@ -178,9 +178,9 @@ def _joined(
     data: FlightData, stretches: Sequence[tuple[Plan, int, int]]
 ) -> list[tuple[Plan, list[tuple[int, int]]]]:
     """Join stretches across pauses: each plan with the times (begin, end) in ns it was flown."""
-    found: list[tuple[Plan, list[tuple[int, int]]]] = []
+    joined: list[tuple[Plan, list[tuple[int, int]]]] = []
     for plan, begin_ns, until_ns in stretches:
-        before, times_ns = found[-1] if found else (None, [])
+        before, times_ns = joined[-1] if joined else (None, [])
         if (
             before is plan
             and not _ended(data, times_ns[-1][0], begin_ns)
@@ -188,8 +188,8 @@ def _joined(
         ):
             times_ns.append((begin_ns, until_ns))
         else:
-            found.append((plan, [(begin_ns, until_ns)]))
-    return found
+            joined.append((plan, [(begin_ns, until_ns)]))
+    return joined
 
 
 def _ended(data: FlightData, begin_ns: int, next_ns: int) -> bool:
@@ -271,7 +271,7 @@ def _passes(
             first += 1
 
 
-def _left_at(data: FlightData, left: Pass, found: Pass) -> Pass:
+def _left_at(data: FlightData, left: Pass, following: Pass) -> Pass:
     """Return a pass without the places that it left to the next one, where that goes on with the
     mission; one that goes back to an earlier item has its places in both."""
     told = [(event.t_ns, event.seq + 1) for event in data.events if event.seq is not None]
@@ -279,7 +279,7 @@ def _left_at(data: FlightData, left: Pass, found: Pass) -> Pass:
     passed = sorted((p.t_s, p.seq + 1) for p in left.passages if not math.isnan(p.t_s))
     heading = [0, *(seq for _, seq in passed)]
     heading += [seq for t_ns, seq in told if t_ns <= left.track.t_ns[-1]]
-    ahead = found.path.seqs[found.path.seqs >= 0].tolist()
+    ahead = following.path.seqs[following.path.seqs >= 0].tolist()
     if not ahead or ahead[0] < heading[-1]:
         return left
     kept = (p for p in left.passages if not math.isnan(p.t_s) or p.seq not in ahead)
@@ -321,11 +321,13 @@ def _returns_ns(data: FlightData, start_ns: int) -> float:
     """Return when a return first began after an instant, in ns, by mode or by mission item, as not
     every autopilot changes its mode for an item; infinity if none did."""
     modes = zip(data.modes.t_ns.tolist(), data.modes.names, strict=True)
-    found = [t_ns for t_ns, name in modes if name in _RETURNS]
+    begins_ns = [t_ns for t_ns, name in modes if name in _RETURNS]
     for plan in _logged(data):
         times, seqs = _current(data, plan)
-        found += times[np.isin(seqs, [i.seq for i in plan.items if i.command in RETURNS])].tolist()
-    return min((t_ns for t_ns in found if t_ns > start_ns), default=math.inf)
+        begins_ns += times[
+            np.isin(seqs, [i.seq for i in plan.items if i.command in RETURNS])
+        ].tolist()
+    return min((t_ns for t_ns in begins_ns if t_ns > start_ns), default=math.inf)
 
 
 def _apart(
@@ -339,9 +341,9 @@ def _apart(
     step_s = np.diff(track.t_ns, append=track.t_ns[-1:]) / NS_PER_S
     outside = ~np.isin(track.t_ns, np.concatenate([item.track.t_ns[:-1] for item in passes]))
     at = np.searchsorted(data.modes.t_ns, track.t_ns, side="right") - 1
-    found: dict[str, float] = {}
+    outside_s: dict[str, float] = {}
     for index in np.unique(at):
         name = data.modes.names[index] if index >= 0 else "mode unknown"
-        found[name] = found.get(name, 0.0) + float(step_s[outside & (at == index)].sum())
-    found.pop(DISARMED, None)
-    return {name: seconds for name, seconds in found.items() if seconds >= _LEAST_S}
+        outside_s[name] = outside_s.get(name, 0.0) + float(step_s[outside & (at == index)].sum())
+    outside_s.pop(DISARMED, None)
+    return {name: seconds for name, seconds in outside_s.items() if seconds >= _LEAST_S}

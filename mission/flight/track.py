@@ -151,15 +151,15 @@ def passages(
     that a track that crosses itself is not mistaken; a hover was reached when it began. Reports
     may be lost: the flight is over, so every stop was passed.
     """
-    found: list[TrackPoint] = []
+    passed: list[TrackPoint] = []
     after_ns = int(flight.t_ns[0])
     for index in range(len(stops_ned_m)):
         later = (t_ns for t_ns in reported_ns[index + 1 :] if t_ns is not None)
         until_ns = max(next(later, int(flight.t_ns[-1])), after_ns)
         instant = _passage_ns(flight, stops_ned_m[index], after_ns, until_ns, hovers=hovers[index])
-        found.append(flight.at(instant))
+        passed.append(flight.at(instant))
         after_ns = instant
-    return tuple(found)
+    return tuple(passed)
 
 
 def reported_in_turn(

@@ -141,13 +141,13 @@ class Navigator:
 
         Rally points that the fence forbids do not count; home always does.
         """
-        name, found = "home", self._guard.home_ned_m
+        name, goal = "home", self._guard.home_ned_m
         for item in rally:
             place = route.place_of(item, self._aircraft.frame, self._guard.home)
-            closer = np.hypot(*(here - place)[:2]) < np.hypot(*(here - found)[:2])
+            closer = np.hypot(*(here - place)[:2]) < np.hypot(*(here - goal)[:2])
             if closer and not self._guard.forbidden(place):
-                name, found = f"rally point {item.seq}", place
-        return name, found
+                name, goal = f"rally point {item.seq}", place
+        return name, goal
 
     def land_at(
         self, start: Vector, goal: Vector, *, speed_mps: float | None, yaw_rad: float
