@@ -203,8 +203,6 @@ MESSAGES = {
     ("run", "--vehicle", "foo"): "--vehicle foo: no address of a vehicle; it must be udpin://",
     ("run", "--set", "seed=-1"): "command line: seed = -1: must be greater than or equal to 0",
     ("run", "--set", "mission.path_budget_m=0"): "path_budget_m = 0: must be greater than 0",
-    ("run", "paper"): "give their folder (--data-dir FOLDER",
-    ("run", "paper", "--data-dir", "."): "get it by: aerofed data fetch . --task cifar10",
     ("data", "check", "nowhere"): "no such folder; aerofed data fetch nowhere makes it",
     ("data", "check", "."): "holds none of the data sets; aerofed data fetch . downloads them",
     ("run", "--set", "communities.0.task=npz"): "task = 'npz' needs data_file",
@@ -238,6 +236,21 @@ def test_whole_numbers_are_not_rounded(command: list[str], option: str, value: s
 def test_messages_say_the_way_out(tokens, tmp_path: Path, monkeypatch, capsys) -> None:
     monkeypatch.chdir(tmp_path)
     assert MESSAGES[tokens] in refused(capsys, *tokens)
+
+
+@pytest.mark.parametrize(
+    ("folder", "words"),
+    [
+        ((), "give their folder (--data-dir FOLDER"),
+        (("--data-dir", "."), "get it by: aerofed data fetch . --task cifar10"),
+    ],
+)
+def test_each_missing_data_set_has_a_line(folder, words, tmp_path: Path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert call(["run", "paper", *folder]) == 2
+    cifar10, mnist = capsys.readouterr().err.splitlines()
+    assert words in cifar10
+    assert "--task mnist" in mnist
 
 
 TWICE = "--vehicle udpin://0.0.0.0:1 --vehicle udpin://0.0.0.0:2"

@@ -254,7 +254,7 @@ def test_a_used_folder_is_refused(run: Path, capsys: pytest.CaptureFixture[str])
 def test_a_file_as_folder_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "file").write_text("mine")
     assert fly(tmp_path / "file") == 2
-    refused(capsys, str(tmp_path / "file"), "not a folder")
+    refused(capsys, str(tmp_path / "file"), "Not a directory", "name another folder")
     assert (tmp_path / "file").read_text() == "mine"
 
 

@@ -191,7 +191,7 @@ def test_one_sweep_at_a_time(tmp_path: Path) -> None:
 
 def test_a_file_is_no_folder_of_a_sweep(tmp_path: Path) -> None:
     (tmp_path / "s").write_text("mine")
-    with pytest.raises(InputError, match=r"s: cannot write: File exists"):
+    with pytest.raises(InputError, match=r"s: cannot write the output folder: File exists"):
         SweepFolder(tmp_path / "s").lock().__enter__()
 
 
