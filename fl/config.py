@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING, Annotated, Literal, Self
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, field_validator, model_validator
 
-from aerofed_errors import did_you_mean
 from fl.plugin_code import checked_name
 from fl.radio.channel import CHANNEL_PRESETS, DEFAULT_PRESET, Channel, constants_model
 from fl.radio.uplink import Gate
+from native.errors import did_you_mean
 
 RADIOS = ("channel", "buildings", "map")
 BELIEFS = (*RADIOS, "learned", "truth")

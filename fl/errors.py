@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from aerofed_errors import InputError, LinkLostError, TrainingError, one_line
+from native.errors import InputError, LinkLostError, TrainingError, one_line
 
 FETCHED = ("mnist", "fashion-mnist", "cifar10")  # tasks whose files are published
 

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
-from aerofed_errors import did_you_mean
+from native.errors import did_you_mean
 
 IMPORT_PATH = r"[A-Za-z_]\w*(\.[A-Za-z_]\w*)*:[A-Za-z_]\w*"
 LABELLED = r"^[\w .+-]{1,40}="

@@ -17,9 +17,9 @@ from typing import Any, ClassVar, NoReturn, Self, TypeVar
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from aerofed_errors import AerofedError, UsersCodeError, did_you_mean, first_line, kind_of
 from fl.arrays import frozen
 from fl.plugin_code import check_found, load, module_of
+from native.errors import AerofedError, UsersCodeError, did_you_mean, first_line, kind_of
 
 Kind = TypeVar("Kind")
 _COPIED_BYTES = 1 << 24

@@ -2,7 +2,6 @@
 
 import math
 
-from aerofed_errors import InputError
 from flightdyn.config import AircraftConfig
 from flightdyn.frames import Triple, frozen, yaw_of
 from flightdyn.guidance.control import AttitudeOrder, attitude_along, outer_loop
@@ -24,6 +23,7 @@ from flightdyn.state import (
     Kinematics,
     Vector,
 )
+from native.errors import InputError
 
 
 def _triple(vector: Vector) -> Triple:

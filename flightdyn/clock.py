@@ -1,6 +1,6 @@
 """Simulated time: an integer count of ticks. Nobody else keeps time."""
 
-from aerofed_errors import InputError
+from native.errors import InputError
 
 NS_PER_S = 1_000_000_000
 

@@ -1,6 +1,6 @@
 """Errors of the flight dynamics."""
 
-from aerofed_errors import FlightError, InputError
+from native.errors import FlightError, InputError
 
 
 class FaultError(InputError):

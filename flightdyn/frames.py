@@ -8,8 +8,8 @@ import math
 
 import numpy as np
 
-from aerofed_errors import InputError
 from flightdyn.state import GeodeticPoint, Vector
+from native.errors import InputError
 
 WGS84_A_M = 6_378_137.0
 WGS84_F = 1 / 298.257223563

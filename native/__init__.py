@@ -1,1 +1,1 @@
-"""Libraries of C beside the Python that uses them: how they are built, found and called."""
+"""What all packages share: libraries of C, how they are built, found and called; errors."""

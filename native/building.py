@@ -20,7 +20,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
-from aerofed_errors import InputError
+from native.errors import InputError
 
 ROOT = Path(__file__).resolve().parents[1]
 INCLUDE = Path(__file__).resolve().parent / "include"

@@ -10,8 +10,8 @@ from functools import cache
 from pathlib import Path
 from typing import Any, ClassVar
 
-from aerofed_errors import InputError
 from native.building import INCLUDE
+from native.errors import InputError
 
 _TYPES: dict[str, Any] = {
     **{f"{name}_t": getattr(ctypes, f"c_{name}") for name in ("int64", "uint64", "int32", "uint8")},

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from aerofed_errors import InputError
 from native.building import Library, build, levels
+from native.errors import InputError
 from native.headers import declared
 
 LEVEL = "AEROFED_LEVEL"  # environment variable: a level lower than the processor's best

@@ -68,8 +68,8 @@ def vehicles(
 def _check(keys: Iterable[object], options: Iterable[str]) -> None:
     """Raise InputError at what `aerofed.vehicles` would not take beside its count."""
     import aerofed
-    from aerofed_errors import did_you_mean
     from mission.api.configuring import checked
+    from native.errors import did_you_mean
 
     _, *known = inspect.signature(aerofed.vehicles).parameters
     for name in options:

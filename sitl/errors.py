@@ -1,6 +1,6 @@
 """What goes wrong with a firmware."""
 
-from aerofed_errors import FlightError, LinkLostError
+from native.errors import FlightError, LinkLostError
 
 
 class FirmwareError(FlightError):

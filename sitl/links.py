@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from typing import ClassVar, Protocol, TypeAlias
 
-from aerofed_errors import InputError, LinkLostError
+from native.errors import InputError, LinkLostError
 from sitl.autopilot.codec.wire import Seal, whole_frames
 
 Wake: TypeAlias = Callable[[], None]

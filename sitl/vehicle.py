@@ -5,11 +5,11 @@ import time
 from collections.abc import Sequence
 from functools import partial
 
-from aerofed_errors import InputError
 from flightdyn.aircraft import Aircraft
 from flightdyn.obstacles import Obstacles
 from flightdyn.random import RandomStreams
 from flightdyn.state import GeodeticPoint, GnssFix
+from native.errors import InputError
 from sitl.autopilot.autopilot import Autopilot
 from sitl.autopilot.codec.orders import OrderObserver
 from sitl.autopilot.parameters import Parameters, parameters_of

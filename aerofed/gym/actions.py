@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from aerofed_errors import printable
 from mission.base.arrays import Floats
 from mission.base.errors import InputError
+from native.errors import printable
 
 
 def checked(action: object, count: int, *, under_way: bool) -> Floats:

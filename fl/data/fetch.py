@@ -11,11 +11,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from aerofed_errors import SettingError, first_line
 from fl.data.files import CIFAR_ARCHIVE_MD5, IDX_MD5, LARGEST_BYTES, UNPACKING_ERRORS, md5
 from fl.data.idx import NAMES
 from fl.data.load import load
 from fl.errors import FETCHED, DataDamagedError, DataMissingError, FetchError
+from native.errors import SettingError, first_line
 
 CHUNK = 1 << 18
 TIMEOUT_S = 30.0

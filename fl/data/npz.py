@@ -17,11 +17,11 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from aerofed_errors import first_line
 from fl.data.arrays import Samples, dataset_of, labels
 from fl.data.dataset import Dataset, Provenance, SourceFile, held_out
 from fl.data.files import LARGEST_BYTES, md5, reading
 from fl.errors import DataDamagedError, DataLayoutError, DataMissingError
+from native.errors import first_line
 
 LAYOUTS = (
     ("x_train", "y_train", "x_test", "y_test"),

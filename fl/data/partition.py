@@ -11,9 +11,9 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
-from aerofed_errors import SettingError
 from fl.arrays import Bools, Floats, Ints, frozen
 from fl.plugins import PlugIn, read_only
+from native.errors import SettingError
 
 DIRICHLET_TRIES = 100
 

@@ -13,10 +13,10 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-from aerofed_errors import kind_of
 from fl.arrays import Vector, frozen
 from fl.config import LearningConfig
 from fl.plugins import PlugIn
+from native.errors import kind_of
 
 AlgorithmState = Mapping[str, NDArray[np.float32]]
 

@@ -9,7 +9,6 @@ from pathlib import Path
 
 import numpy as np
 
-from aerofed_errors import SettingError
 from fl.arrays import Floats, Ints, frozen
 from fl.config import CommunityConfig, LearningConfig
 from fl.data import partition
@@ -19,6 +18,7 @@ from fl.federation.algorithms import Algorithm, make_algorithm
 from fl.federation.device_work import compute_times
 from fl.training.local import CustomTrainer, Network, Scaling, make_trainer, scaling_of
 from fl.training.networks import make_network
+from native.errors import SettingError
 
 Stream = Callable[[str], np.random.Generator]
 

@@ -7,13 +7,13 @@ from typing import TypeAlias
 
 import numpy as np
 
-from aerofed_errors import UsersCodeError
 from fl.arrays import Bools, Vector, frozen
 from fl.errors import DivergedError
 from fl.federation.algorithms import CustomAlgorithm, StaleStart
 from fl.federation.community import Federation
 from fl.federation.state import FederationState, Pending, parts_of
 from fl.training.local import LocalSettings, LocalTask, TrainingDevice, in_parallel
+from native.errors import UsersCodeError
 
 # Training that has begun, by community and by device within it.
 Begun: TypeAlias = Mapping[tuple[int, int], Future[Pending]]

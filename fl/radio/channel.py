@@ -17,9 +17,9 @@ from numpy.typing import ArrayLike
 from pydantic import BaseModel, Field, create_model
 from pydantic.fields import FieldInfo
 
-from aerofed_errors import SettingError
 from fl.arrays import Floats
 from fl.native import library
+from native.errors import SettingError
 
 NEPERS_PER_DB = math.log(10.0) / 10.0
 # The path-loss law is a far-field law; nearer than this it would promise more power than sent.

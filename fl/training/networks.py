@@ -8,7 +8,6 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from aerofed_errors import SettingError
 from fl.arrays import Vector
 from fl.config import BUILT_IN_NETWORKS, ConvNetConfig
 from fl.data.dataset import Split
@@ -16,6 +15,7 @@ from fl.native.library import Images, count_correct, train
 from fl.native.library import Network as NativeNetwork
 from fl.plugins import PlugIn, needs_torch
 from fl.training.local import LocalResult, LocalTask, Network, Scaling, batch_order
+from native.errors import SettingError
 
 _SIZES = {
     "lenet": ConvNetConfig(channels=(6, 16), kernel=5, hidden=(120, 84)),

@@ -3,7 +3,6 @@
 import math
 from collections.abc import Callable, Iterable
 
-from aerofed_errors import InputError
 from flightdyn.config import LimitsConfig
 from flightdyn.frames import Triple
 from flightdyn.guidance.control import AttitudeOrder, Setpoint
@@ -23,6 +22,7 @@ from flightdyn.native.library import (
     Strapdown,
     Structure,
 )
+from native.errors import InputError
 
 _LEASH_M = 0.6  # how far the reference that goes after a target may run ahead
 _RISE_MPS = 0.3  # a target that asks for more climb than that lifts the aircraft off the ground

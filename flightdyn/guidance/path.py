@@ -11,11 +11,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from aerofed_errors import InputError
 from flightdyn.config import LimitsConfig
 from flightdyn.frames import Triple, frozen
 from flightdyn.native.library import PathProfile, Pieces, Structure, steering
 from flightdyn.state import Vector
+from native.errors import InputError
 
 
 @dataclass(frozen=True, slots=True)

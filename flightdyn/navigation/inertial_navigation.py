@@ -3,7 +3,6 @@
 import math
 from statistics import pstdev
 
-from aerofed_errors import InputError
 from flightdyn.frames import Triple
 from flightdyn.inertial import Earth, NavState
 from flightdyn.instruments import Readings
@@ -15,6 +14,7 @@ from flightdyn.navigation.measurements import Biases
 from flightdyn.physics.sensor_suite import SensorSuite
 from flightdyn.plant import Plant
 from flightdyn.state import GnssFix, Innovation, Kinematics
+from native.errors import InputError
 
 FILTER_STEP_S = 0.1
 _GNSS_LOST_NS = 1_500_000_000

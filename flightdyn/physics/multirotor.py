@@ -10,7 +10,6 @@ import os
 from collections.abc import Callable
 from pathlib import Path
 
-from aerofed_errors import InputError
 from flightdyn.config import WindConfig
 from flightdyn.errors import ModelDivergedError
 from flightdyn.frames import (
@@ -27,6 +26,7 @@ from flightdyn.physics.airframe.parameters import QUAD_X, Airframe
 from flightdyn.physics.atmosphere import pressure_pa, temperature_k
 from flightdyn.physics.wind import FT_M, steady_wind_ned, wind_at_20ft
 from flightdyn.state import Kinematics
+from native.errors import InputError
 
 os.environ.setdefault("JSBSIM_DEBUG", "0")  # read by JSBSim when it is loaded
 import jsbsim

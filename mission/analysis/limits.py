@@ -8,7 +8,6 @@ from xml.etree import ElementTree as ET
 
 import numpy as np
 
-from aerofed_errors import did_you_mean, printable
 from mission.analysis.compare import RunComparison
 from mission.analysis.measure import Measured
 from mission.analysis.numbers import Comparison, Made, Told
@@ -19,6 +18,7 @@ from mission.base.run_folder import write_atomically
 from mission.base.tables import annotated
 from mission.base.user_files import parse_toml, read_text
 from mission.log.values import NS_PER_S
+from native.errors import did_you_mean, printable
 
 _TOLD = dict(annotated(Comparison, Told))
 # Of these more is better: their limit is the least that is allowed.

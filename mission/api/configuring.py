@@ -5,11 +5,11 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias
 
-from aerofed_errors import SettingError
 from fl.config import ChannelConfig
 from mission.base.errors import InputError
 from mission.base.explain import Blame, explained
 from mission.config.models import RunConfig
+from native.errors import SettingError
 
 if TYPE_CHECKING:
     from fl.radio.channel import Channel

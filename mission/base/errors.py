@@ -4,12 +4,12 @@ import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from aerofed_errors import AerofedError as AerofedError
-from aerofed_errors import FlightError as FlightError
-from aerofed_errors import InputError as InputError
-from aerofed_errors import LinkLostError as LinkLostError
-from aerofed_errors import TrainingError as TrainingError
-from aerofed_errors import UsersCodeError as UsersCodeError
+from native.errors import AerofedError as AerofedError
+from native.errors import FlightError as FlightError
+from native.errors import InputError as InputError
+from native.errors import LinkLostError as LinkLostError
+from native.errors import TrainingError as TrainingError
+from native.errors import UsersCodeError as UsersCodeError
 
 LIMITS_NOT_MET = 6
 DIFFERENT = 7

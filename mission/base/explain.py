@@ -10,8 +10,8 @@ from typing import Literal, TypeAlias, get_args, get_origin
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails, PydanticUndefined
 
-from aerofed_errors import SettingError, did_you_mean, printable
 from mission.base.errors import InputError, several
+from native.errors import SettingError, did_you_mean, printable
 
 _LONG = 60  # characters of a value that are shown
 _WORDS = (  # of pydantic, and those that users of files know

@@ -6,10 +6,10 @@ import re
 from pathlib import Path
 from typing import Literal
 
-from aerofed_errors import one_line
 from mission.base.errors import InputError
 from mission.base.terminal import PLAIN, Terminal
 from mission.base.user_files import cache_folder
+from native.errors import one_line
 
 _SITE = "https://firmware.ardupilot.org"
 _BUILD = "Copter/{}/SITL_x86_64_linux_gnu/arducopter"

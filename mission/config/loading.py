@@ -10,7 +10,6 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, get_args
 
-from aerofed_errors import SettingError, did_you_mean, printable
 from fl.plugin_code import register
 from mission.base.errors import InputError
 from mission.base.explain import Blame, explained, refusal, shown
@@ -19,6 +18,7 @@ from mission.config import Shipped
 from mission.config.models import RunConfig
 from mission.config.preflight import problems
 from mission.config.world import with_world
+from native.errors import SettingError, did_you_mean, printable
 from sitl.config import BINARIES
 
 _PATHS = (

@@ -8,7 +8,6 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from aerofed_errors import SettingError
 from fl.config import ALGORITHMS, BELIEFS, BUILT_IN_NETWORKS, PARTITIONS, RADIOS, TASKS
 from fl.data.load import CLASSES, load, needs_files
 from fl.data.partition import check_owners
@@ -19,6 +18,7 @@ from mission.base.errors import InputError
 from mission.base.explain import WrongKey
 from mission.base.user_files import read_text
 from mission.config import STRATEGIES
+from native.errors import SettingError
 from sitl.autopilot.parameters import problems_of
 
 if TYPE_CHECKING:

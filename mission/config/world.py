@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 
-from aerofed_errors import SettingError
 from fl.config import WEIGHED_PARTITIONS, CommunityConfig, RadioConfig
 from mission.base.arrays import Floats
 from mission.base.errors import InputError
@@ -21,6 +20,7 @@ from mission.base.user_files import read_bytes
 from mission.config.area import AreaConfig
 from mission.config.models import RunConfig
 from mission.config.polygons import check_near, home_words, on_ground, read_of, with_polygons
+from native.errors import SettingError
 
 _MARGIN = 0.1  # around the extent of all places, as a share of its longer side
 _LEAST_MARGIN_M = 50.0

@@ -9,7 +9,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal, Protocol
 
-from aerofed_errors import first_line, printable
 from mission.base.console import RunConsole, Stopwatch
 from mission.base.errors import (
     INTERRUPTED,
@@ -26,6 +25,7 @@ from mission.base.interrupts import ending_flights, run_flight
 from mission.base.record_file import RecordFile
 from mission.base.run_folder import RunFolder, environment, write_atomically
 from mission.run.budget import RunTotals
+from native.errors import first_line, printable
 
 TRACEBACK = "traceback.txt"  # in the folder of a run that a researcher's own code ended
 

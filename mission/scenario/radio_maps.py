@@ -13,7 +13,6 @@ from pathlib import Path
 
 import numpy as np
 
-from aerofed_errors import SettingError, did_you_mean, first_line
 from fl.radio.place import RadioMap
 from mission.base.arrays import Floats
 from mission.base.errors import InputError
@@ -21,6 +20,7 @@ from mission.base.run_folder import write_atomically
 from mission.base.user_files import cache_folder, check_regular, or_input_error, read_bytes
 from mission.config.models import RunConfig
 from mission.config.world import MOST_BYTES
+from native.errors import SettingError, did_you_mean, first_line
 
 _AXES = ("device", "height", "y", "x")
 _HOME = "home_lat_deg", "home_lon_deg", "home_alt_msl_m", "home_x_m", "home_y_m"

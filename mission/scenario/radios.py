@@ -5,7 +5,6 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
-from aerofed_errors import SettingError
 from fl.config import RADIOS
 from fl.plugins import PlugIn
 from fl.radio.channel import Channel
@@ -28,6 +27,7 @@ from mission.base.arrays import Floats
 from mission.config.area import HEIGHT_MARGIN_M
 from mission.config.models import RunConfig
 from mission.scenario.radio_maps import home_of, read_map
+from native.errors import SettingError
 
 _SAME_PLACE_M = 1.0
 _LEAST_CELL_M, _MOST_CELLS = 5.0, 320  # of what is believed, along the longer side

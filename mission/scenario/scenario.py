@@ -10,7 +10,6 @@ from pathlib import Path
 
 import numpy as np
 
-from aerofed_errors import SettingError
 from fl.errors import FETCHED
 from fl.federation import fairness
 from fl.federation import rounds as learning
@@ -50,6 +49,7 @@ from mission.scenario.limits import (
 from mission.scenario.radio_maps import with_traced_map
 from mission.scenario.radios import believed, radio_of
 from mission.scenario.strategies import Strategy, make_strategy
+from native.errors import SettingError
 
 _HEARD_S = 0.1  # of hover at a stop until the aircraft knows whether it has heard a device
 _LONGEST_UPLOAD_S = 3600.0  # no aircraft hovers as long

@@ -14,7 +14,6 @@ from typing import TypeAlias
 
 import numpy as np
 
-from aerofed_errors import first_line
 from mission.base.arrays import Floats
 from mission.base.errors import InputError
 from mission.base.run_folder import RunFolder, RunSummary, write_atomically
@@ -23,6 +22,7 @@ from mission.base.user_files import read_json, read_text
 from mission.log.records import DeviceRecord, RoundRecord, UplinkRecord, flat
 from mission.log.tables import read_table
 from mission.sweep.grid import Cell, Point
+from native.errors import first_line
 
 Row: TypeAlias = dict[str, Cell]
 

@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 from pymavlink.dialects.v20 import common as mav
 
-from aerofed_errors import InputError
 from flightdyn.frames import LocalFrame
 from flightdyn.obstacles import Obstacles
 from flightdyn.outlines import flaw
 from flightdyn.state import Vector
+from native.errors import InputError
 from sitl.autopilot.codec import ranges
 from sitl.autopilot.codec.orders import MissionItem
 from sitl.autopilot.parameters import Parameters

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from difflib import get_close_matches
 from pathlib import Path
 
-from aerofed_errors import InputError
+from native.errors import InputError
 from sitl.config import VehicleConfig
 
 

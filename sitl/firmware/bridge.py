@@ -4,8 +4,8 @@ import socket
 import struct
 from abc import ABC, abstractmethod
 
-from aerofed_errors import InputError, LinkLostError
 from flightdyn.plant import Plant
+from native.errors import InputError, LinkLostError
 from sitl.firmware.native.library import Stepped, Structure
 
 # Wall time that a firmware may take for a tick. On a busy machine it takes long for one now and

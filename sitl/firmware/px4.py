@@ -15,12 +15,12 @@ import struct
 import time
 from pathlib import Path
 
-from aerofed_errors import LinkLostError
 from flightdyn.config import LimitsConfig
 from flightdyn.physics.airframe.parameters import Airframe
 from flightdyn.physics.atmosphere import altitude_m, temperature_k
 from flightdyn.plant import Plant
 from flightdyn.state import GeodeticPoint, GnssFix
+from native.errors import LinkLostError
 from sitl.autopilot.codec import units as u
 from sitl.errors import FirmwareError, FirmwareRestartedError, FirmwareSilentError
 from sitl.firmware.bridge import LOOK_S, Bridge, bound, give_up_soon

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from flights import BREEZE, HOME, PERFECT, legs, make, path_along, run, take_off
 
-from aerofed_errors import InputError
 from flightdyn.aircraft import Aircraft
 from flightdyn.config import AircraftConfig, SensorsConfig, WindConfig
 from flightdyn.errors import FaultError
@@ -14,6 +13,7 @@ from flightdyn.faults import GnssOff, MotorLoss, WindBurst
 from flightdyn.frames import yaw_of
 from flightdyn.guidance.pursuit import Target
 from flightdyn.random import RandomStreams
+from native.errors import InputError
 
 REALISTIC = SensorsConfig()
 

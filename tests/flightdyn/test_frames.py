@@ -9,7 +9,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from aerofed_errors import InputError
 from flightdyn.frames import (
     LocalFrame,
     euler_from_quaternion,
@@ -22,6 +21,7 @@ from flightdyn.frames import (
     yaw_of,
 )
 from flightdyn.state import GeodeticPoint
+from native.errors import InputError
 
 lat = st.floats(-89, 89)
 lon = st.floats(-180, 180)

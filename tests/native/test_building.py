@@ -9,8 +9,8 @@ from typing import Any
 
 import pytest
 
-from aerofed_errors import InputError
 from native import building, loading
+from native.errors import InputError
 
 
 @pytest.fixture

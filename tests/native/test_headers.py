@@ -14,11 +14,11 @@ from typing import Any
 import pytest
 from toolchains import EXERCISE, exercised
 
-from aerofed_errors import InputError
 from flightdyn.config import LimitsConfig
 from flightdyn.native.library import steering
 from flightdyn.native.ticks import FLIGHT
 from native import building, headers
+from native.errors import InputError
 
 COMMENT = re.compile(r"/\*.*?\*/", re.DOTALL)
 STRUCTURE = re.compile(r"typedef struct \{(.*?)^\} (\w+);", re.DOTALL | re.MULTILINE)

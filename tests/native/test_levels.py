@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from toolchains import compile_all, compilers, exercised, others
 
-from aerofed_errors import InputError
 from flightdyn.native.library import Innovations
 from mission.cli import call
 from native import building, loading
+from native.errors import InputError
 
 POSSIBLE = list(building.levels())[: loading.load(building.LIBRARIES[0]).best_level() + 1]
 

@@ -12,7 +12,7 @@ from patience import HANG_S
 from pymavlink.dialects.v20 import common as mav
 from sitl_desk import Desk
 
-from aerofed_errors import InputError
+from native.errors import InputError
 from sitl.autopilot.codec.wire import Seal, key_of
 from sitl.links import MOST_PEERS, UdpLink
 from sitl.pace import Simulation

@@ -16,8 +16,8 @@ from pymavlink.dialects.v20 import common as mav
 from sitl_desk import Desk
 from sitl_mavsdk import HOME, Recorder, make_vehicle, until
 
-from aerofed_errors import InputError, LinkLostError
 from flightdyn.frames import LocalFrame
+from native.errors import InputError, LinkLostError
 from sitl.autopilot.codec.orders import MissionItem
 from sitl.links import FORGET_S, RawLink, UdpLink, _packed, network_link
 from sitl.pace import Runs, Simulation

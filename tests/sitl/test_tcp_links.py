@@ -15,7 +15,7 @@ from serving import free_port
 from sitl_desk import Desk
 from sitl_mavsdk import client, make_vehicle, until
 
-from aerofed_errors import LinkLostError
+from native.errors import LinkLostError
 from sitl.autopilot.codec.wire import Seal, whole_frames
 from sitl.links import MOST_PEERS, MOST_UNREAD, TcpLink
 from sitl.pace import Simulation

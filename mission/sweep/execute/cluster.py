@@ -16,7 +16,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from aerofed_errors import first_line
 from fl.data.dataset import Dataset
 from fl.data.load import Source, bring, load, needs_files
 from mission.base.errors import InputError, LinkLostError
@@ -30,6 +29,7 @@ from mission.sweep.execute.worker import (
     execute,
     failed,
 )
+from native.errors import first_line
 
 # Not sent with the working directory, where plug-ins are found in it: no code of the user's.
 _LEFT_BEHIND = ["runs/", ".git/", ".venv/", "venv/", "__pycache__/", "*.mcap"]

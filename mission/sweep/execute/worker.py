@@ -8,7 +8,6 @@ from pathlib import Path
 
 from rich.console import Console
 
-from aerofed_errors import printable
 from fl.plugin_code import PassedObject, bring
 from mission.base.console import RunConsole
 from mission.base.errors import AerofedError, InputError
@@ -16,6 +15,7 @@ from mission.base.run_folder import RunFolder
 from mission.config.models import RunConfig
 from mission.config.preflight import code_digests
 from mission.run.resume import other_code, read_checkpoint
+from native.errors import printable
 
 # A run takes one core: batches are small, and runs side by side make better use of the others.
 ENVIRONMENT = {"OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}

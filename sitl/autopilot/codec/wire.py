@@ -12,7 +12,7 @@ from collections.abc import Callable
 
 from pymavlink.dialects.v20 import common as mav
 
-from aerofed_errors import InputError
+from native.errors import InputError
 
 _MARK, _SIGNED = 0xFD, 0x01
 _HEADER, _CHECKSUM, _SIGNATURE = 10, 2, 13  # bytes

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from pymavlink.dialects.v20 import common as mav
 
-from aerofed_errors import InputError
+from native.errors import InputError
 from sitl.autopilot.codec.orders import CommandOrder, Handlers, Outbox, Peer
 from sitl.autopilot.parameters import (
     SPECS,

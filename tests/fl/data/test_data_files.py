@@ -14,13 +14,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from aerofed_errors import InputError
 from fl.data.cifar import BATCHES
 from fl.data.dataset import Dataset
 from fl.data.files import md5
 from fl.data.idx import NAMES
 from fl.data.load import load
 from fl.errors import DataDamagedError, DataMissingError
+from native.errors import InputError
 
 
 def rng(seed: int = 0) -> np.random.Generator:

@@ -9,10 +9,10 @@ from pathlib import Path
 
 import pytest
 
-from aerofed_errors import SettingError
 from fl.data.fetch import LOCATIONS, check, fetch
 from fl.data.idx import NAMES
 from fl.errors import FetchError
+from native.errors import SettingError
 
 
 class Quiet(SimpleHTTPRequestHandler):

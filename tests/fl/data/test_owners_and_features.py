@@ -6,13 +6,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from aerofed_errors import SettingError, UsersCodeError
 from fl.data import npz
 from fl.data.arrays import CustomDataset, Samples
 from fl.data.dataset import hold_out
 from fl.data.load import load
 from fl.data.partition import by_owner
 from fl.errors import DataDamagedError
+from native.errors import SettingError, UsersCodeError
 
 
 def test_owners_stay_with_their_samples_when_some_are_held_out(tmp_path: Path) -> None:

@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from aerofed_errors import SettingError
 from fl.data.partition import by_dirichlet, by_labels, class_counts, draw_owners, iid
+from native.errors import SettingError
 
 
 def rng(seed: int = 0) -> np.random.Generator:

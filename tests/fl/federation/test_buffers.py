@@ -6,7 +6,6 @@ import torch
 from reference_net import right_per_class
 from torch import nn
 
-from aerofed_errors import UsersCodeError
 from fl.config import CommunityConfig, LearningConfig
 from fl.federation import rounds as fed
 from fl.federation.community import Federation, build_federation
@@ -15,6 +14,7 @@ from fl.plugin_code import register
 from fl.training.networks import CustomNetwork
 from fl.training.torch_module import ModuleNetwork
 from flightdyn.random import RandomStreams
+from native.errors import UsersCodeError
 
 COMMUNITY = {
     "name": "digits", "task": "digits", "devices": 3, "labels_per_device": 5,

@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 from reference_net import PlainNet, right_per_class, train_plainly
 
-from aerofed_errors import InputError, SettingError
 from fl.config import CommunityConfig, LearningConfig
 from fl.data.dataset import Split
 from fl.errors import CheckpointError, DivergedError
@@ -22,6 +21,7 @@ from fl.federation.state import FederationState, from_bytes, to_bytes
 from fl.federation.updates import begin_training
 from fl.training.networks import ConvNet
 from flightdyn.random import RandomStreams
+from native.errors import InputError, SettingError
 
 DIGITS = CommunityConfig(name="digits", task="digits", devices=4, labels_per_device=3)
 SHAPES = CommunityConfig(name="shapes", task="colour-shapes", devices=3, partition="iid")

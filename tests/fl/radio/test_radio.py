@@ -9,7 +9,6 @@ from scipy.integrate import quad
 from scipy.special import ndtr
 from scipy.stats import lognorm
 
-from aerofed_errors import SettingError
 from fl.radio.channel import (
     CHANNEL_PRESETS,
     DEFAULT_PRESET,
@@ -21,6 +20,7 @@ from fl.radio.channel import (
     los_probability,
     smooth_per,
 )
+from native.errors import SettingError
 
 DISTANCES_M = [0.0, 50.0, 100.0, 150.0, 200.0, 300.0, 400.0, 600.0]
 

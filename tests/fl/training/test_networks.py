@@ -9,11 +9,11 @@ import torch
 from reference_net import PlainNet
 from torch import nn
 
-from aerofed_errors import InputError, UsersCodeError
 from fl.config import ConvNetConfig
 from fl.data.dataset import Split
 from fl.training.local import CustomTrainer, LocalSettings, LocalTask, scaling_of
 from fl.training.networks import ConvNet, make_network
+from native.errors import InputError, UsersCodeError
 
 SHAPE = (8, 8, 1)
 ONE = LocalSettings(learning_rate=0.05, momentum=0.9, mu=0.1, batch_size=16, epochs=1)

@@ -9,12 +9,12 @@ from flights import corner_distance, cross_track, legs, path_along
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from aerofed_errors import InputError
 from flightdyn.clock import SimClock
 from flightdyn.config import LimitsConfig
 from flightdyn.guidance.path import FlightPath, Trajectory, brake_and_go, plan_path
 from flightdyn.native.ticks import FLIGHT
 from flightdyn.state import Vector
+from native.errors import InputError
 
 LIMITS = LimitsConfig()
 START = np.array([0.0, 0.0, -60.0])

@@ -13,7 +13,6 @@ from mcap_protobuf.decoder import DecoderFactory
 from pymavlink.dialects.v20 import common as mav
 from synthetic_flight import AREA, fly
 
-from aerofed_errors import InputError
 from mission.analysis.load import load_run
 from mission.figures.maps import overview
 from mission.flight.missions.geofence import fence_of
@@ -21,6 +20,7 @@ from mission.log.export import export_kml
 from mission.log.reader import read_log
 from mission.log.values import Zone
 from mission.report.page import write_report
+from native.errors import InputError
 from sitl.autopilot.codec.orders import MissionItem
 from sitl.autopilot.parameters import Parameters
 

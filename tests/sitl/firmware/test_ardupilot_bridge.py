@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from firmware_stand_ins import ArduPilotStandIn, plant
 
-from aerofed_errors import LinkLostError
+from native.errors import LinkLostError
 from sitl.config import FirmwareConfig, VehicleConfig
 from sitl.errors import FirmwareRestartedError
 from sitl.firmware.ardupilot import RATE_HZ, ArduPilotBridge

@@ -11,9 +11,9 @@ from firmware_stand_ins import Px4StandIn, plant
 from pymavlink.dialects.v20 import common as mav
 from sitl_mavsdk import HOME
 
-from aerofed_errors import InputError, LinkLostError
 from flightdyn.config import SensorsConfig
 from flightdyn.faults import GnssOff
+from native.errors import InputError, LinkLostError
 from sitl.errors import FirmwareError, FirmwareRestartedError
 from sitl.firmware.bridge import give_up_soon
 from sitl.firmware.native.library import GONE, NOTHING, ORDERED, Hil, hil_send, hil_wait

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v20 import common as mav
 from sitl_desk import Desk, of, the
 
-from aerofed_errors import InputError
+from native.errors import InputError
 from sitl.autopilot.codec.orders import Peer
 from sitl.autopilot.parameters import (
     TABLE,

@@ -5,9 +5,9 @@ from pathlib import Path
 
 import pytest
 
-from aerofed_errors import AerofedError, FlightError, InputError, LinkLostError, SettingError
 from fl.errors import DataLayoutError, DataMissingError, DivergedError, FetchError
 from mission.base.errors import LimitsNotMetError
+from native.errors import AerofedError, FlightError, InputError, LinkLostError, SettingError
 from sitl.errors import FirmwareSilentError
 
 EACH = [

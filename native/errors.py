@@ -95,7 +95,7 @@ def printable(value: object, how: Callable[[Any], str] = str, *, most: int = 500
 
 
 def one_line(value: object) -> str:
-    """As `told`, on one line."""
+    """As `printable`, on one line."""
     return " ".join(printable(value).split())
 
 
