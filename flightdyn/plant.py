@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 from flightdyn.clock import SimClock
 from flightdyn.config import AircraftConfig
 from flightdyn.faults import Fault
-from flightdyn.frames import LocalFrame, frozen
+from flightdyn.frames import LocalFrame, Triple, frozen
 from flightdyn.obstacles import Obstacles
 from flightdyn.physics.battery import Battery
 from flightdyn.physics.fault_state import FaultState
@@ -96,10 +96,11 @@ class Plant:
         self.vehicle.run()
         speed = self.vehicle.impact_mps()
         if speed > self.vehicle.airframe.impact_limit_mps:
-            self._wreck(speed, "the ground")
+            self.wreck(speed, "the ground")
         return True
 
-    def _wreck(self, speed_mps: float, hit: str) -> None:
+    def wreck(self, speed_mps: float, hit: str) -> None:
+        """Wreck the aircraft, which has struck something at a speed."""
         self.impact_mps, self.hit = speed_mps, hit
         self.vehicle.arm(False)
         self.vehicle.wreck()
@@ -110,7 +111,7 @@ class Plant:
         here = self.truth
         north, east, down = here.pos_ned_m.tolist()
         if obstacles.contain(north, east, -down):
-            self._wreck(math.dist(here.vel_ned_mps, (0.0, 0.0, 0.0)), "a building")
+            self.wreck(math.dist(here.vel_ned_mps, (0.0, 0.0, 0.0)), "a building")
 
     def _update_surroundings(self) -> None:
         """Update the gusts, and every few times battery, ground and faults."""
@@ -145,6 +146,11 @@ class Plant:
     def truth(self) -> Kinematics:
         """True position, velocity, attitude and rates of this tick."""
         return self.vehicle.kinematics(self.clock.t_ns)
+
+    @property
+    def pos_ned_m(self) -> Triple:
+        """True position of this tick alone."""
+        return self.vehicle.position_ned()
 
     @property
     def wind_ned_mps(self) -> Vector:

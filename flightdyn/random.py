@@ -8,12 +8,18 @@ import hashlib
 
 import numpy as np
 
+_WEATHER = "wind"  # the stream that turbulence is made from
+
 
 class RandomStreams:
     """Independent random streams, each a function of the root seed and a name alone."""
 
     def __init__(self, root_seed: int) -> None:
         self.root_seed = root_seed
+
+    def of_one(self, name: str) -> "RandomStreams":
+        """Streams of one of several at a place: its own, but for the weather, which all share."""
+        return _OfOne(self.seed(name), self)
 
     def sequence(self, name: str) -> np.random.SeedSequence:
         """The seed sequence of `name`; the same for the same root seed and name, always."""
@@ -28,3 +34,12 @@ class RandomStreams:
     def seed(self, name: str) -> int:
         """A 63-bit seed for libraries with generators of their own (torch, JSBSim)."""
         return int(self.sequence(name).generate_state(1, np.uint64)[0] >> np.uint64(1))
+
+
+class _OfOne(RandomStreams):
+    def __init__(self, root_seed: int, place: RandomStreams) -> None:
+        super().__init__(root_seed)
+        self._place = place
+
+    def sequence(self, name: str) -> np.random.SeedSequence:
+        return self._place.sequence(name) if name == _WEATHER else super().sequence(name)

@@ -51,6 +51,15 @@ class VehicleConfig(Table):
         "0: none"
     )  # fmt: skip
     system_id: int = Field(default=1, ge=1, le=250, description="MAVLink system of the vehicle")
+    near_m: float = Field(
+        default=3.0, ge=0, le=1e4, description="another aircraft of its world that comes nearer "
+        "is told and logged; 0: none"
+    )  # fmt: skip
+    traffic: Literal["off", "adsb", "utm"] = Field(
+        default="off",
+        description="each second it tells the other aircraft of its world: as ADSB_VEHICLE or "
+        "UTM_GLOBAL_POSITION",
+    )
     parameters: dict[str, float] = Field(
         default_factory=dict, description="autopilot parameters that differ from their defaults"
     )

@@ -3,13 +3,14 @@
 import asyncio
 import math
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import AsyncExitStack
 from typing import Literal, Self, TypeAlias
 
 from sitl.block import following
 from sitl.links import Link, RawLink
 from sitl.vehicle import Vehicle
+from sitl.world import World
 
 _STRETCH_S = 0.02  # wall time between looks at the links
 _FLAT_OUT_S = 0.05  # and where time runs as fast as it can: half of telemetry's interval
@@ -22,7 +23,7 @@ Runs: TypeAlias = Literal["moving", "always", "ordered"]
 
 
 class Simulation:
-    """Runs a vehicle in the event loop: an asynchronous context manager.
+    """Runs a vehicle, or a world of them, in the event loop: an asynchronous context manager.
 
     Simulated time stands still or runs, as `runs` says, which may change; at `speed` times real
     time (infinite: as fast as possible). Messages are exchanged in wall time throughout, so that
@@ -30,17 +31,30 @@ class Simulation:
     """
 
     def __init__(
-        self, vehicle: Vehicle, *links: Link, speed: float = math.inf, runs: Runs = "moving"
+        self,
+        flown: Vehicle | Mapping[str, tuple[Vehicle, Sequence[Link]]],
+        *links: Link,
+        speed: float = math.inf,
+        runs: Runs = "moving",
     ) -> None:
+        """`flown`: a vehicle with its `links`, or several by name, each with its own.
+
+        Raises:
+            InputError: two stand so near to each other that they touch.
+        """
         if not speed > 0:
             raise ValueError(f"speed = {speed}: must be positive")
-        self.vehicle = vehicle
-        self._links: Sequence[Link] = links
-        outside = not all(isinstance(link, RawLink) for link in links)
+        if not isinstance(flown, Mapping):
+            flown = {"vehicle": (flown, links)}
+        self.world = World({name: vehicle for name, (vehicle, _) in flown.items()})
+        self._ports = tuple(flown.values())
+        self._links = [link for _, own in self._ports for link in own]
+        self.piloted: set[Vehicle] = set()  # ordered time stands still while one does not move
+        outside = not all(isinstance(link, RawLink) for link in self._links)
         self._most_ns = _OUTSIDE_NS if outside else math.inf
         self._speed = speed
         self.runs: Runs = runs
-        self._ordered_ns = vehicle.t_ns
+        self._ordered_ns: float = self.world.t_ns
         self._wake = asyncio.Event()
         self._there = asyncio.Event()
         self._open = AsyncExitStack()
@@ -64,7 +78,7 @@ class Simulation:
         """Stop and close the links; an error of the simulation ends the block that it failed in."""
         await self._open.aclose()
 
-    async def run_to(self, t_ns: int) -> None:
+    async def run_to(self, t_ns: float) -> None:
         """Let simulated time run up to `t_ns`, with `runs` = "ordered", and stand still there.
 
         What was sent to the vehicle before the call is handled before time runs. Where this is
@@ -76,14 +90,18 @@ class Simulation:
         try:
             await self._there.wait()
         finally:
-            self._ordered_ns = self.vehicle.t_ns
+            self._ordered_ns = self.world.t_ns
 
     @property
     def _goes_on(self) -> bool:
         """Whether simulated time runs."""
         if self.runs == "ordered":
-            return self.vehicle.t_ns < self._ordered_ns
-        return self.runs == "always" or self.vehicle.moving
+            return not self._arrived and all(vehicle.moving for vehicle in self.piloted)
+        return self.runs == "always" or self.world.moving
+
+    @property
+    def _arrived(self) -> bool:
+        return self.world.t_ns >= self._ordered_ns
 
     async def _run(self) -> None:
         while True:
@@ -91,27 +109,32 @@ class Simulation:
             if self._goes_on:
                 await self._advance()
             else:
-                self._there.set()
+                if self._arrived:
+                    self._there.set()
                 await self._idle()
 
     def _exchange(self) -> None:
         """Take what has arrived and send what is due."""
-        vehicle = self.vehicle
         self._wake.clear()
         now = time.monotonic()
-        for link in self._links:
-            for datagram in link.receive():
-                vehicle.receive(datagram, now)
-            if link.newcomers():
-                vehicle.greet()
-        frames = vehicle.outgoing(now)
-        if frames:
-            for link in self._links:
-                link.send(frames)
+        for vehicle, links in self._ports:
+            for link in links:
+                for datagram in link.receive():
+                    vehicle.receive(datagram, now)
+                if link.newcomers():
+                    vehicle.greet()
+            frames = vehicle.outgoing(now)
+            if frames:
+                for link in links:
+                    link.send(frames)
+
+    def _due(self) -> float:
+        """The wall time at which somebody has something to say at the latest."""
+        return min(vehicle.due() for vehicle, _ in self._ports)
 
     async def _idle(self) -> None:
         """Wait for a message or for the next telemetry."""
-        timeout = self.vehicle.due() - time.monotonic()
+        timeout = self._due() - time.monotonic()
         if timeout <= 0:
             await asyncio.sleep(0)
             return
@@ -129,23 +152,25 @@ class Simulation:
             await asyncio.sleep(_BREATH_S if self._goes_on else 0.0)
         else:
             # No more than until telemetry is due. A machine that falls behind does not rush later.
-            sim_s = self._run_for(min(_STRETCH_S, self.vehicle.due() - began) * self._speed)
+            sim_s = self._run_for(min(_STRETCH_S, self._due() - began) * self._speed)
             self._on_time = max(self._on_time, began - _STRETCH_S) + sim_s / self._speed
             await asyncio.sleep(max(0.0, self._on_time - time.monotonic()))
 
     def _run_until(self, wall_s: float) -> None:
         """Run as fast as possible up to a wall time, or as far as time goes on."""
-        vehicle, now, free = self.vehicle, time.monotonic, self.runs != "moving"
+        world, now = self.world, time.monotonic
         ordered_ns = self._ordered_ns if self.runs == "ordered" else math.inf
-        until_ns = min(vehicle.t_ns + self._most_ns, ordered_ns)
-        while (vehicle.stride(ordered_ns) or free) and now() < wall_s and vehicle.t_ns < until_ns:
-            pass
+        until_ns = min(world.t_ns + self._most_ns, ordered_ns)
+        world.stride(ordered_ns)
+        while self._goes_on and now() < wall_s and world.t_ns < until_ns:
+            world.stride(ordered_ns)
 
     def _run_for(self, sim_s: float) -> float:
         """Run about `sim_s`, less if the manoeuvre ends; return the simulated seconds run."""
-        vehicle = self.vehicle
-        before_ns = vehicle.t_ns
+        world = self.world
+        before_ns = world.t_ns
         until_ns = before_ns + sim_s * 1e9
-        while (vehicle.step() or self.runs != "moving") and vehicle.t_ns < until_ns:
-            pass
-        return (vehicle.t_ns - before_ns) * 1e-9
+        world.step()
+        while self._goes_on and world.t_ns < until_ns:
+            world.step()
+        return (world.t_ns - before_ns) * 1e-9

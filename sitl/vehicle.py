@@ -12,6 +12,7 @@ from flightdyn.state import GeodeticPoint, GnssFix
 from native.errors import InputError
 from sitl.autopilot.autopilot import Autopilot
 from sitl.autopilot.codec.orders import OrderObserver
+from sitl.autopilot.codec.traffic import TRAFFIC, Transponder
 from sitl.autopilot.parameters import Parameters, parameters_of
 from sitl.config import VehicleConfig
 from sitl.logfolder import LogFolder
@@ -72,6 +73,7 @@ class Vehicle:
             in_step=in_step,
         )
         self._observers = list(observers)
+        self.near_m, self.traffic = config.near_m, config.traffic
         self._boot(aircraft or self._new_aircraft(), parameters_of(config))
 
     def _new_aircraft(self) -> Aircraft:
@@ -169,6 +171,24 @@ class Vehicle:
         self._boot(self._new_aircraft(), old.parameters)
         self.autopilot.transfer.restore(old.transfer.lists)
         self.autopilot.greet()
+
+    def told(self, text: str, severity: int) -> None:
+        """Say something to ground stations and observers."""
+        self.autopilot.say(text, severity)
+
+    def transponder(self, name: str) -> Transponder:
+        """What it tells others of itself, by its own belief, under that name."""
+        aircraft, belief = self.aircraft, self.aircraft.belief
+        return Transponder(
+            name, self._config.system_id, self.autopilot.time_us,
+            aircraft.frame.to_geodetic(belief.pos_ned_m), -float(belief.pos_ned_m[2]),
+            belief.vel_ned_mps, not aircraft.on_ground,
+        )  # fmt: skip
+
+    def overhear(self, said: Transponder) -> None:
+        """Pass on to ground stations what another's transponder says, if that is asked for."""
+        if self.traffic != "off":
+            self.autopilot.pass_on(TRAFFIC[self.traffic](said))
 
     def due(self) -> float:
         """The wall time at which `outgoing` has something to say at the latest."""

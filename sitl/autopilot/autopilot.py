@@ -176,6 +176,19 @@ class Autopilot:
         """The flight mode."""
         return self.flight.mode
 
+    @property
+    def time_us(self) -> int:
+        """The date, since 1970."""
+        return (self._booted_ns + self._aircraft.t_ns) // 1000
+
+    def say(self, text: str, severity: int) -> None:
+        """Send a status text, and tell observers."""
+        self._report.say(text, severity)
+
+    def pass_on(self, message: mav.MAVLink_message) -> None:
+        """Send a message of somebody else's with the next `poll`."""
+        self._outbox.append(message)
+
     def receive(self, datagram: bytes, now: float) -> None:
         """Handle the messages of a datagram that arrived at the wall time `now` (s)."""
         self._cockpit.now = self._aircraft.t_ns * 1e-9 if self._in_step else now

@@ -19,6 +19,7 @@ class Airframe:
     motor_full_voltage_v: float = 16.8  # JSBSim's maxvolts
     idle_collective: float = 0.03  # motors turning, no lift to speak of
     reach_m: float = 0.327  # farthest part that touches the ground, from the centre of gravity
+    hull_m: float = 0.25 + 0.254 / 2  # to a rotor's tip
     # Across the thrust, see `airspeed`; from steady flights.
     drag: tuple[float, float, float] = (0.112, 0.0031, 0.00023)
     impact_limit_mps: float = 4.0  # the legs break where the ground is met faster than that

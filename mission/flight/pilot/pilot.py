@@ -228,16 +228,22 @@ class Pilot:
             )
 
     async def fly_plan(
-        self, plan: PlanFile, *, returns: bool, begins: Callable[[], None] = lambda: None
+        self,
+        plan: PlanFile,
+        *,
+        returns: bool,
+        begins: Callable[[], None] = lambda: None,
+        starts: Callable[[], Awaitable[None]] = at_once,
     ) -> None:
         """Fly a plan file from the ground to the ground; one that does not return is brought home.
 
-        `begins` is called when the vehicle is ready for it.
+        `begins` is called when the vehicle is ready for it, `starts` awaited before it is armed.
         """
         await self.ready()
         await self.upload_surroundings(plan)
         begins()
         await self.upload_items(plan.items)
+        await starts()
         await self.arm()
         await self.carry_out()
         if returns:

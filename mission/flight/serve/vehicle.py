@@ -154,7 +154,7 @@ def _served(
     """The vehicle number `i`, from 0."""
     streams = RandomStreams(config.seed)
     if i > 0:
-        streams = RandomStreams(streams.seed(f"vehicle/{i}"))
+        streams = streams.of_one(f"vehicle/{i}")
     area = config.area.build()
     if i > 0:
         area = area.site.from_home((area.home_m[0] + i * _APART_M, area.home_m[1]))
