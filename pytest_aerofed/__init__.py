@@ -10,7 +10,7 @@ A package of its own, so that pytest loads this file and nothing else where no t
 
 import inspect
 import sys
-from collections.abc import Callable, Generator, Iterable, Iterator
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 if TYPE_CHECKING:
+    from mission.api.fleet import Fleet
     from mission.api.simulated_vehicle import SimulatedVehicle
 
 _MARKER = "aerofed(overrides, **options): what aerofed.vehicle takes, for `vehicle` and `vehicles`"
@@ -32,17 +33,15 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 @pytest.fixture
-def vehicle(vehicles: "Callable[..., list[SimulatedVehicle]]") -> "SimulatedVehicle":
+def vehicle(vehicles: "Callable[..., Fleet]") -> "SimulatedVehicle":
     """A vehicle of this test's own, on the ground, as @pytest.mark.aerofed(wind_mps=6) has it."""
     (one,) = vehicles(1)
     return one
 
 
 @pytest.fixture
-def vehicles(
-    request: pytest.FixtureRequest, tmp_path: Path
-) -> "Iterator[Callable[..., list[SimulatedVehicle]]]":
-    """`vehicles(3, wind_mps=6)`: several, side by side, with the marker's options and these; the
+def vehicles(request: pytest.FixtureRequest, tmp_path: Path) -> "Iterator[Callable[..., Fleet]]":
+    """`vehicles(3, wind_mps=6)`: several in one world, with the marker's options and these; the
     test is skipped where they name a firmware that is not there."""
     import aerofed
     from mission.api.vehicles import NoFirmwareError
@@ -51,7 +50,7 @@ def vehicles(
     request.node.stash[_LOGS] = logs = tmp_path / "flights"
     with ExitStack() as opened:
 
-        def made(count: int, **options: Any) -> "list[SimulatedVehicle]":
+        def made(count: "int | Sequence[str]", **options: Any) -> "Fleet":
             first, marked = ((), {}) if marker is None else (marker.args, dict(marker.kwargs))
             keys = *first, marked.pop("overrides", None), options.pop("overrides", None)
             given = {"logs": logs, **marked, **options}
@@ -83,14 +82,14 @@ def _check(keys: Iterable[object], options: Iterable[str]) -> None:
 
 
 @pytest.fixture
-def px4(vehicles: "Callable[..., list[SimulatedVehicle]]") -> "SimulatedVehicle":
+def px4(vehicles: "Callable[..., Fleet]") -> "SimulatedVehicle":
     """As `vehicle`, flown by the PX4 that AEROFED_PX4 names; without one the test is skipped."""
     (one,) = vehicles(1, firmware="px4")
     return one
 
 
 @pytest.fixture
-def arducopter(vehicles: "Callable[..., list[SimulatedVehicle]]") -> "SimulatedVehicle":
+def arducopter(vehicles: "Callable[..., Fleet]") -> "SimulatedVehicle":
     """As `vehicle`, flown by the ArduCopter that AEROFED_ARDUCOPTER names; else skipped."""
     (one,) = vehicles(1, firmware="arducopter")
     return one

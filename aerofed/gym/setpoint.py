@@ -99,7 +99,7 @@ class SetpointEnv(gymnasium.Env[Array, Array]):
         far_m, height_m = share * self._far_m, self.np_random.uniform(*_HEIGHTS_M)
         self._place_m = np.array([far_m * math.cos(way), far_m * math.sin(way), height_m])
         given = self._config.model_copy(update={"seed": int(self.np_random.integers(2**31))})
-        (served,) = make_vehicles(given, count=1, udp=(), logs=None, in_step=True)
+        (served,) = make_vehicles(given, udp=(), logs=None, in_step=True)
         self._vehicle, alt_msl_m = served.vehicle, served.area.home.alt_msl_m + _HEIGHT_M
         self._fly(lambda: not self._vehicle.moving)
         self._order(mav.MAV_CMD_COMPONENT_ARM_DISARM, 1.0)

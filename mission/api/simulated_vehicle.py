@@ -1,15 +1,12 @@
-"""The vehicle of `aerofed.vehicle`: a thread in which simulated time passes as its user says."""
+"""The vehicle of `aerofed.vehicle`: simulated time passes in it as its user says."""
 
-import asyncio
 import math
-import os
-import threading
-from collections.abc import AsyncIterator, Callable, Coroutine
+from collections.abc import AsyncIterator, Callable
 from contextlib import ExitStack, asynccontextmanager, closing
 from dataclasses import replace
 from numbers import Real
 from pathlib import Path
-from typing import Any, Self, TypeVar
+from typing import Any, Self
 
 import pandas as pd
 
@@ -17,6 +14,7 @@ from flightdyn.state import GeodeticPoint
 from mission.api.comparing import compare
 from mission.api.comparison import Comparison
 from mission.api.configuring import as_path
+from mission.api.life import Life
 from mission.base.arrays import Floats
 from mission.base.errors import AerofedError, InputError
 from mission.flight.missions.plan_check import PlannedPath, placed, planned_path
@@ -24,8 +22,6 @@ from mission.flight.missions.plan_file import PlanFile, read_plan_file
 from mission.flight.pilot.connection import connect
 from mission.flight.serve.hosted_firmware import FirmwareHost
 from mission.flight.serve.hosts import LOOK_S, BuiltIn, State, enu, pymavlink_client
-
-T = TypeVar("T")
 
 
 class NotInTimeError(AerofedError, TimeoutError):
@@ -41,10 +37,9 @@ class SimulatedVehicle:
     before it. Positions are metres: x east and y north of home, height above home.
     """
 
-    def __init__(self, host: BuiltIn | FirmwareHost) -> None:
-        self._host = host
+    def __init__(self, host: BuiltIn | FirmwareHost, life: Life) -> None:
+        self._host, self._life = host, life
         self._clients = ExitStack()
-        self._pid = 0  # of the process that opened it
 
     def __enter__(self) -> Self:
         """Open the links.
@@ -53,19 +48,7 @@ class SimulatedVehicle:
             LinkLostError: one cannot be opened.
             InputError: it was opened before.
         """
-        if self._pid:
-            raise InputError("a vehicle is opened once; aerofed.vehicle() makes another")
-        self._pid = os.getpid()
-        self._loop = asyncio.new_event_loop()
-        opened, self._ended = self._loop.create_future(), asyncio.Event()
-        self._life = self._loop.create_task(self._live(opened))
-        self._thread = threading.Thread(target=self._loop.run_forever, name="vehicle", daemon=True)
-        self._thread.start()
-        try:
-            self._do(lambda: _result(opened))
-        except BaseException:
-            self._close(cancel=True)
-            raise
+        self._life.open()
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -74,99 +57,31 @@ class SimulatedVehicle:
         Raises:
             FlightError: the aircraft had left the range of its physics.
         """
-        if os.getpid() != self._pid or self._loop.is_closed():
-            return
-        self._clients.close()
-        try:
-            self._close()
-        finally:
-            if self._host.logs is not None:
-                self._host.logs.close()
-
-    def _close(self, *, cancel: bool = False) -> None:
-        """Let the vehicle's life come to its end, or cancel it, and with it its thread."""
-
-        async def end() -> None:
-            self._ended.set()
-            if cancel:
-                self._life.cancel()
-                await asyncio.wait((self._life,))
-            else:
-                await self._life
-
-        try:
-            self._in_thread(end())
-        finally:
-            self._loop.call_soon_threadsafe(self._loop.stop)
-            self._thread.join()
-            self._loop.close()
-
-    async def _live(self, opened: "asyncio.Future[None]") -> None:
-        async with self._host.alive():
-            opened.set_result(None)
-            await self._ended.wait()
-
-    def _in_thread(self, work: Coroutine[Any, Any, T]) -> T:
-        """Do `work` in the vehicle's thread; an interruption cancels it, and waits for its end."""
-        ended, tasks = threading.Event(), list[asyncio.Task[T]]()
-
-        def begin() -> None:
-            tasks.append(self._loop.create_task(work))
-            tasks[0].add_done_callback(lambda _: ended.set())
-
-        self._loop.call_soon_threadsafe(begin)
-        try:
-            ended.wait()
-        except BaseException:
-            self._loop.call_soon_threadsafe(lambda: tasks[0].cancel())
-            ended.wait()
-            raise
-        return tasks[0].result()
-
-    def _check_open(self) -> None:
-        if not self._pid or self._loop.is_closed():
-            raise InputError(
-                "the vehicle is not open: it is used inside `with aerofed.vehicle() as vehicle:`"
-            )
-        if os.getpid() != self._pid:
-            raise InputError(
-                "the vehicle is in the process from which this one was forked; open one here"
-            )
-
-    def _do(self, work: Callable[[], Coroutine[Any, Any, T]]) -> T:
-        """Do `work` in the vehicle's thread, while it lives."""
-
-        async def beside_life() -> T:
-            task = asyncio.ensure_future(work())
+        if self._life.here:
+            self.let_go()
             try:
-                await asyncio.wait((task, self._life), return_when=asyncio.FIRST_COMPLETED)
+                self._life.close()
             finally:
-                task.cancel()
-                await asyncio.wait((task,))
-            if task.cancelled():
-                self._life.result()
-            return task.result()
+                self.complete()
 
-        self._check_open()
-        return self._in_thread(beside_life())
+    def let_go(self) -> None:
+        """Close its clients."""
+        self._clients.close()
 
-    def _look(self, at: Callable[[], T]) -> T:
-        """Read something of the vehicle between two steps of its physics."""
-
-        async def look() -> T:
-            return at()
-
-        return self._do(look)
+    def complete(self) -> None:
+        """Complete the log."""
+        if self._host.logs is not None:
+            self._host.logs.close()
 
     @property
     def url(self) -> str:
         """URL for MAVSDK; pymavlink takes `udpout:` in place of `udpout://`."""
-        self._check_open()
+        self._life.check_open()
         return f"udpout://127.0.0.1:{self._host.port.port}"
 
     @property
     def _state(self) -> State:
-        return self._look(lambda: self._host.state)
+        return self._life.look(lambda: self._host.state)
 
     @property
     def t_s(self) -> float:
@@ -211,13 +126,13 @@ class SimulatedVehicle:
             InputError: it is no time, or time passes by itself here.
             FlightError: the aircraft left the range of its physics.
         """
-        if not _is_time(seconds) or not seconds:
+        if not is_time(seconds) or not seconds:
             raise InputError(
                 f"step({seconds!r}): simulated seconds, more than 0, less than a million"
             )
         if self._host.runs != "ordered":
             raise InputError("step: time passes by itself here; it waits with pace='steps' only")
-        self._do(lambda: self._host.run_for(float(seconds)))
+        self._life.do(lambda: self._host.run_for(float(seconds)))
 
     def until(self, met: Callable[[Self], object], *, timeout_s: float = 60.0) -> None:
         """Let simulated time pass until `met(vehicle)` is true; it is asked each 0.1 s.
@@ -227,7 +142,7 @@ class SimulatedVehicle:
             InputError: `met` is no function, or `timeout_s` no time.
             FlightError: the aircraft left the range of its physics.
         """
-        if not callable(met) or not _is_time(timeout_s):
+        if not callable(met) or not is_time(timeout_s):
             raise InputError(
                 f"until({met!r}, timeout_s={timeout_s!r}): a function of the vehicle, and "
                 "simulated seconds, less than a million"
@@ -251,6 +166,15 @@ class SimulatedVehicle:
             InputError: the plan holds what may not be flown here, or the vehicle is armed.
             FlightError: the vehicle refuses it, leaves it, or is lost.
         """
+        order = self.order(plan)
+        self._life.do(lambda: self._host.fly(*order))
+
+    def order(self, plan: Path | str) -> tuple[PlanFile, PlannedPath]:
+        """The plan file, checked and placed at home, and its path.
+
+        Raises:
+            InputError: as `fly`.
+        """
         file = read_plan_file(as_path(plan, "plan"))
         if self.armed:
             raise InputError(f"fly({file.path}): the vehicle is armed; a plan begins on the ground")
@@ -263,14 +187,13 @@ class SimulatedVehicle:
             )
 
         try:
-            order = begun_at(home)
+            return begun_at(home)
         except InputError as error:
             if file.home is None or file.home == home or math.isnan(file.home.alt_msl_m):
                 raise
             begun_at(file.home)  # raises what would be wrong there, too
             begin = f"aerofed.vehicle(home={str(file.path)!r}) stands at the plan's own home"
             raise error.in_words(f"{error}; {begin}") from None
-        self._do(lambda: host.fly(*order))
 
     def mavlink(self) -> Any:
         """Open a pymavlink connection that has heard the vehicle; it closes with the vehicle.
@@ -278,7 +201,7 @@ class SimulatedVehicle:
         Raises:
             LinkLostError: it does not answer.
         """
-        self._check_open()
+        self._life.check_open()
         return self._clients.enter_context(closing(pymavlink_client(self.url)))
 
     @asynccontextmanager
@@ -288,14 +211,14 @@ class SimulatedVehicle:
         Raises:
             LinkLostError: the vehicle does not answer.
         """
-        self._check_open()
+        self._life.check_open()
         async with connect(self.url) as pilot:
             yield pilot.system
 
     def truth(self) -> pd.DataFrame:
         """True positions so far: `t_s`, `x_m`, `y_m`, `height_m`; ten rows a simulated second,
         under a firmware one at each position that it tells."""
-        rows = self._look(lambda: list(self._host.track.rows))
+        rows = self._life.look(lambda: list(self._host.track.rows))
         return pd.DataFrame(rows, columns=["t_s", "x_m", "y_m", "height_m"], dtype=float)
 
     def compare(self, plan: Path | str | None = None) -> Comparison:
@@ -323,10 +246,6 @@ class SimulatedVehicle:
         return logs[-1]
 
 
-def _is_time(seconds: Any) -> bool:
+def is_time(seconds: Any) -> bool:
     number = isinstance(seconds, Real) and not isinstance(seconds, bool)
     return number and bool(0 <= seconds < 1e6)
-
-
-async def _result(future: "asyncio.Future[T]") -> T:
-    return await future

@@ -2,8 +2,7 @@
 
 import math
 import os
-from collections.abc import Mapping
-from contextlib import AbstractContextManager, ExitStack
+from collections.abc import Mapping, Sequence
 from numbers import Integral, Real
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias
@@ -16,6 +15,7 @@ from mission.flight.serve import PX4_HOME
 from sitl.config import BINARIES
 
 if TYPE_CHECKING:
+    from mission.api.fleet import Fleet
     from mission.api.simulated_vehicle import SimulatedVehicle
     from mission.config.models import RunConfig
     from sitl.pace import Runs
@@ -66,16 +66,17 @@ def vehicle(
         LinkLostError: no port can be had.
     """
     (one,) = _made(
-        1, overrides, source=source, wind_mps=wind_mps, seed=seed, home=home, firmware=firmware,
+        1, overrides, {}, source=source, wind_mps=wind_mps, seed=seed, home=home, firmware=firmware,
         pace=pace, logs=logs,
     )  # fmt: skip
     return one
 
 
 def vehicles(
-    count: int,
+    count: int | Sequence[str],
     overrides: Mapping[str, object] | None = None,
     *,
+    each: Mapping[str, Mapping[str, object]] | None = None,
     source: "Source | None" = None,
     wind_mps: float | None = None,
     seed: int | None = None,
@@ -83,70 +84,84 @@ def vehicles(
     firmware: "Firmware | None" = None,
     pace: Pace = "steps",
     logs: Path | str | None = None,
-) -> "AbstractContextManager[list[SimulatedVehicle]]":
-    """Several vehicles side by side, 5 m apart towards the east, with system ids 1, 2, ...
+) -> "Fleet":
+    """Several vehicles in one world: one clock, one wind, one ground, and they can collide.
 
-    Each has a time of its own; arguments and errors are those of `vehicle`. A firmware flies one.
+    with aerofed.vehicles(3) as fleet:
+        fleet.fly(["a.plan", "b.plan", "c.plan"])
+        assert fleet.separation().least_m.min() > 5
+
+    They stand 5 m apart towards the east and have system ids 1, 2, ... A firmware flies one. Other
+    arguments and errors are those of `vehicle`.
+
+    Args:
+        count: how many, called vehicle-1, vehicle-2, ...; or their names.
+        overrides: as of `vehicle`, for all.
+        each: overrides of single ones by name, such as faults, or a home of its own:
+            {"vehicle-2": {"vehicle.aircraft.battery.initial": 0.3, "area.home_m": [460, 400]}}.
     """
-    made = _made(
-        count, overrides, source=source, wind_mps=wind_mps, seed=seed, home=home,
+    return _made(
+        count, overrides, each or {}, source=source, wind_mps=wind_mps, seed=seed, home=home,
         firmware=firmware, pace=pace, logs=logs,
     )  # fmt: skip
-    return _Opened(made)
-
-
-class _Opened:
-    """Opens vehicles, which can be done once, and closes them."""
-
-    def __init__(self, vehicles: "list[SimulatedVehicle]") -> None:
-        self._vehicles, self._closing = vehicles, ExitStack()
-
-    def __enter__(self) -> "list[SimulatedVehicle]":
-        with ExitStack() as opened:
-            for each in self._vehicles:
-                opened.enter_context(each)
-            self._closing = opened.pop_all()
-        return self._vehicles
-
-    def __exit__(self, *raised: Any) -> bool | None:
-        return self._closing.__exit__(*raised)
 
 
 def _made(
-    count: int,
+    count: int | Sequence[str],
     overrides: Mapping[str, object] | None,
+    each: Mapping[str, Mapping[str, object]],
     *,
     pace: Pace,
     logs: Path | str | None,
     **described: Any,
-) -> "list[SimulatedVehicle]":
+) -> "Fleet":
     """Vehicles that are not open yet; `described` goes to `vehicle_config`."""
     paced = isinstance(pace, Real) and 0.0 < pace <= 1000.0
     if not paced and not (isinstance(pace, str) and pace in ("steps", "moving")):
         raise InputError(
             f"pace = {pace!r}: 'steps', 'moving', or times real time: more than 0, at most 1000"
         )
-    if not isinstance(count, Integral):
-        raise InputError(f"count = {count!r}: must be a whole number of vehicles")
+    named = isinstance(count, Sequence) and not isinstance(count, str)
+    if not named and not isinstance(count, Integral):
+        raise InputError(f"count = {count!r}: must be a whole number of vehicles, or their names")
+    if not isinstance(each, Mapping):
+        raise InputError(f"each = {each!r}: must be a dictionary of overrides by vehicle's name")
     resolved = vehicle_config(overrides, **described)
+    own = {
+        name: vehicle_config({**(overrides or {}), **checked_keys(name, keys)}, **described)
+        for name, keys in each.items()
+    }
     # Only now, so that wrong input is answered at once.
-    from mission.api.simulated_vehicle import SimulatedVehicle
+    from mission.api.fleet import Fleet
+    from mission.api.life import Life
     from mission.flight.serve.hosted_firmware import FirmwareHost
-    from mission.flight.serve.hosts import BuiltIn
-    from mission.flight.serve.vehicle import make_vehicles
+    from mission.flight.serve.hosts import BuiltInWorld
+    from mission.flight.serve.vehicle import make_vehicles, names_of
 
     folder = None if logs is None else as_path(logs, "logs")
     speed = float(pace) if paced else math.inf
     runs: Runs = "ordered" if pace == "steps" else "moving" if pace == "moving" else "always"
-    hosts: list[BuiltIn] | list[FirmwareHost]
     if resolved.vehicle.autopilot == "built-in":
-        made = make_vehicles(resolved, count=count, udp=(), logs=folder, in_step=pace == "steps")
-        hosts = [BuiltIn(served, speed=speed, runs=runs) for served in made]
-    elif count == 1:
-        hosts = [FirmwareHost(resolved, logs=folder, speed=speed, runs=runs)]
-    else:
-        raise InputError(f"count = {count}: a firmware flies one vehicle")
-    return [SimulatedVehicle(host) for host in hosts]
+        made = make_vehicles(
+            resolved, count=count, each=own, udp=(), logs=folder, in_step=pace == "steps"
+        )
+        world = BuiltInWorld(made, speed=speed, runs=runs)
+        return Fleet(world.hosts, Life(world.alive), world)
+    names = names_of(count)
+    if len(names) > 1:
+        raise InputError(f"count = {len(names)}: a firmware flies one vehicle")
+    host = FirmwareHost(own.get(names[0], resolved), logs=folder, speed=speed, runs=runs)
+    return Fleet([host], Life(host.alive), None)
+
+
+def checked_keys(name: str, keys: object) -> Mapping[str, object]:
+    """The overrides of one vehicle; InputError where they are none."""
+    if not isinstance(keys, Mapping):
+        raise InputError(
+            f"each[{name!r}] = {keys!r}: must be a dictionary, such as "
+            "{'vehicle.aircraft.battery.initial': 0.3}"
+        )
+    return keys
 
 
 def _firmware_keys(firmware: Firmware) -> dict[str, object]:

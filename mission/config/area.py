@@ -134,6 +134,11 @@ class AreaConfig(Table):
         return joined(self.fence_m, self.fences or (), self.home_m)
 
     @property
+    def home(self) -> GeodeticPoint:
+        """Home on the globe."""
+        return GeodeticPoint(self.home_lat_deg, self.home_lon_deg, self.home_alt_msl_m)
+
+    @property
     def zones(self) -> tuple[NoFlyConfig, ...]:
         """What must not be flown: the areas that are said to be so, and the buildings."""
         return *self.no_fly, *(
@@ -149,7 +154,7 @@ class AreaConfig(Table):
     def build(self, heights_m: tuple[float, float] | None = None) -> Area:
         """Make the area with its local frame, and the airspace that is free at all heights above
         home between the two (m); None: nothing is flown, so all is free."""
-        home = GeodeticPoint(self.home_lat_deg, self.home_lon_deg, self.home_alt_msl_m)
+        home = self.home
         buildings = tuple(Building.of(**dict(one)) for one in self.buildings)
         if heights_m is None:
             return Area.at(self.size_m, self.home_m, home, buildings=buildings)

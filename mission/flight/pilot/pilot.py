@@ -233,7 +233,7 @@ class Pilot:
         *,
         returns: bool,
         begins: Callable[[], None] = lambda: None,
-        starts: Callable[[], Awaitable[None]] = at_once,
+        starts: Callable[[], Awaitable[object]] | None = None,
     ) -> None:
         """Fly a plan file from the ground to the ground; one that does not return is brought home.
 
@@ -243,7 +243,8 @@ class Pilot:
         await self.upload_surroundings(plan)
         begins()
         await self.upload_items(plan.items)
-        await starts()
+        if starts is not None:
+            await starts()
         await self.arm()
         await self.carry_out()
         if returns:

@@ -19,6 +19,7 @@ from mission.flight.missions.plan_file import PlanFile
 from mission.flight.missions.round_mission import Demand
 from mission.flight.serve.flight_logs import FlightLogs
 from mission.flight.serve.hosts import Host, State
+from mission.flight.serve.vehicle import FIRST
 from mission.scenario.limits import guidance_of
 from sitl.autopilot.parameters import parameters_of
 from sitl.pace import Runs
@@ -44,7 +45,7 @@ class FirmwareHost(Host):
             )
         area, ordered = config.area.build(), runs == "ordered"
         recorder = None if logs is None else FlightLogs(logs, area=area)
-        super().__init__(area, guidance_of(config.vehicle), recorder, runs)
+        super().__init__(FIRST, area, guidance_of(config.vehicle), recorder, runs)
         link = config.link.model_copy(update={"speed": "max" if ordered else speed})
         config = config.model_copy(update={"link": link})
         self.parameters = parameters_of(config.vehicle)  # of the built-in one

@@ -1,7 +1,8 @@
 """Hosts: vehicles that run in an event loop, each with its way to let simulated time pass."""
 
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Awaitable, Callable, Mapping, Sequence
 from contextlib import asynccontextmanager
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -11,12 +12,13 @@ from flightdyn.config import LimitsConfig
 from flightdyn.state import Kinematics
 from mission.base.area import Area
 from mission.base.arrays import Floats
-from mission.base.errors import LinkLostError
+from mission.base.errors import AerofedError, LinkLostError
 from mission.flight.ground_stations import station_links
 from mission.flight.missions.plan_check import PlannedPath
 from mission.flight.missions.plan_file import PlanFile
 from mission.flight.pilot.connection import connect
 from mission.flight.serve.flight_logs import FlightLogs
+from mission.flight.serve.together import Sortie, fly_together, start_up
 from mission.flight.serve.vehicle import Served
 from sitl.autopilot.parameters import Parameters
 from sitl.links import Link, RawLink, UdpLink
@@ -37,59 +39,94 @@ class State(NamedTuple):
 
 
 class Host:
-    """What hosts share: a link for clients, a log and a track. Each has `alive`, `state`,
-    `parameters` (by which paths are planned), `run_for` and `fly`."""
+    """What hosts share: a link for clients, a log and a track. Each has `state`, `parameters` (by
+    which paths are planned), `run_for` and `fly`."""
 
     def __init__(
-        self, area: Area, guidance: LimitsConfig, logs: FlightLogs | None, runs: Runs
+        self, name: str, area: Area, guidance: LimitsConfig, logs: FlightLogs | None, runs: Runs
     ) -> None:
         """Home is the area's; paths are planned with `guidance`."""
+        self.name = name
         self.area, self.guidance, self.logs, self.runs = area, guidance, logs, runs
         self.port = UdpLink("udpin://127.0.0.1:0")
         self.track = Track()
 
 
 class BuiltIn(Host):
-    """Host of the built-in autopilot."""
+    """Host of the built-in autopilot of one vehicle of a world."""
 
-    def __init__(self, served: Served, *, speed: float, runs: Runs) -> None:
-        super().__init__(served.area, served.guidance, served.logs, runs)
-        self._vehicle, self._raw = served.vehicle, RawLink()
-        links: list[Link] = [self._raw, self.port, *station_links(served.link, served.urls)]
-        self._simulation = Simulation(served.vehicle, *links, speed=speed, runs=runs)
-        served.vehicle.add_observer(self.track)
-
-    @asynccontextmanager
-    async def alive(self) -> AsyncIterator[None]:
-        """Context manager: the vehicle runs inside; ordered time first runs until it is started."""
-        async with self._simulation:
-            while self.runs == "ordered" and self._vehicle.moving:
-                await self.run_for(LOOK_S)  # it starts up
-            yield
+    def __init__(self, served: Served, world: "BuiltInWorld", *, runs: Runs) -> None:
+        super().__init__(served.name, served.area, served.guidance, served.logs, runs)
+        self.vehicle, self._world = served.vehicle, world
+        self._raw = RawLink()
+        self.links: list[Link] = [self._raw, self.port, *station_links(served.link, served.urls)]
+        self.vehicle.add_observer(self.track)
 
     @property
     def state(self) -> State:
         """The vehicle's present state."""
-        aircraft, mode = self._vehicle.aircraft, self._vehicle.autopilot.mode.name
+        aircraft, mode = self.vehicle.aircraft, self.vehicle.autopilot.mode.name
         return State(aircraft.truth, mode, aircraft.armed, aircraft.battery.remaining)
 
     @property
     def parameters(self) -> Parameters:
         """The autopilot's parameters."""
-        return self._vehicle.autopilot.parameters
+        return self.vehicle.autopilot.parameters
 
     async def run_for(self, seconds: float) -> None:
-        """Let simulated time pass; messages sent before are processed first."""
-        await self._simulation.run_to(self._vehicle.t_ns + round(seconds * 1e9))
+        """Let simulated time of the world pass; messages sent before are processed first."""
+        await self._world.run_for(seconds)
 
     async def fly(self, plan: PlanFile, path: PlannedPath) -> None:
         """Carry out a plan that lies around home, from the ground to the ground."""
-        self._simulation.runs = "moving"
-        try:
+        errors = await self._world.fly({self.name: (plan, path)})
+        if errors:
+            raise errors[self.name]
+
+    def sortie(self, plan: PlanFile, path: PlannedPath, *, after_s: float = 0.0) -> Sortie:
+        """The flight of such a plan, to be flown with others."""
+
+        async def fly(starts: Callable[[], Awaitable[object]]) -> None:
             async with connect(self._raw) as pilot:
-                await pilot.fly_plan(plan, returns=path.returns)
-        finally:
-            self._simulation.runs = self.runs
+                await pilot.fly_plan(plan, returns=path.returns, starts=starts)
+
+        return Sortie(self.name, self.vehicle, fly, after_s)
+
+
+class BuiltInWorld:
+    """Vehicles of one world, each under the built-in autopilot."""
+
+    def __init__(self, served: Sequence[Served], *, speed: float, runs: Runs) -> None:
+        self.runs = runs
+        self.hosts = [BuiltIn(each, self, runs=runs) for each in served]
+        wired = {host.name: (host.vehicle, host.links) for host in self.hosts}
+        self._simulation = Simulation(wired, speed=speed, runs=runs)
+        self.world = self._simulation.world
+
+    @asynccontextmanager
+    async def alive(self) -> AsyncIterator[None]:
+        """Context manager: the world runs inside; ordered time first runs until all started."""
+        async with self._simulation:
+            if self.runs == "ordered":
+                await start_up(self._simulation, [host.vehicle for host in self.hosts])
+            yield
+
+    async def run_for(self, seconds: float) -> None:
+        """Let simulated time pass; messages sent before are processed first."""
+        await self._simulation.run_to(self.world.t_ns + round(seconds * 1e9))
+
+    async def fly(
+        self,
+        orders: Mapping[str, tuple[PlanFile, PlannedPath]],
+        after_s: Mapping[str, float] = MappingProxyType({}),
+    ) -> Mapping[str, AerofedError]:
+        """Fly plans, by the vehicles' names; some begin later. Returns the errors, by name."""
+        sorties = [
+            host.sortie(*orders[host.name], after_s=after_s.get(host.name, 0.0))
+            for host in self.hosts
+            if host.name in orders
+        ]
+        return await fly_together(self._simulation, sorties)
 
 
 class Track:

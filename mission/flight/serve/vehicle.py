@@ -2,17 +2,20 @@
 
 import asyncio
 import math
+import re
 import signal
 import socket
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import AsyncExitStack, suppress
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
 
 from flightdyn.config import LimitsConfig
 from flightdyn.random import RandomStreams
 from mission.base.area import Area
 from mission.base.errors import InputError, LinkLostError
+from mission.config.area import AreaConfig
 from mission.config.models import LinkConfig, RunConfig
 from mission.config.url import NETWORK_FORMS
 from mission.flight.ground_stations import station_links
@@ -27,8 +30,9 @@ from sitl.vehicle import Vehicle
 _OWN_PORTS = {14540: 14580, 14550: 18570}
 _LAST_COUNTED = {"14540": 9}  # PX4's after it share the port of that one: the next is everybody's
 _APART_M = 5.0  # homes, towards the east
-_MOST = 64
+_MOST, _LAST_PORT = 64, 65_535
 _LAST_ID = 250
+FIRST = "vehicle-1"
 
 
 def link_url(text: str) -> str:
@@ -60,17 +64,39 @@ class Served:
     link: LinkConfig
 
 
+def names_of(count: int | Sequence[str], *, instance: int = 0) -> list[str]:
+    """Names of so many vehicles, numbered from `instance`, or those that are given.
+
+    Raises:
+        InputError: there are none or too many, or one stands twice or can name no folder.
+    """
+    if isinstance(count, Sequence):
+        for i, name in enumerate(count):
+            if not isinstance(name, str) or not re.fullmatch(r"[A-Za-z0-9][\w.-]{0,39}", name):
+                raise InputError(f"name {name!r}: letters, digits, '.', '_' and '-', 40 at most")
+            if name in count[:i]:
+                raise InputError(f"name {name!r} stands twice: give each vehicle one of its own")
+        names = list(count)
+    else:
+        names = [_name(number) for number in range(instance, instance + min(count, _MOST + 1))]
+    if not 1 <= len(names) <= _MOST:
+        raise InputError(f"{count} vehicles: from 1 to {_MOST} in one world")
+    return names
+
+
 def make_vehicles(
     config: RunConfig,
     *,
-    count: int,
+    count: int | Sequence[str] = 1,
+    each: Mapping[str, RunConfig] = MappingProxyType({}),
     udp: Sequence[str],
     logs: Path | None,
     instance: int = 0,
     in_step: bool = False,
 ) -> list[Served]:
-    """Create `count` vehicles, numbered from `instance`: number 0 at the configured home, each next
-    one 5 m farther to the east.
+    """Create so many vehicles, or those of these names, numbered from `instance`: number 0 at the
+    configured home, each next one 5 m farther to the east, unless its configuration in `each` says
+    where.
 
     System ids count up from the configured one; so do the port of the first of `udp`, as those of
     PX4's simulators do, and ports that listen, while all vehicles send to the others of `udp`.
@@ -80,23 +106,44 @@ def make_vehicles(
     Raises:
         InputError: a setting of the vehicle is refused, or `count` or `udp` does not allow so many.
     """
+    names = names_of(count, instance=instance)
+    count = len(names)
     last_id = config.vehicle.system_id + instance + count - 1
-    if instance < 0 or not 1 <= count <= _MOST or last_id > _LAST_ID:
-        given = f"--instance {instance} " if instance else ""
+    if instance < 0 or last_id > _LAST_ID:
         raise InputError(
-            f"{given}--count {count}: from 1 to {_MOST} vehicles, and system ids up to {_LAST_ID}"
+            f"{count} vehicles from number {instance} on: system ids end at {_LAST_ID}; begin with "
+            "a lower vehicle.system_id or --instance"
         )
+    if unknown := [name for name in each if name not in names]:
+        raise InputError(f"no vehicle {unknown[0]!r} of these: {', '.join(names)}")
     if count > 1 and config.vehicle.parameter_file is not None:
         raise InputError(
             f"--count {count}: vehicle.parameter_file cannot be shared, each would save its own "
             "values over the others'; set vehicle.parameters instead"
         )
-    numbers = range(instance, instance + count)
-    urls = [_urls(udp, number) for number in numbers]
-    return [
-        _served(config, number, each, _own(logs, number, count), in_step)
-        for number, each in zip(numbers, urls, strict=True)
-    ]
+    urls = [_urls(udp, number) for number in range(instance, instance + count)]
+    made = []
+    for at, name in enumerate(names):
+        folder = logs if logs is None or count == 1 else logs / name
+        own = each.get(name, config)
+        area = _area_of(config.area, own.area, instance + at)
+        made.append(_served(name, own, area, instance + at, urls[at], folder, in_step))
+    return made
+
+
+def _area_of(common: AreaConfig, own: AreaConfig, number: int) -> Area:
+    """The area of a vehicle, which has one ground with the others: at a home of its own, or so
+    many times 5 m east of the common one."""
+    area = common.build()
+    if own.home != common.home:
+        north, east, _ = area.frame.to_ned(
+            own.home.lat_deg, own.home.lon_deg, own.home.alt_msl_m
+        ).tolist()
+        return Area(area.site, (area.home_m[0] + east, area.home_m[1] + north), own.home)
+    x, y = own.home_m
+    if own.home_m == common.home_m:
+        x += number * _APART_M
+    return area if (x, y) == area.home_m else area.site.from_home((x, y))
 
 
 def _urls(udp: Sequence[str], number: int) -> dict[str, int]:
@@ -144,20 +191,19 @@ def _name(i: int) -> str:
     return f"vehicle-{i + 1}"
 
 
-def _own(logs: Path | None, i: int, count: int) -> Path | None:
-    return logs if logs is None or count == 1 else logs / _name(i)
-
-
 def _served(
-    config: RunConfig, i: int, urls: Mapping[str, int], logs: Path | None, in_step: bool
+    name: str,
+    config: RunConfig,
+    area: Area,
+    i: int,
+    urls: Mapping[str, int],
+    logs: Path | None,
+    in_step: bool,
 ) -> Served:
     """The vehicle number `i`, from 0."""
     streams = RandomStreams(config.seed)
     if i > 0:
         streams = streams.of_one(f"vehicle/{i}")
-    area = config.area.build()
-    if i > 0:
-        area = area.site.from_home((area.home_m[0] + i * _APART_M, area.home_m[1]))
     recorder = None if logs is None else FlightLogs(logs, area=area)
     vehicle = Vehicle(
         config.vehicle.model_copy(update={"system_id": config.vehicle.system_id + i}),
@@ -173,7 +219,7 @@ def _served(
         in_step=in_step,
     )
     guidance = guidance_of(config.vehicle)
-    return Served(_name(i), vehicle, area, guidance, urls, recorder, config.link)
+    return Served(name, vehicle, area, guidance, urls, recorder, config.link)
 
 
 def _counted_up(text: str, i: int) -> str:
@@ -181,7 +227,14 @@ def _counted_up(text: str, i: int) -> str:
     start, colon, port = text.rpartition(":")
     step = 10 if start.startswith("tcp") else 1
     i = min(i, _LAST_COUNTED.get(text, i))
-    return f"{start}{colon}{int(port) + i * step}" if port.isdecimal() else text
+    if not port.isdecimal():
+        return text
+    if (counted := int(port) + i * step) > _LAST_PORT >= int(port):
+        raise InputError(
+            f"--udp {text}: {_name(i)} would be on port {counted}, beyond {_LAST_PORT}; give a "
+            "lower port, or fewer vehicles"
+        )
+    return f"{start}{colon}{counted}"
 
 
 def serve(
@@ -216,12 +269,8 @@ async def _serve(
         loop.add_signal_handler(number, stop.set)
     pace = "as fast as possible" if math.isinf(speed) else f"at {speed:g}x real time"
     try:
-        async with AsyncExitStack() as running:
-            for one in served:
-                links = station_links(one.link, one.urls)
-                await running.enter_async_context(
-                    Simulation(one.vehicle, *links, speed=speed, runs="always")
-                )
+        wired = {one.name: (one.vehicle, station_links(one.link, one.urls)) for one in served}
+        async with Simulation(wired, speed=speed, runs="always"):
             say(first)
             for one in served:
                 home = one.vehicle.aircraft.frame.origin

@@ -1,0 +1,173 @@
+"""The vehicles of `aerofed.vehicles`: several in one world, on one clock."""
+
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, Self, SupportsIndex, overload
+
+import pandas as pd
+
+from mission.api.life import Life
+from mission.api.simulated_vehicle import NotInTimeError, SimulatedVehicle, is_time
+from mission.base.errors import InputError
+from mission.flight.serve.hosted_firmware import FirmwareHost
+from mission.flight.serve.hosts import LOOK_S, BuiltIn, BuiltInWorld
+from mission.flight.serve.separation import pairs_of
+
+
+class Fleet(Sequence[SimulatedVehicle]):
+    """Simulated vehicles that share time, wind and ground, as a context manager. A sequence of
+    them: `fleet[0]`, `fleet["vehicle-1"]`, `first, second = fleet`.
+
+    Where time is ordered it passes for all, in `step`, `until` and `fly` of the fleet or of one.
+    """
+
+    def __init__(
+        self, hosts: Sequence[BuiltIn | FirmwareHost], life: Life, world: BuiltInWorld | None
+    ) -> None:
+        """`world`: None of a firmware's one vehicle."""
+        self._world, self._life = world, life
+        self._hosts = {host.name: host for host in hosts}
+        self._vehicles = {name: SimulatedVehicle(host, life) for name, host in self._hosts.items()}
+
+    def __enter__(self) -> Self:
+        """Open the links.
+
+        Raises:
+            LinkLostError: one cannot be opened.
+            InputError: they were opened before.
+        """
+        self._life.open()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Close links and clients, and complete the logs.
+
+        Raises:
+            FlightError: an aircraft had left the range of its physics.
+        """
+        if self._life.here:
+            for vehicle in self:
+                vehicle.let_go()
+            try:
+                self._life.close()
+            finally:
+                for vehicle in self:
+                    vehicle.complete()
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The vehicles' names, in order."""
+        return tuple(self._vehicles)
+
+    def __len__(self) -> int:
+        return len(self._vehicles)
+
+    @overload
+    def __getitem__(self, key: SupportsIndex | str) -> SimulatedVehicle: ...
+
+    @overload
+    def __getitem__(self, key: slice) -> list[SimulatedVehicle]: ...
+
+    def __getitem__(
+        self, key: SupportsIndex | str | slice
+    ) -> SimulatedVehicle | list[SimulatedVehicle]:
+        return self._vehicles[self._named(key)] if isinstance(key, str) else [*self._all()][key]
+
+    def _all(self) -> list[SimulatedVehicle]:
+        return list(self._vehicles.values())
+
+    def _named(self, key: object) -> str:
+        if isinstance(key, int) and not isinstance(key, bool) and -len(self) <= key < len(self):
+            return self.names[key]
+        if key in self._vehicles:
+            return str(key)
+        raise InputError(f"{key!r}: no vehicle of these: {', '.join(self.names)}")
+
+    @property
+    def t_s(self) -> float:
+        """Simulated seconds since all were switched on."""
+        world = self._world
+        return self[0].t_s if world is None else self._life.look(lambda: world.world.t_ns) * 1e-9
+
+    def step(self, seconds: float) -> None:
+        """Let simulated time pass for all; arguments and errors are those of a vehicle's `step`."""
+        self[0].step(seconds)
+
+    def until(self, met: Callable[[Self], object], *, timeout_s: float = 60.0) -> None:
+        """Let simulated time pass until `met(fleet)` is true; it is asked each 0.1 s.
+
+        Raises:
+            NotInTimeError: `timeout_s` of simulated time were not enough.
+            InputError: `met` is no function, or `timeout_s` no time.
+            FlightError: an aircraft left the range of its physics.
+        """
+        if not callable(met) or not is_time(timeout_s):
+            raise InputError(
+                f"until({met!r}, timeout_s={timeout_s!r}): a function of the fleet, and "
+                "simulated seconds, less than a million"
+            )
+        __tracebackhide__ = True  # from pytest, where `met` raises
+        began_s = self.t_s
+        while not met(self):
+            if self.t_s - began_s >= timeout_s:
+                where = "; ".join(
+                    f"{name} in mode {each.mode} at height {each.height_m:.1f} m"
+                    for name, each in self._vehicles.items()
+                )
+                raise NotInTimeError(f"not within {timeout_s:g} s of simulated time: {where}")
+            self.step(LOOK_S)
+
+    def fly(
+        self,
+        plans: Mapping[str | int, Path | str] | Sequence[Path | str],
+        *,
+        after_s: Mapping[str | int, float] | None = None,
+    ) -> None:
+        """Fly plan files from the ground to the ground, all begun at one instant.
+
+        fleet.fly({"vehicle-1": "a.plan", "vehicle-2": "b.plan"}, after_s={"vehicle-2": 5})
+
+        Args:
+            plans: by name or number from 0, or in the vehicles' order; the others stay.
+            after_s: simulated seconds by which some begin later.
+
+        Raises:
+            InputError: a plan holds what may not be flown here, or its vehicle is armed.
+            FlightError: a vehicle refused its plan, left it, or is lost. The others flew theirs.
+        """
+        given = dict(plans) if isinstance(plans, Mapping) else dict(enumerate(plans))
+        late = {self._named(key): value for key, value in (after_s or {}).items()}
+        for name, value in late.items():
+            if not is_time(value):
+                raise InputError(f"after_s of {name}: {value!r}: must be simulated seconds")
+        orders: dict[str, Any] = {}
+        for key, plan in given.items():
+            if (name := self._named(key)) in orders:
+                raise InputError(f"fly: {name} is given two plans; leave one of them out")
+            orders[name] = self._vehicles[name].order(plan)
+        if unused := [name for name in late if name not in orders]:
+            raise InputError(f"after_s: {unused[0]} has no plan here")
+        if not orders:
+            raise InputError("fly: no plan is given")
+        if (world := self._world) is None:
+            self._life.do(lambda: self._hosts[self.names[0]].fly(*orders[self.names[0]]))
+            return
+        after = {name: float(value) for name, value in late.items()}
+        errors = self._life.do(lambda: world.fly(orders, after))
+        if errors:
+            first = next(iter(errors.values()))
+            raise first.in_words("; ".join(f"{name}: {error}" for name, error in errors.items()))
+
+    def separation(self) -> pd.DataFrame:
+        """The least distance so far of each pair of which one flew, by true positions.
+
+        A row each: `one`, `two`, `least_m` (3D), `horizontal_m` and `vertical_m` of it, `t_s`, and
+        where the middle of the two was: `x_m` east and `y_m` north of the first home, `height_m`.
+        """
+        world = self._world
+        rows = [] if world is None else self._life.look(lambda: pairs_of(world.world))
+        return pd.DataFrame(
+            rows,
+            columns=["one", "two", "least_m", "horizontal_m", "vertical_m", "t_s", "x_m", "y_m",
+                     "height_m"],
+        )  # fmt: skip

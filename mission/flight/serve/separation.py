@@ -1,0 +1,36 @@
+"""How near the vehicles of a world came to each other, for tables and files."""
+
+import math
+from typing import NamedTuple
+
+from sitl.world import World
+
+
+class Pair(NamedTuple):
+    """The least distance of a pair, and where the middle of the two was, about the first home."""
+
+    one: str
+    two: str
+    least_m: float
+    horizontal_m: float
+    vertical_m: float
+    t_s: float
+    x_m: float
+    y_m: float
+    height_m: float
+
+
+def pairs_of(world: World) -> list[Pair]:
+    """The least distance of each pair of which one has flown."""
+    found = []
+    for each in world.least:
+        if not math.isnan(each.distance_m):
+            north, east, down = ((each.places_ned_m[0] + each.places_ned_m[1]) / 2.0).tolist()
+            one, two = (world.names[i] for i in each.pair)
+            found.append(
+                Pair(
+                    one, two, each.distance_m, each.horizontal_m, each.vertical_m,
+                    each.t_ns * 1e-9, east, north, -down,
+                )
+            )  # fmt: skip
+    return found

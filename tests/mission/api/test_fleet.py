@@ -1,0 +1,161 @@
+"""`aerofed.vehicles`: several in one world."""
+
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.interpolate import CubicSpline
+
+import aerofed
+from flightdyn.frames import LocalFrame
+from flightdyn.state import GeodeticPoint
+from mission.log.reader import read_log
+
+HOME = GeodeticPoint(47.397742, 8.545594, 488.0)  # where PX4's simulators stand
+FRAME = LocalFrame(HOME)
+
+
+def plan(path: Path, *places: tuple[float, float, float], home: tuple[float, float]) -> Path:
+    """A plan file: take off, the places (m east, north, up of HOME), return."""
+
+    def item(command: int, params: list[float | None]) -> dict[str, Any]:
+        return {"type": "SimpleItem", "command": command, "frame": 3, "params": params,
+                "autoContinue": True}  # fmt: skip
+
+    items = [item(22, [0, 0, 0, None, *at(*home)[:2], places[0][2]])]
+    items += [item(16, [0, 1, 0, None, *at(x, y)[:2], up]) for x, y, up in places]
+    items += [item(20, [0, 0, 0, 0, 0, 0, 0])]
+    document = {
+        "fileType": "Plan", "version": 1, "groundStation": "made up",
+        "geoFence": {"circles": [], "polygons": [], "version": 2},
+        "rallyPoints": {"points": [], "version": 2},
+        "mission": {"cruiseSpeed": 10, "hoverSpeed": 5, "firmwareType": 12, "vehicleType": 2,
+                    "version": 2, "plannedHomePosition": at(*home), "items": items},
+    }  # fmt: skip
+    path.write_text(json.dumps(document))
+    return path
+
+
+def at(x: float, y: float) -> list[float]:
+    place = FRAME.to_geodetic(np.array([y, x, 0.0]))
+    return [place.lat_deg, place.lon_deg, HOME.alt_msl_m]
+
+
+def crossing(folder: Path, apart_m: float = 0.0) -> list[Path]:
+    """Two plans that cross over (30, 40) m, the second with its height so much greater."""
+    return [
+        plan(folder / "a.plan", (30, 0, 20), (30, 80, 20), home=(0, 0)),
+        plan(folder / "b.plan", (0, 40, 20 + apart_m), (60, 40, 20 + apart_m), home=(5, 0)),
+    ]
+
+
+def independent(paths: list[Path]) -> tuple[float, float]:
+    """The least distance of two logs' true tracks while one flies, and when (s): by a fine
+    sampling of the cubic spline through the logged places."""
+    areas, tracks = zip(*((log.area, log.truth) for log in map(read_log, paths)), strict=True)
+    t = np.arange(max(track.t_ns[0] for track in tracks), min(track.t_ns[-1] for track in tracks),
+                  1_000_000)  # fmt: skip
+    places = [
+        area.frame.in_frame(area.to_ned(spline[:, :2], spline[:, 2]), areas[0].frame)
+        for area, track in zip(areas, tracks, strict=True)
+        if (spline := CubicSpline(track.t_ns * 1e-9, track.pos_m)(t * 1e-9)) is not None
+    ]
+    apart = np.linalg.norm(places[0] - places[1], axis=1)
+    apart[np.maximum(*(-each[:, 2] for each in places)) < 0.2] = math.inf
+    return float(apart.min()), float(t[apart.argmin()] * 1e-9)
+
+
+def test_a_crossing_is_flown_judged_and_repeats(tmp_path: Path) -> None:
+    plans, found = crossing(tmp_path, apart_m=6.0), []
+    for run in ("one", "two"):
+        logs = tmp_path / run
+        with aerofed.vehicles(2, wind_mps=4, logs=logs) as fleet:
+            fleet.fly(plans, after_s={"vehicle-2": 3.0})
+            (pair,) = fleet.separation().to_dict("records")
+        files = [logs / f"vehicle-{i}" / "flight-0001.mcap" for i in (1, 2)]
+        found.append((pair, [file.read_bytes() for file in files]))
+        least_m, t_s = independent(files)
+        assert pair["least_m"] == pytest.approx(least_m, abs=0.01)
+        assert pair["t_s"] == pytest.approx(t_s, abs=0.1)
+        assert math.hypot(pair["horizontal_m"], pair["vertical_m"]) == pytest.approx(
+            pair["least_m"]
+        )
+    assert found[0] == found[1]
+    begun = [read_log(file).flown_events[0].t_ns for file in files]
+    assert (begun[1] - begun[0]) * 1e-9 == pytest.approx(3.0, abs=0.05)
+
+
+def test_who_is_hit_is_lost_and_the_third_flies_on(tmp_path: Path) -> None:
+    third = plan(tmp_path / "c.plan", (10, -40, 15), home=(10, 0))
+    head_on = [
+        plan(tmp_path / "a.plan", (0, 60, 20), home=(0, 0)),
+        plan(tmp_path / "b.plan", (0, 60, 20), home=(5, 0)),
+    ]
+    overrides = {"vehicle.aircraft.sensors.kind": "perfect"}
+    with aerofed.vehicles(("north", "south", "third"), overrides, logs=tmp_path / "l") as fleet:
+        with pytest.raises(aerofed.AerofedError, match=r"north: .*lost.*south: .*lost") as failed:
+            fleet.fly({"north": head_on[0], "south": head_on[1], "third": third})
+        assert "third" not in str(failed.value)
+        assert (tmp_path / "l" / "third" / "flight-0001.mcap").is_file()
+        assert fleet["third"].height_m < 0.2
+        assert not fleet["third"].armed
+        least = fleet.separation().set_index(["one", "two"]).least_m
+        assert least["north", "south"] < 0.76
+        assert fleet.names == ("north", "south", "third")
+
+
+def test_one_has_a_fault_and_hears_the_others() -> None:
+    own = {"vehicle-2": {"vehicle.aircraft.faults": [{"kind": "gnss_off"}],
+                         "vehicle.traffic": "adsb", "area.home_m": [430, 400]}}  # fmt: skip
+    with aerofed.vehicles(2, each=own) as fleet:
+        first, second = fleet
+        assert len(fleet) == 2
+        assert fleet[1] is fleet["vehicle-2"] is second is fleet[-1]
+        hears = second.mavlink()
+        silent = first.mavlink()
+        fleet.until(lambda all_: all_.t_s > 3.0)
+        heard = hears.recv_match(type="ADSB_VEHICLE", blocking=True, timeout=5)
+        assert heard.ICAO_address == 0xF00001
+        assert heard.lat * 1e-7 == pytest.approx(HOME.lat_deg, abs=1e-4)
+        assert silent.recv_match(type="ADSB_VEHICLE", blocking=True, timeout=0.5) is None
+        assert hears.recv_match(type="GPS_RAW_INT", blocking=True).fix_type <= 1
+        assert silent.recv_match(type="GPS_RAW_INT", blocking=True).fix_type >= 3
+
+
+@pytest.mark.parametrize(
+    ("count", "options", "words"),
+    [
+        (("a", "b", "a"), {}, "name 'a' stands twice: give each vehicle one of its own"),
+        (("a", "b/c"), {}, "name 'b/c': letters, digits"),
+        ((), {}, "from 1 to 64"),
+        (2, {"each": {"third": {}}}, "no vehicle 'third' of these: vehicle-1, vehicle-2"),
+        (2, {"each": {"vehicle-2": 3}}, "each['vehicle-2'] = 3: must be a dictionary"),
+        (
+            2,
+            {"each": {"vehicle-2": {"area.home_m": [400.3, 400]}}, "source": "quickstart"},
+            "vehicle-1 and vehicle-2 stand 0.30 m apart: aircraft touch within 0.75 m; give them",
+        ),
+    ],
+)
+def test_fleets_that_are_refused(count: Any, options: dict[str, Any], words: str) -> None:
+    with pytest.raises(aerofed.InputError) as refused:
+        aerofed.vehicles(count, **options)
+    assert words in str(refused.value)
+
+
+def test_orders_that_are_refused(tmp_path: Path) -> None:
+    one, two = crossing(tmp_path)
+    with aerofed.vehicles(2) as fleet:
+        for plans, after, words in (
+            ({"vehicle-3": one}, None, "'vehicle-3': no vehicle of these: vehicle-1, vehicle-2"),
+            ({0: one, "vehicle-1": two}, None, "vehicle-1 is given two plans"),
+            ({0: one}, {1: 5.0}, "after_s: vehicle-2 has no plan here"),
+            ({0: one}, {0: -1.0}, "after_s of vehicle-1: -1.0: must be simulated seconds"),
+            ({}, None, "no plan is given"),
+        ):
+            with pytest.raises(aerofed.InputError) as refused:
+                fleet.fly(plans, after_s=after)  # type: ignore[arg-type]
+            assert words in str(refused.value)
