@@ -121,7 +121,7 @@ def _made(
         raise InputError(
             f"pace = {pace!r}: 'steps', 'moving', or times real time: more than 0, at most 1000"
         )
-    named = isinstance(count, Sequence) and not isinstance(count, str)
+    named = isinstance(count, list | tuple) and all(isinstance(name, str) for name in count)
     if not named and not isinstance(count, Integral):
         raise InputError(f"count = {count!r}: must be a whole number of vehicles, or their names")
     if not isinstance(each, Mapping):

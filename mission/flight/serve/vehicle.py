@@ -72,7 +72,7 @@ def names_of(count: int | Sequence[str], *, instance: int = 0) -> list[str]:
     """
     if isinstance(count, Sequence):
         for i, name in enumerate(count):
-            if not isinstance(name, str) or not re.fullmatch(r"[A-Za-z0-9][\w.-]{0,39}", name):
+            if not re.fullmatch(r"[A-Za-z0-9][\w.-]{0,39}", name):
                 raise InputError(f"name {name!r}: letters, digits, '.', '_' and '-', 40 at most")
             if name in count[:i]:
                 raise InputError(f"name {name!r} stands twice: give each vehicle one of its own")
