@@ -79,7 +79,8 @@ class Simulation:
         await self._open.aclose()
 
     async def run_to(self, t_ns: float) -> None:
-        """Let simulated time run up to `t_ns`, with `runs` = "ordered", and stand still there.
+        """Let simulated time run up to `t_ns`, with `runs` = "ordered", and stand still there; to
+        infinity, as long as somebody is `piloted`.
 
         What was sent to the vehicle before the call is handled before time runs. Where this is
         cancelled, time stands still at once.
@@ -96,7 +97,8 @@ class Simulation:
     def _goes_on(self) -> bool:
         """Whether simulated time runs."""
         if self.runs == "ordered":
-            return not self._arrived and all(vehicle.moving for vehicle in self.piloted)
+            bound = bool(self.piloted) or self._ordered_ns < math.inf
+            return bound and not self._arrived and all(each.moving for each in self.piloted)
         return self.runs == "always" or self.world.moving
 
     @property

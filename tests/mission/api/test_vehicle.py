@@ -375,7 +375,7 @@ def test_an_aircraft_that_leaves_its_physics_ends_a_step(
     def flown() -> None:
         with aerofed.vehicle() as vehicle:
             assert {vehicle.armed for _ in range(20)} == {False}
-            monkeypatch.setattr(vehicle._host.__dict__["_vehicle"], "stride", fail)
+            monkeypatch.setattr(vehicle._host.__dict__["vehicle"], "stride", fail)
             vehicle.step(1.0)
 
     with pytest.raises(FlightError, match="left its physics"):
