@@ -42,7 +42,7 @@ def test_another(vehicle):
 def test_several(vehicles):
     a, b = vehicles(2)
     b.step(3)
-    assert b.t_s - a.t_s == 3
+    assert b.t_s == a.t_s > 3
 
 @pytest.mark.aerofed({{"vehicle.aircraft.wind.speed_mps": 3}})
 def test_keys_of_both(vehicles):

@@ -81,6 +81,21 @@ def load(
     )
 
 
+def single(set_: Sequence[str]) -> tuple[tuple[str, ...], dict[str, list[str]]]:
+    """Of `--set` options those for all, and by name those of single vehicles, NAME:KEY=VALUE, with
+    all others."""
+    split = [(head.partition(":"), text) for text in set_ for head in [text.partition("=")[0]]]
+    common = tuple(text for (_, colon, _), text in split if not colon)
+    own: dict[str, list[str]] = {}
+    for (name, colon, _), text in split:
+        if colon:
+            own.setdefault(name, []).append(text[len(name) + 1 :])
+    for name, texts in own.items():
+        keys = {text.partition("=")[0] for text in texts}
+        own[name] = [*(text for text in common if text.partition("=")[0] not in keys), *texts]
+    return common, own
+
+
 def given_offsets(options: Sequence[str]) -> dict[str, float]:
     """Seconds by log of options LOG=SECONDS; InputError where one is not."""
     found = {}

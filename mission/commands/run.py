@@ -193,8 +193,8 @@ def judged(
             print_json({"folder": folder, **read_json(summary), **more})
 
 
-def write_page(folder: Path) -> None:
-    """Write report.html into the folder of a finished flight."""
+def write_page(folder: Path) -> str:
+    """Write the report into the folder of a finished flight; return the file's name."""
     from mission.report.page import write_report
 
-    write_report(folder)
+    return write_report(folder).name

@@ -3,6 +3,7 @@
 import math
 import os
 from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -10,7 +11,7 @@ from cyclopts import Parameter
 
 from mission.base.errors import InputError
 from mission.base.terminal import PLAIN, Terminal
-from mission.commands.options import Overrides, load
+from mission.commands.options import Overrides, load, single
 from mission.config import OF_VEHICLE
 from mission.flight.serve import PX4_HOME
 
@@ -48,9 +49,9 @@ def sitl(
         LAT,LON,ALT in degrees and metres above mean sea level: where the vehicle stands. Without it
         and without a file PX4_HOME_LAT, PX4_HOME_LON and PX4_HOME_ALT count, as with PX4.
     count
-        Number of vehicles, side by side in one process, with system ids 1, 2, ... Their ports count
-        up from the first --udp (14540, 14541, ... up to 14549) and from those that listen (over TCP
-        5760, 5770, ...); they share the other --udp.
+        Number of vehicles, side by side in one world, where they may collide, with system ids 1, 2,
+        ... Their ports count up from the first --udp (14540, 14541, ... up to 14549) and from those
+        that listen (over TCP 5760, 5770, ...); they share the other --udp.
     instance
         Number of the first vehicle, from 0, where others are served already: it has ports and
         system id as if it were counted up to.
@@ -59,18 +60,21 @@ def sitl(
         download the logs.
     set_
         Override a key of vehicle.*, area.* or link.*, or the seed:
-        --set vehicle.aircraft.wind.speed_mps=5
+        --set vehicle.aircraft.wind.speed_mps=5; of one of several by its name:
+        --set vehicle-2:vehicle.aircraft.battery.initial=0.3
     """
     if speed is None:
         speed = _heard("PX4_SIM_SPEED_FACTOR", 1.0)
     if speed != "max" and not 0 < speed <= 1000:
         raise InputError(f'--speed {speed:g}: more than 0 and at most 1000, or "max"')
     usual = None if config else _usual_home()
-    resolved = load(config, set_, _home(home), usual=usual, counts=OF_VEHICLE)
+    set_, own = single(set_)
+    loaded = partial(load, config, options=_home(home), usual=usual, counts=OF_VEHICLE)
+    resolved, each = loaded(set_), {name: loaded(its) for name, its in own.items()}
     # Only now, so that wrong input is answered at once.
     from mission.flight.serve.vehicle import make_vehicles, serve
 
-    served = make_vehicles(resolved, count=count, udp=udp, logs=logs, instance=instance)
+    served = make_vehicles(resolved, count=count, each=each, udp=udp, logs=logs, instance=instance)
     kept = "no flight is logged; --logs FOLDER logs each"
     if logs is not None:
         of_one = logs if count == 1 else logs / served[0].name

@@ -46,7 +46,7 @@ _SPEEDS_MPS = (1.0, 30.0)  # that a plan's path may have
 
 
 @dataclass(frozen=True)
-class _Order:
+class Order:
     """A plan file that has been checked, with its path, area and vehicle parameters."""
 
     plan: PlanFile
@@ -81,7 +81,7 @@ def fly_plan(config: RunConfig, source: Path, path: Path, around: Around) -> int
     with ExitStack() as opened:
         with around.stopwatch("setup"):
             plan = read_plan_file(source)
-            order = _order(config, plan)
+            order = order_of(config, plan)
             backend = backend_for(order.task)
             if config.link.kind == "external":
                 _refuse_heights_above_sea(plan)
@@ -91,7 +91,7 @@ def fly_plan(config: RunConfig, source: Path, path: Path, around: Around) -> int
             limits = backend.await_vehicle(say=console.say)
             live = opened.enter_context(live_views(console))
             if limits is not None:
-                order = _order(config, plan, _speeds(config, limits))
+                order = order_of(config, plan, _speeds(config, limits))
                 backend = backend_for(order.task)
             write_atomically(folder.config, order.config.to_toml())
             write_atomically(folder.path / source.name, plan.content)
@@ -103,15 +103,15 @@ def fly_plan(config: RunConfig, source: Path, path: Path, around: Around) -> int
             resumable=False,
             position_source=backend.position_source,
         )
-        opening = _recording(order, backend, folder, around, live)
+        opening = recording(order, backend, folder, around, live)
         return fly_recorded(opening, summary, around)
 
 
 @dataclass
-class _PlanFlight:
+class PlanFlight:
     """The flight of a plan file: its log, totals, and comparison with the plan."""
 
-    order: _Order
+    order: Order
     backend: Backend
     log: FlightLog
     attached: Attached
@@ -134,7 +134,7 @@ class _PlanFlight:
                 async with self.backend.open(self.attached) as flyer:
                     try:
                         await flyer.carry_out(
-                            self.order.plan, self.order.path, begins=lambda: self._begins(flyer)
+                            self.order.plan, self.order.path, begins=lambda: self.begins(flyer.t_ns)
                         )
                     finally:
                         self.totals.sim_s = flyer.t_ns / 1e9
@@ -143,9 +143,9 @@ class _PlanFlight:
             t_s = self.totals.sim_s
             raise failure.in_words(f"t {t_s:.1f} s: {failure}") from failure.__cause__
 
-    def _begins(self, flyer: Flyer) -> None:
+    def begins(self, t_ns: int) -> None:
         """Log the planned path, as rounds have theirs, and the items."""
-        order, t_ns = self.order, flyer.t_ns
+        order = self.order
         points_m = order.area.xyz(order.path.points_ned_m)
         self.log.plan_record(
             PlanRecord.of_flight(1, t_ns, points_m, duration_s=order.path.duration_s)
@@ -182,18 +182,19 @@ class _PlanFlight:
 
 
 @contextmanager
-def _recording(
-    order: _Order,
+def recording(
+    order: Order,
     backend: Backend,
     folder: RunFolder,
     around: Around,
     live: tuple[LiveView, ...],
-) -> Iterator[_PlanFlight]:
+    progress: Progress | None = None,
+) -> Iterator[PlanFlight]:
     """Context manager: the flight, with its log open, configuration and plan attached."""
     plan, area = order.plan, order.area
     fence = fence_of(plan.fence, order.parameters, area)
     with ExitStack() as stack:
-        progress = make_progress(around.console.out, rounds=1, flown=True)
+        progress = progress or make_progress(around.console.out, rounds=1, flown=True)
         stack.callback(progress.close)
         log = stack.enter_context(
             FlightLog(
@@ -211,10 +212,10 @@ def _recording(
 
         watch = PlanProgress(progress, plan.path.name, tuple(seq for seq, _ in order.path.places))
         attached = Attached((log, watch), folder.path, say)
-        yield _PlanFlight(order, backend, log, attached, progress, around.stopwatch)
+        yield PlanFlight(order, backend, log, attached, progress, around.stopwatch)
 
 
-def _order(config: RunConfig, plan: PlanFile, speeds: Mapping[str, float] | None = None) -> _Order:
+def order_of(config: RunConfig, plan: PlanFile, speeds: Mapping[str, float] | None = None) -> Order:
     """Place a plan at its planned home, else at its first place; time it by the parameters of the
     configured vehicle and `speeds`.
     """
@@ -246,7 +247,7 @@ def _order(config: RunConfig, plan: PlanFile, speeds: Mapping[str, float] | None
         home_lon_deg=home.lon_deg,
         home_alt_msl_m=home.alt_msl_m,
     )
-    return _Order(plan, path, config.model_copy(update={"area": around}), area, parameters)
+    return Order(plan, path, config.model_copy(update={"area": around}), area, parameters)
 
 
 def _speeds(config: RunConfig, limits: VehicleLimits) -> dict[str, float]:

@@ -184,7 +184,7 @@ class Around:
     stopwatch: Stopwatch = field(default_factory=Stopwatch)  # may have counted the set-up already
     workers: int = field(default_factory=lambda: os.cpu_count() or 1)  # devices that train at once
     figures: bool = True  # whether its pictures are drawn
-    page: Callable[[Path], object] | None = None  # makes a page of the folder, last of all
+    page: Callable[[Path], str] | None = None  # makes a page of the folder, last of all
 
 
 def fly_recorded(
@@ -200,7 +200,7 @@ def fly_recorded(
     console, stopwatch, page = around.console, around.stopwatch, around.page
     folder, outcome, goes_on = summary.folder, Outcome(), summary.goes_on
     flight: Recorded | None = None
-    totals = RunTotals()
+    totals, made = RunTotals(), ""
     summary.started()
     if page is not None:
         with stopwatch("setup"):
@@ -243,7 +243,7 @@ def fly_recorded(
         with outcome.aside("figures"), console.waiting("writing the report"):
             goes_on = f"; aerofed report {folder.path} makes the page"  # all is flown
             try:
-                page(folder.path)
+                made = page(folder.path)
             except InputError as error:
                 again = f"{error}{goes_on} once that is mended"
                 goes_on = ""
@@ -251,7 +251,7 @@ def fly_recorded(
     outcome.raise_error(folder.path, goes_on=goes_on)
     if flight is not None:
         flight.show(console)
-    look = ": open report.html in a browser" if page and outcome.status == "finished" else ""
+    look = f": open {made} in a browser" if made else ""
     console.say(f"results in {folder.path}{look}")
     if outcome.status == "interrupted":
         console.say(f"interrupted{goes_on}")

@@ -5,6 +5,7 @@ import asyncio
 import logging
 from collections.abc import AsyncIterator, Callable, Sequence
 from contextlib import asynccontextmanager
+from functools import cache
 
 import numpy as np
 from mavsdk.asyncio import Configuration, Mavsdk
@@ -51,7 +52,7 @@ async def connect(
         NoVehicleError: no autopilot answers on it within `timeout_s` of wall time.
     """
     raw_link, url = (None, at) if isinstance(at, str) else (at, "raw://")
-    log_subscribe(_log_mavsdk)
+    _take_log()
     station = Configuration.create_with_component_type(ComponentType.GROUND_STATION)
     async with Mavsdk(station) as mavsdk:
         try:
@@ -82,6 +83,13 @@ async def connect(
 def _why(error: MavsdkError) -> str:
     """MAVSDK's word for what keeps it from opening a connection, in small letters."""
     return str(error).rpartition(": ")[2].replace("_", " ").lower()
+
+
+@cache
+def _take_log() -> None:
+    """Take MAVSDK's messages, once: another MAVSDK of this process may be calling what took them
+    before, which `log_subscribe` frees."""
+    log_subscribe(_log_mavsdk)
 
 
 def _log_mavsdk(level: LogLevel, message: str, _file: str | None, _line: int) -> bool:

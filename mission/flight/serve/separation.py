@@ -1,8 +1,10 @@
 """How near the vehicles of a world came to each other, for tables and files."""
 
 import math
+from collections.abc import Mapping
 from typing import NamedTuple
 
+from mission.base.area import Area
 from sitl.world import World
 
 
@@ -34,3 +36,21 @@ def pairs_of(world: World) -> list[Pair]:
                 )
             )  # fmt: skip
     return found
+
+
+def separation_file(world: World, areas: Mapping[str, Area]) -> dict[str, object]:
+    """What `separation.json` holds: homes, the least distances of pairs, collisions."""
+    homes = {name: area.home for name, area in areas.items()}
+    pairs = (each._asdict() for each in pairs_of(world))
+    return {
+        "clock": "simulated time, in seconds",
+        "frame": "metres east (x) and north (y) of the first home, and above it",
+        "homes": {
+            name: [home.lat_deg, home.lon_deg, home.alt_msl_m] for name, home in homes.items()
+        },
+        "pairs": [{"pair": [each.pop("one"), each.pop("two")], **each} for each in pairs],
+        "collisions": [
+            {"t_s": t_ns * 1e-9, "pair": [world.names[one], world.names[two]]}
+            for t_ns, one, two in world.collisions
+        ],
+    }

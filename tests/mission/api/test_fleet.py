@@ -1,75 +1,22 @@
 """`aerofed.vehicles`: several in one world."""
 
-import json
 import math
 from pathlib import Path
 from typing import Any
 
-import numpy as np
+import mavsdk.logging
 import pytest
-from scipy.interpolate import CubicSpline
+from crossings import HOME, crossing, independent, plan
 
 import aerofed
-from flightdyn.frames import LocalFrame
-from flightdyn.state import GeodeticPoint
 from mission.log.reader import read_log
-
-HOME = GeodeticPoint(47.397742, 8.545594, 488.0)  # where PX4's simulators stand
-FRAME = LocalFrame(HOME)
-
-
-def plan(path: Path, *places: tuple[float, float, float], home: tuple[float, float]) -> Path:
-    """A plan file: take off, the places (m east, north, up of HOME), return."""
-
-    def item(command: int, params: list[float | None]) -> dict[str, Any]:
-        return {"type": "SimpleItem", "command": command, "frame": 3, "params": params,
-                "autoContinue": True}  # fmt: skip
-
-    items = [item(22, [0, 0, 0, None, *at(*home)[:2], places[0][2]])]
-    items += [item(16, [0, 1, 0, None, *at(x, y)[:2], up]) for x, y, up in places]
-    items += [item(20, [0, 0, 0, 0, 0, 0, 0])]
-    document = {
-        "fileType": "Plan", "version": 1, "groundStation": "made up",
-        "geoFence": {"circles": [], "polygons": [], "version": 2},
-        "rallyPoints": {"points": [], "version": 2},
-        "mission": {"cruiseSpeed": 10, "hoverSpeed": 5, "firmwareType": 12, "vehicleType": 2,
-                    "version": 2, "plannedHomePosition": at(*home), "items": items},
-    }  # fmt: skip
-    path.write_text(json.dumps(document))
-    return path
-
-
-def at(x: float, y: float) -> list[float]:
-    place = FRAME.to_geodetic(np.array([y, x, 0.0]))
-    return [place.lat_deg, place.lon_deg, HOME.alt_msl_m]
-
-
-def crossing(folder: Path, apart_m: float = 0.0) -> list[Path]:
-    """Two plans that cross over (30, 40) m, the second with its height so much greater."""
-    return [
-        plan(folder / "a.plan", (30, 0, 20), (30, 80, 20), home=(0, 0)),
-        plan(folder / "b.plan", (0, 40, 20 + apart_m), (60, 40, 20 + apart_m), home=(5, 0)),
-    ]
-
-
-def independent(paths: list[Path]) -> tuple[float, float]:
-    """The least distance of two logs' true tracks while one flies, and when (s): by a fine
-    sampling of the cubic spline through the logged places."""
-    areas, tracks = zip(*((log.area, log.truth) for log in map(read_log, paths)), strict=True)
-    t = np.arange(max(track.t_ns[0] for track in tracks), min(track.t_ns[-1] for track in tracks),
-                  1_000_000)  # fmt: skip
-    places = [
-        area.frame.in_frame(area.to_ned(spline[:, :2], spline[:, 2]), areas[0].frame)
-        for area, track in zip(areas, tracks, strict=True)
-        if (spline := CubicSpline(track.t_ns * 1e-9, track.pos_m)(t * 1e-9)) is not None
-    ]
-    apart = np.linalg.norm(places[0] - places[1], axis=1)
-    apart[np.maximum(*(-each[:, 2] for each in places)) < 0.2] = math.inf
-    return float(apart.min()), float(t[apart.argmin()] * 1e-9)
 
 
 def test_a_crossing_is_flown_judged_and_repeats(tmp_path: Path) -> None:
     plans, found = crossing(tmp_path, apart_m=6.0), []
+    with aerofed.vehicles(1) as fleet:
+        fleet.fly([plans[0]])
+    taken = mavsdk.logging._log_callback_ref
     for run in ("one", "two"):
         logs = tmp_path / run
         with aerofed.vehicles(2, wind_mps=4, logs=logs) as fleet:
@@ -84,6 +31,8 @@ def test_a_crossing_is_flown_judged_and_repeats(tmp_path: Path) -> None:
             pair["least_m"]
         )
     assert found[0] == found[1]
+    # Where each pilot took MAVSDK's messages anew, what another's was calling was freed.
+    assert mavsdk.logging._log_callback_ref is taken
     begun = [read_log(file).flown_events[0].t_ns for file in files]
     assert (begun[1] - begun[0]) * 1e-9 == pytest.approx(3.0, abs=0.05)
 

@@ -155,9 +155,10 @@ def test_terminal_page_and_summary_tell_the_same_wall_time(
     stopwatch, folder, screen = Stopwatch(), RunFolder(tmp_path), io.StringIO()
     seen: list[object] = []
 
-    def page(path: Path) -> None:
+    def page(path: Path) -> str:
         looks.perf_counter()
         seen.append(RunFolder(path).read_summary()["wall_s"])
+        return "report.html"
 
     code = fly_recorded(
         nullcontext(Flight(stopwatch)),

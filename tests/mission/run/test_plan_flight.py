@@ -287,7 +287,7 @@ def test_home_is_the_first_item_that_has_a_place(
     plan.write_text(json.dumps(plan_document(first, *CORNERS, plannedHomePosition=None)))
     found = read_plan_file(plan)
     assert found.home is None
-    order = plan_flight._order(load(None, ()), found)
+    order = plan_flight.order_of(load(None, ()), found)
     assert (order.area.home.lat_deg, order.area.home.lon_deg) == pytest.approx((NORTH, 8.5))
 
 
@@ -305,7 +305,7 @@ def test_turns_are_timed_by_their_number(tmp_path: Path) -> None:
     def planned_s(turns: float) -> float:
         circle = simple(18, turns, 0, 20, 0, 47.401, 8.5, 50)
         plan = read_plan_file(written(tmp_path, TAKE_OFF, circle, RETURN))
-        return plan_flight._order(load(None, ()), plan).path.duration_s
+        return plan_flight.order_of(load(None, ()), plan).path.duration_s
 
     each_s = 2.0 * math.pi * 20.0 / math.sqrt(2.0 * 20.0)  # no faster than presses with 2 m/s2
     assert planned_s(8) - planned_s(3) == pytest.approx(5.0 * each_s)
@@ -398,7 +398,7 @@ def test_areas_to_stay_in_that_are_none_or_left_are_refused_before_anything_is_w
 
 
 def test_a_plan_within_all_of_its_areas_is_taken(tmp_path: Path) -> None:
-    order = plan_flight._order(load(None, ()), read_plan_file(within(tmp_path, AROUND, AROUND)))
+    order = plan_flight.order_of(load(None, ()), read_plan_file(within(tmp_path, AROUND, AROUND)))
     assert [seq for seq, _ in order.path.places] == [0, 1, 2]
 
 

@@ -1,0 +1,91 @@
+"""`aerofed fly` of several plans."""
+
+import json
+from pathlib import Path
+
+import pytest
+from crossings import crossing, independent, plan
+from small_runs import refused
+
+from mission.cli import call
+from mission.log.reader import read_log
+
+pytestmark = pytest.mark.slow
+QUICK = ("--no-figures", "--no-report", "--quiet")
+
+
+def fly(*arguments: object) -> int:
+    return call(["fly", *map(str, arguments)])
+
+
+def test_three_are_flown_logged_apart_and_judged_together(tmp_path: Path) -> None:
+    plans = [*crossing(tmp_path, 7.0), plan(tmp_path / "c.plan", (10, -40, 15), home=(10, 0))]
+    logs = []
+    for run in ("one", "two"):
+        folder = tmp_path / run
+        own = ("--set", "vehicle-3:vehicle.aircraft.battery.initial=0.5")
+        assert fly(*plans, "--after", 2, "--out", folder, *own, *QUICK) == 0
+        logs.append([folder / f"vehicle-{i}" / "flight.mcap" for i in (1, 2, 3)])
+    assert [a.read_bytes() == b.read_bytes() for a, b in zip(*logs, strict=True)] == [True] * 3
+    found = json.loads((tmp_path / "one" / "separation.json").read_text())
+    pairs = {tuple(pair["pair"]): pair for pair in found["pairs"]}
+    assert set(pairs) == {(f"vehicle-{i}", f"vehicle-{j}") for i, j in ((1, 2), (1, 3), (2, 3))}
+    for i, j in ((1, 2), (1, 3), (2, 3)):
+        least_m, t_s = independent([logs[0][i - 1], logs[0][j - 1]])
+        pair = pairs[f"vehicle-{i}", f"vehicle-{j}"]
+        assert pair["least_m"] == pytest.approx(least_m, abs=0.01)
+        assert pair["t_s"] == pytest.approx(t_s, abs=0.1)
+    begun = [read_log(log).flown_events[0].t_ns * 1e-9 for log in logs[0]]
+    assert [t - begun[0] for t in begun] == pytest.approx([0.0, 2.0, 4.0], abs=0.05)
+    charges = [read_log(log).battery.remaining[0] for log in logs[0]]
+    assert charges == pytest.approx([1.0, 1.0, 0.5], abs=0.05)
+    for i, source in enumerate(plans):
+        summary = json.loads((logs[0][i].parent / "summary.json").read_text())
+        assert (summary["status"], summary["plan"]) == ("finished", source.name)
+
+
+def test_those_that_meet_are_lost_and_the_third_is_judged(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    plans = [plan(tmp_path / f"{n}.plan", (0, 60, 20), home=(5 * n, 0)) for n in range(2)]
+    plans.append(plan(tmp_path / "c.plan", (10, -40, 15), home=(10, 0)))
+    exact = ("--set", "vehicle.aircraft.sensors.kind=perfect")
+    assert fly(*plans, "--out", tmp_path / "r", *exact, *QUICK) == 4
+    said = capsys.readouterr().err
+    assert "vehicle-1: the aircraft is lost" in said
+    assert "vehicle-2: the aircraft is lost" in said
+    assert "vehicle-3" not in said
+    ends = [
+        json.loads((tmp_path / "r" / f"vehicle-{i}" / "summary.json").read_text())["status"]
+        for i in (1, 2, 3)
+    ]
+    assert ends == ["failed", "failed", "finished"]
+    found = json.loads((tmp_path / "r" / "separation.json").read_text())
+    assert [each["pair"] for each in found["collisions"]] == [["vehicle-1", "vehicle-2"]]
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (("--after", "-1"), "--after -1: simulated seconds"),
+        (("--vehicle", "udpin://0.0.0.0:14540"), "2 plans: flown by the built-in autopilot"),
+        (("--set", "vehicle-3:seed=2"), "--set vehicle-3: no vehicle of these: vehicle-1, vehicle"),
+    ],
+)
+def test_what_is_refused(
+    options: tuple[str, ...], words: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    plans = crossing(tmp_path)
+    assert fly(*plans, *options) == 2
+    refused(capsys, words)
+
+
+def test_homes_on_top_of_each_other_and_options_of_several_for_one(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    one, _ = crossing(tmp_path)
+    assert fly(one, one) == 2
+    refused(capsys, "vehicle-1 and vehicle-2 stand 0.00 m apart", "give them homes farther apart")
+    for options in (("--after", "3"), ("--set", "a:seed=3")):
+        assert fly(one, *options) == 2
+        refused(capsys, "for several plans")
