@@ -70,7 +70,8 @@ def test_one_has_a_fault_and_hears_the_others() -> None:
         assert heard.ICAO_address == 0xF00001
         assert heard.lat * 1e-7 == pytest.approx(HOME.lat_deg, abs=1e-4)
         assert silent.recv_match(type="ADSB_VEHICLE", blocking=True, timeout=0.5) is None
-        assert hears.recv_match(type="GPS_RAW_INT", blocking=True).fix_type <= 1
+        fixes = (hears.recv_match(type="GPS_RAW_INT", blocking=True).fix_type for _ in range(99))
+        assert any(fix <= 1 for fix in fixes)  # the first are of before the fault
         assert silent.recv_match(type="GPS_RAW_INT", blocking=True).fix_type >= 3
 
 
