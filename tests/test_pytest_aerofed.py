@@ -101,7 +101,7 @@ def test_others():
     assert code == 1, words
     assert "8 failed, 3 errors" in words
     for said in (
-        "wnd_mps: unknown option; did you mean wind_mps? (known: overrides, each, source, wind_mps, ",
+        "wnd_mps: unknown option; did you mean wind_mps? (known: overrides, each, source, ",
         "overrides = 'survey.plan': must be a dictionary",
         "count: unknown option (known: ",
         "sed: unknown option; did you mean seed?",
