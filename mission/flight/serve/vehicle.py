@@ -106,13 +106,15 @@ def make_vehicles(
     Raises:
         InputError: a setting of the vehicle is refused, or `count` or `udp` does not allow so many.
     """
+    if instance < 0:
+        raise InputError(f"--instance {instance}: the first vehicle's number, from 0")
     names = names_of(count, instance=instance)
     count = len(names)
     last_id = config.vehicle.system_id + instance + count - 1
-    if instance < 0 or last_id > _LAST_ID:
+    if last_id > _LAST_ID:
         raise InputError(
-            f"{count} vehicles from number {instance} on: system ids end at {_LAST_ID}; begin with "
-            "a lower vehicle.system_id or --instance"
+            f"{names[-1]} would have system id {last_id}: they end at {_LAST_ID}; begin with a "
+            "lower vehicle.system_id or --instance, or take fewer vehicles"
         )
     if unknown := [name for name in each if name not in names]:
         raise InputError(f"no vehicle {unknown[0]!r} of these: {', '.join(names)}")
