@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 from pymavlink.dialects.v20 import common as mav
 
-from aerofed_errors import InputError
 from flightdyn.plant import Plant
 from flightdyn.state import Vector
+from native.errors import InputError
 from sitl.autopilot.codec.traffic import Transponder
 from sitl.nearness import TOUCH_M, Nearest, Nearness
 

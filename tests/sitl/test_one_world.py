@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from aerofed_errors import InputError
 from flightdyn.frames import LocalFrame
 from flightdyn.random import RandomStreams
 from flightdyn.state import GeodeticPoint, Vector
+from native.errors import InputError
 from sitl.config import VehicleConfig
 from sitl.nearness import TOUCH_M, Nearness
 from sitl.observer import VehicleEvent, VehicleSample
