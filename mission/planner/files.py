@@ -19,6 +19,7 @@ from pydantic import (
     Field,
     ValidationError,
     ValidationInfo,
+    create_model,
     field_validator,
     model_validator,
 )
@@ -86,15 +87,21 @@ def _lower_first(limits: tuple[float, float]) -> tuple[float, float]:
 Heights = Annotated[tuple[Height, Height], AfterValidator(_lower_first)]
 
 
-class VehicleEntry(Table):
+if TYPE_CHECKING:
+    LimitsEntry = Table
+else:  # a key for each kind of limit
+    LimitsEntry = create_model(
+        "LimitsEntry", __base__=Table, **{kind.key: (Positive | None, None) for kind in LIMITS}
+    )
+
+
+class VehicleEntry(LimitsEntry):
     """What one of several aircraft has of its own: what is left out is that of the problem."""
 
     start: Point
     path_budget_m: Metres | None = None
     altitude_m: Height | None = None
     altitudes_m: Heights | None = None
-    deadline_s: Positive | None = None
-    energy_j: Positive | None = None
 
     @model_validator(mode="after")
     def _one_altitude(self) -> Self:
@@ -106,7 +113,7 @@ class VehicleEntry(Table):
 _SHARED = ("path_budget_m", "altitudes_m", *(kind.key for kind in LIMITS))
 
 
-class ProblemEntry(Table):
+class ProblemEntry(LimitsEntry):
     """One planning problem of a problem file, in metres, seconds and joules."""
 
     id: Annotated[str, Field(min_length=1, max_length=200)] | Annotated[int, Field(strict=True)]
@@ -124,8 +131,6 @@ class ProblemEntry(Table):
     fence: Ring | None = None  # of what flights stay within
     fences: tuple[FenceArea, ...] = ()  # more such areas, with groups
     margin_m: float = Field(15.0, strict=True, ge=0.1, le=500)
-    deadline_s: Positive | None = None
-    energy_j: Positive | None = None
     upload_s: Seconds | None = None
     ready_in_s: Seconds | None = None
     flight: FlightEntry = FlightEntry()

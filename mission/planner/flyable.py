@@ -22,8 +22,9 @@ def acceptance_radius(problem: RoundProblem, plan: RoundPlan, widest_m: float) -
 
 def foresee_round(problem: RoundProblem, plan: RoundPlan, *, hold_s: float = 0.0) -> Foreseen:
     """Predict times and energy of a plan's flight; needs limits; `hold_s` as in `stops_of`."""
-    assert problem.limits is not None
-    performance = problem.limits.performance
+    limits = problem.at(plan.altitude_m).limits
+    assert limits is not None
+    performance = limits.performance
     stops = stops_of(plan, hold_s=hold_s, upload_s=problem.upload_s)
     return performance.foresee(
         np.array([stop.xy_m for stop in stops]),

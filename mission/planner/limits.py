@@ -1,7 +1,9 @@
 """What limits a round. Each limit is one object, which answers all that is asked of one.
 
-A new limit is a class here, in `LIMITS` and as a field of `RoundLimits`, and its keys: `round_KEY`
-in the table `mission` (and `total_KEY`, where a run has a budget of it), `KEY` in problem files.
+A new limit is a class here, in `LIMITS` and as a field of `RoundLimits`, and `round_KEY` in the
+table `mission` (and `total_KEY`, where a run has a budget of it). Problem files then have its
+`KEY`, plan files what each flight takes of it. What nobody counts of a flight yet gets a place in
+`Foreseen` and, in C, in the table of `native/planner.h`, filled by `count_flight`.
 """
 # ruff: noqa: ARG002 - a kind need not know all that another asks for.
 

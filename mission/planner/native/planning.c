@@ -194,8 +194,7 @@ static int foresee(
     if (!open_desk(&desk, &arena, &round, count)) return -1;
     desk.stops = count;
     for (int64_t i = 0; i < count; i++) desk.at[i] = (Stop){.p = stops[i], .hold = hold[i]};
-    counted[SECONDS] = fly_stops(flying, radius, counted + JOULES, &desk);
-    count_way(counted, &desk);
+    count_flight(flying, radius, 1, counted, &desk);
     for (int64_t i = 0; i < count; i++) arrived[i] = desk.at[i].arrived;
     release(&arena);
     return 0;

@@ -203,7 +203,7 @@ def foresee(
     """
     stops = np.ascontiguousarray(stops_m, dtype=np.float64)
     holds, arrived_s = np.array(hold_s, dtype=np.float64), np.empty(len(stops))
-    counted = np.zeros(COUNTED)
+    counted = np.empty(COUNTED)
     if not len(stops):
         raise ValueError("a flight has at least one stop")
     enough_memory(PLANNER.foresee(

@@ -210,20 +210,6 @@ static double fly_stops(const Flying *flying, double radius, double *joules, Des
     return now;
 }
 
-/* What else is counted of the way through the stops. */
-static void count_way(double *counted, const Desk *desk)
-{
-    Point before = {0.0, 0.0};
-    for (int64_t i = 0; i < desk->stops; i++) {
-        const Point a = desk->at[i ? i - 1 : 0].p, b = desk->at[i].p, leg = {b.x - a.x, b.y - a.y};
-        const double across = before.x * leg.y - before.y * leg.x;
-        counted[METRES] += between(a, b);
-        counted[HOVERED] += desk->at[i].hold;
-        counted[TURNED] += fabs(arc_tangent2(across, before.x * leg.x + before.y * leg.y));
-        before = leg;
-    }
-}
-
 /* How much a limit counts of what is counted. */
 static double taken_of(const Limit *limit, const double *counted)
 {
@@ -242,16 +228,32 @@ static int is_limited(const Flying *flying, int64_t first, int64_t last)
     return 0;
 }
 
+/* Count what the flight through the stops takes: all of it, or seconds and what some limit weighs. */
+static void count_flight(const Flying *flying, double radius, int all, double *counted, Desk *desk)
+{
+    for (int64_t i = 0; i < COUNTED; i++) counted[i] = 0.0;
+    /* Energy takes most of the work to foresee. */
+    double *joules = all || is_limited(flying, JOULES, JOULES) ? counted + JOULES : NULL;
+    counted[SECONDS] = fly_stops(flying, radius, joules, desk);
+    if (!all && !is_limited(flying, METRES, COUNTED - 1)) return;
+    Point before = {0.0, 0.0};
+    for (int64_t i = 0; i < desk->stops; i++) {
+        const Point a = desk->at[i ? i - 1 : 0].p, b = desk->at[i].p, leg = {b.x - a.x, b.y - a.y};
+        const double across = before.x * leg.y - before.y * leg.x;
+        counted[METRES] += between(a, b);
+        counted[HOVERED] += desk->at[i].hold;
+        counted[TURNED] += fabs(arc_tangent2(across, before.x * leg.x + before.y * leg.y));
+        before = leg;
+    }
+}
+
 /* How much of the tightest limit the flight of a plan takes; more than 1 does not fit. */
 static double share_of(const Round *round, const CandidatePlan *plan, double radius, Desk *desk)
 {
     const Flying *flying = round->flying;
-    double counted[COUNTED] = {0.0}, share = 0.0;
+    double counted[COUNTED], share = 0.0;
     gather_stops(round, plan, desk);
-    /* Energy takes most of the work to foresee. */
-    double *joules = is_limited(flying, JOULES, JOULES) ? counted + JOULES : NULL;
-    counted[SECONDS] = fly_stops(flying, radius, joules, desk);
-    if (is_limited(flying, METRES, TURNED)) count_way(counted, desk);
+    count_flight(flying, radius, 0, counted, desk);
     for (int64_t l = 0; l < flying->limits; l++)
         share = most(share, taken_of(flying->limit + l, counted) / flying->limit[l].most);
     return share;
