@@ -88,7 +88,8 @@ Heights = Annotated[tuple[Height, Height], AfterValidator(_lower_first)]
 
 
 if TYPE_CHECKING:
-    LimitsEntry = Table
+
+    class LimitsEntry(Table): ...
 else:  # a key for each kind of limit
     LimitsEntry = create_model(
         "LimitsEntry", __base__=Table, **{kind.key: (Positive | None, None) for kind in LIMITS}
