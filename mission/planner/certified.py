@@ -156,13 +156,16 @@ class Goal:
 
     gap: float  # relative gap (bound - value) / bound that is enough
     max_nodes: int
+    slack: float = 0.0  # bound - value that is enough, whatever the gap
+    scale: float = 0.0  # size of a value that bounds are worked out for; 0: that of the plan
 
-    def effort(self, plan: Found, max_nodes: int) -> Effort | None:
+    def effort(self, plan: Found, max_nodes: int, aircraft: int = 1) -> Effort | None:
         """Return the effort left for a search up to `max_nodes` in all; None: it need not begin."""
         left = min(max_nodes, self.max_nodes) - plan.nodes
-        if left <= 0 or not plan.value > 0.0 or plan.gap <= self.gap:
-            return None
-        return Effort(self.gap, left, min(MAX_OPEN, left * (len(plan.assigned) + 2)))
+        most_open = max(1, min(MAX_OPEN // aircraft, left * (len(plan.assigned) + 2)))
+        effort = Effort(self.gap, max(0, left), most_open, self.slack, self.scale)
+        nothing = left <= 0 or not max(plan.value, self.scale) > 0.0
+        return None if nothing or effort.met_by(plan) else effort
 
 
 @dataclass(frozen=True)
@@ -177,15 +180,15 @@ class Case:
         """Plan heuristically, with `attempts` ruin-and-recreate steps (None: by device count)."""
         attempts = attempts or tries(len(self.devices.delta))
         first = explore(self.devices, self.limits, starts=STARTS, tries=attempts)
-        return Found(*first, self._promised)
+        return Found(*first, self.first_bound)
 
     def along(self, way: Floats) -> Found:
         """Return the plan along a path (N, 2) with its best assignment of devices to steps."""
         value, assigned = match(self.devices, self.limits, way)
-        return Found(value, way, assigned, self._promised)
+        return Found(value, way, assigned, self.first_bound)
 
     @property
-    def _promised(self) -> float:
+    def first_bound(self) -> float:
         """First upper bound: sum of the N K_bar largest rewards that devices reach on their own."""
         places = self.limits.steps * self.limits.per_step
         return float(np.sort(self.relaxation.promise[:, 0])[::-1][:places].sum())
@@ -199,6 +202,19 @@ def case_of(problem: RoundProblem, *, towards_m: Altitudes = ()) -> Case:
 
 def search(case: Case, found: Found, goal: Goal) -> Found:
     """Improve a plan and lower its bound by branch and bound, until goal or nodes end it."""
+    count = len(case.devices.delta)
+    found = branched(case, found, goal)
+    if goal.max_nodes > 0 and count <= MOST_DEVICES and found.value > 0.0 and found.gap > goal.gap:
+        other = case.explored(min(MANY_TRIES, goal.max_nodes))
+        if other.value > found.value:
+            found = replace(other, bound=found.bound, nodes=found.nodes, ended=found.ended)
+    if found.bound > 0.0 and found.gap > goal.gap and not found.nodes:
+        found = replace(found, ended=UNSEARCHED if goal.max_nodes else "it may look into no node")
+    return found
+
+
+def branched(case: Case, found: Found, goal: Goal) -> Found:
+    """Improve a plan and lower its bound by the searches that suit its steps and devices."""
     devices, limits = case.devices, case.limits
     count = len(devices.delta)
     scarce = limits.steps * limits.per_step < count
@@ -210,12 +226,6 @@ def search(case: Case, found: Found, goal: Goal) -> Found:
         most_nodes = goal.max_nodes if count <= MOST_DEVICES else SHARED_NODES // count
         if (effort := goal.effort(found, most_nodes)) is not None:
             found = search_places(devices, limits, plan=found, effort=effort)
-    if goal.max_nodes > 0 and count <= MOST_DEVICES and found.value > 0.0 and found.gap > goal.gap:
-        other = case.explored(min(MANY_TRIES, goal.max_nodes))
-        if other.value > found.value:
-            found = replace(other, bound=found.bound, nodes=found.nodes, ended=found.ended)
-    if found.bound > 0.0 and found.gap > goal.gap and not found.nodes:
-        found = replace(found, ended=UNSEARCHED if goal.max_nodes else "it may look into no node")
     return found
 
 
@@ -224,24 +234,33 @@ def tries(devices: int) -> int:
     return min(MIN_TRIES + devices, MAX_TRIES)
 
 
-def instance(problem: RoundProblem, *, towards_m: Altitudes = ()) -> tuple[Devices, PathLimits]:
+def instance(
+    problem: RoundProblem, *, towards_m: Altitudes = (), reach_m: int | None = None
+) -> tuple[Devices, PathLimits]:
     """Return the devices with importance above 0, relative to the start, and a path's limits.
 
-    `towards_m` as in `reward_table`.
+    `towards_m` as in `reward_table`; tables cover `reach_m` (None: that of the problem).
     """
     worth = problem.importance > 0.0
     u = np.ascontiguousarray(problem.devices_m[worth] - problem.start_m, dtype=np.float64)
     delta = np.ascontiguousarray(problem.importance[worth], dtype=np.float64)
-    table, grid = reward_table(problem.channel, reach_of(problem), towards_m), problem.per_grid
+    reach_m, grid = reach_m or reach_of(problem), problem.per_grid
+    table = reward_table(problem.channel, reach_m, towards_m)
     if grid is not None:
         grid = grid.seen_from(np.flatnonzero(worth), problem.start_m)
     limits = PathLimits(int(problem.steps), int(problem.per_step), float(problem.path_budget_m))
     return Devices(u, delta, table.rows, grid=grid), limits
 
 
-def relax(problem: RoundProblem, devices: Devices, *, towards_m: Altitudes = ()) -> Relaxation:
-    """The tables of the dual bound; `towards_m` as in `reward_table`."""
-    reach = reach_of(problem)
+def relax(
+    problem: RoundProblem,
+    devices: Devices,
+    *,
+    towards_m: Altitudes = (),
+    reach_m: int | None = None,
+) -> Relaxation:
+    """The tables of the dual bound; `towards_m` and `reach_m` as in `instance`."""
+    reach = reach_m or reach_of(problem)
     tables = conjugates(problem.channel, reach, towards_m)
     # No path comes nearer to a device than its distance from the start less the budget.
     nearest = np.maximum(0.0, np.hypot(*devices.u.T) - problem.path_budget_m)

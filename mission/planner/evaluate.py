@@ -190,9 +190,13 @@ def _nobody_in_reach(problem: RoundProblem) -> bool:
     nothing to collect."""
     if problem.ready_in_s is not None and problem.upload_s is not None:
         return False  # while one without hope sends, others get ready
-    away_m = np.hypot(*(problem.devices_m - problem.start_m).T)
-    chances = success_bounds(problem, np.maximum(away_m - problem.most_m, 0.0))
-    return bool((chances[:, problem.importance > 0.0] < HOPE).all())
+    worth = problem.importance > 0.0
+    for one in map(problem.alone, range(len(problem.starts))):
+        away_m = np.hypot(*(one.devices_m - one.start_m).T)
+        chances = success_bounds(one, np.maximum(away_m - one.most_m, 0.0))
+        if not (chances[:, worth] < HOPE).all():
+            return False
+    return True
 
 
 def scheduled(problem: RoundProblem, waypoints_m: Floats, *, hold_s: float = 0.0) -> RoundPlan:

@@ -7,6 +7,7 @@ from mission.planner.certified import CertifiedPlanner, ExploringPlanner
 from mission.planner.check import check_plan
 from mission.planner.config import PlannerConfig
 from mission.planner.errors import InfeasiblePlanError
+from mission.planner.fleet.planner import FleetPlanner
 from mission.planner.limited import LimitedPlanner
 from mission.planner.problem import Planner, RoundPlan, RoundProblem
 
@@ -24,12 +25,13 @@ def make_planner(config: PlannerConfig) -> Planner:
     """
     if config.kind != "certified":
         planner = SampledAltitudes(_of_kind(config))
-        return LimitedPlanner(planner, planner)
+        return FleetPlanner(LimitedPlanner(planner, planner))
     certified = CertifiedPlanner(gap=config.gap, max_nodes=config.max_nodes)
     drawing = ExploringPlanner(starts=_STARTS, tries=_TRIES)
     few = CertifiedPlanner(gap=config.gap, max_nodes=min(config.max_nodes, _FEW_NODES))
     brief = CertifiedAltitudes(few, searches=_SEARCHES)
-    return LimitedPlanner(CertifiedAltitudes(certified), drawing, certified.goal, brief)
+    inner = LimitedPlanner(CertifiedAltitudes(certified), drawing, certified.goal, brief)
+    return FleetPlanner(inner, certified.goal)
 
 
 def _of_kind(config: PlannerConfig) -> Planner:

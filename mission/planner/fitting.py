@@ -47,13 +47,21 @@ def fitted(
 
 
 def varied(
-    problem: RoundProblem, plan: RoundPlan, changes: int, *, tolerance: float = 0.0, seed: int = 0
+    problem: RoundProblem,
+    plan: RoundPlan,
+    changes: int,
+    *,
+    tolerance: float = 0.0,
+    seed: int = 0,
+    price: Floats | None = None,
 ) -> RoundPlan:
     """Improve a plan by local search (threshold accepting) with `changes` random moves: shift a
     waypoint, put it near a device or elsewhere in the order, reverse a stretch. A move may lose up
-    to a share `tolerance` of the value, which falls to 0 in the end."""
+    to a share `tolerance` of the value, which falls to 0 in the end. Where serving each device
+    has a `price` (K,), it is part of the values of both plans."""
     problem, limited = problem.at(plan.altitude_m), problem.limits is not None
-    found = problem.as_judged.varied(
+    judged = problem.as_judged if price is None else problem.judged_with(price=price)
+    found = judged.varied(
         plan.as_candidate, problem.most_m, changes, tolerance=tolerance, seed=seed, limited=limited
     )
     return planned(problem, found).with_own(altitude_m=plan.altitude_m)

@@ -17,7 +17,7 @@ _ALIKE = 0.003  # of the value: plans that differ by less are taken for one
 def improved(problem: RoundProblem, plans: list[RoundPlan], enough: float) -> RoundPlan:
     """Return the best plan of a staged local search: all `plans` briefly, the best of those longer,
     until one is worth `enough`; an open altitude is chosen anew for each of the best."""
-    changes, some = _changes(problem), plans
+    changes, some = changes_for(problem), plans
     timed = problem.upload_s is not None and problem.ready_in_s is not None
     for stage, (most, share, tolerance) in enumerate(_RUGGED if timed else _STAGES):
         if max(map(_value, some)) >= enough:
@@ -31,7 +31,7 @@ def improved(problem: RoundProblem, plans: list[RoundPlan], enough: float) -> Ro
     return max(some, key=_value)
 
 
-def _changes(problem: RoundProblem) -> int:
+def changes_for(problem: RoundProblem) -> int:
     """Return how many random changes to try: fewer where evaluating one takes longer."""
     work, devices = 1.0, len(problem.devices_m)
     limits = () if problem.limits is None else problem.limits.each

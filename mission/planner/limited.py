@@ -72,8 +72,7 @@ class LimitedPlanner:
     def _within(self, problem: RoundProblem, ideal: RoundPlan) -> tuple[RoundPlan, float]:
         """Return the best plan within limits, begun from `ideal`, and its bound (NaN: none)."""
         bound = ideal.upper_bound  # NaN stays, where none is proven
-        # A way out of an area leads nearer to devices than anybody is allowed to be.
-        if not np.isnan(bound) and problem.airspace.allows(problem.start_m[None])[0]:
+        if not np.isnan(bound):
             bound = min(bound, reach_bound(problem))
         fixed = problem.at(ideal.altitude_m)
         best = fitted(problem, ideal.waypoints_m)
@@ -125,12 +124,21 @@ def servable(problem: RoundProblem) -> Floats:
     return np.where(served, problem.importance, 0.0)
 
 
-def reach_bound(problem: RoundProblem) -> float:
-    """Return an upper bound on plans: each device served from the nearest place that is allowed."""
+def near_of(problem: RoundProblem) -> Floats:
+    """(K,) metres from each device to the nearest place in reach that is allowed."""
     devices = problem.devices_m
     from_start = np.hypot(*(devices - problem.start_m).T)
-    near_m = np.maximum(problem.airspace.away(devices), from_start - problem.path_budget_m)
+    away = problem.airspace.away(devices)
+    # A way out of an area leads nearer to devices than anybody is allowed to be.
+    if not problem.airspace.allows(problem.start_m[None])[0]:
+        away = np.zeros(len(devices))
+    near_m = np.maximum(away, from_start - problem.path_budget_m)
     # The start may be nearer than anybody is allowed to be.
-    near_m = np.maximum(0.0, np.minimum(near_m, from_start))
-    worth = np.sort(problem.importance * success_bounds(problem, near_m).max(axis=0))[::-1]
+    return np.asarray(np.maximum(0.0, np.minimum(near_m, from_start)))
+
+
+def reach_bound(problem: RoundProblem) -> float:
+    """Return an upper bound on plans: each device served from the nearest place that is allowed."""
+    success = success_bounds(problem, near_of(problem)).max(axis=0)
+    worth = np.sort(problem.importance * success)[::-1]
     return float(worth[: problem.steps * problem.per_step].sum())

@@ -177,9 +177,12 @@ class RoundProblem:
         """C view of the round that evaluates its plans, with the hovers of `upload_s` alone."""
         return self.judged_with()
 
-    def judged_with(self, *, hold_s: float = 0.0, widest_m: float | None = None) -> Round:
+    def judged_with(
+        self, *, hold_s: float = 0.0, widest_m: float | None = None, price: Floats | None = None
+    ) -> Round:
         """Return the C view of the round with a hover of `hold_s` at every stop, and acceptance
-        radii up to `widest_m` (None: that of the limits); half of the airspace's margin at most."""
+        radii up to `widest_m` (None: that of the limits), half of the airspace's margin at most,
+        and a `price` (K,) on serving each device."""
         limits = self.limits
         if widest_m is None:
             widest_m = 1.0 if limits is None else limits.performance.widest_m
@@ -190,7 +193,7 @@ class RoundProblem:
             channel=self.channel.constants, altitude_m=self.channel.altitude_m, grid=self.per_grid,
             airspace=self.airspace, radii_m=acceptance_radii(widest_m),
             flying=None if limits is None else limits.flying, upload_s=self.upload_s,
-            ready_in_s=self.ready_in_s, hold_s=hold_s,
+            ready_in_s=self.ready_in_s, hold_s=hold_s, price=price,
         )  # fmt: skip
 
     def at(self, altitude_m: float | None) -> Self:

@@ -53,7 +53,7 @@ def timed_bound(problem: RoundProblem, value: float, goal: Goal) -> float:
     most_nodes = _SHARED_NODES // count // (1 if problem.altitudes_m is None else _PARTS)
     goal, worst = replace(goal, max_nodes=min(goal.max_nodes, most_nodes)), 0.0
     limits = [allowance for allowance in _limits(problem) if allowance.whole > 0.0]
-    for case in _cases(problem):
+    for case in cases_of(problem):
         bound = math.inf
         for allowance in limits:
             if bound > worst:  # what is no more than elsewhere need not be lowered further
@@ -63,7 +63,7 @@ def timed_bound(problem: RoundProblem, value: float, goal: Goal) -> float:
     return worst
 
 
-def _cases(problem: RoundProblem) -> Iterator[Case]:
+def cases_of(problem: RoundProblem) -> Iterator[Case]:
     """Yield search inputs: at the fixed altitude, or at both ends of each part of open ones."""
     if problem.altitudes_m is None:
         yield case_of(problem)

@@ -14,17 +14,22 @@ static const double LOOSE = 0.25;
 
 /* What bounds of a node's children are measured against. */
 typedef struct {
-    double rest;   /* bound of what the devices off the order bring */
+    double rest;   /* bound of what is beside the order: of devices off it, less prices of those in it */
     double eps;    /* barrier weight */
     double enough; /* a bound at or under this closes a node */
     double mu;     /* a multiplier of the right size */
 } Goal;
 
-/* Bound of what the devices off the order can bring, within the places that are left. */
-static double rest_of(const Node *node, const Problem *problem)
+static double paid_for(const Node *node, const Devices *devices)
 {
-    if (problem->devices.hover) return 0.0;
-    const int64_t room = problem->limits.steps * problem->limits.per_step - node->size;
+    double paid = 0.0;
+    for (int64_t i = 0; i < node->size; i++) paid += cost_of(devices, node->order[i]);
+    return paid;
+}
+
+/* Bound of what the devices off the order can earn within so many places. */
+static double promised_within(int64_t room, const Node *node, const Problem *problem)
+{
     double promises[MOST_DEVICES], total = 0.0;
     int64_t count = 0;
     for (int64_t k = 0; k < problem->devices.count; k++)
@@ -39,6 +44,14 @@ static double rest_of(const Node *node, const Problem *problem)
     total = 0.0;
     for (int64_t i = 0; i < room; i++) total += promises[best[i]];
     return total;
+}
+
+/* The same within the places that are left, less the prices of those in the order. */
+static double rest_of(const Node *node, const Problem *problem)
+{
+    if (problem->devices.hover) return 0.0;
+    const int64_t room = problem->limits.steps * problem->limits.per_step - node->size;
+    return promised_within(room, node, problem) - paid_for(node, &problem->devices);
 }
 
 /* An order to solve, down to where with `others` it closes the node. */
@@ -99,20 +112,21 @@ static const double CHILD_COST = 0.1;
 /* A device to insert, and the orders that this makes. */
 typedef struct {
     int64_t device, radius; /* index of the next rung's radius */
-    double promise, others; /* what it promises, and all others off the order */
+    double brings, others; /* what it promises and its price, and the rest without it */
     Order *first, *last;
 } Probe;
 
 /* Memory for the children of a node while they are solved. */
 typedef struct {
-    Node node[MANY_PROBES * (MOST_DEVICES + 1)];
-    Order order[MANY_PROBES * (MOST_DEVICES + 1)];
+    Node node[MANY_PROBES * (MOST_DEVICES + MOST_AIRCRAFT)];
+    Order order[MANY_PROBES * (MOST_DEVICES + MOST_AIRCRAFT)];
     Solver solver;
 } Children;
 
 /* A child that is left open. */
 typedef struct {
     int64_t detail; /* gap or OUT_OF_REACH, interval row, or state of an edge */
+    int64_t chain;  /* whose, where there are several */
     double bound, dual, mu, price;
     Point y[MOST_DEVICES];
 } Child;
@@ -123,8 +137,8 @@ typedef struct {
     double closed; /* largest bound among the children closed */
     enum Kind kind;
     int64_t what, radius; /* device or position; of an insertion, index of the radius */
-    int64_t count;
-    Child child[MOST_DEVICES + 2];
+    int64_t count, chain; /* that of the next child */
+    Child child[MOST_DEVICES + MOST_AIRCRAFT + 1];
 } Family;
 
 static void begin(Family *family, enum Kind kind, int64_t what, int64_t radius)
@@ -149,6 +163,7 @@ static int offer(
     }
     Child *child = &family->child[family->count++];
     child->detail = detail;
+    child->chain = family->chain;
     child->bound = bound;
     child->dual = node->dual;
     child->mu = node->mu;
@@ -172,8 +187,10 @@ static Probe probe(
 {
     const Relaxation *relaxation = &problem->relaxation;
     const int64_t level = node->level[device], radius = relaxation->ladder[level];
-    const double promise = problem->devices.hover ? 0.0 : promise_of(node, device, relaxation);
-    const double others = goal->rest - promise;
+    const double brings = problem->devices.hover ? 0.0
+                                                 : promise_of(node, device, relaxation) +
+                                                       cost_of(&problem->devices, device);
+    const double others = goal->rest - brings;
     Order *first = all->solver.end, *last = first;
     for (int64_t gap = 0; gap <= node->size; gap++) {
         if (!(node->mask[device] >> gap & 1)) continue;
@@ -184,28 +201,34 @@ static Probe probe(
             *last++ = order_with(child, gap, path, problem, goal, others);
     }
     all->solver.end = last;
-    return (Probe){device, radius, promise, others, first, last};
+    return (Probe){device, radius, brings, others, first, last};
 }
 
-/* Serve a device at each gap of the order, or not from within the radius at all.
+/* Serve a device at each gap of the order. On the last rung, gaps without a child are closed in the
+   node's mask, for all descendants. */
+static void offer_gaps(
+    Node *node, const Probe *probe, const Relaxation *relaxation, const Goal *goal, Family *family)
+{
+    for (const Order *order = probe->first; order < probe->last; order++) {
+        order->node->dual = node->dual + probe->brings;
+        take_dual(order->node, order->bound, order->price);
+        const int stays = offer(family, order->pointed, probe->others, node, order->node, goal);
+        if (!stays && probe->radius == relaxation->radii - 1)
+            node->mask[probe->device] &= ~((uint64_t)1 << order->pointed);
+    }
+}
 
-   On the last rung, gaps without a child are closed in the node's mask, for all descendants. */
+/* Serve a device at each gap of the order, or not from within the radius at all. */
 static void by_insertion(
     Node *node, const Probe *probe, const Problem *problem, const Goal *goal, Family *family,
     Children *all)
 {
     const Relaxation *relaxation = &problem->relaxation;
     begin(family, INSERTION, probe->device, probe->radius);
-    for (const Order *order = probe->first; order < probe->last; order++) {
-        order->node->dual = node->dual + probe->promise;
-        take_dual(order->node, order->bound, order->price);
-        const int stays = offer(family, order->pointed, probe->others, node, order->node, goal);
-        if (!stays && probe->radius == relaxation->radii - 1)
-            node->mask[probe->device] &= ~((uint64_t)1 << order->pointed);
-    }
+    offer_gaps(node, probe, relaxation, goal, family);
     const double promise = promise_of(node, probe->device, relaxation);
     const double less = relaxation->promise[probe->device * relaxation->radii + probe->radius];
-    double rest = probe->others + less;
+    double rest = probe->others + cost_of(&problem->devices, probe->device) + less;
     if (problem->devices.hover) {
         const double hover = problem->devices.hover[probe->device], soft = all->solver.all.soft;
         rest = left_over_at(less, hover, node->price, soft) -

@@ -55,7 +55,7 @@ static void merge_nearest(Point *way, int64_t count)
 
 /* Memory for putting spare points to use. */
 typedef struct {
-    double *have;     /* (K,) what each device earns at its nearest point */
+    double *have;     /* (K,) what each device brings at its nearest point, or its price if that is more */
     double *could;    /* (K,) and at the place of the path that is nearest */
     double *along;    /* (K,) that place: number of the point before it, and share of the leg */
     Point *point;     /* (K,) where it is */
@@ -79,12 +79,13 @@ static Spare lay_out_spare(Arena *arena, int64_t devices, int64_t steps)
 static void rate_by_worth(
     int64_t k, const Point *way, int64_t count, const Devices *devices, const Spare *spare)
 {
-    spare->have[k] = spare->could[k] = 0.0;
-    for (int64_t n = 0; n < count; n++) spare->have[k] = most(spare->have[k], worth(devices, k, way[n]));
+    spare->have[k] = cost_of(devices, k);
+    spare->could[k] = 0.0;
+    for (int64_t n = 0; n < count; n++) spare->have[k] = most(spare->have[k], brings(devices, k, way[n]));
     for (int64_t n = 0; n + 1 < count; n++) {
         const double share = share_before(devices->at[k], way[n], way[n + 1]);
         const Point there = between_at(way[n], way[n + 1], share);
-        const double could = worth(devices, k, there);
+        const double could = brings(devices, k, there);
         if (!(could > spare->could[k])) continue;
         spare->could[k] = could;
         spare->along[k] = (double)n + share;
@@ -114,7 +115,7 @@ static void rate_spare(const Point *way, int64_t count, const Devices *devices, 
                 }
             }
         }
-        spare->have[k] = devices->delta[k] * reward(sqrt(near), devices).f;
+        spare->have[k] = most(devices->delta[k] * reward(sqrt(near), devices).f, cost_of(devices, k));
         spare->could[k] = spare->have[k];
         if (nearest < near)
             spare->could[k] = devices->delta[k] * reward(sqrt(nearest), devices).f;
@@ -146,7 +147,7 @@ static void fill_spare(
         position[n] = spare->along[best];
         points[n] = spare->point[best];
         for (int64_t k = 0; k < devices->count; k++)
-            have[k] = most(have[k], worth(devices, k, points[n]));
+            have[k] = most(have[k], brings(devices, k, points[n]));
     }
     /* Insertion sort: all but the spare points are in order already. */
     for (int64_t n = 1; n < steps; n++) {

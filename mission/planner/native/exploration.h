@@ -128,7 +128,7 @@ static void start(
 {
     Draft *draft = &all->draft;
     double power = 0.0, length = limits->length * (1.0 + EXCESS);
-    memset(draft->have, 0, (size_t)devices->count * sizeof(double));
+    for (int64_t k = 0; k < devices->count; k++) draft->have[k] = cost_of(devices, k);
     draft->points[0] = (Point){0.0, 0.0};
     draft->count = 1;
     if (i >= 0) {

@@ -39,7 +39,7 @@ static void assign_ready(const Round *round, int timed, unsigned char *schedule,
         for (int64_t k = 0; k < devices; k++) {
             const double chance = desk->chances[n * devices + k];
             const int never = chance < hope || (timed && desk->begins[n] < round->ready[k]);
-            desk->worth[k * steps + n] = never ? 0.0 : chance * round->importance[k];
+            desk->worth[k * steps + n] = never ? 0.0 : most(0.0, gain_of(round, k, chance));
         }
     memset(schedule, 0, (size_t)(steps * devices));
     assign_steps(devices, steps, desk->worth, desk->best, desk->assigned, &desk->places);
@@ -67,7 +67,7 @@ static void leave_late(const Round *round, CandidatePlan *plan, Desk *desk)
     plan->value = 0.0;
     for (int64_t n = 0, i = 0; n < round->steps; n++)
         for (int64_t k = 0; k < round->devices; k++, i++)
-            if (plan->schedule[i]) plan->value += desk->chances[i] * round->importance[k];
+            if (plan->schedule[i]) plan->value += gain_of(round, k, desk->chances[i]);
 }
 
 /* Seconds of hovers that a flight of so many metres leaves at most. */
@@ -108,7 +108,7 @@ static double promised(const Round *round, const CandidatePlan *plan, double len
 {
     double total = 0.0;
     for (int64_t k = 0; k < round->devices; k++) {
-        desk->worth[k] = best_chance(round, plan, k, desk) * round->importance[k];
+        desk->worth[k] = most(0.0, gain_of(round, k, best_chance(round, plan, k, desk)));
         total += desk->worth[k];
     }
     if (!round->upload || !round->flying) return total;
@@ -187,7 +187,7 @@ static double serve_fewer(const Round *round, CandidatePlan *plan, double above,
         Turn *turn = desk->turns + i;
         const int64_t k = turn->device;
         turn->taken = (whole - taken) * round->upload[k] / most(seconds, 1e-9);
-        desk->best[i] = desk->chances[turn->step * round->devices + k] * round->importance[k] /
+        desk->best[i] = gain_of(round, k, desk->chances[turn->step * round->devices + k]) /
                         most(turn->taken, 1e-9);
     }
     const int64_t *order = descending(desk->best, served, desk->order, desk->spare);

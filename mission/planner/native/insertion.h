@@ -83,7 +83,7 @@ static void fill_lists(const Devices *devices, const Lists *lists)
 typedef struct {
     int64_t count, places; /* points so far; devices that a stop serves at most */
     Point *points;         /* (N,) the start first */
-    double *have;          /* (K,) what each device earns so far */
+    double *have;          /* (K,) what each device brings so far, or its price if that is more */
     double *worth;         /* (K,) what a stop above the device would add; below 0: not known */
     double *metres;        /* (K,) shortest detour to it */
     double *ease;          /* (K,) metres^-power */
@@ -244,8 +244,9 @@ static void cut_out(
     }
     for (int64_t k = 0; k < devices->count; k++) {
         int64_t n = assigned[k];
-        draft->have[k] = 0.0;
-        if (n >= 0 && !(first <= n && n < last)) draft->have[k] = worth(devices, k, way[n]);
+        draft->have[k] = cost_of(devices, k);
+        if (n >= 0 && !(first <= n && n < last))
+            draft->have[k] = most(draft->have[k], brings(devices, k, way[n]));
     }
 }
 

@@ -1,6 +1,7 @@
 """The C interface of planning (`planner.h`), every size and pointer checked once."""
 
 import ctypes
+import math
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -9,7 +10,7 @@ import numpy as np
 
 from fl.radio.per_grid import PerGrid
 from mission.base.arrays import Bools, Floats, Ints
-from mission.planner.reward import Conjugates
+from mission.planner.reward import Conjugates, RewardTable
 from native.building import library
 from native.headers import Structure, columns
 from native.loading import address, interface
@@ -46,6 +47,7 @@ class Devices:
     delta: Floats  # (K,) importance, above 0
     rows: Floats  # (R, 3) f, f', f'' of the channel, one row a metre
     grid: PerGrid | None = None  # of their success, in place of the rows; about the start
+    price: Floats | None = None  # (K,) what serving each costs, below delta
     # Where hovers and turns count, for bounds only:
     hover: Floats | None = None  # (K,) metres of the length that go while each sends
     after: Floats | None = None  # (K,) most metres of time from its turn on, its hover included
@@ -65,10 +67,17 @@ class Devices:
             grid=None if self._grid is None else ctypes.addressof(self._grid),
             **{
                 name: address(metres, np.float64, (count,))
-                for name in ("hover", "after", "sends")
+                for name in ("price", "hover", "after", "sends")
                 if (metres := getattr(self, name)) is not None
             },
         )
+
+    def brought(self, served: Ints, places_m: Floats) -> Floats:
+        """Return what devices `served` (S,) bring from places (S, 2), before any price."""
+        if self.grid is not None:
+            return (1.0 - self.grid.per(served, places_m)) * self.delta[served]
+        far_m = np.hypot(*(self.u[served] - places_m).T)
+        return RewardTable(self.rows, self.rows[:0]).expanded(far_m)[0] * self.delta[served]
 
     @cached_property
     def _grid(self) -> Structure | None:
@@ -172,10 +181,21 @@ class Effort:
     gap: float  # relative gap (bound - value) / bound that is enough
     max_nodes: int  # nodes that are looked into at most
     max_open: int  # nodes that are open at most; others are closed with their bound
+    slack: float = 0.0  # bound - value that is enough
+    scale: float = 0.0  # size of a value that bounds are worked out for; 0: that of the plan
 
     def __post_init__(self) -> None:
         if not 0.0 <= self.gap < 1.0 or self.max_nodes < 0 or self.max_open < 1:
             raise ValueError(f"nothing to search for: {self}")
+
+    def met_by(self, found: "Found") -> bool:
+        """Whether the bound is near enough to the plan."""
+        most = max(found.value / (1.0 - self.gap), found.value + self.slack)
+        return found.bound <= most * (1.0 + 1e-9)
+
+    def as_c(self) -> Any:
+        """Gap, slack and scale as C takes them."""
+        return PLANNER.Target(gap=self.gap, slack=self.slack, scale=self.scale)
 
 
 @dataclass(frozen=True)
@@ -191,8 +211,8 @@ class Found:
 
     @property
     def gap(self) -> float:
-        """(bound - value) / bound."""
-        return (self.bound - self.value) / self.bound
+        """(bound - value) / bound; 0 for a bound of 0."""
+        return (self.bound - self.value) / self.bound if self.bound else 0.0
 
 
 def search_orders(
@@ -210,7 +230,9 @@ def search_orders(
     if count > MOST_DEVICES:
         raise ValueError(f"{count} devices: a search takes at most {MOST_DEVICES}")
     shared = devices.as_c(), limits.as_c(), relaxation.as_c(count)
-    return _searched(PLANNER.search_orders, shared, limits, plan, effort)
+    given = tuple(map(ctypes.addressof, shared))
+    shape = limits.steps, POINT
+    return searched(PLANNER.search_orders, given, plan, effort, shape=shape, devices=count)
 
 
 def search_places(devices: Devices, limits: PathLimits, *, plan: Found, effort: Effort) -> Found:
@@ -223,29 +245,36 @@ def search_places(devices: Devices, limits: PathLimits, *, plan: Found, effort: 
         MemoryError: there is too little memory.
     """
     shared = devices.as_c(), limits.as_c()
-    return _searched(PLANNER.search_places, shared, limits, plan, effort)
+    given = tuple(map(ctypes.addressof, shared))
+    shape, count = (limits.steps, POINT), len(devices.delta)
+    return searched(PLANNER.search_places, given, plan, effort, shape=shape, devices=count)
 
 
-def _searched(
+def searched(
     function: Any,
-    shared: tuple[Structure, ...],
-    limits: PathLimits,
+    given: tuple[int, ...],
     plan: Found,
     effort: Effort,
+    *,
+    shape: tuple[int, ...],
+    devices: int,
 ) -> Found:
-    if not plan.value > 0.0:
+    """Improve on a plan by a search of the library's with these arguments first; the plan's paths
+    have `shape` (N, 2), or (A, N, 2) of several aircraft."""
+    if not max(plan.value, effort.scale) > 0.0:
         raise ValueError(f"nothing to search for: {plan.value=}")
-    _check_range("assigned", plan.assigned + 1, limits.steps + 1)
+    _check_range("assigned", plan.assigned + 1, math.prod(shape[:-1]) + 1)
     way, assigned = plan.way.copy(), plan.assigned.copy()
     value, bound, ended = ctypes.c_double(plan.value), ctypes.c_double(), ctypes.c_int64()
+    target = effort.as_c()
     nodes = function(
-        *map(ctypes.addressof, shared),
-        effort.gap,
+        *given,
+        ctypes.addressof(target),
         effort.max_nodes,
         effort.max_open,
         ctypes.addressof(value),
-        address(way, np.float64, (limits.steps, POINT), written=True),
-        address(assigned, np.int64, (shared[0].count,), written=True),
+        address(way, np.float64, shape, written=True),
+        address(assigned, np.int64, (devices,), written=True),
         ctypes.addressof(bound),
         ctypes.addressof(ended),
     )
@@ -253,7 +282,7 @@ def _searched(
         raise MemoryError("too little memory to search for a plan")
     lower, all_nodes = min(plan.bound, bound.value), plan.nodes + nodes
     found = Found(value.value, way, assigned, lower, all_nodes)
-    if found.gap <= effort.gap * (1.0 + 1e-9):
+    if effort.met_by(found):
         return found
     why = _ENDED[ended.value].format(nodes=all_nodes, most=plan.nodes + effort.max_nodes)
     return replace(found, ended=why)

@@ -319,14 +319,14 @@ static void match(Plan *plan, const Limits *limits, const Devices *devices, cons
                 nearest = with_room(memory, limits, devices->at[k], nearest, near);
             f = reward(sqrt(near), devices).f;
         }
-        if (f <= 0.0) {
+        best[k] = devices->delta[k] * f - cost_of(devices, k);
+        if (best[k] <= 0.0) {
             assigned[k] = -1;
             best[k] = 0.0;
             continue;
         }
         assigned[k] = nearest;
         load[nearest] += 1;
-        best[k] = devices->delta[k] * f;
         total += best[k];
         if (load[nearest] > limits->per_step) fits = 0;
     }

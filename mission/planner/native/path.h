@@ -11,7 +11,14 @@ typedef struct {
     double excess[MOST_DEVICES]; /* by device: what the bound promises beyond what the path brings */
 } Path;
 
-/* Fill `path` from the node's dual; returns what it would earn with a stop everywhere. */
+/* What a device that may be left out earns from a distance. */
+static double earned_at(double r, int64_t k, const Devices *devices)
+{
+    return most(0.0, devices->delta[k] * reward(r, devices).f - cost_of(devices, k));
+}
+
+/* Fill `path` from the node's dual; returns what it would earn with a stop everywhere. Whoever is in the
+   order pays its price; the others are served if they are worth it. */
 static double recover(const Node *node, const Problem *problem, Path *path)
 {
     const Devices *devices = &problem->devices;
@@ -27,16 +34,16 @@ static double recover(const Node *node, const Problem *problem, Path *path)
         path->points[i + 1] =
             (Point){devices->at[k].x - shift * w.x, devices->at[k].y - shift * w.y};
         path->radius[k] = at.slope;
-        const double brings = delta * reward(at.slope, devices).f;
-        path->excess[k] = delta * (at.h - s * at.slope) - brings;
-        real += brings;
+        const double brought = delta * reward(at.slope, devices).f;
+        path->excess[k] = delta * (at.h - s * at.slope) - brought;
+        real += brought - cost_of(devices, k);
     }
     for (int64_t k = 0; k < devices->count; k++)
         if (node->level[k] != PLACED) {
             const double away = distance_to(devices->at[k], path->points, m + 1);
-            const double brings = devices->delta[k] * reward(away, devices).f;
-            path->excess[k] = promise_of(node, k, &problem->relaxation) - brings;
-            real += brings;
+            const double earns = earned_at(away, k, devices);
+            path->excess[k] = promise_of(node, k, &problem->relaxation) - earns;
+            real += earns;
         }
     return real;
 }
@@ -50,8 +57,8 @@ static void at_stops(const Node *node, const Problem *problem, Path *path)
             double square = INFINITY;
             for (int64_t i = 0; i <= node->size; i++)
                 square = least(square, square_between(path->points[i], devices->at[k]));
-            const double brings = devices->delta[k] * reward(sqrt(square), devices).f;
-            path->excess[k] = promise_of(node, k, &problem->relaxation) - brings;
+            path->excess[k] =
+                promise_of(node, k, &problem->relaxation) - earned_at(sqrt(square), k, devices);
         }
 }
 

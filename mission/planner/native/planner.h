@@ -19,6 +19,7 @@ typedef struct {
     int64_t count;       /* K */
     const Point *at;     /* (K,) metres */
     const double *delta; /* (K,) importance, above 0 */
+    const double *price; /* (K,) what serving each costs, below delta; or NULL: nothing */
     const double *hover; /* (K,) metres of the length that go while each sends; or NULL: hovers do not count */
     const double *after; /* (K,) most metres from its turn on, hovers included: of time; NULL as `hover` is */
     const double *sends; /* (K,) metres that could be flown in the time for which each sends; NULL as `hover` is */
@@ -26,6 +27,12 @@ typedef struct {
     const double *table; /* (rows, 3) f, f', f'' of the channel, one row a metre */
     const Grid *grid;    /* of their success, in its place; or NULL */
 } Devices;
+
+/* When a search may end: no plan is better by more than the relative gap, or than so much. `scale` is the
+   size of a value that bounds are worked out for; 0: that of the plan. */
+typedef struct {
+    double gap, slack, scale;
+} Target;
 
 /* Metres that a stop takes beyond its leg: at least, and as many more from a leg of that length on. */
 typedef struct {
@@ -82,6 +89,7 @@ typedef struct {
     int64_t devices, steps, per_step; /* K, N, K_bar */
     const Point *at;                  /* (K,) area coordinates */
     const double *importance;         /* (K,) 0 or more */
+    const double *price;              /* (K,) what serving each costs: others bring it; or NULL */
     const double *upload, *ready;     /* (K,) seconds, or NULL */
     const Channel *channel;
     double altitude;
@@ -116,6 +124,7 @@ enum Ended { DONE, OUT_OF_NODES, TOO_SLOW };
 
 enum { MOST_DEVICES = 40 }; /* of a search: its masks have a bit for every gap of an order */
 enum { HOPE_PERCENT = 1 };  /* of success: with less nobody is asked to send */
+enum { MOST_AIRCRAFT = 16 };
 
 /* The same functions for every kind of processor. Where memory is short they give back NaN or -1. */
 typedef struct {
@@ -124,18 +133,31 @@ typedef struct {
        it earns. */
     double (*explore)(const Devices *, const Limits *, int64_t starts, int64_t tries, Point *way,
                       int64_t *assigned);
-    /* Improve on a plan, of a value above 0, until none can be better by more than the relative
-       gap, or `max_nodes` have been looked into; at most `max_open` are open. Needs 1 to
-       MOST_DEVICES devices and a positive length. Writes the bound and why it ended; returns the nodes
-       looked into. */
-    int64_t (*search_orders)(const Devices *, const Limits *, const Relaxation *, double gap,
+    /* Improve on a plan until none can be better by more than the target says, or `max_nodes` have been
+       looked into; at most `max_open` are open. Needs 1 to MOST_DEVICES devices, a positive length, and
+       a plan of a value above 0 or a scale. Writes the bound and why it ended; returns the nodes looked
+       into. */
+    int64_t (*search_orders)(const Devices *, const Limits *, const Relaxation *, const Target *,
                              int64_t max_nodes, int64_t max_open, double *value, Point *way,
                              int64_t *assigned, double *bound, int64_t *ended);
     /* The same by branching on where the stops are, which is for few of them and any number of
        devices. */
-    int64_t (*search_places)(const Devices *, const Limits *, double gap, int64_t max_nodes,
+    int64_t (*search_places)(const Devices *, const Limits *, const Target *, int64_t max_nodes,
                              int64_t max_open, double *value, Point *way, int64_t *assigned,
                              double *bound, int64_t *ended);
+
+    /* The best plan near a path: assignment and ascent in turns. Returns what it earns. */
+    double (*polish)(const Devices *, const Limits *, Point *way, int64_t *assigned);
+    /* The same for several aircraft (A,), each in coordinates with its own start at the origin: `way`
+       (A, N), and `assigned` (K,) numbers steps through all of them. All have the same devices, steps
+       and places a step. */
+    double (*polish_all)(int64_t aircraft, const Devices *, const Limits *, Point *way, int64_t *assigned);
+    /* `search_orders` for several aircraft, whose relaxations have the same radii and promises. `alike`
+       (A,) has the first aircraft that each is equal to. */
+    int64_t (*search_crews)(int64_t aircraft, const Devices *, const Limits *, const Relaxation *,
+                            const int64_t *alike, const Target *, int64_t max_nodes, int64_t max_open,
+                            double *value, Point *way, int64_t *assigned, double *bound,
+                            int64_t *ended);
 
     /* Assign each of the devices to a step or to none (-1), at most `per_step` to each, so that the
        most of `worth` (devices, steps) is earned; 0, or -1 where memory is short. */

@@ -1,6 +1,7 @@
 /* Planning, compiled once for every kind of processor, as LEVEL names it. */
 
 #include "levelled.h"
+#include "joint.h"
 #include "space.h"
 #include "variation.h"
 
@@ -20,7 +21,7 @@ static double explore(
 }
 
 static int64_t search_orders(
-    const Devices *devices, const Limits *limits, const Relaxation *relaxation, double gap,
+    const Devices *devices, const Limits *limits, const Relaxation *relaxation, const Target *target,
     int64_t max_nodes, int64_t max_open, double *value, Point *way, int64_t *assigned,
     double *bound, int64_t *ended)
 {
@@ -40,7 +41,7 @@ static int64_t search_orders(
         }
     }
     set_up_solver(&all->children->solver, &problem);
-    const Proof proof = prove(&problem, gap, max_nodes, &plan, all);
+    const Proof proof = prove(&problem, target, max_nodes, &plan, all);
     *bound = proof.bound;
     *ended = proof.ended;
     *value = plan.value;
@@ -50,7 +51,7 @@ static int64_t search_orders(
 }
 
 static int64_t search_places(
-    const Devices *devices, const Limits *limits, double gap, int64_t max_nodes, int64_t max_open,
+    const Devices *devices, const Limits *limits, const Target *target, int64_t max_nodes, int64_t max_open,
     double *value, Point *way, int64_t *assigned, double *bound, int64_t *ended)
 {
     Arena arena = {0};
@@ -60,7 +61,7 @@ static int64_t search_places(
     if (!provide(&arena)) return -1;
     lay_out_space(&all, &arena, devices, limits, max_open);
     all.programme.best = new_zones(&all.programme.sizes, 0);
-    if (all.programme.best) search_space(devices, limits, gap, max_nodes, &plan, &all);
+    if (all.programme.best) search_space(devices, limits, target, max_nodes, &plan, &all);
     const int64_t nodes = all.programme.best ? all.proof.nodes : -1;
     *bound = all.proof.bound;
     *ended = all.proof.ended;
@@ -68,6 +69,70 @@ static int64_t search_places(
     free(all.programme.best);
     release(&arena);
     return nodes;
+}
+
+static double polish_near(const Devices *devices, const Limits *limits, Point *way, int64_t *assigned)
+{
+    Arena arena = {0};
+    Plan plan = {way, assigned, 0.0};
+    Polish memory = lay_out_polish(&arena, devices->count, limits, limits->steps);
+    if (!provide(&arena)) return NAN;
+    memory = lay_out_polish(&arena, devices->count, limits, limits->steps);
+    polish(way, limits->steps, limits, devices, 0.0, FINE, &plan, &memory);
+    release(&arena);
+    return plan.value;
+}
+
+static double polish_all(
+    int64_t aircraft, const Devices *devices, const Limits *limits, Point *way, int64_t *assigned)
+{
+    Problem problem[MOST_AIRCRAFT];
+    Arena arena = {0};
+    Team team = {.problem = problem};
+    Plan plan = {way, assigned, 0.0};
+    for (int64_t a = 0; a < aircraft; a++)
+        problem[a] = (Problem){.devices = devices[a], .limits = limits[a]};
+    lay_out_team(&team, &arena, aircraft, devices, limits);
+    if (!provide(&arena)) return NAN;
+    lay_out_team(&team, &arena, aircraft, devices, limits);
+    memcpy(team.present.way, way, (size_t)(aircraft * limits->steps) * sizeof(Point));
+    polish_team(&team, &plan);
+    release(&arena);
+    return plan.value;
+}
+
+static int64_t search_crews(
+    int64_t aircraft, const Devices *devices, const Limits *limits, const Relaxation *relaxation,
+    const int64_t *alike, const Target *target, int64_t max_nodes, int64_t max_open, double *value,
+    Point *way, int64_t *assigned, double *bound, int64_t *ended)
+{
+    Problem problem[MOST_AIRCRAFT];
+    Arena arena = {0};
+    Plan plan = {way, assigned, *value};
+    Joint *joint = calloc(1, sizeof *joint);
+    if (!joint) return -1;
+    for (int64_t a = 0; a < aircraft; a++) problem[a] = (Problem){devices[a], limits[a], relaxation[a]};
+    joint->team.problem = problem;
+    joint->alike = alike;
+    for (int pass = 0; pass < 2; pass++) {
+        lay_out_team(&joint->team, &arena, aircraft, devices, limits);
+        joint->now = claim(&arena, 1, size_of_crew(aircraft));
+        joint->path = claim(&arena, aircraft, sizeof(Path));
+        joint->all.children = claim(&arena, 1, sizeof(Children));
+        joint->all.queue = (Queue){claim(&arena, max_open, sizeof(double *)), 0, max_open};
+        if (pass == 0 && !provide(&arena)) {
+            free(joint);
+            return -1;
+        }
+    }
+    set_up_solver(&joint->all.children->solver, problem);
+    const Proof proof = prove_all(joint, target, max_nodes, &plan);
+    *bound = proof.bound;
+    *ended = proof.ended;
+    *value = plan.value;
+    release(&arena);
+    free(joint);
+    return proof.nodes;
 }
 
 static int assign(
@@ -162,12 +227,20 @@ static int leave_out(const Round *round, CandidatePlan *plan)
     return 0;
 }
 
-static int judge(const Round *round, const CandidatePlan *plan, Evaluation *evaluation)
+static int judge(const Round *round, const CandidatePlan *given, Evaluation *evaluation)
 {
+    CandidatePlan whole = *given, *plan = &whole;
     const size_t size = (size_t)round->steps * sizeof(double);
     Arena arena;
     Desk desk;
     if (!open_desk(&desk, &arena, round, plan->points)) return -1;
+    if (round->radii && plan->value != plan->value) { /* nobody has told what it is worth */
+        set_chances(round, plan, &desk);
+        plan->value = 0.0;
+        for (int64_t n = 0, i = 0; n < round->steps; n++)
+            for (int64_t k = 0; k < round->devices; k++, i++)
+                if (plan->schedule[i]) plan->value += gain_of(round, k, desk.chances[i]);
+    }
     if (round->radii) evaluation->radius = radius_of(round, plan, &desk);
     gather_stops(round, plan, &desk);
     memcpy(evaluation->offset, desk.begins, size);
@@ -202,6 +275,7 @@ static int foresee(
 
 const Planner NAMED(planner) = {
     .explore = explore, .search_orders = search_orders, .search_places = search_places,
+    .polish = polish_near, .polish_all = polish_all, .search_crews = search_crews,
     .assign = assign, .fit = fit, .vary = vary, .leave_out = leave_out, .judge = judge,
     .foresee = foresee, .match = match_devices, .order_bound = order_bound,
     .square_bound = square_bound, .conjugate = conjugate};

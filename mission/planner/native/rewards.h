@@ -25,11 +25,22 @@ static inline Reward reward(double r, const Devices *devices)
     return (Reward){row[0] + (row[1] + 0.5 * row[2] * d) * d, row[1] + row[2] * d, row[2]};
 }
 
-/* What device k earns when it is served from a place. */
-static inline double worth(const Devices *devices, int64_t k, Point from)
+static inline double cost_of(const Devices *devices, int64_t k)
+{
+    return devices->price ? devices->price[k] : 0.0;
+}
+
+/* What device k brings when it is served from a place, */
+static inline double brings(const Devices *devices, int64_t k, Point from)
 {
     if (devices->grid) return devices->delta[k] * spot_at(devices->grid, k, from).f;
     return devices->delta[k] * reward(between(from, devices->at[k]), devices).f;
+}
+
+/* and what is left of it once its price is paid. */
+static inline double worth(const Devices *devices, int64_t k, Point from)
+{
+    return brings(devices, k, from) - cost_of(devices, k);
 }
 
 /* Metres that a stop takes beyond its leg, of that length at least; 0 where there may be none. */
@@ -39,7 +50,7 @@ static double stop_of(Stopping stop, double leg)
     return stop.least + (leg < stop.brake ? 2.0 * sqrt(leg * stop.brake) - leg : stop.brake);
 }
 
-/* sum of delta f over the devices assigned to a step (-1: to none). */
+/* What the devices that are assigned to a step (-1: to none) earn in all. */
 static double earned(const Point *way, const int64_t *assigned, const Devices *devices)
 {
     double total = 0.0;

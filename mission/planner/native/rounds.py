@@ -68,9 +68,11 @@ class Round:
         upload_s: Floats | None = None,
         ready_in_s: Floats | None = None,
         hold_s: float = 0.0,
+        price: Floats | None = None,
     ) -> None:
         """Keep the arrays and build the C structure. `channel` (9,) is `Channel.constants`, which
-        `grid` replaces; `radii_m` has the widest first. Stops need none of these.
+        `grid` replaces; `radii_m` has the widest first; `price` (K,) is what serving
+        each costs. Stops need none of these.
 
         Raises:
             ValueError: arrays that do not fit together.
@@ -82,6 +84,7 @@ class Round:
         count = len(devices_m)
         given = {  # with the shape of each
             "at": (devices_m, (count, POINT)), "importance": (importance, (count,)),
+            "price": (price, (count,)),
             "upload": (upload_s, (count,)), "ready": (ready_in_s, (count,)),
             "channel": (channel, (_CHANNEL,)), "radius": (radii_m, (len(radii_m),)),
         }  # fmt: skip

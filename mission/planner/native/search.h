@@ -240,6 +240,12 @@ static int improve(Search *all, const Problem *problem, const Goal *goal, Plan *
     return 1;
 }
 
+/* A bound at or under this is met by a plan of that value. */
+static double enough_for(const Target *target, double value)
+{
+    return most(value / (1.0 - target->gap), value + target->slack);
+}
+
 typedef struct {
     double bound; /* that no plan exceeds */
     int64_t nodes; /* looked into */
@@ -273,9 +279,10 @@ static Node *copy_of(const Node *node)
     return copy;
 }
 
-/* Improve on a plan until none can be better by more than the relative gap, the nodes run out, or
+/* Improve on a plan until none can be better by more than the target says, the nodes run out, or
    there is no hope of it. Nodes for which there is no room are closed with their bound. */
-static Proof prove(const Problem *problem, double gap, int64_t max_nodes, Plan *plan, Search *all)
+static Proof prove(
+    const Problem *problem, const Target *target, int64_t max_nodes, Plan *plan, Search *all)
 {
     Queue *queue = &all->queue;
     Node *node = &all->node;
@@ -293,11 +300,13 @@ static Proof prove(const Problem *problem, double gap, int64_t max_nodes, Plan *
     node->mu = node->bound / problem->limits.length;
     leave_open(queue, copy_of(node), node->bound, &proof.bound);
     while (queue->count > 0) {
-        double enough = plan->value / (1.0 - gap);
+        double enough = enough_for(target, plan->value);
+        const double scale = most(plan->value, target->scale);
         const double largest_bound = *queue->open[0], left = 1.0 - plan->value / largest_bound;
         if (largest_bound > enough) {
             if (proof.nodes >= max_nodes) proof.ended = OUT_OF_NODES;
-            else if (is_hopeless(&progress, proof.nodes, left, gap, max_nodes)) proof.ended = TOO_SLOW;
+            else if (is_hopeless(&progress, proof.nodes, left, 1.0 - plan->value / enough, max_nodes))
+                proof.ended = TOO_SLOW;
         }
         if (largest_bound <= enough || proof.ended != DONE) {
             proof.bound = most(proof.bound, largest_bound);
@@ -308,14 +317,14 @@ static Proof prove(const Problem *problem, double gap, int64_t max_nodes, Plan *
         free(first);
         proof.nodes++;
         const double eps =
-            BARRIER_SHARE * plan->value / (double)(node->size + 1 > 3 ? node->size + 1 : 3);
-        Goal goal = {rest_of(node, problem), eps, enough, plan->value / problem->limits.length};
-        if (improve(all, problem, &goal, plan)) goal.enough = enough = plan->value / (1.0 - gap);
+            BARRIER_SHARE * scale / (double)(node->size + 1 > 3 ? node->size + 1 : 3);
+        Goal goal = {rest_of(node, problem), eps, enough, scale / problem->limits.length};
+        if (improve(all, problem, &goal, plan)) goal.enough = enough = enough_for(target, plan->value);
         if (node->bound <= enough) {
             proof.bound = most(proof.bound, node->bound);
             continue;
         }
-        const Contest contest = branch(all, problem, &goal, TINY * plan->value);
+        const Contest contest = branch(all, problem, &goal, TINY * most(plan->value, target->scale));
         if (!contest.best) {
             if (problem->devices.hover) keep_to_turns(all, problem, &goal, LAST_TURNS);
             proof.bound = most(proof.bound, node->bound);

@@ -83,6 +83,7 @@ static Zones *everywhere(Programme *all)
         zones->first[n + 1] = (n + 1) * count;
         for (int64_t j = 0; j < count; j++) zones->square[n * count + j] = (int32_t)(j + 1);
     }
+    for (int64_t k = 0; k < all->sizes.devices; k++) zones->price[k] = cost_of(&all->cells.devices, k);
     zones->bound = INFINITY;
     zones->share = 1.0;
     return zones;
@@ -307,9 +308,9 @@ static void use_chain(const Programme *work, const Limits *limits, Plan *plan, S
         copy_plan(&all->made, plan, work->sizes.devices, limits->steps);
 }
 
-/* Improve on a plan until none can be better by more than the relative gap, or the nodes run out. */
+/* Improve on a plan until none can be better by more than the target says, or the nodes run out. */
 static void search_space(
-    const Devices *devices, const Limits *limits, double gap, int64_t max_nodes, Plan *plan,
+    const Devices *devices, const Limits *limits, const Target *target, int64_t max_nodes, Plan *plan,
     Space *all)
 {
     Programme *work = &all->programme;
@@ -321,7 +322,7 @@ static void search_space(
             devices->delta[k] * upper_from(&work->cells, between(devices->at[k], (Point){0.0, 0.0}));
     leave_open(queue, everywhere(work), INFINITY, &all->proof.bound);
     while (queue->count > 0) {
-        double enough = plan->value / (1.0 - gap);
+        double enough = enough_for(target, plan->value);
         if (*queue->open[0] <= enough || all->proof.nodes >= max_nodes) {
             if (*queue->open[0] > enough) all->proof.ended = OUT_OF_NODES;
             all->proof.bound = most(all->proof.bound, *queue->open[0]);
@@ -331,7 +332,7 @@ static void search_space(
         load_squares(zones, work);
         lower_bound(zones, plan->value, enough, all->proof.nodes++ ? TURNS : ROOT_TURNS, work);
         use_chain(work, limits, plan, all);
-        enough = plan->value / (1.0 - gap);
+        enough = enough_for(target, plan->value);
         if (zones->bound > enough)
             divide(zones, enough, all);
         else

@@ -316,6 +316,12 @@ static double chance_at(const Round *round, int64_t k, Point place, const Desk *
     return chance_by(round, between(place, round->at[k]), desk);
 }
 
+/* What serving a device is worth with that chance of success, its price paid. */
+static double gain_of(const Round *round, int64_t k, double chance)
+{
+    return chance * round->importance[k] - (round->price ? round->price[k] : 0.0);
+}
+
 /* The widest acceptance radius of the round's that costs a plan 1 % of its value at most; where none
    does, the narrowest. */
 static double radius_of(const Round *round, const CandidatePlan *plan, Desk *desk)
@@ -327,7 +333,7 @@ static double radius_of(const Round *round, const CandidatePlan *plan, Desk *des
             for (int64_t k = 0; k < round->devices; k++) {
                 if (!plan->schedule[n * round->devices + k]) continue;
                 const Point passed = desk->cut[desk->stop[plan->at[n]]];
-                flown += chance_at(round, k, passed, desk) * round->importance[k];
+                flown += gain_of(round, k, chance_at(round, k, passed, desk));
             }
         if (flown >= (1.0 - MOST_LOST) * plan->value) return round->radius[i];
     }

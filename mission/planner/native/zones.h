@@ -6,7 +6,8 @@
 
        mu L + sum_k p_k + g(v_0) + max over v_1.. of sum_n [ g(v_n) - mu |v_n - v_{n-1}| ],
 
-   where g is the best total of K_bar rewards less prices. The maximum over chains of squares is
+   where g is the best total of K_bar rewards less prices. Where serving has a cost of its own, prices
+   begin with that, and only what they are above it is added. The maximum over chains of squares is
    found by dynamic programming, so that squares of one stop add to those of another, where boxes
    around all stops at once would multiply. For any e_n with |e_n| <= 1, mu e_n.(v_n - v_{n-1}) may
    be added to each leg and taken from its ends. That changes nothing between points; between
@@ -193,7 +194,8 @@ static int best_corner(
 static double beside(const Zones *zones, Programme *all)
 {
     double total = zones->mu * all->sizes.length;
-    for (int64_t k = 0; k < all->sizes.devices; k++) total += zones->price[k];
+    for (int64_t k = 0; k < all->sizes.devices; k++)
+        total += zones->price[k] - cost_of(&all->cells.devices, k);
     return total + rated_place(&all->cells, all->at_start, zones->price);
 }
 
@@ -295,7 +297,7 @@ static double centre_value(const Zones *zones, Programme *all)
     for (int64_t n = 0; n < all->sizes.stops; n++) {
         const Point here = centre(all, all->chain[n]);
         for (int64_t k = 0; k < all->sizes.devices; k++)
-            all->worths[k] = worth(&all->cells.devices, k, here);
+            all->worths[k] = brings(&all->cells.devices, k, here);
         total += rated_place(&all->cells, all->worths, zones->price);
         total -= zones->mu * between(here, last);
         last = here;
@@ -328,14 +330,16 @@ static void step_towards(Zones *zones, double bound, double target, double share
     norm += over * over;
     for (int64_t k = 0; k < all->sizes.devices; k++) {
         all->served[k] -= 1.0;
-        if (all->served[k] < 0.0 && zones->price[k] <= 0.0) all->served[k] = 0.0;
+        if (all->served[k] < 0.0 && zones->price[k] <= cost_of(&all->cells.devices, k))
+            all->served[k] = 0.0;
         norm += all->served[k] * all->served[k];
     }
     if (norm < 1e-12) return;
     const double step = share * (bound - target) / norm;
     zones->mu = most(0.0, zones->mu + step * over * LENGTH_WEIGHT / all->sizes.length);
     for (int64_t k = 0; k < all->sizes.devices; k++)
-        zones->price[k] = most(0.0, zones->price[k] + step * all->served[k]);
+        zones->price[k] = most(
+            cost_of(&all->cells.devices, k), zones->price[k] + step * all->served[k]);
 }
 
 /* Lower the bound of zones by their multipliers, in so many turns or until it is `enough`. */

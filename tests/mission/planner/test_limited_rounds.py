@@ -19,6 +19,7 @@ from mission.planner.errors import InfeasiblePlanError
 from mission.planner.evaluate import plan_along, success
 from mission.planner.factory import make_planner
 from mission.planner.fitting import fitted, standing, varied
+from mission.planner.fleet.planner import FleetPlanner
 from mission.planner.flyable import foresee_round
 from mission.planner.limited import LimitedPlanner
 from mission.planner.limits import RoundLimits
@@ -254,18 +255,24 @@ class Asked:
         return self.inner.plan(given)
 
 
+def of_one(config: PlannerConfig) -> LimitedPlanner:
+    """The planner that rounds of one aircraft are handed to."""
+    planner = make_planner(config)
+    assert isinstance(planner, FleetPlanner)
+    assert isinstance(planner.inner, LimitedPlanner)
+    return planner.inner
+
+
 @pytest.mark.parametrize(("devices", "times"), [(24, 0), (12, 1)])
 def test_a_proof_for_all_altitudes_of_many_devices_is_brief(devices: int, times: int) -> None:
     given = problem(given=limits(40.0), devices=devices, altitudes_m=(40.0, 120.0))
-    planner = make_planner(PlannerConfig())
-    assert isinstance(planner, LimitedPlanner)
+    planner = of_one(PlannerConfig())
     inner = Asked(planner.inner)
     made = dataclasses.replace(planner, inner=inner).plan(given)
     check_plan(given, made)
     assert inner.times == times
     assert made.nodes < (7000 if times == 0 else math.inf)
-    few = make_planner(PlannerConfig(max_nodes=1000))
-    assert isinstance(few, LimitedPlanner)
+    few = of_one(PlannerConfig(max_nodes=1000))
     whole = dataclasses.replace(few, brief=None).plan(given)
     assert made.upper_bound >= whole.value
 

@@ -20,6 +20,7 @@ from mission.planner.errors import InfeasiblePlanError, PlanInputError
 from mission.planner.evaluate import check_problem, finish
 from mission.planner.factory import make_planner
 from mission.planner.files import NamedPlan, plans_as_json, problems_of
+from mission.planner.fleet.planner import FleetPlanner
 from mission.planner.limits import RoundLimits
 from mission.planner.performance import Performance
 from mission.planner.problem import PlannedPath, RoundPlan, RoundProblem, Start
@@ -116,8 +117,10 @@ def test_devices_that_get_ready_are_heard_in_time_by_each() -> None:
 
 def test_a_planner_for_one_says_so() -> None:
     for kind in ("certified", "sqp", "paper"):
+        planner = make_planner(PlannerConfig(kind=kind))
+        assert isinstance(planner, FleetPlanner)
         with pytest.raises(PlanError, match=r"^there are 2 aircraft"):
-            make_planner(PlannerConfig(kind=kind)).plan(two())
+            planner.inner.plan(two())
 
 
 def test_a_start_that_makes_no_sense_is_named() -> None:

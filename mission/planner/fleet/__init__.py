@@ -1,0 +1,1 @@
+"""Rounds of several aircraft, planned jointly."""

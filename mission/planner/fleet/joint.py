@@ -1,0 +1,140 @@
+"""Joint plans of several aircraft that metres alone limit, and their proof."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from mission.base.arrays import Floats, Ints
+from mission.planner.certified import Goal
+from mission.planner.fleet.parts import Parts, improved_in_turn, part_along
+from mission.planner.fleet.prices import columns_of, search_prices
+from mission.planner.fleet.starts import partitions
+from mission.planner.fleet.team import Team, owners, team_of
+from mission.planner.native.library import MOST_DEVICES, Found, explore
+from mission.planner.problem import RoundProblem
+
+CHANGES = 20_000  # at random: more bring nothing
+_STARTS, _TRIES = 8, 8  # of an aircraft's path within a first plan
+_AGAIN, _VARIED = 4, 2  # first plans in which each is planned again, and that are changed at random
+# Of the nodes, how many the search of orders may look into, by its devices at most.
+_ORDER_SHARES = {12: 1.0, 20: 0.07, MOST_DEVICES: 0.01}
+_PRICE_SHARE = 10  # times the nodes: of all searches of one aircraft
+
+
+@dataclass(frozen=True)
+class Joint:
+    """A joint plan in the search's form, with the prices that its bound is from."""
+
+    team: Team
+    found: Found
+    prices: Floats | None = None  # (K,) of the devices worth something; None: by orders
+
+
+def plan_jointly(
+    alone: Sequence[RoundProblem],
+    goal: Goal,
+    *,
+    prices_wanted: bool = False,
+    begun: Found | None = None,
+) -> Joint:
+    """Plan for aircraft that metres alone limit, a problem for each, at one altitude each.
+
+    Prices are looked for where the search of orders does not meet the goal, or if they are wanted.
+    `begun` is what was found with a looser goal.
+    """
+    team = team_of(alone)
+    plans = first_plans(team)
+    found, count = begun or plans[0], len(team.delta)
+    if goal.max_nodes <= 0 or not team.searchable or not found.value > 0.0:
+        return Joint(team, max(_varied(alone, team, plans), found, key=lambda plan: plan.value))
+    share = next((share for most, share in _ORDER_SHARES.items() if count <= most), 0.0)
+    effort = goal.effort(found, found.nodes + int(share * goal.max_nodes), len(alone))
+    if effort is not None and team.one_radio:
+        found = team.crews.search(found, effort)
+    if found.gap <= goal.gap and not prices_wanted:
+        return Joint(team, found)
+    varied = _varied(alone, team, plans)
+    if varied.value > found.value:
+        found = replace(varied, bound=found.bound, nodes=found.nodes)
+    columns = [column for plan in (*plans, varied, found) for column in columns_of(team, plan)]
+    rest = replace(goal, max_nodes=_PRICE_SHARE * goal.max_nodes)
+    found, prices = search_prices(team, found, columns, rest)
+    return Joint(team, found, prices)
+
+
+def first_plans(team: Team) -> list[Found]:
+    """Return plans of one after another, of sectors and of clusters; the best first."""
+    devices = team.cases[0].devices
+    aircraft = range(len(team.cases))
+    plans = [_one_after_another(team, order) for order in (aircraft, aircraft[::-1])]
+    starts_m = devices.u[0] - np.stack([case.devices.u[0] for case in team.cases])  # from the first
+    for part in partitions(devices.u, team.delta, starts_m):
+        ways = [_way(team, a, np.where(part == a, 0.0, team.delta)) for a in aircraft]
+        plans.append(team.plan_along(np.stack(ways)))
+    plans.sort(key=lambda plan: -plan.value)
+    plans[:_AGAIN] = [_each_again(team, plan) for plan in plans[:_AGAIN]]
+    return sorted(plans, key=lambda plan: -plan.value)
+
+
+def owners_of(problem: RoundProblem, found: Found) -> Ints:
+    """(K,) the aircraft that serves each device of the problem, -1: nobody."""
+    whose = np.full(len(problem.importance), -1)
+    whose[problem.importance > 0.0] = owners(found, problem.steps)
+    return whose
+
+
+def parts_along(
+    alone: Sequence[RoundProblem], found: Found, ways: Floats | None = None
+) -> Parts | None:
+    """Return a plan in parts that keep to all that their problems ask for; None where one of them
+    does not fit. Other `ways` (A, N, 2) than its own serve the same devices."""
+    whose, ways = owners_of(alone[0], found), found.way if ways is None else ways
+    parts = [
+        part_along(problem, problem.start_m + ways[a], whose == a)
+        for a, problem in enumerate(alone)
+    ]
+    return None if None in parts else [part for part in parts if part is not None]
+
+
+def _varied(alone: Sequence[RoundProblem], team: Team, plans: list[Found]) -> Found:
+    """Return the best of a few plans after changes at random, climbed."""
+    made = []
+    for seed, plan in enumerate(plans[:_VARIED]):
+        parts = parts_along(alone, plan)
+        if parts is None:
+            continue
+        parts = improved_in_turn(alone, parts, CHANGES // _VARIED, seed=seed)
+        ways = [
+            part.waypoints_m - problem.start_m for part, problem in zip(parts, alone, strict=True)
+        ]
+        made.append(team.plan_along(np.stack(ways)))
+    return max([*made, plans[0]], key=lambda plan: plan.value)
+
+
+def _way(team: Team, aircraft: int, taken: Floats) -> Floats:
+    """Return a path (N, 2) of one aircraft where others bring `taken` (K,) already."""
+    case = team.cases[aircraft]
+    devices = replace(case.devices, price=np.ascontiguousarray(taken))
+    return explore(devices, case.limits, starts=_STARTS, tries=_TRIES)[1]
+
+
+def _one_after_another(team: Team, order: Sequence[int]) -> Found:
+    plan = team.plan_along(np.zeros((len(team.cases), team.cases[0].limits.steps, 2)))
+    for a in order:
+        plan = _again(team, plan, a)
+    return plan
+
+
+def _each_again(team: Team, plan: Found) -> Found:
+    """Plan each aircraft once more for what the others leave, where that is better."""
+    for a in range(len(team.cases)):
+        plan = max(plan, _again(team, plan, a), key=lambda plan: plan.value)
+    return plan
+
+
+def _again(team: Team, plan: Found, aircraft: int) -> Found:
+    """Return the plan with another path of one aircraft, for what the others leave to it."""
+    ways, left = plan.way.copy(), np.delete(team.brought(plan), aircraft, axis=0)
+    ways[aircraft] = _way(team, aircraft, left.max(axis=0, initial=0.0))
+    return team.plan_along(ways)

@@ -1,0 +1,201 @@
+"""Prices on "each device once", and plans packed from the paths that they bring.
+
+For any prices lambda_k >= 0 no plan of several aircraft is worth more than
+
+    sum_k lambda_k + sum_a B_a(lambda),
+
+where B_a bounds what aircraft a alone earns if serving device k costs lambda_k (Lagrangian
+relaxation). B_a is proven by the search of one aircraft. The prices are those of a linear programme
+over the paths found so far (column generation), smoothed towards the best ones so far (in-out:
+Ben-Ameur and Neto 2007, Pessoa et al. 2018). The paths, packed, mend who serves whom.
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from mission.base.arrays import Floats
+from mission.planner.certified import Case, Goal, branched
+from mission.planner.fleet.packing import Column, Master, packed
+from mission.planner.fleet.team import Team
+from mission.planner.native.crews import polished
+from mission.planner.native.library import MOST_DEVICES, Found, search_orders
+
+INWARDS, CALMER = 0.3, 0.1  # weight of the best prices so far; taken off after a step in vain
+CALL_NODES, MOST_CALL_NODES = 10_000, 160_000  # looked into in a call of one aircraft's search
+VAIN = 0.02  # of what is left: a step that takes off less was in vain
+MOST_STEPS = 150
+PACE_STEPS, STALLED = (
+    12,
+    0.95,
+)  # after so many steps the gap is to be under this share of what it was
+SLACK = 0.25  # of the gap asked for: by how much the bounds of all aircraft together may be loose
+FAR_SLACK = 0.15  # the same, of the gap that is left, while that is more
+LEAST_STEPS = 5  # for which orders are searched
+PACKED = 120  # columns that are packed at most
+PACK_EVERY = 4  # steps
+ENDED = "prices ended after {calls} searches of one aircraft, of {nodes} nodes in all"
+_FEEBLE = 1e-7  # of the value: a gain that is none
+
+
+def columns_of(team: Team, plan: Found) -> list[Column]:
+    """Return the paths of a plan that serve somebody."""
+    brought = team.brought(plan)
+    return [
+        Column(int(group), plan.way[a], brought[a])
+        for a, group in enumerate(team.crews.alike)
+        if brought[a].any()
+    ]
+
+
+@dataclass
+class _Search:
+    """Prices and paths of one round."""
+
+    team: Team
+    goal: Goal
+    best: Found
+    columns: list[Column]
+
+    def __post_init__(self) -> None:
+        alike = self.team.crews.alike
+        self.groups, self.counts = np.unique(alike, return_counts=True)
+        self.row = {int(group): i for i, group in enumerate(self.groups)}
+        self.master = Master(self.counts, self.team.delta)
+        for column in self.columns:
+            self.master.add(self.row[column.group], column.brought)
+        self.prices = np.zeros(len(self.team.delta))
+        self.bound, self.nodes = np.inf, 0
+        self.calls = 0
+        self.call_nodes, self.cut = CALL_NODES, False  # whether one of the calls has ended early
+
+    def run(self) -> Found:
+        inwards, left = INWARDS, np.inf
+        for step in range(MOST_STEPS):
+            if self.done and step > 0:
+                break
+            if step and step % PACE_STEPS == 0:
+                if self.bound - self.best.value > STALLED * left:
+                    break
+                left = self.bound - self.best.value
+            outer, duals = self.master.solve()
+            prices = outer if step == 0 else inwards * self.prices + (1.0 - inwards) * outer
+            before, self.cut = self.bound, False
+            useful = self._look(prices, outer, duals)
+            if (step + 1) % PACK_EVERY == 0:
+                self._pack(outer, duals)
+            better = before - self.bound > VAIN * (before - self.best.value)
+            if self.cut and not better:
+                self.call_nodes = min(2 * self.call_nodes, MOST_CALL_NODES)
+            if useful or better:
+                inwards = INWARDS
+            elif inwards > 0.0:
+                inwards = max(0.0, inwards - CALMER)
+            elif not self.cut:
+                break
+        if not self.done:
+            self._pack(*self.master.solve())
+        return self.best
+
+    @property
+    def done(self) -> bool:
+        return self.best.gap <= self.goal.gap or self.nodes >= self.goal.max_nodes
+
+    def _look(self, prices: Floats, outer: Floats, duals: Floats) -> bool:
+        """Bound the round at these prices; whether a path was found that the programme lacks."""
+        useful, total = False, float(prices.sum())
+        for group, count in zip(self.groups.tolist(), self.counts.tolist(), strict=True):
+            case = priced(self.team.cases[group], prices)
+            mine = [column for column in self.columns if column.group == group]
+            way = max(mine, key=lambda column: column.after(prices)).way if mine else None
+            found = self._searched(case, way)
+            total += count * found.bound
+            served = np.flatnonzero(found.assigned >= 0)
+            brought = np.zeros(len(prices))
+            brought[served] = case.devices.brought(served, found.way[found.assigned[served]])
+            column = Column(group, found.way, brought)
+            if column.after(outer) > duals[self.row[group]] + _FEEBLE * self.best.value:
+                useful = True
+                self._add(column, np.where(brought > outer, brought, 0.0))
+        if total < self.bound:
+            self.bound, self.prices = total, prices
+            self.best = replace(self.best, bound=min(self.best.bound, total))
+        return useful
+
+    def _searched(self, case: Case, way: Floats | None) -> Found:
+        way = np.zeros((case.limits.steps, 2)) if way is None else way
+        begun = Found(*polished(case.devices, case.limits, way), case.first_bound)
+        aircraft = len(self.team.cases)
+        scale, left = self.best.value / aircraft, (self.best.bound - self.best.value) / aircraft
+        slack = max(SLACK * self.goal.gap * scale, FAR_SLACK * left)
+        found = searched_alone(case, begun, Goal(0.0, self.call_nodes, slack, scale))
+        self.nodes += found.nodes
+        self.calls += 1
+        self.cut |= bool(found.ended)
+        return found
+
+    def _add(self, column: Column, *parts: Floats) -> None:
+        """Take a path, and with it what it brings if it serves only some of its devices."""
+        self.columns.append(column)
+        for brought in (column.brought, *parts):
+            self.master.add(self.row[column.group], brought)
+
+    def _pack(self, prices: Floats, duals: Floats) -> None:
+        """Make a plan of the paths that are worth most at these prices."""
+        lost = [duals[self.row[one.group]] - one.after(prices) for one in self.columns]
+        some = [self.columns[i] for i in np.argsort(lost, kind="stable")[:PACKED]]
+        chosen = packed(some, [self.row[one.group] for one in some], self.counts)
+        ways = np.zeros_like(self.best.way)
+        free = {int(group): np.flatnonzero(self.team.crews.alike == group) for group in self.groups}
+        for column in (some[i] for i in chosen):
+            ways[free[column.group][0]], free[column.group] = column.way, free[column.group][1:]
+        plan = self.team.plan_along(ways)
+        if plan.value > self.best.value:
+            self.best = replace(plan, bound=self.best.bound)
+            for column in columns_of(self.team, plan):
+                self._add(column)
+
+
+def search_prices(
+    team: Team, plan: Found, columns: Iterable[Column], goal: Goal
+) -> tuple[Found, Floats]:
+    """Improve on a plan of several aircraft and lower its bound by prices, until the goal is met,
+    its nodes are used up, or no prices are better. Returns the prices (K,) of the best bound."""
+    search = _Search(team, goal, plan, list(columns))
+    found = search.run()
+    ended = "" if found.gap <= goal.gap else ENDED.format(nodes=search.nodes, calls=search.calls)
+    return replace(found, nodes=plan.nodes + search.nodes, ended=ended), search.prices
+
+
+def priced(case: Case, prices: Floats) -> Case:
+    """Return the search input of an aircraft for which serving device k costs prices (K,)."""
+    relaxation = case.relaxation
+    promise = np.maximum(0.0, relaxation.promise - prices[:, None])
+    return replace(
+        case,
+        devices=replace(case.devices, price=np.ascontiguousarray(prices)),
+        relaxation=replace(relaxation, promise=promise),
+    )
+
+
+def searched_alone(case: Case, begun: Found, goal: Goal) -> Found:
+    """Search for one aircraft's best plan: by orders, unless steps are very few."""
+    effort = goal.effort(begun, goal.max_nodes)
+    if case.limits.steps < LEAST_STEPS or len(begun.assigned) > MOST_DEVICES:
+        return branched(case, begun, goal)
+    if effort is None:
+        return begun
+    return search_orders(case.devices, case.limits, case.relaxation, plan=begun, effort=effort)
+
+
+def bound_at(cases: Iterable[Case], prices: Floats, way: Floats, goal: Goal) -> tuple[float, int]:
+    """Return an upper bound of what an aircraft earns at prices (K,) in the worst of its cases, and
+    the nodes looked into; a path (N, 2) to begin with is given."""
+    worst, nodes = 0.0, 0
+    for case in cases:
+        one = priced(case, prices)
+        begun = Found(*polished(one.devices, one.limits, way), one.first_bound)
+        found = searched_alone(one, begun, goal)
+        worst, nodes = max(worst, found.bound), nodes + found.nodes
+    return worst, nodes
