@@ -23,7 +23,7 @@ from mission.flight.missions.round_mission import Demand, FlightPlan, mission_it
 from mission.flight.track import FlightRecorder
 from mission.log.values import Devices
 from mission.log.writer import FlightLog
-from mission.planner.stops import Stop
+from mission.planner.flyable import Stop
 from sitl.links import RawLink
 from sitl.observer import VehicleEvent, VehicleObserver, VehicleSample
 from sitl.pace import Simulation

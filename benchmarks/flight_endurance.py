@@ -16,7 +16,7 @@ from mavsdk.asyncio.plugins.mission_raw import MissionRawAsync
 from mission.base.errors import AerofedError
 from mission.flight.flyers.built_in import BuiltInFlyer
 from mission.flight.missions.round_mission import FlightPlan
-from mission.planner.stops import Stop
+from mission.planner.flyable import Stop
 from sitl.observer import VehicleEvent, VehicleSample
 
 _MISSION_M = 320.0

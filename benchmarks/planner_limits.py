@@ -24,7 +24,7 @@ from mission.base.airspace import Airspace
 from mission.planner.check import check_plan
 from mission.planner.config import PlannerConfig
 from mission.planner.factory import make_planner
-from mission.planner.fitting import fitted
+from mission.planner.improving import fitted
 from mission.planner.limits import RoundLimits
 from mission.planner.performance import Performance
 from mission.planner.problem import RoundPlan, RoundProblem, Start

@@ -21,7 +21,7 @@ import numpy as np
 from mission.base.airspace import OPEN
 from mission.config.loading import load_config
 from mission.planner.factory import make_planner
-from mission.planner.fitting import varied
+from mission.planner.improving import varied
 from mission.planner.problem import RoundPlan, RoundProblem
 from mission.scenario.scenario import build_scenario
 

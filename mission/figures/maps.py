@@ -1,4 +1,4 @@
-"""Maps of a run: planned against flown, who was served and from where."""
+"""Maps of a run: planned against flown, who was served and from where, places of a plan file."""
 
 import math
 from collections.abc import Sequence
@@ -17,24 +17,35 @@ from mission.figures.frame import (
     zones_of,
 )
 from mission.figures.marks import NOT_SERVED, RoundMarks, Scene, Sent, layers
-from mission.figures.places import item_numbers, places
 from mission.figures.style import (
+    FENCE,
+    FLOWN,
     INK,
     PAPER,
+    SOFT,
     Chart,
     arranged,
     heading,
+    keys,
+    named,
     table,
 )
 from mission.figures.words import NAME, Look, Word, gathered
 from mission.log.records import LATE, RoundRecord
-from mission.log.values import FlightData, PlanRecord
+from mission.log.values import FlightData, PlannedPlaces, PlanRecord
 
 _MAPS = 12  # small multiples on one picture
 _WIDTH, _PANEL = 640.0, 300.0
 _FEW = 8  # rounds that can be told apart on one map
 _SAME_END_M = 15.0  # ends that are closer share their words
 _THIN_PX, _WIDER_PX = 2.6, 1.1  # the path of a round, and of each before it of few
+_NEAR_M = 1.0  # places closer than this share one label
+_KINDS = {  # colour and shape of what is on the map
+    "reached": (FLOWN, "circle"),
+    "not reached": (FENCE, "cross"),
+    "not reached outside holes": (FENCE, "cross"),
+    "rally point": (SOFT, "triangle-up"),
+}
 
 
 def overview(run: FlightData, about: str) -> Chart:
@@ -219,3 +230,36 @@ def _evenly(items: Sequence[PlanRecord], most: int) -> list[PlanRecord]:
     if len(items) <= most:
         return list(items)
     return [items[round(index)] for index in np.linspace(0, len(items) - 1, most)]
+
+
+def places(frame: MapFrame, plan: PlannedPlaces) -> list[alt.Chart]:
+    """Layer of a plan's places, reached or not, and of its rally points."""
+    missed = "not reached outside holes" if plan.in_holes else "not reached"
+    kinds = ["reached" if seq in plan.reached else missed for seq in plan.places_m]
+    at_m = np.array([*plan.places_m.values(), *plan.rally_m]).reshape(-1, 3)
+    kinds += ["rally point"] * len(plan.rally_m)
+    names = [str(seq) for seq in plan.places_m] + [""] * len(plan.rally_m)
+    shown = [kind for kind in _KINDS if kind in kinds]
+    strokes, shapes = zip(*(_KINDS[kind] for kind in shown), strict=True)
+    key = keys(shown, symbolSize=70)
+    x, y, height = at_m.T
+    data = table(round=[0] * len(kinds), x=x, y=y, height=height, kind=kinds, item=names)
+    tip = [
+        alt.Tooltip("item:N"),
+        alt.Tooltip("kind:N", title="was"),
+        alt.Tooltip("height:Q", title="height (m)", format=".1f"),
+    ]
+    points = frame.chart(data).mark_point(size=50, opacity=1, strokeWidth=1.6)
+    marks = points.encode(
+        shape=alt.Shape("kind:N", scale=named(shown, shapes), legend=key),
+        color=alt.Color("kind:N", scale=named(shown, strokes), legend=key),
+        fill=alt.value(PAPER),
+        tooltip=tip,
+    )
+    return [marks]
+
+
+def item_numbers(plan: PlannedPlaces) -> list[Word]:
+    """The mission items' sequence numbers, one word for items that share a place."""
+    each = gathered([(place[:2], seq) for seq, place in plan.places_m.items()], _NEAR_M)
+    return [Word(", ".join(map(str, items)), tuple(at)) for at, items in each]

@@ -14,9 +14,8 @@ import numpy as np
 from mission.base.arrays import Floats
 from mission.planner.certified import Goal, in_usual_size
 from mission.planner.evaluate import bounded, success_bounds
-from mission.planner.fitting import fitted, standing
 from mission.planner.flyable import foresee_round
-from mission.planner.improving import improved
+from mission.planner.improving import fitted, improved, standing
 from mission.planner.problem import Planner, RoundPlan, RoundProblem
 from mission.planner.timed import timed_bound
 

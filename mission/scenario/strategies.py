@@ -13,7 +13,7 @@ from mission.base.arrays import Floats
 from mission.base.errors import InputError
 from mission.config.models import MissionConfig
 from mission.planner.evaluate import finish, fit_budget
-from mission.planner.fitting import serving_fewer
+from mission.planner.improving import serving_fewer
 from mission.planner.limits import RoundLimits
 from mission.planner.performance import Foreseen, acceptance_radii
 from mission.planner.problem import Planner, RoundPlan, RoundProblem

@@ -32,8 +32,8 @@ from flightdyn.native.library import (
 from flightdyn.native.ticks import Gauges, Imu, Inner
 from mission.base.airspace import Airspace
 from mission.planner.certified import CertifiedPlanner
-from mission.planner.fitting import fitted
 from mission.planner.flyable import foresee_round
+from mission.planner.improving import fitted
 from mission.planner.limits import RoundLimits
 from mission.planner.performance import Performance
 from mission.planner.problem import RoundProblem, Start

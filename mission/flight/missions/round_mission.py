@@ -12,10 +12,9 @@ from mission.base.airspace import Airspace
 from mission.base.area import Area, on_globe
 from mission.base.arrays import Bools, Floats
 from mission.config.models import MissionConfig
-from mission.planner.flyable import acceptance_radius
+from mission.planner.flyable import Stop, acceptance_radius, stops_of
 from mission.planner.performance import Foreseen, Performance
 from mission.planner.problem import RoundPlan, RoundProblem
-from mission.planner.stops import Stop, stops_of
 from sitl.autopilot.codec.orders import MissionItem
 
 _SETTLE_S = 1.0  # of hover after a climb

@@ -7,7 +7,7 @@ import numpy as np
 
 from mission.base.arrays import Bools, Floats
 from mission.planner.evaluate import success
-from mission.planner.fitting import fitted, varied
+from mission.planner.improving import fitted, varied
 from mission.planner.problem import RoundPlan, RoundProblem
 
 Parts = list[RoundPlan]

@@ -5,7 +5,6 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from mission.planner.evaluate import distances
-from mission.planner.fitting import standing
 from mission.planner.fleet.joint import first_plans, parts_along
 from mission.planner.fleet.packing import Column, packed
 from mission.planner.fleet.parts import (
@@ -20,7 +19,7 @@ from mission.planner.fleet.parts import (
 )
 from mission.planner.fleet.starts import partitions
 from mission.planner.fleet.team import team_of
-from mission.planner.improving import changes_for
+from mission.planner.improving import changes_for, standing
 from mission.planner.problem import Planner, RoundProblem
 
 _SHARES = (1.0, 0.9, 0.8, 0.7, 0.6, 0.45, 0.3)  # of the metres, where limits and ways take the rest

@@ -1,4 +1,7 @@
-"""The paper's planner: schedule and path in alternation, on the logistic surrogate q_tilde."""
+"""The paper's planner: a greedy walk, then schedule and path in alternation, on q_tilde.
+
+q_tilde is the logistic surrogate of the average PER.
+"""
 
 import logging
 from collections.abc import Callable, Iterator
@@ -12,7 +15,6 @@ from mission.base.arrays import Bools, Floats
 from mission.planner.errors import SolverError
 from mission.planner.evaluate import distances, finish, fit_budget, plan_without_moving
 from mission.planner.native.library import assign
-from mission.planner.paper.initial_path import METRE_POWERS, greedy_walk
 from mission.planner.paper.path_step import PathProgram, path_program
 from mission.planner.problem import RoundPlan, RoundProblem
 
@@ -21,6 +23,9 @@ logger = logging.getLogger(__name__)
 RISE = 1e-4  # a relative rise of the q_tilde objective under this ends an ascent
 MAX_PATH_STEPS = 15  # convex programs in one path step
 MAX_ALTERNATIONS = 15
+# What a step of the walk is rated by: worth per metre^power. 0 is the paper's walk; the others
+# are the further starts of the alternation.
+METRE_POWERS = (0.0, 0.5, 1.0)
 
 logistic = lru_cache(maxsize=64)(fit_logistic)  # of a channel, made once
 
@@ -104,3 +109,40 @@ def ascend(
 def _smooth_success(problem: RoundProblem) -> Callable[[Floats], Floats]:
     fit = logistic(problem.channel)
     return lambda r: 1.0 - smooth_per(fit, problem.channel, r)
+
+
+def greedy_walk(
+    problem: RoundProblem, success: Callable[[Floats], Floats], *, metre_power: float = 0.0
+) -> Floats:
+    """(N, 2) waypoints from v_I over devices, each step going where most is to be won.
+
+    The edge into node j is worth the best total of success x delta over at most K_bar devices
+    not served yet; they count as served once the walk has been there. The walk ends when no
+    step is left, no node is in reach or none is worth anything; what is left of the N steps
+    stays at the last position.
+
+    Args:
+        problem: the round.
+        success: probability of success as a function of horizontal distance in metres.
+        metre_power: 0 rates a step by its worth, 1 by its worth per metre.
+    """
+    devices = problem.devices_m
+    between = np.hypot(*(devices[:, None, :] - devices[None, :, :]).transpose(2, 0, 1))
+    worth = success(between) * problem.importance  # (node, device)
+    served = np.zeros(len(devices), dtype=np.bool_)
+    waypoints = np.tile(problem.start_m, (problem.steps, 1))
+    position, budget = problem.start_m, problem.path_budget_m
+    take = min(problem.per_step, len(devices))
+    for n in range(1, problem.steps):
+        open_worth = np.where(served, 0.0, worth)
+        best = np.sort(open_worth, axis=1)[:, len(devices) - take :].sum(axis=1)
+        metres = np.hypot(*(devices - position).T)
+        rating = np.where(metres <= budget, best / np.maximum(metres, 1.0) ** metre_power, -1.0)
+        node = int(np.argmax(rating))
+        if rating[node] <= 0.0:
+            waypoints[n:] = position
+            break
+        served[np.argsort(-open_worth[node], kind="stable")[:take]] = True
+        position, budget = devices[node], budget - metres[node]
+        waypoints[n] = position
+    return waypoints

@@ -27,7 +27,7 @@ from mission.flight.flyers.unflown import UnflownFlyer
 from mission.flight.missions.round_mission import FlightPlan
 from mission.log.reader import read_log
 from mission.log.writer import FlightLog
-from mission.planner.stops import Stop
+from mission.planner.flyable import Stop
 from sitl.observer import VehicleObserver, VehicleSample
 
 HEIGHT_M, FAR_M = 60.0, 8000.0

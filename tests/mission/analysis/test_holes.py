@@ -24,7 +24,7 @@ from mission.base.errors import LIMITS_NOT_MET
 from mission.cli import call
 from mission.figures.flight import profile_charts
 from mission.figures.frame import run_frame, run_lines
-from mission.figures.places import places
+from mission.figures.maps import places
 from mission.log.values import Track
 
 Write = Callable[..., Path]

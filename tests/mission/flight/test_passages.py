@@ -11,7 +11,7 @@ from mission.commands.options import load
 from mission.flight.flyers.built_in import BuiltInFlyer
 from mission.flight.missions.round_mission import FlightPlan
 from mission.flight.track import FlightRecorder, FlownTrack, TrackPoint, passages
-from mission.planner.stops import Stop
+from mission.planner.flyable import Stop
 from sitl.observer import VehicleEvent
 
 S = 1_000_000_000

@@ -35,7 +35,7 @@ from mission.flight.pilot.dialects import (
 from mission.flight.pilot.pilot import MODE_GRACE_S, Pilot
 from mission.flight.pilot.watch import Watch
 from mission.log import LogError
-from mission.planner.stops import Stop
+from mission.planner.flyable import Stop
 from sitl.config import VehicleConfig
 from sitl.links import RawLink
 from sitl.observer import VehicleEvent, VehicleSample

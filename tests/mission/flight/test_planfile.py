@@ -14,7 +14,7 @@ from mission.base.errors import InputError
 from mission.flight.missions.plan_file import read_plan_file, write_round_plan
 from mission.flight.missions.round_mission import FlightPlan, mission_items
 from mission.flight.pilot.dialects import raw_items
-from mission.planner.stops import Stop
+from mission.planner.flyable import Stop
 
 HOME = GeodeticPoint(43.6145, 7.0715, 130.0)
 

@@ -12,7 +12,7 @@ from mission.commands.options import load
 from mission.flight.flyers.external import ExternalFlyer
 from mission.flight.missions.round_mission import FlightPlan
 from mission.flight.track import FlownTrack
-from mission.planner.stops import Stop
+from mission.planner.flyable import Stop
 from sitl.autopilot.codec.orders import MissionItem
 
 CONFIG = load(None, ())

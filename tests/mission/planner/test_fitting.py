@@ -14,8 +14,8 @@ from mission.base import polyline
 from mission.base.airspace import Airspace
 from mission.planner.check import check_plan
 from mission.planner.evaluate import plan_along
-from mission.planner.fitting import fitted, serving_fewer
 from mission.planner.flyable import foresee_round, share_of
+from mission.planner.improving import fitted, serving_fewer
 from mission.planner.limits import RoundLimits
 from mission.planner.performance import Performance
 from mission.planner.problem import RoundProblem

@@ -18,9 +18,9 @@ from mission.planner.config import PlannerConfig
 from mission.planner.errors import InfeasiblePlanError
 from mission.planner.evaluate import plan_along, success
 from mission.planner.factory import make_planner
-from mission.planner.fitting import fitted, standing, varied
 from mission.planner.fleet.planner import FleetPlanner
 from mission.planner.flyable import foresee_round
+from mission.planner.improving import fitted, standing, varied
 from mission.planner.limited import LimitedPlanner
 from mission.planner.limits import RoundLimits
 from mission.planner.performance import Performance

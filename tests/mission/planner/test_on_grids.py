@@ -13,7 +13,7 @@ from fl.radio.per_grid import PerGrid
 from mission.planner.certified import CertifiedPlanner
 from mission.planner.check import check_plan
 from mission.planner.evaluate import finish, fit_budget, objective, path_length, success
-from mission.planner.fitting import varied
+from mission.planner.improving import varied
 from mission.planner.native.library import assign
 from mission.planner.problem import RoundProblem
 

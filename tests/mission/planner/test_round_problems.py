@@ -14,8 +14,8 @@ from one_aircraft import one_path
 
 from mission.planner.check import check_plan
 from mission.planner.files import NamedPlan, plans_as_json, problems_of
-from mission.planner.fitting import fitted
 from mission.planner.flyable import acceptance_radius, foresee_round
+from mission.planner.improving import fitted
 
 FOLDER = Path(round_problems.__file__).parents[1] / "data" / "problems"
 

@@ -16,8 +16,8 @@ from mission.planner.check import check_plan
 from mission.planner.config import PlannerConfig
 from mission.planner.evaluate import fit_budget, objective, plan_along
 from mission.planner.factory import make_planner
-from mission.planner.fitting import fitted, serving_fewer, varied
 from mission.planner.flyable import share_of
+from mission.planner.improving import fitted, serving_fewer, varied
 from mission.planner.limits import RoundLimits
 from mission.planner.paper.alternation import PaperPlanner
 from mission.planner.performance import Performance

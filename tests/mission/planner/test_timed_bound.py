@@ -12,7 +12,7 @@ from fl.radio.channel import CHANNEL_PRESETS, average_per
 from flightdyn.config import LimitsConfig
 from mission.base.arrays import Floats
 from mission.planner.certified import Goal, case_of
-from mission.planner.fitting import fitted
+from mission.planner.improving import fitted
 from mission.planner.limits import RoundLimits
 from mission.planner.performance import AHEAD_S, AHEAD_SHARE, Performance
 from mission.planner.problem import RoundProblem

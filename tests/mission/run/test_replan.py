@@ -32,10 +32,10 @@ from mission.log.records import RoundRecord, UplinkRecord
 from mission.log.tables import read_table
 from mission.log.topics import PLAN
 from mission.planner.evaluate import finish
+from mission.planner.flyable import Stop
 from mission.planner.limits import RoundLimits
 from mission.planner.performance import Performance
 from mission.planner.problem import RoundProblem
-from mission.planner.stops import Stop
 from mission.run.course import Course
 
 STOP = ("--set", "mission.replan=stop", "--set", "planner.gap=0.1", "--set", "mission.steps=8")
