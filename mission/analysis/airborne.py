@@ -51,7 +51,10 @@ def air_times(data: FlightData, start_ns: int, end_ns: int) -> list[tuple[float,
 
 def times_in_air(path: object, data: FlightData) -> list[tuple[float, float]]:
     """From when to when (s) it was armed and off the ground: it stands where it is armed, and where
-    it is disarmed if the log tells that. InputError: it never left it."""
+    it is disarmed if the log tells that; of a run that nobody flies, all of it. InputError: it
+    never left it."""
+    if data.config.get("mission", {}).get("flight") == "none":
+        return [tuple((data.truth.t_ns[[0, -1]] / NS_PER_S).tolist())]
     start_ns, end_ns = airborne(path, replace(data, modes=flown_modes(data)))
     disarmed_ns = max((e.t_ns for e in data.events if e.text == "disarmed"), default=0)
     found = []

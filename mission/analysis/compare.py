@@ -14,7 +14,7 @@ import numpy as np
 
 from mission.analysis.holes import Hole
 from mission.analysis.legs import Leg, legs
-from mission.analysis.load import VEHICLE, LoadedRun
+from mission.analysis.load import LoadedRun
 from mission.analysis.measure import Measured, measure, measure_pass
 from mission.analysis.numbers import OF_PLAN, Comparison, Made, Told, told_numbers
 from mission.analysis.spikes import spikes
@@ -23,6 +23,7 @@ from mission.analysis.whole import whole_flight
 from mission.base.area import on_globe
 from mission.base.arrays import mean
 from mission.base.errors import InputError
+from mission.base.run_folder import VEHICLE
 from mission.base.tables import annotated
 from mission.log.records import LATE
 from mission.log.values import NS_PER_S, FlightData

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from fl.plugin_code import label_of
 from mission.base.errors import InputError
-from mission.base.run_folder import RunFolder, RunSummary
+from mission.base.run_folder import VEHICLE, RunFolder, RunSummary
 from mission.base.user_files import read_json
 from mission.flight.logs.reading import read_flight
 from mission.log import DamagedLogError, ForeignLogError
@@ -20,7 +20,6 @@ if TYPE_CHECKING:
 
 _FINISHED = "finished"
 _READ = "folders of runs, .mcap logs, .ulg of PX4, .bin of ArduPilot, .tlog of ground stations"
-VEHICLE = "vehicle-"  # and a number: the folder of one of several in a world
 FOREIGN = (".ulg", ".bin", ".tlog")  # logs of PX4, of ArduPilot, of ground stations
 
 

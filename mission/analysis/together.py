@@ -166,6 +166,11 @@ class Together:
                 found.append(Met(pair.name, at_m, near.t_s, near.away_m, *over_time))
         return found
 
+    def on_map(self, points_m: Floats) -> Floats:
+        """Places (n, 2) of the first flight's area in that of all."""
+        shift = np.subtract(self.area.home_m, self.flights[0].run.data.area.home_m)
+        return np.asarray(points_m + shift)
+
     def place(self, pair: Pair, t_s: float) -> dict[str, float]:
         """The same in degrees, and metres above the home of the first."""
         x, y, z = self.middle_m(pair, t_s).tolist()

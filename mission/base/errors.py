@@ -38,7 +38,10 @@ EXIT_CODES: Mapping[int, str] = {
 def several(name: str) -> str:
     """Say, where an unknown option or key asks for several aircraft, what there is; else empty."""
     asks = _SEVERAL.fullmatch(name.lstrip("-").replace("-", "_"))
-    words = "one aircraft flies a run; aerofed sitl --count N and aerofed.vehicles(N) serve several"
+    words = (
+        "several aircraft of a run are the key vehicles: --set vehicles=3, or a table [[vehicles]] "
+        "for each; aerofed sitl --count N and aerofed.vehicles(N) serve several"
+    )
     return f"; {words}" if asks else ""
 
 

@@ -27,6 +27,7 @@ LIBRARIES = (
 
 
 RUNS = Path("runs")  # of folders that nobody named
+VEHICLE = "vehicle-"  # and a name, or a number: the folder of one of several in a world
 _LOCK, _GONE = ".lock", ".interrupted-gone"
 
 
@@ -58,6 +59,10 @@ class RunFolder:
     checkpoint = _Inside("checkpoint")
     figures = _Inside("figures")
     report = _Inside("report.html")
+
+    def of_vehicle(self, name: str) -> "RunFolder":
+        """The folder of what only one of several aircraft has."""
+        return RunFolder(self.path / f"{VEHICLE}{name}")
 
     @contextmanager
     def taken(self) -> Iterator[None]:
@@ -184,9 +189,12 @@ class RunFolder:
         with or_input_error(self.kept, "cannot keep the old files"):
             shutil.rmtree(self.checkpoint / _GONE, ignore_errors=True)
             self.kept.mkdir(parents=True, exist_ok=True)
-            for file in (self.log, *self.tables):
-                if file.exists() and not (self.kept / file.name).exists():
-                    file.replace(self.kept / file.name)
+            logs = self.path.glob(f"{VEHICLE}*/{self.log.name}")
+            for file in (self.log, *self.tables, *logs):
+                kept = self.kept / file.relative_to(self.path)
+                if file.exists() and not kept.exists():
+                    kept.parent.mkdir(exist_ok=True)
+                    file.replace(kept)
 
     def discard_kept(self) -> None:
         """Remove the old files, all at once; for when the new ones hold as much. Twice is fine."""

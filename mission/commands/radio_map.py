@@ -59,7 +59,7 @@ def radio_map(
     if out.exists():
         raise InputError(f"{out}: exists already; give another name")
     resolved = load(config, set_)
-    size_m, (low_m, high_m) = resolved.area.size_m, resolved.mission.heights_m
+    size_m, (low_m, high_m) = resolved.area.size_m, resolved.heights_m
     if not 0.5 <= cell <= min(size_m):
         raise InputError(f"--cell {cell:g}: must be from 0.5 m to the area's {min(size_m):g} m")
     if figure is not None and figure.suffix not in (".png", ".svg", ".pdf"):

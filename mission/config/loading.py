@@ -7,8 +7,11 @@ import json
 import os
 import re
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, get_args
+
+from pydantic import ValidationError
 
 from fl.plugin_code import register
 from mission.base.errors import InputError
@@ -17,13 +20,16 @@ from mission.base.user_files import MOST_DEEP, parse_toml, read_text, taken_by, 
 from mission.config import Shipped
 from mission.config.models import RunConfig
 from mission.config.preflight import problems
+from mission.config.vehicles import shared_with
 from mission.config.world import with_world
 from native.errors import SettingError, did_you_mean, printable
-from sitl.config import BINARIES
+from sitl.config import BINARIES, VehicleConfig
 
 _PATHS = (
     ("vehicle", "firmware", "path"),
     ("vehicle", "parameter_file"),
+    ("vehicles", "firmware", "path"),
+    ("vehicles", "parameter_file"),
     ("link", "signing_key"),
     ("radio", "map_file"),
 )
@@ -104,6 +110,10 @@ def _checked(data: dict[str, Any], overrides: Mapping[str, object], blame: Blame
         data["radio"].pop("map_sha256", None)  # of another file
     _find_firmware(data)
     _make_absolute(data, Path())
+    if "vehicles" in data:
+        with suppress(ValidationError):  # what is wrong for all is told once
+            VehicleConfig.model_validate_json(_json(data.get("vehicle", {})))
+            data["vehicles"] = shared_with(data["vehicles"], data.get("vehicle", {}))
     with explained(RunConfig, data, blame):
         # By way of JSON, where pydantic tells lists, numbers, texts and truths apart as TOML does.
         config = RunConfig.model_validate_json(_json(data), strict=True)
@@ -116,23 +126,29 @@ def _checked(data: dict[str, Any], overrides: Mapping[str, object], blame: Blame
 
 def _find_firmware(data: Mapping[str, Any]) -> None:
     """Name the binary of the firmware that is to fly as the environment does, where nobody has."""
-    vehicle = data.get("vehicle")
-    autopilot = vehicle.get("autopilot") if isinstance(vehicle, dict) else None
-    if named := os.environ.get(BINARIES.get(str(autopilot), "")):
-        firmware = data["vehicle"].setdefault("firmware", {})
-        if isinstance(firmware, dict):
-            firmware.setdefault("path", named)
+    for vehicle in (*_tables(data, "vehicle"), *_tables(data, "vehicles")):
+        if named := os.environ.get(BINARIES.get(str(vehicle.get("autopilot")), "")):
+            firmware = vehicle.setdefault("firmware", {})
+            if isinstance(firmware, dict):
+                firmware.setdefault("path", named)
 
 
-def _make_absolute(data: Mapping[str, Any], folder: Path) -> None:
+def _tables(data: Mapping[str, Any], name: str) -> list[dict[str, Any]]:
+    """Return the table of that name, or those in its list."""
+    found = data.get(name)
+    return [one for one in (found if isinstance(found, list) else [found]) if isinstance(one, dict)]
+
+
+def _make_absolute(data: dict[str, Any], folder: Path) -> None:
     """Make the paths in a configuration absolute: they are relative to `folder`, that of the file
     that names them, or begin with ~ for a home."""
-    for *tables, key in _PATHS:
-        table: Any = data
-        for name in tables:
-            table = table.get(name) if isinstance(table, dict) else None
-        if isinstance(table, dict) and isinstance(path := table.get(key), str | Path):
-            table[key] = str(whole_path(folder, path))
+    for *names, key in _PATHS:
+        tables = [data]
+        for name in names:
+            tables = [inner for table in tables for inner in _tables(table, name)]
+        for table in tables:
+            if isinstance(path := table.get(key), str | Path):
+                table[key] = str(whole_path(folder, path))
 
 
 def plain(value: object) -> object:

@@ -1,12 +1,10 @@
 """A run's configuration: every package describes what it is configured by; here is the whole."""
 
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Annotated, Literal, Self
 
 import tomli_w
 from pydantic import (
-    AfterValidator,
     Field,
     PrivateAttr,
     ValidationInfo,
@@ -28,11 +26,17 @@ from mission.base.errors import InputError
 from mission.base.explain import Blame
 from mission.config import PLANNED, STRATEGIES
 from mission.config.area import AreaConfig
-from mission.config.url import NETWORK_FORMS, URL_FORMS, checked_url
+from mission.config.link import LinkConfig
+from mission.config.vehicles import Aircraft, Heights, Vehicles, aircraft_of, misplaced, unable
 from mission.planner.config import PlannerConfig
 from sitl.config import VehicleConfig
 
-Altitude = Annotated[float, Field(ge=10, le=500)]
+# What only one aircraft can do: a key, its values, and what several need instead.
+_OF_ONE: tuple[tuple[str, tuple[object, ...], str], ...] = (
+    ("mission.strategy", ("barycenter", "rectangular"), "cov, no_cov, ideal, or one of your own"),
+    ("mission.replan", ("stop",), "'round'"),
+    ("link.kind", ("udp", "external"), "'in_process'"),
+)
 
 
 class MissionConfig(Table):
@@ -56,7 +60,7 @@ class MissionConfig(Table):
         "seconds and joules left, and may serve the lost once more (strategies cov and no_cov)",
     )
     rounds: int = Field(50, ge=1, le=100_000, description="M, communication rounds at most")
-    altitude_m: Altitude | tuple[Altitude, Altitude] = Field(
+    altitude_m: Heights = Field(
         60.0,
         description="H, height above home; [lowest, highest]: each round is flown at the best "
         "height between the two",
@@ -100,6 +104,18 @@ class MissionConfig(Table):
         ge=0.5,
         le=50,
         description="how far a corner may be cut at most; less where that would cost the round 1 %",
+    )
+    separation_m: float | None = Field(
+        None,
+        ge=1,
+        le=1000,
+        description="several aircraft: the distance in space that each pair keeps in the air; a "
+        "round in which two come nearer is told",
+    )
+    when_lost: Literal["go on", "end"] = Field(
+        "go on",
+        description="several aircraft: where one is lost, the others go on with its devices in the "
+        "next plan, or the run ends",
     )
     battery_reserve: float = Field(
         0.25,
@@ -153,97 +169,6 @@ class MissionConfig(Table):
             )
         return replan
 
-    @field_validator("altitude_m")
-    @classmethod
-    def _lower_first(cls, altitude_m: float | tuple[float, float]) -> float | tuple[float, float]:
-        if isinstance(altitude_m, tuple) and not altitude_m[0] < altitude_m[1]:
-            low_m, high_m = altitude_m
-            raise ValueError(
-                f"the lowest altitude must be below the highest, not {low_m:g} and {high_m:g}; "
-                "for a fixed altitude give one number"
-            )
-        return altitude_m
-
-
-class LinkConfig(Table):
-    """How MAVSDK talks to the vehicle, and how fast simulated time runs in flight."""
-
-    kind: Literal["in_process", "udp", "external"] = Field(
-        "in_process",
-        description="in_process needs no port; udp uses the loopback address; external flies "
-        "the autopilot at url instead of the simulated vehicle",
-    )
-    url: Annotated[str, AfterValidator(checked_url)] = Field(
-        "udpin://0.0.0.0:14540",
-        description=f"external: MAVSDK connection URL of the autopilot: {URL_FORMS}",
-    )
-    gcs: tuple[str, ...] = Field(
-        (),
-        description="ground stations that see the simulated vehicle while it is flown: "
-        f"{NETWORK_FORMS}",
-    )
-    signing_key: Path | None = Field(
-        None,
-        description="file with the pass phrase by which the links of gcs are signed (MAVLink 2), "
-        "both ways; unset: they are not",
-    )
-    udp_port: int = Field(14540, ge=1, le=65535, description="udp: where MAVSDK listens")
-    speed: Literal["max"] | Annotated[float, Field(gt=0, le=1000)] = Field(
-        "max", description='simulated seconds per second in flight, or "max"'
-    )
-    connect_timeout_s: float = Field(
-        60.0,
-        gt=0,
-        le=86_400,
-        description="external, firmware: wall seconds to wait for the first sign of the autopilot",
-    )
-    ready_timeout_s: float = Field(
-        300.0,
-        gt=0,
-        le=86_400,
-        description="external, firmware: wall seconds to wait until the autopilot knows where it "
-        "is and can be armed",
-    )
-    set_parameters: bool = Field(
-        False,
-        description="external: set the autopilot's parameters for the flight, where they keep it "
-        "from what the mission asks (speed, acceptance radius), and set them back at the end",
-    )
-    battery_timeout_s: float = Field(
-        600.0,
-        gt=0,
-        le=86_400,
-        description="external: wall seconds to wait on the ground for a charged battery",
-    )
-    stall_timeout_s: float = Field(
-        30.0,
-        gt=0,
-        le=3600,
-        description="wall seconds without any progress of the vehicle after which a run ends",
-    )
-
-    @field_validator("gcs")
-    @classmethod
-    def _links(cls, urls: tuple[str, ...]) -> tuple[str, ...]:
-        if urls:
-            # Imported here: asyncio takes 30 ms, half of what reading a configuration takes.
-            from sitl.links import network_link
-        for url in urls:
-            try:
-                network_link(url)
-            except InputError as error:
-                raise ValueError(f"{error}; it must be {NETWORK_FORMS}") from None
-        return urls
-
-    @model_validator(mode="after")
-    def _seen_by_the_autopilot_itself(self) -> Self:
-        if self.kind == "external" and self.gcs:
-            raise ValueError(
-                "gcs shows ground stations the simulated vehicle; an external autopilot "
-                "(--vehicle, link.kind = external) has links of its own: leave gcs out"
-            )
-        return self
-
 
 class RunConfig(Table):
     """Everything that a run depends on, apart from the data files."""
@@ -260,6 +185,12 @@ class RunConfig(Table):
     communities: tuple[CommunityConfig, ...] = Field(min_length=1, max_length=100)
     learning: LearningConfig = Field(default_factory=LearningConfig)
     vehicle: VehicleConfig = Field(default_factory=VehicleConfig)
+    vehicles: Vehicles | None = Field(
+        None,
+        examples=[3],
+        description="several aircraft: how many, alike and with homes 5 m apart; or a table "
+        "[[vehicles]] for each",
+    )
     link: LinkConfig = Field(default_factory=LinkConfig)
     callbacks: tuple[PluginName, ...] | None = Field(
         None,
@@ -303,6 +234,46 @@ class RunConfig(Table):
     def run_name(self) -> str:
         """Name of the run and, by default, of its folder: configuration, strategy and seed."""
         return f"{self.name}-{label_of(self.mission.strategy)}-seed{self.seed}"
+
+    @property
+    def aircraft(self) -> tuple[Aircraft, ...]:
+        """Each aircraft of the run, one at least."""
+        return aircraft_of(self.vehicles, self.vehicle, self.area.home_m)
+
+    def of(self, one: Aircraft) -> "RunConfig":
+        """The configuration as one aircraft flies by it; home is not moved, and places the area."""
+        own = {"altitude_m": one.altitude_m, "path_budget_m": one.path_budget_m}
+        known = {key: value for key, value in own.items() if value is not None}
+        mission = self.mission.model_copy(update=known)
+        return self.model_copy(update={"mission": mission, "vehicle": one.vehicle})
+
+    @property
+    def heights_m(self) -> tuple[float, float]:
+        """The lowest and the highest altitude of all aircraft."""
+        each = [self.of(one).mission.heights_m for one in self.aircraft]
+        return min(low for low, _ in each), max(high for _, high in each)
+
+    @model_validator(mode="after")
+    def _several(self) -> Self:
+        aircraft = self.aircraft
+        flaws = list(misplaced(aircraft, self.area.home_m, self.area.size_m))
+        if len(aircraft) > 1:
+            flaws += unable(aircraft)
+            for key, values, others in _OF_ONE:
+                table, _, name = key.partition(".")
+                if (given := getattr(getattr(self, table), name)) in values:
+                    flaws += [f"{key} = {given!r} is for one aircraft; several need {others}"]
+            heights_m = {self.of(one).mission.heights_m for one in aircraft}
+            if self.radio.belief != "channel" and len(heights_m) > 1:
+                flaws += [
+                    f"radio.belief = {self.radio.belief!r} is planned with at one height: give all "
+                    "vehicles one altitude_m"
+                ]
+            if self.link.gcs:
+                flaws += ["link.gcs is for one aircraft: leave it out, or vehicles"]
+        for flaw in flaws:
+            raise ValueError(flaw)
+        return self
 
     @model_validator(mode="after")
     def _unique_names(self) -> Self:

@@ -67,15 +67,21 @@ def with_polygons(area: AreaConfig, blame: Blame, heights_m: tuple[float, float]
 
 
 def check_start(config: RunConfig) -> None:
-    """Refuse a home from which nobody may climb to the mission's altitudes.
+    """Refuse homes from which nobody may climb to the mission's altitudes.
 
     Raises:
-        InputError: it lies in an area that must not be flown, outside the fence, or nearer to one
+        InputError: one lies in an area that must not be flown, outside the fence, or nearer to one
             than the margin.
     """
-    area, heights_m = config.area, config.mission.heights_m
-    home = np.array([area.home_m], dtype=np.float64)
-    start = f"the start, area.home_m = {list(area.home_m)},"
+    for one in config.aircraft:
+        start = f"the start, area.home_m = {list(one.home_m)},"
+        if config.vehicles is not None:
+            start = f"the home of {one.name}, home_m = {list(one.home_m)},"
+        _check_home(config, np.array([one.home_m], dtype=np.float64), start)
+
+
+def _check_home(config: RunConfig, home: Floats, start: str) -> None:
+    area, heights_m = config.area, config.heights_m
     # Polygons of a file have their place on the globe, all others in the area.
     way_out = (
         f"move it, or move home (area.home_m; where a GeoJSON file has it, area.home_lat_deg = "

@@ -7,9 +7,10 @@ from altair.utils.schemapi import debug_mode
 
 from mission.analysis.compare import RunComparison, compare_run
 from mission.analysis.comparison_text import labels_of
-from mission.analysis.load import LoadedRun, load_run
+from mission.analysis.load import LoadedRun, load_run, vehicles_of
 from mission.analysis.numbers import Comparison
-from mission.analysis.together import Together
+from mission.analysis.several import load_several
+from mission.analysis.together import SEPARATIONS, Together
 from mission.base.palette import community_colour
 from mission.figures.charts import Series, line_chart
 from mission.figures.flight import profiles
@@ -40,7 +41,26 @@ def draw_run(folder: Path) -> tuple[Path, ...]:
         InputError: the folder is not a run, or the pictures cannot be written.
     """
     with engine() as started:  # it does so while the pictures are described
-        return save_all(run_pictures(load_run(folder)), folder / "figures", started)
+        several = vehicles_of(folder)
+        pictures = fleet_pictures(folder) if several else run_pictures(load_run(folder))
+        return save_all(pictures, folder / "figures", started)
+
+
+@debug_mode(False)
+def fleet_pictures(folder: Path) -> dict[str, Chart]:
+    """The pictures of a run of several aircraft: `map.png`, `apart.png` and `learning.png`."""
+    found = load_several((folder,))
+    pictures: dict[str, Chart] = {}
+    if (world := found.world) is not None:
+        apart_m = world.flights[0].run.data.config.get("mission", {}).get("separation_m")
+        limits = {} if apart_m is None else {next(iter(SEPARATIONS)): apart_m}
+        pictures["map.png"] = together_map(world)
+        pictures["apart.png"] = separation_chart(world, limits)
+    if found.flights and found.flights[0].run.data.rounds:
+        run = found.flights[0].run
+        charts = learning_charts(run.data)
+        pictures["learning.png"] = stacked(charts, title="What was learnt", about=run.about)
+    return pictures
 
 
 @debug_mode(False)  # what is described here is valid: the tests see to that

@@ -13,7 +13,7 @@ from mission.base.palette import COLOURS, community_colour
 from mission.figures.charts import Series, envelope, line_chart
 from mission.figures.film import Actor, film
 from mission.figures.frame import TOLERANCE_M, Lines, MapFrame, line_table
-from mission.figures.style import BAD, Chart, line_keys, named, table
+from mission.figures.style import BAD, PAPER, SOFT, Chart, line_keys, named, table
 from mission.figures.words import Drawn, Look, Word, words
 from mission.log.values import NS_PER_S
 
@@ -33,7 +33,9 @@ def together_map(world: Together, width: float = 640.0) -> Chart:
         lost = position_gaps(flight.run.data, int(own[0]), int(own[-1])) + added_s
         parts = outside(of.track.pos_m[:, :2], of.track.t_ns / NS_PER_S, lost)
         flown += [(of.name, 0, thin(part, TOLERANCE_M)) for part in parts]
-    every = np.vstack([points for _, _, points in (*planned, *flown)])
+    served = _served(world)
+    devices_m = world.on_map(world.flights[0].run.data.devices.pos_m)
+    every = np.vstack([points for _, _, points in (*planned, *flown)] + [devices_m])
     low, high = every.min(axis=0), every.max(axis=0)
     aside = _LEAST_SIDE / 2 * (high - low).max()  # those who fly in a line need some height
     around = (low + high) / 2 + np.array([[-aside, -aside], [aside, aside]])
@@ -42,6 +44,7 @@ def together_map(world: Together, width: float = 640.0) -> Chart:
     hue = alt.Stroke(
         "kind:O", scale=named(names, [of.colour for of in seen]), legend=line_keys(names)
     )
+    hue_of_ring = alt.Stroke("by:N", scale=named(names, [of.colour for of in seen]), legend=None)
     order = alt.Order("step:Q"), alt.Detail("part:N")
     at = np.array([near.at_m[:2] for near in met]).reshape(-1, 2)
     told = [f"{near.away_m:.2f} m" for near in met]
@@ -52,15 +55,32 @@ def together_map(world: Together, width: float = 640.0) -> Chart:
     labels = [Word(told[n], tuple(at[n].tolist())) for n in order_of]
     dots = np.column_stack((at, np.full(len(at), _CROSS_PX)))
     lines = [(0, points) for _, _, points in flown]
+    ground = frame.chart(table(x=devices_m[:, 0], y=devices_m[:, 1], by=served))
     layers = [
         frame.chart(line_table(planned)).mark_line(strokeWidth=5, opacity=0.3).encode(hue, *order),
         frame.chart(line_table(flown)).mark_line(strokeWidth=1.8).encode(hue, *order),
+        ground.transform_filter("datum.by == ''").mark_point(
+            shape="circle", fill=PAPER, stroke=SOFT, size=40, opacity=1
+        ),
+        ground.transform_filter("datum.by != ''")
+        .mark_point(shape="circle", fill=PAPER, size=60, strokeWidth=2.4, opacity=1)
+        .encode(hue_of_ring, alt.Tooltip("by:N", title="served by")),
         crosses.mark_point(
             shape="cross", fill=BAD, stroke=None, size=110, opacity=1, angle=45
         ).encode(tooltip=tip),
         *words(frame, [(Look(colour=BAD), labels)], Drawn(dots, lines)),
     ]
     return frame.finished(layers, {"text": "Flown together"})
+
+
+def _served(world: Together) -> list[str]:
+    """By whom each device on the map was served most often; empty for those that nobody has."""
+    count = len(world.flights[0].run.data.devices.community)
+    times = np.zeros((len(world.names), count))
+    for n, flight in enumerate(world.flights):
+        for item in flight.run.data.uplinks:
+            times[n, item.device] += 1
+    return [world.names[of.argmax()] if of.any() else "" for of in times.T]
 
 
 def together_film(world: Together) -> Chart:

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 
-from mission.config.models import LinkConfig
+from mission.config.link import LinkConfig
 from mission.config.preflight import signing_key
 from sitl.autopilot.codec.wire import Seal
 from sitl.links import Link, network_link

@@ -220,11 +220,18 @@ class AircraftRecord:
     plan_duration_s: Annotated[Maybe, "planned seconds from its start to its end"]
     plan_energy_j: Annotated[Maybe, "planned joules of its battery"]
     energy_j: Annotated[Maybe, "joules that its flight took; nan where nobody knows"]
+    idle_s: Annotated[
+        Maybe, OfSeveral("seconds of hover at its end, until the last aircraft had finished")
+    ] = math.nan
+    nearest: Annotated[str, OfSeveral("name of the aircraft that came nearest to it")] = ""
+    nearest_m: Annotated[Maybe, OfSeveral("how near, straight in space")] = math.nan
+    nearest_t_s: Annotated[Maybe, OfSeveral("simulated time of that")] = math.nan
+    plan_nearest_m: Annotated[Maybe, OfSeveral("how near any was to come, by plan")] = math.nan
 
     @classmethod
     def alone(cls, round_: RoundRecord, name: str) -> Self:
         """The row of the only aircraft of a round."""
-        of_all = {c.name: getattr(round_, c.name) for c in columns(cls) if c.name != "aircraft"}
+        of_all = {c.name: getattr(round_, c.name) for c in columns(cls) if hasattr(round_, c.name)}
         return cls(aircraft=name, **of_all)
 
 
@@ -253,7 +260,7 @@ def flat(record: object) -> dict[str, Any]:
         value = getattr(record, column.name)
         if is_by_community(column):
             row |= {f"{column.name}_{name}": float(item) for name, item in value.items()}
-        elif value or not column.find(OfSeveral):
+        elif not column.find(OfSeveral) or (value != "" and value == value):
             row[column.name] = value
     return row
 

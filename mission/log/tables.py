@@ -55,9 +55,9 @@ class Table(Generic[Record]):
             InputError: the file cannot be written.
         """
         cells = _cells(record, communities)
-        self._header = [cell.name for cell in cells if several or cell.missing != ""]
+        self._cells = [cell for cell in cells if several or not cell.of_several]
         self.file = RecordFile(path)
-        self._append([self._header])
+        self._append([[cell.name for cell in self._cells]])
 
     def extend(self, records: Iterable[Record]) -> None:
         """Write a row each and hand them to the operating system.
@@ -66,7 +66,7 @@ class Table(Generic[Record]):
             InputError: they could not be written, or somebody else changed the file.
         """
         rows = map(flat, records)
-        self._append([row[name] for name in self._header] for row in rows)
+        self._append([row.get(cell.name, cell.missing) for cell in self._cells] for row in rows)
 
     def _append(self, rows: Iterable[Sequence[object]]) -> None:
         self.file.write(csv_lines(rows).encode())
@@ -112,6 +112,7 @@ class _Cell(NamedTuple):
     key: str | None  # in the field, where it holds several columns
     kind: object  # type of the value
     missing: object = None  # value where the table lacks the column; None: it must not
+    of_several: bool = False  # whether tables have it only where several aircraft fly
 
 
 def _cells(record: type, communities: Sequence[str]) -> list[_Cell]:
@@ -121,9 +122,9 @@ def _cells(record: type, communities: Sequence[str]) -> list[_Cell]:
         if is_by_community(column):
             cells += [_Cell(f"{field}_{name}", field, name, float) for name in communities]
         else:
-            may = column.find(Kind) is MAYBE
-            missing = math.nan if may else "" if column.find(OfSeveral) else None
-            cells.append(_Cell(field, field, None, column.holds, missing))
+            may, of_several = column.find(Kind) is MAYBE, column.find(OfSeveral) is not None
+            missing = math.nan if may else "" if of_several else None
+            cells.append(_Cell(field, field, None, column.holds, missing, of_several))
     return cells
 
 

@@ -16,7 +16,7 @@ from mission.analysis.comparison_text import (
 )
 from mission.analysis.load import LoadedRun, load_run
 from mission.analysis.several import load_several
-from mission.analysis.together import Together
+from mission.analysis.together import SEPARATIONS, Together
 from mission.base.errors import InputError
 from mission.base.run_folder import RunFolder, write_atomically
 from mission.base.tables import number
@@ -58,7 +58,8 @@ def write_report(
     if others or (path.is_dir() and not RunFolder(path).log.is_file()):
         several = load_several((path, *others), plan, asked=True, offsets=offsets)
         beside = path if path.is_dir() else path.parent
-        target = target or beside / "together.html"
+        of_run = path.is_dir() and RunFolder(path).rounds.is_file()
+        target = target or (RunFolder(path).report if of_run else beside / "together.html")
         write_atomically(target, together_html(several.together, path.stem))
         return target
     run = load_run(path, plan)
@@ -157,7 +158,10 @@ def report_html(loaded: LoadedRun) -> str:
 def together_html(world: Together, name: str) -> str:
     """The page of flights judged together."""
     flights = list(world.flights)
-    limits = flights[0].run.data.config.get("limits", {})
+    first = flights[0].run.data
+    limits = dict(first.config.get("limits", {}))
+    if (apart_m := first.config.get("mission", {}).get("separation_m")) is not None:
+        limits.setdefault(next(iter(SEPARATIONS)), apart_m)
     top, lower = pair_rows(world)
     heads, *rows = ([cell.replace("\n", " ") for cell in row] for row in (top, *lower))
     names = [pair.name for pair in world.pairs]
@@ -196,7 +200,8 @@ def together_html(world: Together, name: str) -> str:
                 1,
             )
         ],
-        **dict.fromkeys(("health", "radio", "learning", "estimator", "conditions"), ()),
+        learning=[card(chart) for chart in learning_charts(first)] if first.learning else [],
+        **dict.fromkeys(("health", "radio", "estimator", "conditions"), ()),
         about=about(flights[0].run),
         footer="Aerofed report. Positions are metres: x east, y north; heights are above the home "
         f"of {world.names[0]}.",

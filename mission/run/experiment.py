@@ -13,10 +13,12 @@ from mission.base.console import RunConsole, Stopwatch
 from mission.base.interrupts import in_background
 from mission.base.record_file import RecordFile
 from mission.base.tables import count
-from mission.log.records import UNKNOWN_ROUND, AircraftRecord, RoundRecord, UplinkRecord
+from mission.log.records import UNKNOWN_ROUND, RoundRecord
+from mission.run.apart import pairs_of, row
 from mission.run.budget import RunTotals
 from mission.run.callbacks import RoundReport
 from mission.run.checkpoint import RoundMemory
+from mission.run.outing import Outing
 from mission.run.recorded import Summary
 from mission.run.recorder import FolderRecorder
 from mission.scenario.limits import Budget
@@ -51,7 +53,7 @@ class Experiment(ABC):
         """Log and tables."""
         recorder = self.recorder
         tables = recorder.rounds, recorder.aircraft, recorder.uplinks, recorder.devices
-        return recorder.log.file, *(table.file for table in tables)
+        return *(log.file for log in recorder.logs), *(table.file for table in tables)
 
     async def run(self) -> None:
         """Record the untrained models, then go through all rounds.
@@ -122,17 +124,24 @@ class Experiment(ABC):
         rounds = self.scenario.config.mission.rounds
         self.recorder.progress.phase(f"round {self.totals.next_round}/{rounds}: {what}")
 
+    @property
+    def _leaving_m(self) -> float | None:
+        """How far apart a pair is from when on its distance counts: homes may be nearer."""
+        return self.scenario.config.mission.separation_m if self.totals.next_round == 1 else None
+
     def _finish(
         self,
         record: RoundRecord,
         memory: RoundMemory,
-        served: tuple[UplinkRecord, ...] = (),
-        aircraft: tuple[AircraftRecord, ...] = (),
+        outings: Sequence[Outing] = (),
     ) -> None:
         again = self._recalled() is not None
-        report = RoundReport(record, served, memory.learnt, aircraft, again=again)
+        served = tuple(item for one in outings for item in one.served)
+        pairs = pairs_of(outings, leaving_m=self._leaving_m)
+        rows = tuple(row(one, record, pairs) for one in outings)
+        report = RoundReport(record, served, memory.learnt, rows, again=again)
         with self.stopwatch("log"):
-            self.recorder.finished(report, memory, self.state)
+            self.recorder.finished(report, memory, self.state, outings, pairs)
         self.totals.add(record)
 
 

@@ -1,9 +1,10 @@
 """The experiment in flight: plan, fly, gate, learn, record; round by round."""
 
 import math
-from collections.abc import Iterable
+from collections.abc import Awaitable, Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 
@@ -14,35 +15,22 @@ from fl.radio.learned import Heard
 from mission.base.arrays import Bools, Floats
 from mission.base.errors import FlightError, LinkLostError
 from mission.base.interrupts import BACKGROUND, in_background
-from mission.flight.flyers.base import CHARGED, Attached, Flyer
+from mission.flight.flyers.base import CHARGED, Attached, Fleet, Flyer
 from mission.flight.missions.geofence import airspace_rings, fence_items
-from mission.flight.missions.round_mission import FlightPlan, flight_of_round
-from mission.flight.track import FlownTrack
-from mission.log.records import LATE, AircraftRecord, RoundRecord, UplinkRecord
+from mission.flight.missions.round_mission import FlightPlan
+from mission.log.records import LATE, UNKNOWN_ROUND, UplinkRecord
 from mission.planner.flyable import share_of
-from mission.planner.performance import Foreseen
-from mission.planner.problem import RoundPlan, RoundProblem
+from mission.planner.performance import Performance
+from mission.planner.problem import RoundProblem
 from mission.run.checkpoint import RoundMemory
-from mission.run.course import Course
 from mission.run.experiment import Experiment
 from mission.run.gate import slots, turns, uplinks
+from mission.run.keeping_apart import MARGIN_M, kept_apart
+from mission.run.outing import Outing, outings_of, round_record, success
 from mission.scenario.limits import Amount
 from mission.scenario.strategies import Sortie, Strategy
 
 PILOTS_NS = 1_000_000_000  # between two pilot tones
-
-
-@dataclass
-class _Flown:
-    """State of a round in flight: course, flights and uplinks so far, replanned rests."""
-
-    course: Course  # as it has become
-    foreseen: Foreseen = field(init=False)  # of the whole of it
-    flights: list[FlownTrack] = field(default_factory=list)
-    served: list[UplinkRecord] = field(default_factory=list)
-    rests: list[RoundPlan] = field(default_factory=list)  # planned at its stops, flown or not
-    used_j: float = 0.0
-    on_the_spot: int = 0  # rests that begin with a hover, which the whole has in the stop before
 
 
 @dataclass(kw_only=True)
@@ -64,13 +52,13 @@ class FlownExperiment(Experiment):
 
     async def _run(self) -> None:
         run, recorder = self.recorder.run, self.recorder
-        attached = Attached((recorder.log,), run.folder.path, recorder.notice)
+        attached = [Attached((log,), run.folder.path, recorder.notice) for log in recorder.logs]
         try:
-            async with run.backend.open(attached) as flyer:
+            async with run.backend.fleet(attached) as fleet:
                 try:
-                    await self._rounds(flyer)
+                    await self._rounds(fleet)
                 finally:
-                    self.totals.sim_s = flyer.t_ns / 1e9
+                    self.totals.sim_s = fleet.t_ns / 1e9
         except (FlightError, LinkLostError) as error:
             if not self._stage:
                 raise
@@ -85,44 +73,73 @@ class FlownExperiment(Experiment):
         none = self.scenario.config.mission.flight == "none"
         return f"{self.totals.flown_m:.0f} m {'planned' if none else 'flown'}"
 
-    async def _rounds(self, flyer: Flyer) -> None:
+    async def _rounds(self, fleet: Fleet) -> None:
         self._stage = "take-off"
         self.recorder.progress.phase("take-off")
         with self.stopwatch("fly"):
-            if fence := fence_items(airspace_rings(self.scenario.area)):
-                await flyer.set_fence(fence)
-            await flyer.take_off()
-            if self.strategy.approach_m is not None:
-                await flyer.go_to(self.strategy.approach_m)
+            await self._each(fleet, self._begin)
         while not self.finished:
             self._stage = f"round {self.totals.next_round}"
-            await self._round(flyer)
+            await self._round(fleet)
         self._stage = "landing"
         self.recorder.progress.phase("landing")
         with self.stopwatch("fly"):
-            await flyer.land()
+            await self._each(fleet, lambda flyer: flyer.land())
 
-    async def _round(self, flyer: Flyer) -> None:
+    async def _begin(self, flyer: Flyer) -> None:
+        if fence := fence_items(airspace_rings(self.scenario.area)):
+            await flyer.set_fence(fence)
+        await flyer.take_off()
+        if self.strategy.approach_m is not None:
+            await flyer.go_to(self.strategy.approach_m)
+
+    async def _each(self, fleet: Fleet, order: Callable[[Flyer], Awaitable[None]]) -> None:
+        """Give an order to one aircraft after another, while the others wait."""
+        for number, flyer in tuple(fleet.aloft.items()):
+            try:
+                await order(flyer)
+            except FlightError as error:
+                self._lose(fleet, number, error)
+
+    def _lose(self, fleet: Fleet, number: int, error: FlightError) -> None:
+        """Go on without an aircraft.
+
+        Raises:
+            FlightError: no other is left, or one that is lost is to end the run.
+        """
+        mission = self.scenario.config.mission
+        name = "" if len(self.scenario.fleet) == 1 else f"{self.scenario.aircraft[number]}: "
+        if len(fleet.aloft) == 1 or mission.when_lost == "end":
+            raise error.in_words(f"{name}{error}") from error.__cause__
+        del fleet.aloft[number]
+        others = ", ".join(self.scenario.aircraft[other] for other in fleet.aloft)
+        self.recorder.notice(f"{self._stage}: {name}{error}; {others} go on")
+
+    async def _refresh(self, flyer: Flyer) -> None:
+        self.totals.battery_changes += await flyer.refresh(self._needed_charge())
+
+    async def _round(self, fleet: Fleet) -> None:
         recalled = self._recalled()
         with self.stopwatch("fly"):
-            self.totals.battery_changes += await flyer.refresh(self._needed_charge())
-        charge = flyer.battery_remaining
+            await self._each(fleet, self._refresh)
+        charges = {number: flyer.battery_remaining for number, flyer in fleet.aloft.items()}
         self._show("flying again" if recalled else "planning")
-        problem = self._problem(flyer, recalled)
+        problem = self._problem(fleet, recalled)
         sortie = await self._sortie(problem, recalled)
-        problem = problem.at(sortie.plan.altitude_m)
         if recalled is None:
+            sortie = self._apart(fleet, problem, sortie)
             self._show("flying")
         early = None
         if recalled is None and self.workers > 1:
             asked = self._mask(np.nonzero(sortie.plan.schedule)[2])
             early = begin_training(self._trainer, self.scenario.federation, self.state, asked)
-        flown = await self._fly(flyer, problem, sortie, recalled)
-        flight, served = FlownTrack.joined(flown.flights), tuple(flown.served)
-        self._most_drawn = max(self._most_drawn, _known(charge - flight.battery_remaining))
-        true_objective = sum(u.importance * _success(u.true_per) for u in served)
-        if recalled is not None:
-            _check_same(true_objective, recalled.true_objective)
+        outings = outings_of(self.scenario.fleet, fleet.aloft, problem, sortie)
+        await self._fly(fleet, outings, recalled)
+        outings = [one for one in outings if one.flights]  # others were lost before
+        for one in outings:
+            drawn = charges[one.number] - one.flight.battery_remaining
+            self._most_drawn = max(self._most_drawn, _known(drawn))
+        served = tuple(record for one in outings for record in one.served)
         scheduled = self._mask(u.device for u in served)
         delivered = self._mask(u.device for u in served if u.delivered)
         self.totals.last_heard[delivered] = self.totals.next_round
@@ -131,36 +148,27 @@ class FlownExperiment(Experiment):
         )
         late = self._mask(u.device for u in served if u.outcome == LATE) & ~sent
         self.work = self.work.round_ends(late=late, sent=sent)
-        kept = self.work.kept(int(flight.t_ns[-1]))
+        kept = self.work.kept(max(int(one.flight.t_ns[-1]) for one in outings))
         who = learning.Participation(scheduled, delivered, self.work.begun, kept)
+        # Before the training, which may take long.
+        true_objective = sum(u.importance * success(u.true_per) for u in served)
+        if recalled is not None:
+            _check_same(true_objective, recalled.true_objective)
         learnt = recalled.learnt if recalled else await self._learn(who, early)
-        used = self._used(problem, sortie, flight, flown.foreseen)
-        record = RoundRecord(
+        used = self._used(sortie, outings)
+        known = replace(
+            UNKNOWN_ROUND,
             round=self.totals.next_round,
-            start_t_s=int(flight.t_ns[0]) / 1e9,
-            duration_s=flight.duration_s,
-            plan_objective=sortie.plan.value,
-            est_objective=sum(u.importance * _success(u.est_per) for u in served),
-            true_objective=true_objective,
-            upper_bound=sortie.plan.upper_bound,
-            plan_path_m=flown.course.plan.path_m,
-            flown_path_m=flight.flown_m,
             budget_used_m=used.metres,
-            scheduled=int(scheduled.sum()),
-            delivered=int(delivered.sum()),
-            battery_remaining=flight.battery_remaining,
-            accuracy=learnt.accuracy,
-            cov=learnt.cov,
-            plan_altitude_m=math.nan if sortie.plan.altitude_m is None else sortie.plan.altitude_m,
-            plan_duration_s=flown.foreseen.duration_s,
-            plan_energy_j=flown.foreseen.energy_j,
-            energy_j=flight.energy_j,
             time_used_s=used.seconds,
             energy_used_j=used.joules,
+            accuracy=learnt.accuracy,
+            cov=learnt.cov,
         )
-        memory = RoundMemory(problem.importance, sortie, learnt, true_objective, tuple(flown.rests))
-        (name,) = self.scenario.aircraft
-        self._finish(record, memory, served, (AircraftRecord.alone(record, name),))
+        record = round_record(outings, sortie.plan, known)
+        rests = tuple(rest for one in outings for rest in one.rests)
+        memory = RoundMemory(problem.importance, sortie, learnt, true_objective, rests)
+        self._finish(record, memory, outings)
 
     def _needed_charge(self) -> float:
         """Charge (0..1) below which no round begins: the most that one took, and the reserve.
@@ -170,18 +178,19 @@ class FlownExperiment(Experiment):
         reserve = self.scenario.config.mission.battery_reserve
         return min(reserve + self._most_drawn, CHARGED) if reserve > 0.0 else 0.0
 
-    def _served(self, flown: _Flown, part: FlightPlan) -> list[UplinkRecord]:
-        """Return the uplinks of the devices that the last flown part of a round serves.
+    def _served(self, one: Outing, part: FlightPlan) -> list[UplinkRecord]:
+        """Return the uplinks of the devices that the last flown part of an outing serves.
 
-        A device that is served again in a round gets a random stream of its own each time.
+        A device that is served again in a round gets a random stream of its own each time. Each
+        device's luck is its own, whoever serves it.
         """
-        number, scenario, course = self.totals.next_round, self.scenario, flown.course
+        number, scenario, course = self.totals.next_round, self.scenario, one.course
         here = np.zeros((course.problem.steps, 1), dtype=bool)
         here[[step for stop in part.stops for step in stop.steps]] = True
         plan = replace(course.plan, schedule=course.plan.schedule & here)
-        flight = flown.flights[-1]
+        flight = one.flights[-1]
         passages = turns(course.problem, plan, slots(part, flight), flight)
-        devices = [record.device for record in flown.served]
+        devices = [record.device for record in one.served]
         before = np.bincount(devices, minlength=len(scenario.devices_m))
         records: list[UplinkRecord] = []
         for times in np.unique(before[plan.schedule.any(axis=(0, 1))]).tolist():
@@ -191,38 +200,47 @@ class FlownExperiment(Experiment):
                 course.problem,
                 replace(plan, schedule=plan.schedule & (before == times)),
                 passages,
-                area=scenario.area,
+                area=one.aircraft.area,
                 community_of=scenario.community_of,
                 radio=scenario.radio,
                 gate=scenario.config.channel.gate,
                 rng=scenario.streams.generator(f"uplink/{number}{again}"),
                 work=self.work if scenario.device_times else None,
+                aircraft=one.aircraft.name if len(scenario.fleet) > 1 else "",
             )
         return sorted(records, key=lambda record: (record.step, record.device))
 
-    def _listen(self, flight: FlownTrack, part: int, plan: RoundPlan) -> None:
-        """Hear pilot tones of a part of a round, once a second, where a radio belief is learned."""
+    def _listen(self, one: Outing) -> None:
+        """Hear pilot tones of a part of a round, once a second, where a radio belief is learned.
+
+        What one aircraft hears all believe from then on, by way of the server.
+        """
         listener = self.scenario.listener
         if listener is None:
             return
+        flight, part, plan = one.flights[-1], len(one.flights), one.course.plan
         instants = range(int(flight.t_ns[0]), int(flight.t_ns[-1]) + 1, PILOTS_NS)
-        area, passages = self.scenario.area, [flight.at(t_ns) for t_ns in instants]
-        rng = self.scenario.streams.generator(f"pilots/{self.totals.next_round}/{part}")
+        area, passages = one.aircraft.area, [flight.at(t_ns) for t_ns in instants]
+        of = f"/{one.number}" if one.number else ""
+        rng = self.scenario.streams.generator(f"pilots/{self.totals.next_round}/{part}{of}")
         est_m = np.array([area.xyz(passage.est_ned_m) for passage in passages])
         true_m = np.array([area.xyz(passage.true_ned_m) for passage in passages])
         every = self.scenario.config.radio.pilots != "scheduled"
         devices = np.asarray(plan.schedule.any(axis=(0, 1)) | every, dtype=bool)
         self._heard = listener.hear(self._heard, est_m, true_m, devices, rng)
 
-    def _problem(self, flyer: Flyer, recalled: RoundMemory | None) -> RoundProblem:
-        start = flyer.here()
+    def _problem(self, fleet: Fleet, recalled: RoundMemory | None) -> RoundProblem:
+        begins: list[tuple[Floats, Performance] | None] = [None] * len(self.scenario.fleet)
+        for number, flyer in fleet.aloft.items():
+            here_m = flyer.area.from_ned(flyer.here().est_ned_m)
+            begins[number] = here_m, flyer.performance
+        t_ns = fleet.t_ns
         problem = self.scenario.problem(
-            self._importance(start.t_ns) if recalled is None else recalled.importance,
-            self.scenario.area.from_ned(start.est_ned_m),
-            performance=flyer.performance,
+            self._importance(t_ns) if recalled is None else recalled.importance,
+            begins,
             left=self.totals.left(self.budget),
-            work=self.work.round_begins(self.totals.next_round, start.t_ns),
-            t_ns=start.t_ns,
+            work=self.work.round_begins(self.totals.next_round, t_ns),
+            t_ns=t_ns,
         )
         return self._as_heard(problem)
 
@@ -254,95 +272,121 @@ class FlownExperiment(Experiment):
             sortie = await in_background(self.strategy.sortie, self.totals.rounds_done, problem)
         return sortie if sortie.plan.schedule.any() else _waiting(problem, sortie)
 
-    async def _fly(
-        self, flyer: Flyer, problem: RoundProblem, sortie: Sortie, recalled: RoundMemory | None
-    ) -> _Flown:
-        """Fly a round's plan, and decide its uplinks; with `replan = "stop"` part by part, with the
-        rest replanned at stops where an update was lost and that is better."""
-        by_stop = self.scenario.config.mission.replan == "stop"
-        if sortie.plan.altitude_m is not None:
-            with self.stopwatch("fly"):
-                await flyer.climb(sortie.plan.altitude_m)
-        flown = _Flown(Course(problem, sortie.plan, problem, sortie.plan))
-        while True:
-            problem, plan, mission = flown.course.problem, flown.course.plan, flyer.mission
-            whole = flight_of_round(problem, plan, hold_s=sortie.hold_s, mission=mission)
-            rest = flown.course.flight(mission) if flown.course.begins else whole
-            flown.on_the_spot += rest is not whole and rest.stops[0].hold_s > 0.0
-            flown.foreseen = flyer.performance.with_hovers_begun(
-                whole.foreseen(flyer.performance), flown.on_the_spot
+    def _apart(self, fleet: Fleet, problem: RoundProblem, sortie: Sortie) -> Sortie:
+        """Return the sortie with a plan that keeps the wanted separation; say what that took."""
+        mission = self.scenario.config.mission
+        if mission.separation_m is None or len(fleet.aloft) < 2:
+            return sortie
+        flown = mission.flight != "none"
+        with self.stopwatch("plan"):
+            sortie, said = kept_apart(
+                problem,
+                sortie,
+                partial(outings_of, self.scenario.fleet, fleet.aloft, problem),
+                least_m=mission.separation_m + flown * MARGIN_M,
+                leaves=self.totals.next_round == 1,
             )
-            logged = False
-            for part in rest.parts(np.asarray(plan.schedule[0].any(axis=1))) if by_stop else [rest]:
+        if said:
+            self.recorder.notice(f"{self._stage}: {said}")
+        return sortie
+
+    async def _fly(
+        self, fleet: Fleet, outings: Sequence[Outing], recalled: RoundMemory | None
+    ) -> None:
+        """Fly a round's plan, and decide its uplinks; with `replan = "stop"`, which one aircraft
+        does, part by part, with the rest replanned at stops where an update was lost and that is
+        better."""
+        by_stop = self.scenario.config.mission.replan == "stop"
+        by_number = {one.number: one for one in outings}
+        with self.stopwatch("fly"):
+            for one in outings:
+                await self._tell(fleet, one, one.flyer.climb(one.height_m))
+        while True:
+            rests = {one.number: one.order() for one in outings if one.number in fleet.aloft}
+            if by_stop:
+                ((number, rest),) = rests.items()
+                serves = np.asarray(by_number[number].course.plan.schedule[0].any(axis=1))
+                parts = [{number: part} for part in rest.parts(serves)]
+            else:
+                parts = [rests]
+            for nth, part in enumerate(parts):
                 with self.stopwatch("fly"):
-                    try:
-                        await flyer.upload(part)
-                    finally:  # whoever looks into a refused mission needs its plan
-                        if not logged:
-                            self.recorder.planned(
-                                flyer.t_ns, self.totals.next_round, problem, plan, whole,
-                                flown.foreseen,
-                            )  # fmt: skip
-                            logged = True
-                    flight = await flyer.fly(part)
-                if not flown.flights:
-                    start_ns = int(flight.t_ns[0])
+                    await self._upload(fleet, by_number, part, begins=nth == 0)
+                    flights = await fleet.fly({n: part[n] for n in fleet.aloft})
+                if not outings[0].rests and nth == 0:
+                    start_ns = min(int(flight.t_ns[0]) for flight in flights.flown.values())
                     self.work = self.work.round_begins(self.totals.next_round, start_ns)
-                flown.flights.append(flight)
-                unknown = math.isnan(flight.energy_j)
-                flown.used_j += (
-                    part.foreseen(flyer.performance).energy_j if unknown else flight.energy_j
-                )
-                served = self._served(flown, part)
-                flown.served += served
-                self._listen(flight, len(flown.flights), plan)
-                lost = not all(item.delivered for item in served)
-                if by_stop and lost and await self._planned_anew(flyer, flown, recalled):
+                lost = False
+                for number, flight in flights.flown.items():
+                    one = by_number[number]
+                    one.flew(part[number], flight)
+                    served = self._served(one, part[number])
+                    one.served += served
+                    self._listen(one)
+                    lost |= not all(item.delivered for item in served)
+                for number, error in flights.lost.items():
+                    by_number[number].lost = True
+                    self._lose(fleet, number, error)
+                if by_stop and lost and await self._planned_anew(outings[0], fleet.t_ns, recalled):
                     break
             else:
-                return flown
+                return
 
-    async def _planned_anew(
-        self, flyer: Flyer, flown: _Flown, recalled: RoundMemory | None
-    ) -> bool:
+    async def _upload(
+        self,
+        fleet: Fleet,
+        by_number: Mapping[int, Outing],
+        part: Mapping[int, FlightPlan],
+        *,
+        begins: bool,
+    ) -> None:
+        """Upload what each aircraft flies next, while time stands still, and record its plan."""
+        for number, plan in part.items():
+            one = by_number[number]
+            try:
+                await self._tell(fleet, one, one.flyer.upload(plan))
+            finally:  # whoever looks into a refused mission needs its plan
+                if begins:
+                    self.recorder.planned(one.flyer.t_ns, self.totals.next_round, one)
+
+    async def _tell(self, fleet: Fleet, one: Outing, order: Awaitable[None]) -> None:
+        """Give an order to one aircraft, which may be lost by it."""
+        try:
+            await order
+        except FlightError as error:
+            one.lost = True
+            self._lose(fleet, one.number, error)
+
+    async def _planned_anew(self, one: Outing, t_ns: int, recalled: RoundMemory | None) -> bool:
         """Replan the rest of a round, or recall it; return whether the course changed to it."""
-        problem = flown.course.ahead(
-            1 + flown.served[-1].step,
-            self.scenario.area.from_ned(flyer.here().est_ned_m),
-            heard=self._mask(item.device for item in flown.served if item.delivered),
-            elapsed_s=(flyer.t_ns - int(flown.flights[0].t_ns[0])) / 1e9,
-            used_j=flown.used_j,
+        problem = one.course.ahead(
+            1 + one.served[-1].step,
+            one.aircraft.area.from_ned(one.flyer.here().est_ned_m),
+            heard=self._mask(item.device for item in one.served if item.delivered),
+            elapsed_s=(t_ns - int(one.flights[0].t_ns[0])) / 1e9,
+            used_j=one.used_j,
         )
         if problem is None:
             return False
         problem = self._as_heard(problem)
-        known = () if recalled is None else recalled.rests[len(flown.rests) :]
+        known = () if recalled is None else recalled.rests[len(one.rests) :]
         if known:
             rest = known[0]
         else:
             self._show("planning")
             rest = (await self._sortie(problem, None)).plan
             self._show("flying")
-        flown.rests.append(rest)
-        course = flown.course.onwards(problem, rest)
-        flown.course = course or flown.course
+        one.rests.append(rest)
+        course = one.course.onwards(problem, rest)
+        one.course = course or one.course
         return course is not None
 
-    def _used(
-        self, problem: RoundProblem, sortie: Sortie, flight: FlownTrack, foreseen: Foreseen
-    ) -> Amount:
-        """What is used of the budgets after a round.
-
-        A round never costs more metres than its plan could have used: L_total pays for
-        L_total / L_max rounds, also where wind or overshot corners make the flight longer than the
-        plan. A first round may be all that a budget pays for, and less than a whole one. Seconds
-        and joules are those that the flight took.
-        """
-        flown_m = min(flight.flown_m, problem.path_budget_m)
+    def _used(self, sortie: Sortie, outings: Sequence[Outing]) -> Amount:
+        """What is used of the budgets after a round, which are each aircraft's own: of each, what
+        the one took that took most."""
+        metres, seconds, joules = zip(*(one.cost for one in outings), strict=True)
         cost = Amount(
-            flown_m if sortie.cost_m is None else sortie.cost_m,
-            flight.duration_s,
-            foreseen.energy_j if math.isnan(flight.energy_j) else flight.energy_j,
+            max(metres) if sortie.cost_m is None else sortie.cost_m, max(seconds), max(joules)
         )
         return self.totals.used_with(cost, self.budget)
 
@@ -362,7 +406,10 @@ def _waiting(problem: RoundProblem, sortie: Sortie) -> Sortie:
     if problem.ready_in_s is None or not counting.any():
         return sortie
     hold_s = max(sortie.hold_s, float(problem.ready_in_s[counting].min()))
-    fits = share_of(problem, sortie.plan, hold_s=hold_s) <= 1.0
+    fits = all(
+        share_of(problem.alone(a), sortie.plan.alone(a), hold_s=hold_s) <= 1.0
+        for a in range(len(problem.starts))
+    )
     return replace(sortie, hold_s=hold_s) if fits else sortie
 
 
@@ -379,8 +426,3 @@ def _check_same(objective: float, before: float) -> None:
 def _known(drawn: float) -> float:
     """Charge (0..1) that was drawn; 0 where the vehicle does not tell it (NaN)."""
     return 0.0 if math.isnan(drawn) else drawn
-
-
-def _success(per: float) -> float:
-    """1 - PER; 0 for a slot that was never reached."""
-    return 0.0 if math.isnan(per) else 1.0 - per

@@ -10,7 +10,6 @@ from mission.base.console import RunConsole, Stopwatch
 from mission.base.run_folder import RunFolder, library_versions
 from mission.flight.flyers.base import Backend
 from mission.flight.missions.plan_file import write_round_plan
-from mission.flight.missions.round_mission import FlightPlan
 from mission.log.live import LiveView
 from mission.log.records import (
     AircraftRecord,
@@ -22,10 +21,10 @@ from mission.log.records import (
 from mission.log.tables import Table
 from mission.log.values import Devices
 from mission.log.writer import FlightLog
-from mission.planner.performance import Foreseen
-from mission.planner.problem import RoundPlan, RoundProblem
+from mission.run.apart import PairApart, told
 from mission.run.callbacks import Callbacks, RoundReport
 from mission.run.checkpoint import CheckpointFolder, RoundMemory
+from mission.run.outing import Outing, alone
 from mission.run.progress import Progress, make_progress
 from mission.scenario.radios import radio_grid
 from mission.scenario.scenario import Scenario
@@ -50,7 +49,7 @@ class FolderRecorder:
     """Passes a run's events to log, tables, checkpoint, progress, callbacks; alters no result."""
 
     run: Ready
-    log: FlightLog
+    logs: tuple[FlightLog, ...]  # one of each aircraft
     rounds: Table[RoundRecord]
     aircraft: Table[AircraftRecord]
     uplinks: Table[UplinkRecord]
@@ -61,32 +60,33 @@ class FolderRecorder:
     _flown_s: float = field(default=0.0, init=False)
     _wall_s: float = field(default=0.0, init=False)
 
-    def planned(
-        self,
-        t_ns: int,
-        round_number: int,
-        problem: RoundProblem,
-        plan: RoundPlan,
-        flight_plan: FlightPlan,
-        foreseen: Foreseen,
-    ) -> None:
-        """Log a plan before it is flown, and write it as a plan file."""
-        self.log.plan(
+    def planned(self, t_ns: int, round_number: int, one: Outing) -> None:
+        """Log a plan of an aircraft before it is flown, and write it as a plan file."""
+        ordered, foreseen = one.ordered, one.foreseen
+        self.logs[one.number].plan(
             t_ns,
             round_number,
-            problem,
-            plan,
-            speed_mps=flight_plan.speed_mps,
-            slot_s=flight_plan.slot_s(foreseen),
+            one.course.problem,
+            one.course.plan,
+            speed_mps=ordered.speed_mps,
+            slot_s=ordered.slot_s(foreseen),
             duration_s=foreseen.duration_s,
         )
-        path = self.run.folder.plans / f"round-{round_number:03d}.plan"
-        write_round_plan(path, flight_plan, self.run.scenario.area)
+        of = f"-{one.aircraft.name}" if len(self.logs) > 1 else ""
+        path = self.run.folder.plans / f"round-{round_number:03d}{of}.plan"
+        write_round_plan(path, ordered, one.aircraft.area)
 
-    def finished(self, report: RoundReport, memory: RoundMemory, state: FederationState) -> None:
+    def finished(
+        self,
+        report: RoundReport,
+        memory: RoundMemory,
+        state: FederationState,
+        outings: Sequence[Outing] = (),
+        pairs: Sequence[PairApart] = (),
+    ) -> None:
         """Log, tabulate, checkpoint and report a finished round; it survives a kill from then on.
 
-        `state` is that of learning after the round.
+        `state` is that of learning after the round, `outings` what each aircraft did in it.
         """
         record = report.round
         if record.scheduled == 0:
@@ -95,9 +95,14 @@ class FolderRecorder:
                 "area.home_m, mission.path_budget_m, the channel, what is believed of the "
                 "radio and compute times decide who is"
             )
-        self.log.uplinks(report.uplinks)
+        of_each = {one.number: (one.served, alone(one, record)) for one in outings}
+        if len(self.logs) == 1:
+            of_each = {0: (list(report.uplinks), record)}
+        for number, (served, _) in of_each.items():
+            self.logs[number].uplinks(served)
         self.learnt(record.round, report.learning)
-        self.log.round(record)
+        for number, (_, own) in of_each.items():
+            self.logs[number].round(own)
         self.uplinks.extend(report.uplinks)
         self.aircraft.extend(report.aircraft)
         self.rounds.extend([record])
@@ -106,16 +111,20 @@ class FolderRecorder:
             self.run.folder.discard_kept()
             self.run.checkpoint.save(self.run.scenario.federation, state, memory)
         self.progress.round_done(record, real_time_factor=self._speed(record))
+        for line in told(outings, pairs, self.run.scenario.config.mission.separation_m):
+            self.progress.notice(line)
         self.run.callbacks.round_finished(report)
 
     def learnt(self, round_number: int, learnt: RoundLearning) -> None:
         """Log and tabulate what the models know after a round; 0 is before the first."""
-        self.log.learning(round_number, accuracy=learnt.accuracy, cov=learnt.cov, loss=learnt.loss)
+        for log in self.logs:
+            log.learning(round_number, accuracy=learnt.accuracy, cov=learnt.cov, loss=learnt.loss)
         self.devices.extend(self._devices(round_number, learnt))
 
     def notice(self, text: str) -> None:
         """Log and show a line."""
-        self.log.note(text, severity=4)
+        for log in self.logs:
+            log.note(text, severity=4)
         self.progress.notice(text)
 
     def _speed(self, record: RoundRecord) -> float:
@@ -147,31 +156,38 @@ def recording(run: Ready, console: RunConsole, stopwatch: Stopwatch) -> Iterator
         mission = scenario.config.mission
         progress = make_progress(console.out, rounds=mission.rounds, flown=mission.flight != "none")
         stack.callback(progress.close)
-        log = stack.enter_context(
-            FlightLog(
-                folder.log,
-                area=scenario.area,
-                devices=devices,
-                fence=run.backend.fence(),
-                mirrors=run.live,
+        several = len(scenario.fleet) > 1 and scenario.strategy is not None
+        for one in scenario.fleet if several else ():
+            folder.of_vehicle(one.name).path.mkdir(exist_ok=True)
+        logs = tuple(
+            stack.enter_context(
+                FlightLog(
+                    (folder.of_vehicle(one.name) if several else folder).log,
+                    area=one.area,
+                    devices=devices,
+                    fence=backend.fence(),
+                    mirrors=run.live,
+                )
+            )
+            for one, backend in zip(
+                scenario.fleet if several else scenario.fleet[:1], run.backend.each, strict=False
             )
         )
         names = scenario.federation.names
         rounds = stack.enter_context(Table(folder.rounds, RoundRecord, communities=names))
         uplink = TimedUplinkRecord if scenario.device_times else UplinkRecord
-        several = len(scenario.aircraft) > 1
         uplinks = stack.enter_context(Table(folder.uplinks, uplink, several=several))
-        aircraft = stack.enter_context(Table(folder.aircraft, AircraftRecord))
+        aircraft = stack.enter_context(Table(folder.aircraft, AircraftRecord, several=several))
         learnt = stack.enter_context(Table(folder.learning, DeviceRecord))
-        # What is needed to understand the log goes with it.
-        log.attach("config.toml", "application/toml", scenario.config.to_toml().encode())
-        log.attach("devices.csv", "text/csv", scenario.devices_csv().encode())
-        log.metadata("libraries", library_versions())
-        if scenario.config.radio.belief not in ("channel", "truth"):
-            count = len(scenario.devices_m)
-            log.radio_true(radio_grid(scenario.radio, scenario.channel, scenario.area, count))
+        for log in logs:  # what is needed to understand it goes with it
+            log.attach("config.toml", "application/toml", scenario.config.to_toml().encode())
+            log.attach("devices.csv", "text/csv", scenario.devices_csv().encode())
+            log.metadata("libraries", library_versions())
+            if scenario.config.radio.belief not in ("channel", "truth"):
+                count = len(scenario.devices_m)
+                log.radio_true(radio_grid(scenario.radio, scenario.channel, scenario.area, count))
         tables = rounds, aircraft, uplinks, learnt
-        recorder = FolderRecorder(run, log, *tables, progress, stopwatch)
+        recorder = FolderRecorder(run, logs, *tables, progress, stopwatch)
         for notice in scenario.notices():
             recorder.notice(notice)
         yield recorder

@@ -145,7 +145,7 @@ def with_traced_map(config: RunConfig, devices_m: Floats) -> RunConfig:
     if not scene.isidentifier():  # a file may be changed, and the kept map would be another's
         words = "must be a scene that comes with Sionna RT; aerofed radio-map makes a map of a file"
         raise SettingError("radio.scene", scene, f"{words}, for radio.map_file")
-    heights_m = np.unique(config.mission.heights_m)
+    heights_m = np.unique(config.heights_m)
     radio = config.radio.model_dump(mode="json", include={"carrier_hz", "device_height_m"})
     place = f"{config.area.size_m} {heights_m} {devices_m.tolist()}"
     about = f"{radio} {home_of(config)} {place} {config.seed} {_CELL_M} {_DEPTH} {_RAYS}"

@@ -180,7 +180,7 @@ def _misfit(made: RadioMap, config: RunConfig, devices_m: Floats) -> str | None:
         if line[0] > cell or line[-1] < size - cell:
             return f"covers {name} from {line[0]:g} to {line[-1]:g} m; the area has 0 to {size:g}"
     low, high = made.height_m[0] - HEIGHT_MARGIN_M, made.height_m[-1] + HEIGHT_MARGIN_M
-    flown = config.mission.heights_m
+    flown = config.heights_m
     if not low <= flown[0] <= flown[1] <= high:
         heights = ", ".join(f"{height:g}" for height in made.height_m)
         return (

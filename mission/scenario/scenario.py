@@ -4,7 +4,7 @@ Nothing of the vehicle is imported: with its filter it takes longer than plannin
 """
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
@@ -31,6 +31,7 @@ from mission.config.polygons import check_start
 from mission.planner.factory import make_planner
 from mission.planner.performance import Performance
 from mission.planner.problem import RoundProblem, Start
+from mission.scenario.aircraft import Aircraft, aircraft_of, budget_of_all, by
 from mission.scenario.custom_strategies import (
     CustomStrategy,
     ImportanceStrategy,
@@ -41,8 +42,6 @@ from mission.scenario.limits import (
     UNLIMITED,
     Amount,
     Budget,
-    budget_of,
-    foreseen_performance,
     round_limits,
     unflyable,
 )
@@ -57,25 +56,29 @@ _LONGEST_UPLOAD_S = 3600.0  # no aircraft hovers as long
 
 @dataclass(frozen=True)
 class Scenario:
-    """Area, devices, communities and strategy of one run."""
+    """Area, devices, communities, aircraft and strategy of one run."""
 
     config: RunConfig
     streams: RandomStreams
-    area: Area
+    fleet: tuple[Aircraft, ...]
     devices_m: Floats  # (K, 2) area coordinates
     channel: Channel  # that rounds are planned with, at the mission's lowest altitude
     radio: Radio  # that decides whose update arrives
     per_grid: PerGrid | None  # that the first round is planned with; None: the channel
     listener: Listener | None  # what learns of the radio on the way
     federation: Federation
-    performance: Performance  # how rounds will be flown, before a vehicle is asked
-    budget: Budget  # of the run
+    budget: Budget  # of the run, for each aircraft
     strategy: Strategy | None  # None: ideal, nothing is flown
 
     @property
     def aircraft(self) -> tuple[str, ...]:
         """(A,) the name of each aircraft."""
-        return ("uav1",)
+        return tuple(one.name for one in self.fleet)
+
+    @property
+    def area(self) -> Area:
+        """The area, with the home of the first aircraft."""
+        return self.fleet[0].area
 
     @property
     def community_of(self) -> tuple[str, ...]:
@@ -112,8 +115,7 @@ class Scenario:
         """The planning problem of the first round, from where the strategy begins."""
         return self.problem(
             self._first_importance(),
-            self._first_start_m(),
-            performance=self.performance,
+            [(self._first_start_m(one), one.performance) for one in self.fleet],
             left=self.budget.total,
             work=self.work_before().round_begins(1, 0),
             t_ns=0,
@@ -122,31 +124,39 @@ class Scenario:
     def problem(
         self,
         importance: Floats,
-        start_m: Floats,
+        begins: Sequence[tuple[Floats, Performance] | None],
         *,
-        performance: Performance,
         left: Amount,
         work: DeviceWork,
         t_ns: int,
     ) -> RoundProblem:
-        """The planning problem of a round that begins at `t_ns` at a place (2,).
+        """The planning problem of a round that begins at `t_ns`: of each aircraft (None: it is
+        lost) `begins` has the place (2,), and how it flies.
 
         `left` is what remains of the run's budgets, `work` the devices' work as the round begins.
         """
-        mission = self.config.mission
         ready_in_s = np.maximum(work.ready_ns - t_ns, 0) / 1e9
         timed = bool(ready_in_s.any())
-        return RoundProblem(
-            devices_m=self.devices_m,
-            importance=importance,
-            starts=(
+        starts = []
+        for one, begin in zip(self.fleet, begins, strict=True):
+            if begin is None:
+                continue
+            (start_m, performance), mission = begin, one.config.mission
+            height_m, chosen = mission.heights_m[0], mission.altitudes_m
+            starts.append(
                 Start(
                     start_m=start_m,
                     path_budget_m=min(mission.path_budget_m, left.metres),
                     limits=round_limits(mission, performance, left=left, timed=timed),
-                    altitudes_m=mission.altitudes_m,
-                ),
-            ),
+                    altitudes_m=chosen,
+                    altitude_m=None if chosen or height_m == self.channel.altitude_m else height_m,
+                )
+            )
+        mission = self.config.mission
+        return RoundProblem(
+            devices_m=self.devices_m,
+            importance=importance,
+            starts=tuple(starts),
             steps=mission.steps,
             per_step=mission.devices_per_step,
             channel=self.channel,
@@ -208,10 +218,10 @@ class Scenario:
             t_ns=0,
         )
 
-    def _first_start_m(self) -> Floats:
+    def _first_start_m(self, one: Aircraft) -> Floats:
         approach_m = None if self.strategy is None else self.strategy.approach_m
         if approach_m is None:
-            return np.array(self.area.home_m, dtype=np.float64)
+            return np.array(one.area.home_m, dtype=np.float64)
         points_m: Floats = self.area.airspace.moved(np.array([approach_m], dtype=np.float64))
         return np.asarray(points_m[0])
 
@@ -266,7 +276,7 @@ class Scenario:
     @property
     def _overhead(self) -> list[LinkBudget]:
         """Link budgets straight overhead, at the lowest and the highest altitude."""
-        heights = self.config.mission.heights_m
+        heights = self.config.heights_m
         return [link_budget(replace(self.channel, altitude_m=height)) for height in heights]
 
     def data_sources(self) -> dict[str, dict[str, object]]:
@@ -357,16 +367,17 @@ def build_scenario(config: RunConfig, *, data_dir: Path | None) -> Scenario:
 
 def _built(config: RunConfig, data_dir: Path | None) -> Scenario:
     streams = RandomStreams(config.seed)
-    area = config.area.build(config.mission.heights_m)
     check_start(config)
-    performance = foreseen_performance(config)
-    for wrong in unflyable(config, performance):
-        raise SettingError(*wrong)
+    aircraft = aircraft_of(config)
+    for one in aircraft:
+        for wrong in unflyable(one.config, one.performance):
+            raise SettingError(*wrong)
     _check_sent(config)
-    budget = budget_of(config, performance)
+    budget = budget_of_all(aircraft)
+    area = aircraft[0].area
     devices_m = device_places(config, area, streams)
     config = with_traced_map(config, devices_m)
-    channel = config.channel.channel(altitude_m=config.mission.heights_m[0])
+    channel = config.channel.channel(altitude_m=config.heights_m[0])
     radio = radio_of(config, channel, area, devices_m, streams)
     per_grid, listener = believed(config, channel, radio, area, devices_m)
     federation = build_federation(
@@ -374,7 +385,7 @@ def _built(config: RunConfig, data_dir: Path | None) -> Scenario:
     )
     _check_quick(config, federation.upload_bits)
     mission, planner = config.mission, make_planner(config.planner)
-    limits = round_limits(mission, performance, left=UNLIMITED)
+    limits = round_limits(mission, aircraft[0].performance, left=UNLIMITED)
     strategy = (
         CustomStrategy.made(
             mission.strategy, StrategyContext(mission, planner, devices_m, area, config.seed)
@@ -382,7 +393,10 @@ def _built(config: RunConfig, data_dir: Path | None) -> Scenario:
         if mission.strategy not in STRATEGIES and is_plugin(mission.strategy)
         else make_strategy(mission, planner, devices_m=devices_m, area=area, limits=limits)
     )
+    if len(aircraft) > 1 and strategy is not None and strategy.approach_m is not None:
+        reason = "approach_m must be None with several aircraft: each begins above its home"
+        raise SettingError("mission.strategy", mission.strategy, reason)
     return Scenario(
-        config, streams, area, devices_m, channel, radio, per_grid, listener, federation,
-        performance, budget, strategy,
+        config, streams, by(config, aircraft), devices_m, channel, radio, per_grid, listener,
+        federation, budget, strategy,
     )  # fmt: skip

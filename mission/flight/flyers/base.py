@@ -6,9 +6,9 @@ work before anything is written, and gives the flyer for the time of a run.
 
 import socket
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Sequence
-from contextlib import AbstractAsyncContextManager
-from dataclasses import dataclass
+from collections.abc import AsyncIterator, Callable, Mapping, Sequence
+from contextlib import AbstractAsyncContextManager, asynccontextmanager
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias
 
@@ -176,9 +176,39 @@ class Flyer(ABC):
             await self.go_to(np.array(self.area.home_m))
 
 
+@dataclass
+class Fleet:
+    """The aircraft of a run on one clock, by their numbers; the only one is a fleet, too."""
+
+    aloft: dict[int, Flyer]  # those that are not lost
+
+    @property
+    def t_ns(self) -> int:
+        """The time of all."""
+        return next(iter(self.aloft.values())).t_ns
+
+    async def fly(self, plans: Mapping[int, FlightPlan]) -> "Flights":
+        """Fly what was uploaded to each, begun at one instant, until the last has finished. Who
+        waits hovers, in its flight.
+
+        Raises:
+            FlightError, LinkLostError: of the only aircraft.
+        """
+        ((number, plan),) = plans.items()
+        return Flights({number: await self.aloft[number].fly(plan)})
+
+
+@dataclass(frozen=True)
+class Flights:
+    """What several aircraft have flown at once, by their numbers, and who was lost, and how."""
+
+    flown: Mapping[int, FlownTrack]
+    lost: Mapping[int, FlightError] = field(default_factory=dict)
+
+
 @dataclass(frozen=True)
 class Task:
-    """Configuration, area, random streams and demand of the flights of a run."""
+    """Configuration, area, random streams and demand of the flights of one aircraft of a run."""
 
     config: RunConfig
     area: Area
@@ -245,6 +275,41 @@ class Backend(ABC):
     @abstractmethod
     def open(self, attached: Attached) -> AbstractAsyncContextManager[Flyer]:
         """A context manager that gives the flyer, and ends it with the block."""
+
+    @property
+    def each(self) -> "tuple[Backend, ...]":
+        """The backend of each aircraft."""
+        return (self,)
+
+    @asynccontextmanager
+    async def fleet(self, attached: Sequence[Attached]) -> AsyncIterator[Fleet]:
+        """A context manager that gives all aircraft, with what is `attached` to each."""
+        (only,) = attached
+        async with self.open(only) as flyer:
+            yield Fleet({0: flyer})
+
+
+@dataclass(frozen=True)
+class FleetBackend(Backend):
+    """Backend of several aircraft: those of each, one task being that of the first."""
+
+    several: tuple[Backend, ...]
+    names: tuple[str, ...]  # of the aircraft
+
+    @property
+    def position_source(self) -> str:
+        return self.several[0].position_source
+
+    @property
+    def each(self) -> tuple[Backend, ...]:
+        return self.several
+
+    def check(self) -> None:
+        for one in self.several:
+            one.check()
+
+    def open(self, attached: Attached) -> AbstractAsyncContextManager[Flyer]:  # noqa: ARG002
+        raise FlightError("several aircraft fly here, where one was asked for")
 
 
 def _check_url(url: str, key: str) -> None:

@@ -88,10 +88,21 @@ class BuiltInFlyer(Flyer):
     async def fly(self, plan: FlightPlan) -> FlownTrack:
         if plan.stands:
             return FlownTrack.standing(self.here(), self.battery_remaining)
-        self.recorder.start(self.here(), goes_on=plan.goes_on)
+        self.begin(plan)
         await self.pilot.fly()
-        items = stop_items(plan)
+        return self.end(plan)
+
+    def begin(self, plan: FlightPlan) -> None:
+        """Record the flight of a plan from now on."""
+        self._begun = self.here()
+        self.recorder.start(self._begun, goes_on=plan.goes_on)
+
+    def end(self, plan: FlightPlan) -> FlownTrack:
+        """Return the flight of a plan, which ends now; of one that stands it is a wait."""
+        items = [] if plan.stands else stop_items(plan)
         flight = self.recorder.finish(self.here(), self.battery_remaining, items=items)
+        if plan.stands:
+            return replace(flight, passages=(self._begun,))
         passed = zip(plan.stops, flight.passages, strict=True)
         arrivals = tuple(_arrival(flight, over, stop.hold_s) for stop, over in passed)
         return replace(flight, passages=arrivals)
@@ -136,6 +147,18 @@ class BuiltInBackend(Backend):
         parameters = self.vehicle.autopilot.parameters
         return (*super().fence(), *fence_of((), parameters, self.task.area))
 
+    def flyer(self, pilot: Pilot, attached: Attached) -> BuiltInFlyer:
+        """The flyer of the vehicle, by a pilot that is connected to it."""
+        config, recorder = self.task.config, FlightRecorder()
+        for observer in (recorder, *attached.observers):
+            self.vehicle.add_observer(observer)
+        guidance = guidance_of(config.vehicle)
+        flyer = BuiltInFlyer(
+            pilot, self.vehicle, recorder, self.task.area, config.mission, guidance
+        )
+        flyer.wind = config.vehicle.aircraft.wind
+        return flyer
+
     @asynccontextmanager
     async def open(self, attached: Attached) -> AsyncIterator[BuiltInFlyer]:
         """Connect a pilot to the vehicle; ground stations of `link.gcs` see it too.
@@ -145,9 +168,7 @@ class BuiltInBackend(Backend):
         Raises:
             LinkLostError: the link cannot be opened or the vehicle does not answer.
         """
-        config, vehicle, recorder = self.task.config, self.vehicle, FlightRecorder()
-        for observer in (recorder, *attached.observers):
-            vehicle.add_observer(observer)
+        config, vehicle = self.task.config, self.vehicle
         speed = math.inf if config.link.speed == "max" else config.link.speed
         raw_link = RawLink() if config.link.kind == "in_process" else None
         port = config.link.udp_port
@@ -159,9 +180,7 @@ class BuiltInBackend(Backend):
                 stall_timeout_s=config.link.stall_timeout_s,
             ) as pilot,
         ):
-            guidance = guidance_of(config.vehicle)
-            flyer = BuiltInFlyer(pilot, vehicle, recorder, self.task.area, config.mission, guidance)
-            flyer.wind = config.vehicle.aircraft.wind
+            flyer = self.flyer(pilot, attached)
             try:
                 yield flyer
             except asyncio.CancelledError:

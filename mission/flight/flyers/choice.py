@@ -8,10 +8,12 @@ from pathlib import Path
 
 import numpy as np
 
+from flightdyn.random import RandomStreams
 from mission.config.models import RunConfig
 from mission.flight.flyers.base import Backend, Task
-from mission.flight.flyers.unflown import UnflownBackend
+from mission.flight.flyers.unflown import UnflownBackend, UnflownFleetBackend
 from mission.flight.missions.round_mission import Demand
+from mission.scenario.aircraft import Aircraft
 from mission.scenario.scenario import Scenario, build_scenario
 
 
@@ -42,16 +44,32 @@ def set_up(config: RunConfig, *, data_dir: Path | None) -> tuple[Scenario, Backe
         InputError: data is missing or damaged, or a setting contradicts another.
     """
     scenario = build_scenario(config, data_dir=data_dir)
-    task = Task(scenario.config, scenario.area, scenario.streams, _demand(scenario))
-    if scenario.strategy is None or config.mission.flight == "none":
-        return scenario, UnflownBackend(task)
-    return scenario, backend_for(task)
+    tasks = [
+        Task(one.config, one.area, _streams(scenario, number), _demand(scenario, one))
+        for number, one in enumerate(scenario.fleet)
+    ]
+    unflown = scenario.strategy is None or config.mission.flight == "none"
+    if unflown:
+        each = tuple(UnflownBackend(task) for task in tasks)
+        fleet = UnflownFleetBackend(tasks[0], each, scenario.aircraft)
+        return scenario, each[0] if len(each) == 1 else fleet
+    if len(tasks) == 1:
+        return scenario, backend_for(tasks[0])
+    from mission.flight.flyers.together import WorldBackend
+
+    backends = tuple(backend_for(task) for task in tasks)
+    return scenario, WorldBackend(tasks[0], backends, scenario.aircraft)
 
 
-def _demand(scenario: Scenario) -> Demand:
+def _streams(scenario: Scenario, number: int) -> RandomStreams:
+    """The random streams of an aircraft: those of the run, if it is the first."""
+    return scenario.streams if number == 0 else scenario.streams.of_one(f"vehicle/{number}")
+
+
+def _demand(scenario: Scenario, one: Aircraft) -> Demand:
     """What the rounds may ask of the vehicle: no path leads farther than to the devices."""
-    mission = scenario.config.mission
-    away_m = np.linalg.norm(scenario.devices_m - np.array(scenario.area.home_m), axis=1)
+    mission = one.config.mission
+    away_m = np.linalg.norm(scenario.devices_m - np.array(one.area.home_m), axis=1)
     return Demand(
         speed_mps=mission.speed_mps,
         altitude_m=mission.heights_m[1],

@@ -19,7 +19,8 @@ from mission.base.area import Area
 from mission.base.arrays import Floats
 from mission.base.errors import AerofedError, FlightError, LinkLostError
 from mission.base.interrupts import run_flight
-from mission.config.models import LinkConfig, MissionConfig
+from mission.config.link import LinkConfig
+from mission.config.models import MissionConfig
 from mission.flight.flyers.base import CHARGED, HOLD_TIMEOUT_S, Attached, Backend, Flyer, Say
 from mission.flight.missions.plan_check import PlannedPath, wait_of
 from mission.flight.missions.plan_file import PlanFile

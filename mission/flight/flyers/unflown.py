@@ -1,7 +1,7 @@
 """Nobody flies: every waypoint is met exactly, at the planned speed (the paper)."""
 
-from collections.abc import AsyncIterator, Sequence
-from contextlib import asynccontextmanager
+from collections.abc import AsyncIterator, Mapping, Sequence
+from contextlib import AsyncExitStack, asynccontextmanager
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,7 +10,7 @@ from flightdyn.state import BatteryState, Kinematics
 from mission.base.area import Area
 from mission.base.arrays import Floats
 from mission.config.models import MissionConfig
-from mission.flight.flyers.base import Attached, Backend, Flyer
+from mission.flight.flyers.base import Attached, Backend, Fleet, FleetBackend, Flights, Flyer
 from mission.flight.missions.round_mission import FlightPlan
 from mission.flight.track import FlightRecorder, FlownTrack, TrackPoint
 from sitl.autopilot.codec.orders import MissionItem
@@ -90,6 +90,16 @@ class UnflownFlyer(Flyer):
         flight = recorder.finish(self.here(), FULL.remaining)
         return replace(flight, passages=tuple(passages))
 
+    def wait_until(self, t_ns: int, flight: FlownTrack) -> FlownTrack:
+        """Hover where the flight has ended; returns it with the hover."""
+        if t_ns <= self._t_ns:
+            return flight
+        recorder = FlightRecorder()
+        recorder.start(self.here())
+        self._move(self._ned_m, (t_ns - self._t_ns) / 1e9, np.zeros(3), recorder)
+        hover = recorder.finish(self.here(), FULL.remaining)
+        return replace(FlownTrack.joined([flight, hover]), passages=flight.passages)
+
     def _move(
         self, there: Floats, duration_s: float, velocity: Floats, recorder: FlightRecorder
     ) -> None:
@@ -109,6 +119,29 @@ class UnflownFlyer(Flyer):
         )
         for observer in (recorder, *self.observers):
             observer.sampled(sample)
+
+
+class UnflownFleet(Fleet):
+    """Several that are not flown: each is on its plan, and waits for the last."""
+
+    async def fly(self, plans: Mapping[int, FlightPlan]) -> Flights:
+        flown = {number: await self.aloft[number].fly(plan) for number, plan in plans.items()}
+        end_ns = max(flyer.t_ns for flyer in self.aloft.values())
+        for number, flyer in self.aloft.items():
+            assert isinstance(flyer, UnflownFlyer)
+            flown[number] = flyer.wait_until(end_ns, flown[number])
+        return Flights(flown)
+
+
+class UnflownFleetBackend(FleetBackend):
+    """Backend of several aircraft none of which is flown."""
+
+    @asynccontextmanager
+    async def fleet(self, attached: Sequence[Attached]) -> AsyncIterator[Fleet]:
+        async with AsyncExitStack() as opened:
+            each = zip(self.several, attached, strict=True)
+            flyers = [await opened.enter_async_context(one.open(to)) for one, to in each]
+            yield UnflownFleet(dict(enumerate(flyers)))
 
 
 @dataclass(frozen=True)

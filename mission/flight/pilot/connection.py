@@ -16,7 +16,7 @@ from mavsdk.logging import LogLevel, log_subscribe
 
 from mission.base.area import Area
 from mission.base.errors import FlightError, InputError, LinkLostError
-from mission.config.models import LinkConfig
+from mission.config.link import LinkConfig
 from mission.flight.pilot.dialects import ARDUPILOT, PX4
 from mission.flight.pilot.feed import Known, TelemetryFeed
 from mission.flight.pilot.pilot import Pilot

@@ -9,7 +9,8 @@ from dataclasses import dataclass
 from flightdyn.random import RandomStreams
 from mission.base.area import Area
 from mission.base.errors import InputError
-from mission.config.models import LinkConfig, RunConfig
+from mission.config.link import LinkConfig
+from mission.config.models import RunConfig
 from mission.flight.flyers.base import Say
 from mission.flight.flyers.firmware import Milestones
 from mission.flight.pilot.connection import located

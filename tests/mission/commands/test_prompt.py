@@ -263,7 +263,7 @@ SEVERAL = "aerofed sitl --count N and aerofed.vehicles(N) serve several"
         "run --count 3", "run --count=3", "run --vehicles 3", "run --drones 3", "run --instance 1",
         "run --num-vehicles 3", "run --swarm", "fly a.plan --count 3", "sweep town --count 3",
         "plan town --fleet 2", "world --px4 --count 2", f"run {TWICE}", f"fly a.plan {TWICE}",
-        "run --set vehicles=3", "run --set vehicle.count=3",
+        "run --set vehicle.count=3",
         "run --set mission.vehicles=3", "fly a.plan --set vehicle.count=3", "run fleet.toml",
         "run table.toml", "sitl --vehicles 3",
     ],

@@ -20,7 +20,7 @@ from flightdyn.random import RandomStreams
 from flightdyn.state import GeodeticPoint
 from mission.base.area import Area
 from mission.base.errors import FlightError, LinkLostError
-from mission.config.models import LinkConfig
+from mission.config.link import LinkConfig
 from mission.flight.flyers.external import left_holding
 from mission.flight.missions.round_mission import FlightPlan, mission_items
 from mission.flight.pilot.connection import connect, located

@@ -17,8 +17,8 @@ from serving import free_port, served
 from flightdyn.state import BatteryState, GeodeticPoint, Kinematics, Moment
 from mission.base.area import Area
 from mission.cli import call
+from mission.config.link import LinkConfig
 from mission.config.loading import load_config
-from mission.config.models import LinkConfig
 from mission.flight.serve.flight_logs import FlightLogs
 from mission.flight.serve.world import Recorder, serve_world
 from mission.log.reader import read_log

@@ -116,7 +116,7 @@ def test_every_row_keeps_its_own_speed() -> None:
 def test_a_round_s_speed_is_its_own() -> None:
     """100 s of flight, take-off among them, in 2 s; then 60 s in 3 s."""
     stopwatch, parts = Stopwatch(), Mock()
-    all_parts: list[Any] = [*[parts] * 6, parts.progress, stopwatch]
+    all_parts: list[Any] = [parts, (), *[parts] * 4, parts.progress, stopwatch]
     recorder = FolderRecorder(*all_parts)
     speeds = []
     for number, start_s, duration_s, fly_wall_s in ((1, 20.0, 80.0, 2.0), (2, 100.0, 60.0, 5.0)):

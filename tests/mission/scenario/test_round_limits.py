@@ -89,7 +89,7 @@ def test_a_tour_is_as_long_as_its_limits_allow(limit: dict[str, Any]) -> None:
     scenario = build_scenario(given, data_dir=None)
     tour, limits = (
         scenario.strategy,
-        round_limits(given.mission, scenario.performance, left=UNLIMITED),
+        round_limits(given.mission, scenario.fleet[0].performance, left=UNLIMITED),
     )
     assert isinstance(tour, Rectangular)
     assert limits is not None

@@ -1,0 +1,131 @@
+"""How near the aircraft of a round come to each other, as planned and as flown."""
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations
+
+import numpy as np
+
+from mission.analysis.together import Apart, Near
+from mission.log.records import AircraftRecord, RoundRecord
+from mission.log.values import NS_PER_S, Track
+from mission.run.outing import Outing, alone
+
+_XYZ = (0, 1, 2)
+_STEP_NS = 100_000_000  # at least so often it is looked whether a pair has left its homes
+
+
+@dataclass(frozen=True)
+class PairApart:
+    """The least distances of two aircraft in a round."""
+
+    names: tuple[str, str]
+    flown: Near
+    planned: Near
+
+
+def pairs_of(outings: Sequence[Outing], *, leaving_m: float | None) -> list[PairApart]:
+    """Measure each pair of a round, straight from instant to instant.
+
+    `leaving_m`: a pair counts from when it is so far apart, as homes may be nearer; None: at once.
+    """
+    if len(outings) < 2:
+        return []
+    end_ns = max(int(one.flight.t_ns[-1]) for one in outings)
+    tracks = [(_flown(one), _planned(one, int(one.flight.t_ns[0]), end_ns)) for one in outings]
+    found = []
+    for (one, its), (other, others) in combinations(zip(outings, tracks, strict=True), 2):
+        flown, planned = (_near(*both, leaving_m) for both in zip(its, others, strict=True))
+        found.append(PairApart((one.aircraft.name, other.aircraft.name), flown, planned))
+    return found
+
+
+def planned_pairs(
+    outings: Sequence[Outing], *, leaving_m: float | None
+) -> list[tuple[tuple[str, str], Near]]:
+    """Measure each pair as planned, in outings that are ordered and not flown yet."""
+    end_ns = max(round(one.foreseen.duration_s * NS_PER_S) for one in outings)
+    tracks = [_planned(one, 0, end_ns) for one in outings]
+    return [
+        ((one.aircraft.name, other.aircraft.name), _near(its, others, leaving_m))
+        for (one, its), (other, others) in combinations(zip(outings, tracks, strict=True), 2)
+    ]
+
+
+def row(one: Outing, whole: RoundRecord, pairs: Sequence[PairApart]) -> AircraftRecord:
+    """Return the row of an aircraft in a round's record."""
+    name = one.aircraft.name
+    own = AircraftRecord.alone(alone(one, whole) if pairs else whole, name)
+    its = [pair for pair in pairs if name in pair.names]
+    if not its:
+        return own
+    nearest = min(its, key=lambda pair: pair.flown.away_m)
+    first, second = nearest.names
+    return replace(
+        own,
+        idle_s=one.idle_s,
+        nearest=second if name == first else first,
+        nearest_m=nearest.flown.away_m,
+        nearest_t_s=nearest.flown.t_s,
+        plan_nearest_m=min(pair.planned.away_m for pair in its),
+    )
+
+
+def told(
+    outings: Sequence[Outing], pairs: Sequence[PairApart], separation_m: float | None
+) -> Iterator[str]:
+    """Yield a line on each of several aircraft of a round, and one on the closest pair."""
+    if len(outings) > 1:
+        wide = max(len(one.aircraft.name) for one in outings)
+    for one in outings if len(outings) > 1 else ():
+        arrived = f"{sum(item.delivered for item in one.served)}/{len(one.served)}"
+        busy_s = one.flight.duration_s - (0.0 if math.isnan(one.idle_s) else one.idle_s)
+        energy = "" if math.isnan(one.flight.energy_j) else f"{one.flight.energy_j / 1e3:6.1f} kJ"
+        yield (
+            f"  {one.aircraft.name:{wide}}  {arrived:>5}  {one.flight.flown_m:5.0f} m  "
+            f"{busy_s:5.1f} s {energy}{'  lost' if one.lost else ''}".rstrip()
+        )
+    if pairs:
+        least = min(pairs, key=lambda pair: pair.flown.away_m)
+        near = least.flown.away_m
+        if math.isinf(near):
+            return
+        broken = (
+            f": nearer than mission.separation_m = {separation_m:g}"
+            if separation_m is not None and near < separation_m
+            else ""
+        )
+        since_s = least.flown.t_s - int(outings[0].flight.t_ns[0]) / NS_PER_S
+        yield (
+            f"  closest: {'-'.join(least.names)} {near:.1f} m (planned {least.planned.away_m:.1f}) "
+            f"at {since_s:.1f} s{broken}"
+        )
+
+
+def _flown(one: Outing) -> Track:
+    return Track(one.flight.t_ns, one.aircraft.area.xyz(one.flight.true_ned_m))
+
+
+def _planned(one: Outing, start_ns: int, end_ns: int) -> Track:
+    """Where its plan leads when, and where it waits then."""
+    stops = one.ordered.stops
+    begin_s = np.array([float(arrived) for arrived in one.foreseen.arrived_s])
+    t_s = np.column_stack((begin_s, begin_s + [stop.hold_s for stop in stops])).ravel()
+    t_ns = start_ns + np.round(t_s * NS_PER_S).astype(np.int64)
+    xy = np.repeat([stop.xy_m for stop in stops], 2, axis=0)
+    pos_m = np.column_stack((xy, np.full(len(xy), one.ordered.alt_rel_m)))
+    t_ns, at = np.unique(np.append(t_ns, max(end_ns, int(t_ns[-1]))), return_index=True)
+    return Track(t_ns, np.vstack((pos_m, pos_m[-1:]))[at])
+
+
+def _near(first: Track, second: Track, leaving_m: float | None) -> Near:
+    end_ns = max(int(first.t_ns[-1]), int(second.t_ns[-1]))
+    even_ns = np.arange(int(first.t_ns[0]), end_ns, _STEP_NS)
+    t_ns = np.unique(np.concatenate((first.t_ns, second.t_ns, even_ns)))
+    away_m = second.at(t_ns).pos_m - first.at(t_ns).pos_m
+    known = np.ones(len(t_ns) - 1, dtype=bool)
+    if leaving_m is not None:
+        far = np.linalg.norm(away_m, axis=1) >= leaving_m
+        known[: far.argmax() if far.any() else len(far)] = False
+    return Apart(t_ns / NS_PER_S, away_m, known).near(_XYZ)
