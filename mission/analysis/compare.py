@@ -18,7 +18,7 @@ from mission.analysis.load import LoadedRun
 from mission.analysis.measure import Measured, measure, measure_pass
 from mission.analysis.numbers import OF_PLAN, Comparison, Made, Told, told_numbers
 from mission.analysis.spikes import spikes
-from mission.analysis.told import Flown, Stretch, Values, missing
+from mission.analysis.told import FlightErrors, Stretch, Values, missing
 from mission.analysis.whole import whole_flight
 from mission.base.area import on_globe
 from mission.base.arrays import mean
@@ -53,7 +53,9 @@ class RunComparison:
     rounds: tuple[Comparison, ...]
     total: Comparison
     devices: tuple[DeviceComparison, ...]
-    flown: Flown | None = None  # against what the vehicle was told; None: it never left the ground
+    flown: FlightErrors | None = (
+        None  # against what the vehicle was told; None: it never left the ground
+    )
     outside: tuple[Hole, ...] = ()  # holes of a flight without a pass
 
     @property

@@ -31,7 +31,7 @@ class Made:
 
 @dataclass(frozen=True)
 class Told(Label):
-    """Reduction of a number over the time of a flight, by its name in `Flown.series`."""
+    """Reduction of a number over the time of a flight, by its name in `FlightErrors.series`."""
 
     by: Callable[[Floats], float]
     of: str

@@ -96,7 +96,7 @@ class Step:
 
 
 @dataclass(frozen=True)
-class Flown:
+class FlightErrors:
     """A flight in the air: the errors by name, and its stretches and steps."""
 
     start_s: float
@@ -147,7 +147,7 @@ def pair(signals: Mapping[str, Signal], name: str) -> tuple[Floats, Floats, Floa
 
 def flown_against(
     data: FlightData, modes: Modes, air_s: Spans, passes_s: Spans, health: Mapping[str, Values]
-) -> Flown:
+) -> FlightErrors:
     """Compare a flight with what the vehicle was told, in its `modes` and while in the air, of it
     `passes_s` through a mission; `health` has more numbers over time, by name."""
     start_s, end_s = air_s[0][0], air_s[-1][1]
@@ -162,7 +162,9 @@ def flown_against(
             inside = {name: of for name, of in inside.items() if name not in _OF_POSITION}
         delay_s = delay(data.signals, [(begin_s, until_s)])
         found.append(Stretch(len(found) + 1, begin_s, until_s, mode, reference, delay_s, inside))
-    return Flown(start_s, end_s, series, tuple(found), tuple(_steps(data.signals, start_s, end_s)))
+    return FlightErrors(
+        start_s, end_s, series, tuple(found), tuple(_steps(data.signals, start_s, end_s))
+    )
 
 
 def heights(signals: Mapping[str, Signal]) -> tuple[Floats, Floats, Floats] | None:

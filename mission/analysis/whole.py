@@ -12,7 +12,7 @@ from mission.analysis.health import health
 from mission.analysis.holes import holes, position_gaps
 from mission.analysis.load import LoadedRun
 from mission.analysis.measure import Measured, happened
-from mission.analysis.told import Flown, Values, flown_against, modes_at
+from mission.analysis.told import FlightErrors, Values, flown_against, modes_at
 from mission.base import polyline
 from mission.base.arrays import greatest, mean, rms
 from mission.base.errors import InputError
@@ -20,7 +20,9 @@ from mission.base.gaps import inside
 from mission.log.values import NS_PER_S
 
 
-def whole_flight(loaded: LoadedRun, measured: Sequence[Measured]) -> tuple[Flown, dict[str, Any]]:
+def whole_flight(
+    loaded: LoadedRun, measured: Sequence[Measured]
+) -> tuple[FlightErrors, dict[str, Any]]:
     """Compare a flight with what the vehicle was told; and its numbers where it has no pass.
 
     Raises:

@@ -17,7 +17,7 @@ from mission.api.configuring import as_path
 from mission.api.life import Life
 from mission.base.arrays import Floats
 from mission.base.errors import AerofedError, InputError
-from mission.flight.missions.plan_check import PlannedPath, placed, planned_path
+from mission.flight.missions.plan_check import CheckedPath, checked_path, placed
 from mission.flight.missions.plan_file import PlanFile, read_plan_file
 from mission.flight.pilot.connection import connect
 from mission.flight.serve.hosted_firmware import FirmwareHost
@@ -169,7 +169,7 @@ class SimulatedVehicle:
         order = self.order(plan)
         self._life.do(lambda: self._host.fly(*order))
 
-    def order(self, plan: Path | str) -> tuple[PlanFile, PlannedPath]:
+    def order(self, plan: Path | str) -> tuple[PlanFile, CheckedPath]:
         """The plan file, checked and placed at home, and its path.
 
         Raises:
@@ -180,9 +180,9 @@ class SimulatedVehicle:
             raise InputError(f"fly({file.path}): the vehicle is armed; a plan begins on the ground")
         home, host = self._host.area.home, self._host
 
-        def begun_at(home: GeodeticPoint) -> tuple[PlanFile, PlannedPath]:
+        def begun_at(home: GeodeticPoint) -> tuple[PlanFile, CheckedPath]:
             moved = replace(file, items=placed(file.items, home))
-            return moved, planned_path(
+            return moved, checked_path(
                 moved, home, parameters=host.parameters, limits=host.guidance
             )
 

@@ -119,7 +119,7 @@ def _file_name(number: int, name: str) -> str:
 
 
 @dataclass(frozen=True)
-class Task:
+class PlanningTask:
     """Problems to plan, the strategy that plans them, and the scenario that they come from."""
 
     problems: Sequence[NamedProblem]
@@ -128,7 +128,7 @@ class Task:
     scenario: Scenario | None = None  # None: the problems are of a file
 
 
-def first_round(config: RunConfig, data_dir: Path | None) -> Task:
+def first_round(config: RunConfig, data_dir: Path | None) -> PlanningTask:
     """The first round of a configuration, planned by its strategy.
 
     Raises:
@@ -145,14 +145,14 @@ def first_round(config: RunConfig, data_dir: Path | None) -> Task:
     strategy = label_of(config.mission.strategy)
     about = f"{config.name}{planner} · strategy {strategy} · seed {config.seed}"
     problems = (NamedProblem("round-1", scenario.first_problem()),)
-    return Task(problems, scenario.strategy, about, scenario)
+    return PlanningTask(problems, scenario.strategy, about, scenario)
 
 
-def problems_of_file(path: Path, config: RunConfig) -> Task:
+def problems_of_file(path: Path, config: RunConfig) -> PlanningTask:
     """The problems of a file, planned by the configured planner; raises as `read_problems`."""
     problems = read_problems(path)
     strategy = Optimised(make_planner(config.planner), fairness=True)
-    return Task(problems, strategy, f"{path} · planner {config.planner.kind}")
+    return PlanningTask(problems, strategy, f"{path} · planner {config.planner.kind}")
 
 
 def write_qgc(path: Path, problem: RoundProblem, made: NamedPlan, scenario: Scenario) -> None:

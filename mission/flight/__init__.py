@@ -6,7 +6,7 @@ What is where, in the order in which a flight goes through it:
   - `round_mission`: a round's plan as stops, and those as mission items. `FlightPlan`, `Demand`
   - `plan_file`: `.plan` and waypoint files, read and written. `PlanFile`
   - `qgroundcontrol`: what a `.plan` may hold, scans and landing patterns included
-  - `plan_check`: what of a plan file is refused, and how long it takes. `PlannedPath`
+  - `plan_check`: what of a plan file is refused, and how long it takes. `CheckedPath`
   - `mission_path`: where items lead, with jumps, circles and returns. `MissionPath`
   - `geofence`: an airspace as fence items, and fence items as zones
 - `flyers`, who flies it:

@@ -25,7 +25,7 @@ from mission.flight.flyers.base import Attached, Backend, Flyer, Task
 from mission.flight.flyers.choice import backend_for
 from mission.flight.missions.geofence import fence_of
 from mission.flight.missions.mission_path import record_of
-from mission.flight.missions.plan_check import PlannedPath, nowhere, placed, planned_path
+from mission.flight.missions.plan_check import CheckedPath, checked_path, nowhere, placed
 from mission.flight.missions.plan_file import PlanFile, checked_home, read_plan_file
 from mission.flight.missions.round_mission import Demand
 from mission.flight.pilot.parameters import VehicleLimits
@@ -50,7 +50,7 @@ class Order:
     """A plan file that has been checked, with its path, area and vehicle parameters."""
 
     plan: PlanFile
-    path: PlannedPath
+    path: CheckedPath
     config: RunConfig  # with the area around the plan
     area: Area
     parameters: Parameters  # of the vehicle that the plan is timed by
@@ -237,7 +237,7 @@ def order_of(config: RunConfig, plan: PlanFile, speeds: Mapping[str, float] | No
                 f"{len(plan.items) - 1}"
             )
     plan = replace(plan, items=placed(plan.items, home))
-    path = planned_path(plan, home, parameters=parameters, limits=guidance_of(config.vehicle))
+    path = checked_path(plan, home, parameters=parameters, limits=guidance_of(config.vehicle))
     points = np.vstack((path.points_ned_m, *path.rally_ned_m))
     area = Area.around(home, points, margin_m=_MARGIN_M)
     around = AreaConfig(

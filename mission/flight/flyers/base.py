@@ -21,7 +21,7 @@ from mission.base.arrays import Floats
 from mission.base.errors import FlightError, LinkLostError
 from mission.config.models import MissionConfig, RunConfig
 from mission.flight.missions.geofence import airspace_zones
-from mission.flight.missions.plan_check import PlannedPath
+from mission.flight.missions.plan_check import CheckedPath
 from mission.flight.missions.plan_file import PlanFile
 from mission.flight.missions.round_mission import Demand, FlightPlan, climb, direct_flight
 from mission.flight.track import FlownTrack, TrackPoint
@@ -96,7 +96,7 @@ class Flyer(ABC):
     async def carry_out(
         self,
         plan: PlanFile,  # noqa: ARG002  whoever flies uses them
-        path: PlannedPath,  # noqa: ARG002
+        path: CheckedPath,  # noqa: ARG002
         *,
         begins: Callable[[], None],  # noqa: ARG002
     ) -> None:

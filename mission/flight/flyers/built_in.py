@@ -15,7 +15,7 @@ from mission.config.models import MissionConfig
 from mission.flight.flyers.base import HOLD_TIMEOUT_S, Attached, Backend, Flyer, Task
 from mission.flight.ground_stations import station_links
 from mission.flight.missions.geofence import fence_of
-from mission.flight.missions.plan_check import PlannedPath
+from mission.flight.missions.plan_check import CheckedPath
 from mission.flight.missions.plan_file import PlanFile
 from mission.flight.missions.round_mission import FlightPlan, mission_items, stop_items
 from mission.flight.pilot.connection import connect
@@ -108,7 +108,7 @@ class BuiltInFlyer(Flyer):
         return replace(flight, passages=arrivals)
 
     async def carry_out(
-        self, plan: PlanFile, path: PlannedPath, *, begins: Callable[[], None]
+        self, plan: PlanFile, path: CheckedPath, *, begins: Callable[[], None]
     ) -> None:
         """Fly a plan file; simulated time stands still while the vehicle is given it."""
         await self.pilot.fly_plan(plan, returns=path.returns, begins=begins)

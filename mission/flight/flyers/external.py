@@ -22,7 +22,7 @@ from mission.base.interrupts import run_flight
 from mission.config.link import LinkConfig
 from mission.config.models import MissionConfig
 from mission.flight.flyers.base import CHARGED, HOLD_TIMEOUT_S, Attached, Backend, Flyer, Say
-from mission.flight.missions.plan_check import PlannedPath, wait_of
+from mission.flight.missions.plan_check import CheckedPath, wait_of
 from mission.flight.missions.plan_file import PlanFile
 from mission.flight.missions.round_mission import Demand, FlightPlan, mission_items, stop_items
 from mission.flight.pilot.connection import located, until, until_ready
@@ -137,7 +137,7 @@ class ExternalFlyer(Flyer):
         await self.pilot.until(lambda: self.here().t_ns >= until_ns, "hover")
 
     async def carry_out(
-        self, plan: PlanFile, path: PlannedPath, *, begins: Callable[[], None]
+        self, plan: PlanFile, path: CheckedPath, *, begins: Callable[[], None]
     ) -> None:
         """Fly a plan file.
 

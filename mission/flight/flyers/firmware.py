@@ -18,7 +18,7 @@ from mission.config.models import RunConfig
 from mission.flight.flyers.base import Attached, Backend, Flyer, Task
 from mission.flight.flyers.external import ExternalFlyer, limits_of
 from mission.flight.ground_stations import station_links
-from mission.flight.missions.plan_check import PlannedPath
+from mission.flight.missions.plan_check import CheckedPath
 from mission.flight.missions.plan_file import PlanFile
 from mission.flight.missions.round_mission import FlightPlan
 from mission.flight.pilot.connection import NoVehicleError, located
@@ -88,7 +88,7 @@ class FirmwareFlyer(ExternalFlyer):
             await super().wait(until_ns)
 
     async def carry_out(
-        self, plan: PlanFile, path: PlannedPath, *, begins: Callable[[], None]
+        self, plan: PlanFile, path: CheckedPath, *, begins: Callable[[], None]
     ) -> None:
         with self.vehicle.clock.going():
             await super().carry_out(plan, path, begins=begins)

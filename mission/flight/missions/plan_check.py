@@ -52,7 +52,7 @@ _KINDS = {
 
 
 @dataclass(frozen=True)
-class PlannedPath:
+class CheckedPath:
     """Path of a plan file from the ground at home to the last place, with its return or landing."""
 
     points_ned_m: Floats  # (P, 3); the first is home
@@ -81,9 +81,9 @@ def placed(items: Sequence[MissionItem], home: GeodeticPoint) -> tuple[MissionIt
     return tuple(found_items)
 
 
-def planned_path(
+def checked_path(
     plan: PlanFile, home: GeodeticPoint, *, parameters: Parameters, limits: LimitsConfig
-) -> PlannedPath:
+) -> CheckedPath:
     """The path of a plan that begins at `home`, for a vehicle with these parameters that keeps to
     these limits.
 
@@ -146,7 +146,7 @@ def planned_path(
         rally_ned_m.append(place)
     ends = plan.items[-1].command in _LAST
     duration_s = _duration_s(plan.items, home, p, limits, points[-1])
-    return PlannedPath(points, tuple(places), tuple(rally_ned_m), ends, duration_s)
+    return CheckedPath(points, tuple(places), tuple(rally_ned_m), ends, duration_s)
 
 
 def _wrong(item: MissionItem, *, first: bool, last: bool) -> str:

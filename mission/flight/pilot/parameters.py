@@ -128,7 +128,7 @@ async def _restored(parameters: Parameters, changed: Mapping[str, tuple[float, f
 
 
 @dataclass(frozen=True)
-class Limit:
+class VehicleLimit:
     """One limit that a parameter of the vehicle sets."""
 
     name: str
@@ -145,7 +145,7 @@ class Limit:
 class VehicleLimits:
     """The limits that a vehicle has, by the keys of `LimitNames`; those it lacks are missing."""
 
-    known: dict[str, Limit] = field(default_factory=dict)
+    known: dict[str, VehicleLimit] = field(default_factory=dict)
 
     def value(self, what: str, *, otherwise: float) -> float:
         """A limit in our unit (SI), `otherwise` where the vehicle has none such."""
@@ -192,7 +192,7 @@ class VehicleLimits:
         ]
         return [*phrases, *self._beyond_fence(demand)]
 
-    def _correctable(self, demand: Demand) -> list[tuple[Limit, float, str]]:
+    def _correctable(self, demand: Demand) -> list[tuple[VehicleLimit, float, str]]:
         """Limits that may be set otherwise, what is asked of each, and what it allows in words."""
         speed, radius = self.known.get("speed_mps"), self.known.get("acceptance_m")
         found = []
@@ -235,7 +235,7 @@ async def read_limits(parameters: Parameters, names: LimitNames) -> VehicleLimit
         for number, (name, unit) in sorted(versions, key=lambda one: one[0] != version):
             value = await parameters.get(name)
             if value is not None:
-                known[what] = Limit(name, unit, value * unit)
+                known[what] = VehicleLimit(name, unit, value * unit)
                 version = max(version, number)
                 break
     return VehicleLimits(known)

@@ -14,7 +14,7 @@ from mission.base.errors import InputError
 from mission.config.models import RunConfig
 from mission.flight.flyers.base import Attached, Task
 from mission.flight.flyers.firmware import FirmwareBackend
-from mission.flight.missions.plan_check import PlannedPath
+from mission.flight.missions.plan_check import CheckedPath
 from mission.flight.missions.plan_file import PlanFile
 from mission.flight.missions.round_mission import Demand
 from mission.flight.serve.flight_logs import FlightLogs
@@ -91,7 +91,7 @@ class FirmwareHost(Host):
         finally:
             vehicle.clock.rest()
 
-    async def fly(self, plan: PlanFile, path: PlannedPath) -> None:
+    async def fly(self, plan: PlanFile, path: CheckedPath) -> None:
         if self.logs is not None:
             self.logs.took(self._flyer.t_ns, mav.MAV_MISSION_TYPE_MISSION, plan.items)
         await self._flyer.carry_out(plan, path, begins=lambda: None)

@@ -14,7 +14,7 @@ from mission.base.area import Area
 from mission.base.arrays import Floats
 from mission.base.errors import AerofedError, LinkLostError
 from mission.flight.ground_stations import station_links
-from mission.flight.missions.plan_check import PlannedPath
+from mission.flight.missions.plan_check import CheckedPath
 from mission.flight.missions.plan_file import PlanFile
 from mission.flight.pilot.connection import connect
 from mission.flight.serve.flight_logs import FlightLogs
@@ -77,13 +77,13 @@ class BuiltIn(Host):
         """Let simulated time of the world pass; messages sent before are processed first."""
         await self._world.run_for(seconds)
 
-    async def fly(self, plan: PlanFile, path: PlannedPath) -> None:
+    async def fly(self, plan: PlanFile, path: CheckedPath) -> None:
         """Carry out a plan that lies around home, from the ground to the ground."""
         errors = await self._world.fly({self.name: (plan, path)})
         if errors:
             raise errors[self.name]
 
-    def sortie(self, plan: PlanFile, path: PlannedPath, *, after_s: float = 0.0) -> Sortie:
+    def sortie(self, plan: PlanFile, path: CheckedPath, *, after_s: float = 0.0) -> Sortie:
         """The flight of such a plan, to be flown with others."""
 
         async def fly(starts: Callable[[], Awaitable[object]]) -> None:
@@ -117,7 +117,7 @@ class BuiltInWorld:
 
     async def fly(
         self,
-        orders: Mapping[str, tuple[PlanFile, PlannedPath]],
+        orders: Mapping[str, tuple[PlanFile, CheckedPath]],
         after_s: Mapping[str, float] = MappingProxyType({}),
     ) -> Mapping[str, AerofedError]:
         """Fly plans, by the vehicles' names; some begin later. Returns the errors, by name."""

@@ -324,7 +324,7 @@ class ModeMachine:
         try:
             if not manoeuvre.tick():
                 return True
-            self._finished()
+            self._manoeuvre_ended()
         except do.StuckError as stuck:
             self._stuck(str(stuck))
         except Exception as error:
@@ -351,7 +351,7 @@ class ModeMachine:
         if self.airborne and self.mode is not Mode.TERMINATED:
             self._enter(Mode.HOLD, "internal error", self.navigator.stop())
 
-    def _finished(self) -> None:
+    def _manoeuvre_ended(self) -> None:
         if self.notice_crash():
             return
         self._manoeuvre = None
