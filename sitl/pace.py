@@ -5,12 +5,13 @@ import math
 import time
 from collections.abc import Mapping, Sequence
 from contextlib import AsyncExitStack
+from types import MappingProxyType
 from typing import Literal, Self, TypeAlias
 
 from sitl.block import following
 from sitl.links import Link, RawLink
 from sitl.vehicle import Vehicle
-from sitl.world import World
+from sitl.world import Flown, World
 
 _STRETCH_S = 0.02  # wall time between looks at the links
 _FLAT_OUT_S = 0.05  # and where time runs as fast as it can: half of telemetry's interval
@@ -34,10 +35,12 @@ class Simulation:
         self,
         flown: Vehicle | Mapping[str, tuple[Vehicle, Sequence[Link]]],
         *links: Link,
+        beside: Mapping[str, Flown] = MappingProxyType({}),
         speed: float = math.inf,
         runs: Runs = "moving",
     ) -> None:
-        """`flown`: a vehicle with its `links`, or several by name, each with its own.
+        """`flown`: a vehicle with its `links`, or several by name, each with its own; `beside`:
+        what else is in their world, before them.
 
         Raises:
             InputError: two stand so near to each other that they touch.
@@ -46,7 +49,7 @@ class Simulation:
             raise ValueError(f"speed = {speed}: must be positive")
         if not isinstance(flown, Mapping):
             flown = {"vehicle": (flown, links)}
-        self.world = World({name: vehicle for name, (vehicle, _) in flown.items()})
+        self.world = World({**beside, **{name: vehicle for name, (vehicle, _) in flown.items()}})
         self._ports = tuple(flown.values())
         self._links = [link for _, own in self._ports for link in own]
         self.piloted: set[Vehicle] = set()  # ordered time stands still while one does not move
@@ -77,6 +80,11 @@ class Simulation:
     async def __aexit__(self, *_: object) -> None:
         """Stop and close the links; an error of the simulation ends the block that it failed in."""
         await self._open.aclose()
+
+    def go_on(self) -> None:
+        """Let simulated time run from now on."""
+        self.runs = "always"
+        self._wake.set()
 
     async def run_to(self, t_ns: float) -> None:
         """Let simulated time run up to `t_ns`, with `runs` = "ordered", and stand still there; to
@@ -132,7 +140,7 @@ class Simulation:
 
     def _due(self) -> float:
         """The wall time at which somebody has something to say at the latest."""
-        return min(vehicle.due() for vehicle, _ in self._ports)
+        return min((vehicle.due() for vehicle, _ in self._ports), default=math.inf)
 
     async def _idle(self) -> None:
         """Wait for a message or for the next telemetry."""

@@ -28,6 +28,8 @@ class Vehicle:
     nothing that comes in moves simulated time.
     """
 
+    waited_for = False
+
     def __init__(
         self,
         config: VehicleConfig,

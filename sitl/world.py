@@ -23,6 +23,7 @@ class Flown(Protocol):
     """An aircraft under a brain, whichever that is. A reboot gives it another aircraft."""
 
     near_m: float  # within what distance it wants to hear of others; 0: never
+    waited_for: bool  # others go on with it step by step, as it may take long for one
 
     @property
     def traffic(self) -> str:
@@ -64,6 +65,7 @@ class World:
         """
         self.names, self._flown = tuple(flown), tuple(flown.values())
         self._alone = self._flown[0] if len(self._flown) == 1 else None
+        self._waits = any(one.waited_for for one in self._flown)
         self._t_ns = self._flown[0].t_ns
         frame = self._flown[0].aircraft.frame
         seen = [one.aircraft.frame.in_frame(_AXES, frame) for one in self._flown]
@@ -114,6 +116,8 @@ class World:
         clear_ns, step_ns = (
             round(each * 1e9) for each in self._nearness.clear(self._places, self._speeds)
         )
+        if self._waits:
+            clear_ns = _STEP_NS
         tick_ns = self._aircraft[0].dt_ns
         end = max((self._t_ns + clear_ns) // _STEP_NS * _STEP_NS, self._t_ns + tick_ns)
         end = min(end, (self._t_ns // _SECOND_NS + 1) * _SECOND_NS)  # when transponders speak
@@ -128,6 +132,7 @@ class World:
         for i, one in enumerate(self._flown):
             if one.aircraft is not self._aircraft[i]:  # it was rebooted
                 self._aircraft[i], self._since_ns[i] = one.aircraft, self._t_ns - one.t_ns
+                self._places[i] = self._here()[i]
             since, aircraft = self._since_ns[i], one.aircraft
             for k, end in enumerate(ends):
                 while one.t_ns + since < end:

@@ -1,6 +1,5 @@
 """One `aerofed fly` of several plans: a vehicle for each in one world, and a folder for each."""
 
-import json
 import math
 from collections.abc import Awaitable, Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
@@ -18,7 +17,7 @@ from mission.flight.flyers.built_in import BuiltInBackend, simulated_vehicle
 from mission.flight.ground_stations import station_links
 from mission.flight.missions.plan_file import read_plan_file
 from mission.flight.pilot.connection import connect
-from mission.flight.serve.separation import separation_file
+from mission.flight.serve.separation import SEPARATION, in_words, write_separation
 from mission.flight.serve.together import Sortie, fly_together
 from mission.run.budget import RunTotals
 from mission.run.plan_flight import Order, PlanFlight, order_of, recording
@@ -26,8 +25,6 @@ from mission.run.progress import Progress
 from mission.run.recorded import Around, Outcome, Summary, fly_recorded
 from sitl.links import RawLink
 from sitl.pace import Simulation
-
-SEPARATION = "separation.json"
 
 
 def fly_plans(
@@ -161,8 +158,8 @@ class _Flights:
             self.totals.sim_s = world.t_ns / 1e9
             for flight in self.flights.values():
                 flight.totals.sim_s = self.totals.sim_s
-            found = separation_file(world, {name: f.order.area for name, f in self.flights.items()})
-            write_atomically(self.path / SEPARATION, json.dumps(found, indent=2) + "\n")
+            areas = {name: flight.order.area for name, flight in self.flights.items()}
+            write_separation(self.path, world, areas)
         for name, flight in self.flights.items():
             flight.ended = name not in self.errors
         if self.errors:
@@ -197,8 +194,5 @@ class _Flights:
 
     def show(self, console: RunConsole) -> None:
         """Print how near they came."""
-        for one in json.loads((self.path / SEPARATION).read_text())["pairs"]:
-            console.say(
-                f"{' and '.join(one['pair'])}: {one['least_m']:.2f} m apart at {one['t_s']:.1f} s "
-                f"({one['horizontal_m']:.2f} m level, {one['vertical_m']:.2f} m upright)"
-            )
+        for line in in_words(self.simulation.world):
+            console.say(line)

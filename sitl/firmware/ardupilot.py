@@ -10,6 +10,7 @@ import logging
 import math
 import select
 import socket
+import sys
 from pathlib import Path
 
 from flightdyn.physics.atmosphere import altitude_m
@@ -27,6 +28,7 @@ _RATES_HZ = (250, 400, 500, 800, 1000)  # whole ticks of everything that the pla
 _DEFAULTS = "aerofed.parm"
 NAME = b"ArduCopter V"  # of itself, to ground stations
 _SCRIPT = b"#!"
+_IP_RECVERR = 11  # Linux's option: a datagram that was refused is told of; not in `socket` yet
 _RATE, _RATE_GAIN = {"P": 0.135, "I": 0.135, "D": 0.0036}, 0.5  # its defaults; our share of them
 
 
@@ -60,6 +62,8 @@ class ArduPilotBridge(Bridge):
     def open(self) -> None:
         self._socket = bound(socket.SOCK_DGRAM, self._port)
         give_up_soon(self._socket)
+        if sys.platform == "linux":  # elsewhere nobody tells, and one that is silent has ended
+            self._socket.setsockopt(socket.IPPROTO_IP, _IP_RECVERR, 1)
         self._json.socket = self._socket.fileno()
 
     def run(self, ticks: int) -> int:
@@ -79,6 +83,17 @@ class ArduPilotBridge(Bridge):
             came = json_wait(self._stepped.at)
             self._check(came)
             self._json.asked |= came
+
+    def deserted(self) -> bool:
+        assert self._socket is not None
+        address = (self._json.peer >> 16).to_bytes(4, sys.byteorder)
+        peer = socket.inet_ntoa(address), socket.ntohs(self._json.peer & 0xFFFF)
+        try:
+            for _ in range(2):  # what follows the first one is refused where nobody is there
+                self._socket.sendto(b"", peer)  # which ArduPilot reads as nothing
+        except ConnectionRefusedError:
+            return True
+        return False
 
     def close(self) -> None:
         if self._socket is not None:

@@ -1,5 +1,6 @@
 """The interface of the firmware bridges, and the sockets that they use."""
 
+import select
 import socket
 import struct
 from abc import ABC, abstractmethod
@@ -44,6 +45,14 @@ class Bridge(ABC):
     @abstractmethod
     def connected(self) -> bool:
         """Whether a firmware has connected."""
+
+    def called(self) -> bool:
+        """Whether somebody has called whom `rest` would take."""
+        return bool(select.select([self._socket], [], [], 0.0)[0])
+
+    def deserted(self) -> bool:
+        """Whether a firmware has ended whose link does not tell."""
+        return False
 
     @abstractmethod
     def open(self) -> None:

@@ -163,8 +163,10 @@ class Px4Bridge(Bridge):
             )
 
     def rest(self) -> None:
-        # PX4 is silent while its clock stands still.
-        time.sleep(LOOK_S / 10)
+        if self._connection is None:
+            self._accept()
+        else:  # PX4 is silent while its clock stands still
+            time.sleep(LOOK_S / 10)
 
     def close(self) -> None:
         for sock in (self._connection, self._socket):

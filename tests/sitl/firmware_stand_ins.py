@@ -30,12 +30,14 @@ class Px4StandIn:
         self.heard: list[Any] = []
         self.send(mav.MAVLink_heartbeat_message(2, 12, 0, 0, 0, 3))
 
-    def hear(self) -> list[Any]:
-        """What has come since this was asked last."""
+    def hear(self, *, at_once: bool = False) -> list[Any]:
+        """What has come since this was asked last, and for a moment more; or `at_once`."""
         before = len(self.heard)
         try:
             while data := self._socket.recv(65536):
                 self.heard += self._in.parse_buffer(data) or []
+                if at_once:
+                    break
         except TimeoutError:
             pass
         return self.heard[before:]
@@ -83,7 +85,8 @@ class ArduPilotStandIn:
 
     def answer(self) -> dict[str, Any]:
         """The next answer."""
-        line = self._socket.recv(65536).decode()
+        while not (line := self._socket.recv(65536).decode()):
+            pass  # as ArduPilot does
         # ArduPilot looks for the text between two line ends, and for "[1,2" without spaces.
         assert line[0] == line[-1] == "\n"
         assert " " not in line

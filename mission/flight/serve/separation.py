@@ -1,11 +1,16 @@
 """How near the vehicles of a world came to each other, for tables and files."""
 
+import json
 import math
 from collections.abc import Mapping
+from pathlib import Path
 from typing import NamedTuple
 
 from mission.base.area import Area
+from mission.base.run_folder import write_atomically
 from sitl.world import World
+
+SEPARATION = "separation.json"
 
 
 class Pair(NamedTuple):
@@ -36,6 +41,21 @@ def pairs_of(world: World) -> list[Pair]:
                 )
             )  # fmt: skip
     return found
+
+
+def write_separation(folder: Path, world: World, areas: Mapping[str, Area]) -> None:
+    """Write `separation.json` into a folder."""
+    found = separation_file(world, areas)
+    write_atomically(folder / SEPARATION, json.dumps(found, indent=2) + "\n")
+
+
+def in_words(world: World) -> list[str]:
+    """A sentence for each pair, for people."""
+    return [
+        f"{one.one} and {one.two}: {one.least_m:.2f} m apart at {one.t_s:.1f} s "
+        f"({one.horizontal_m:.2f} m level, {one.vertical_m:.2f} m upright)"
+        for one in pairs_of(world)
+    ]
 
 
 def separation_file(world: World, areas: Mapping[str, Area]) -> dict[str, object]:

@@ -129,12 +129,12 @@ def make_vehicles(
     for at, name in enumerate(names):
         folder = logs if logs is None or count == 1 else logs / name
         own = each.get(name, config)
-        area = _area_of(config.area, own.area, instance + at)
+        area = area_of(config.area, own.area, instance + at)
         made.append(_served(name, own, area, instance + at, urls[at], folder, in_step))
     return made
 
 
-def _area_of(common: AreaConfig, own: AreaConfig, number: int) -> Area:
+def area_of(common: AreaConfig, own: AreaConfig, number: int) -> Area:
     """The area of a vehicle, which has one ground with the others: at a home of its own, or so
     many times 5 m east of the common one."""
     area = common.build()
@@ -165,8 +165,13 @@ def _urls(udp: Sequence[str], number: int) -> dict[str, int]:
     return found
 
 
-def _check_free(port: int) -> None:
+def check_free(served: Sequence[Served]) -> None:
     """Raise LinkLostError if a UDP port is taken, as by another vehicle of PX4's or ours."""
+    for port in (port for one in served for port in one.urls.values() if port):
+        _check_free(port)
+
+
+def _check_free(port: int) -> None:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         try:
             probe.bind(("", port))
@@ -252,8 +257,7 @@ def serve(
         LinkLostError: a link cannot be opened, or a vehicle of another process is there.
         FlightError: a simulated aircraft left the range of its physics.
     """
-    for port in (port for one in served for port in one.urls.values() if port):
-        _check_free(port)
+    check_free(served)
     try:
         asyncio.run(_serve(served, speed=speed, say=say, first=first))
     finally:

@@ -5,7 +5,9 @@ import math
 import threading
 from contextlib import AsyncExitStack, closing
 from dataclasses import dataclass
+from typing import Protocol
 
+from flightdyn.plant import Plant
 from flightdyn.random import RandomStreams
 from mission.base.area import Area
 from mission.base.errors import InputError
@@ -21,13 +23,23 @@ from sitl.block import following
 from sitl.errors import FirmwareRestartedError
 from sitl.firmware.ardupilot import ArduPilotBridge
 from sitl.firmware.bridge import Bridge
-from sitl.firmware.clock import FirmwareClock
+from sitl.firmware.clock import FirmwareClock, TruthHistory
 from sitl.firmware.px4 import Px4Bridge
 from sitl.firmware.vehicle import plant_for
 
 _LOOK_S = 0.2
 _FOR_EVER_S = 1e6
 _TELL_OF_LISTS = ("total", "mission_id", "fence_id", "rally_points_id")
+
+
+class Watched(Protocol):
+    """An aircraft that a firmware flies on our clock."""
+
+    @property
+    def plant(self) -> Plant: ...
+
+    @property
+    def truth(self) -> TruthHistory: ...
 
 
 @dataclass(frozen=True)
@@ -40,7 +52,7 @@ class Recorder:
     url: str
     logs: FlightLogs
 
-    async def follow(self, clock: FirmwareClock, say: Say) -> None:
+    async def follow(self, flown: Watched, say: Say) -> None:
         """Record until cancelled; download the lists whenever the firmware reports a change.
 
         Raises:
@@ -50,8 +62,8 @@ class Recorder:
         patient = dict.fromkeys(("connect_timeout_s", "ready_timeout_s"), _FOR_EVER_S)
         link = self.link.model_copy(update={**patient, "url": self.url})
         with closing(self.logs):
-            observers = self.logs, Milestones(clock.plant)
-            known = Known(clock.truth.at, clock.plant.fault_news)
+            observers = self.logs, Milestones(flown.plant)
+            known = Known(flown.truth.at, flown.plant.fault_news)
             async with located(link, area=self.area, observers=observers, say=say, known=known) as (
                 pilot,
                 feed,
@@ -64,7 +76,7 @@ class Recorder:
                     if tells != said and (lists := await pilot.lists()) is not None:
                         for kind, (items, before) in enumerate(zip(lists, held, strict=True)):
                             if repr(items) != repr(before):  # a NaN is no NaN's equal
-                                self.logs.took(clock.plant.t_ns, kind, items)
+                                self.logs.took(flown.plant.t_ns, kind, items)
                         said, held = tells, lists
 
 
@@ -89,13 +101,17 @@ def serve_world(
         FlightError: what came is no such firmware, or the aircraft left its physics.
     """
     while not stop.is_set():
-        bridge = _bridge(config, autopilot, port, told=recorder is not None)
+        area, streams = config.area.build(), RandomStreams(config.seed)
+        bridge = bridge_to(
+            config, autopilot, port, told=recorder is not None, area=area, streams=streams
+        )
         bridge.open()
         clock = FirmwareClock(bridge, speed=speed, patience_s=math.inf)
         clock.start()
         clock.run()
         try:
-            say(f"{_where(bridge)}, waiting for {autopilot} on port {port}; Ctrl-C ends")
+            at = where(bridge.plant)
+            say(f"aircraft {at}, waiting for {autopilot} on port {port}; Ctrl-C ends")
             asyncio.run(_watch(bridge, clock, autopilot, say, stop, recorder))
         finally:
             clock.stop()
@@ -105,10 +121,11 @@ def serve_world(
             raise clock.error
 
 
-def _where(bridge: Bridge) -> str:
-    home, rate_hz = bridge.plant.frame.origin, 1e9 / bridge.plant.dt_ns
+def where(plant: Plant) -> str:
+    """Where an aircraft stands, and at what rate it is stepped."""
+    home, rate_hz = plant.frame.origin, 1e9 / plant.dt_ns
     at = f"{home.lat_deg:.7f}, {home.lon_deg:.7f}, {home.alt_msl_m:g} m"
-    return f"aircraft at {at}, {rate_hz:g} Hz"
+    return f"at {at}, {rate_hz:g} Hz"
 
 
 async def _watch(
@@ -132,7 +149,21 @@ async def _watch(
                 say(f"{autopilot} has come")
 
 
-def _bridge(config: RunConfig, autopilot: str, port: int, *, told: bool) -> Bridge:
+def bridge_to(
+    config: RunConfig,
+    autopilot: str,
+    port: int,
+    *,
+    told: bool,
+    area: Area,
+    streams: RandomStreams,
+) -> Bridge:
+    """Make a bridge to a firmware that comes to `port`, with the configured aircraft at the area's
+    home; `told`: whether the firmware is heard by MAVLink.
+
+    Raises:
+        InputError: a setting of the aircraft is refused.
+    """
     # Not validated: its firmware is somebody else's.
     vehicle = config.vehicle.model_copy(update={"autopilot": autopilot})
     for fault in config.vehicle.aircraft.faults:
@@ -146,7 +177,6 @@ def _bridge(config: RunConfig, autopilot: str, port: int, *, told: bool) -> Brid
                 f"vehicle.aircraft.faults: after = {fault.after!r}: aerofed world is told when "
                 "that is with --logs only; leave it out, and at_s counts from the start"
             )
-    area, streams = config.area.build(), RandomStreams(config.seed)
     plant = plant_for(vehicle, home=area.home, streams=streams, obstacles=area.obstacles)
     if autopilot == "px4":
         return Px4Bridge(plant, port=port)

@@ -1,0 +1,147 @@
+"""Aircraft under firmwares in a world with others: time waits for the slowest."""
+
+import math
+import time
+from collections.abc import Callable
+
+from flightdyn.plant import Plant
+from sitl.autopilot.codec.traffic import Transponder
+from sitl.errors import FirmwareRestartedError
+from sitl.firmware.bridge import STALL_S, Bridge
+from sitl.firmware.clock import TruthHistory
+
+_AIRBORNE_M = 0.2  # above home
+
+
+class Bridged:
+    """An aircraft of a world that a firmware flies which somebody else starts: a `Flown`.
+
+    While no firmware is there its motors are off: it stands, or falls. A firmware that comes finds
+    an aircraft at home, and its own time begins.
+    """
+
+    waited_for = True
+    traffic = "off"  # a firmware cannot be told of others
+    moving = True
+
+    def __init__(
+        self,
+        number: int,
+        bridge: Callable[[], Bridge],
+        *,
+        near_m: float,
+        say: Callable[[str], None],
+    ) -> None:
+        """`number`: of the vehicle, from 1; `bridge` makes one to a firmware that is still to come,
+        with an aircraft at home.
+
+        Raises:
+            InputError: a setting of the aircraft is refused.
+            LinkLostError: the port cannot be had.
+        """
+        self.near_m = near_m
+        self._number, self._make, self._say = number, bridge, say
+        self._bridge: Bridge | None = None
+        self._awaited = self._listening()
+        self.plant: Plant = self._awaited.plant
+        self.truth = TruthHistory(self.plant, self._awaited.truths)
+        self._silent_since: float | None = None  # wall time
+
+    @property
+    def port(self) -> int:
+        """The port on which a firmware is awaited, or is."""
+        return (self._bridge or self._awaited).port
+
+    def _listening(self) -> Bridge:
+        bridge = self._make()
+        bridge.open()
+        return bridge
+
+    @property
+    def aircraft(self) -> Plant:
+        """The one that flies, or lies, while the next one awaits its firmware."""
+        return self.plant
+
+    @property
+    def t_ns(self) -> int:
+        """Simulated time of the firmware that is or was there."""
+        return self.plant.t_ns
+
+    def look(self) -> bool:
+        """Whether a firmware is there; to be asked while time stands still."""
+        if self._bridge is None and self._awaited.called():
+            self._awaited.rest()
+            if self._awaited.connected:
+                self._bridge, self._silent_since = self._awaited, None
+                self.plant = self._bridge.plant
+                self.truth = TruthHistory(self.plant, self._bridge.truths)
+        return self._bridge is not None
+
+    def step(self) -> bool:
+        """Run one guidance interval."""
+        return self.stride(self.t_ns + self.plant.interval * self.plant.dt_ns)
+
+    def stride(self, until_ns: float = math.inf) -> bool:
+        """Run on for a guidance interval at most, as far as the firmware asks for it.
+
+        Raises:
+            FirmwareError: the firmware runs on a clock of its own.
+            ModelDivergedError: the physics has left the numbers.
+        """
+        plant = self.plant
+        ticks = plant.interval
+        if until_ns < math.inf:
+            ticks = min(ticks, math.ceil((until_ns - plant.t_ns) / plant.dt_ns))
+        if self._bridge is None:
+            for _ in range(ticks):
+                plant.step()
+        else:
+            self._fly(self._bridge, ticks)
+        return True
+
+    def _fly(self, bridge: Bridge, ticks: int) -> None:
+        try:
+            done = bridge.run(ticks)
+        except FirmwareRestartedError as error:
+            self._leave(str(error))
+            return
+        now_s = time.monotonic()
+        if done:
+            self.truth.keep_battery()
+            self._silent_since = None
+        elif self._silent_since is None:
+            self._silent_since = now_s
+        if not done and bridge.deserted():
+            self._leave("its firmware has ended")
+        elif self._silent_since is not None and now_s - self._silent_since > STALL_S:
+            self._leave(f"its firmware has asked for nothing for {STALL_S:g} s")
+
+    def _leave(self, why: str) -> None:
+        """Go on without the firmware, and wait for another one."""
+        self._say(f"{why} after {self.t_ns * 1e-9:.1f} s: its motors are off until one comes again")
+        self.close()
+        self.plant.vehicle.drive((0.0,) * 4)
+        self._awaited = self._listening()
+
+    def close(self) -> None:
+        """Stop; may be called twice."""
+        if self._bridge is not None:
+            self._bridge.close()
+            self._bridge = None
+        self._awaited.close()
+
+    def told(self, text: str, severity: int) -> None:  # noqa: ARG002
+        """Tell people; a firmware cannot be told."""
+        self._say(text)
+
+    def transponder(self, name: str) -> Transponder:
+        """What it tells others of itself, by the truth: what its firmware believes is not known."""
+        state, plant = self.plant.truth, self.plant
+        height_m = -float(state.pos_ned_m[2])
+        return Transponder(
+            name, self._number, time.time_ns() // 1000, plant.frame.to_geodetic(state.pos_ned_m),
+            height_m, state.vel_ned_mps, height_m > _AIRBORNE_M,
+        )  # fmt: skip
+
+    def overhear(self, said: Transponder) -> None:
+        """Nothing: a firmware cannot be told of others."""
