@@ -40,7 +40,8 @@ def several(name: str) -> str:
     asks = _SEVERAL.fullmatch(name.lstrip("-").replace("-", "_"))
     words = (
         "several aircraft of a run are the key vehicles: --set vehicles=3, or a table [[vehicles]] "
-        "for each; aerofed sitl --count N and aerofed.vehicles(N) serve several"
+        "for each; aerofed sitl --count N and aerofed.vehicles(N) serve several; "
+        "aerofed world --px4 --px4 serves two to firmwares"
     )
     return f"; {words}" if asks else ""
 

@@ -2,13 +2,13 @@
 
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
-from firmware_stand_ins import ArduPilotStandIn, Px4StandIn
+from firmware_threads import CLIMB, ArduPilot, Px4
 from patience import until
 from sitl_mavsdk import HOME
 
@@ -24,7 +24,6 @@ from sitl.firmware.together import Bridged
 from sitl.world import World
 
 INTERVAL_S = 0.02
-IDLE, CLIMB = 1000, 1700  # pulses
 
 
 def seat(
@@ -43,60 +42,6 @@ def seat(
     made = Bridged(number, make, near_m=3.0, say=said.append)
     port = made.port
     return made
-
-
-class ArduPilot(threading.Thread):
-    """Asks for tick after tick with the same pulse, until told to end; holds on while `held`."""
-
-    def __init__(self, port: int, pulse: int = IDLE) -> None:
-        super().__init__(daemon=True)
-        self._stand_in, self.pulse = ArduPilotStandIn(port), pulse
-        self.stamps: list[float] = []
-        self._on, self._ended = threading.Event(), False
-        self._on.set()
-        self.start()
-
-    def run(self) -> None:
-        count = 0
-        while not self._ended:
-            self._on.wait()
-            with suppress(OSError):
-                self._stand_in.ask(count, (self.pulse,) * 4)
-                self.stamps.append(self._stand_in.answer()["timestamp"])
-                count += 1
-        self._stand_in.close()
-
-    def hold(self) -> None:
-        self._on.clear()
-
-    def go_on(self) -> None:
-        self._on.set()
-
-    def end(self) -> None:
-        self._ended = True
-        self._on.set()
-        self.join()
-
-
-class Px4(threading.Thread):
-    """Answers each HIL_SENSOR, disarmed, until told to end."""
-
-    def __init__(self, port: int) -> None:
-        super().__init__(daemon=True)
-        self._stand_in, self._ended = Px4StandIn(port), False
-        self.start()
-
-    def run(self) -> None:
-        with suppress(OSError):
-            while not self._ended:
-                for message in self._stand_in.hear(at_once=True):
-                    if message.get_type() == "HIL_SENSOR":
-                        self._stand_in.control(message.time_usec)
-        self._stand_in.close()
-
-    def end(self) -> None:
-        self._ended = True
-        self.join()
 
 
 @contextmanager
@@ -130,10 +75,10 @@ def test_time_waits_for_the_slowest_at_each_interval() -> None:
         slow.hold()
         thread = threading.Thread(target=run, args=(world, 1.0))
         thread.start()
-        until(lambda: fast.stamps[-1] > slow.stamps[-1])
+        until(lambda: fast.seconds > slow.seconds)
         fast.join(0.3)  # which has all the time that it wants
         assert thread.is_alive()
-        assert fast.stamps[-1] - slow.stamps[-1] < INTERVAL_S + 1e-9
+        assert fast.seconds - slow.seconds < INTERVAL_S + 1e-9
         slow.go_on()
         thread.join()
         assert one.t_ns == two.t_ns == world.t_ns == 2_000_000_000
