@@ -34,7 +34,6 @@ from sitl.config import VehicleConfig
 # What only one aircraft can do: a key, its values, and what several need instead.
 _OF_ONE: tuple[tuple[str, tuple[object, ...], str], ...] = (
     ("mission.strategy", ("barycenter", "rectangular"), "cov, no_cov, ideal, or one of your own"),
-    ("mission.replan", ("stop",), "'round'"),
     ("link.kind", ("udp", "external"), "'in_process'"),
 )
 
@@ -268,6 +267,11 @@ class RunConfig(Table):
                 flaws += [
                     f"radio.belief = {self.radio.belief!r} is planned with at one height: give all "
                     "vehicles one altitude_m"
+                ]
+            if self.mission.replan == "stop" and self.mission.separation_m is not None:
+                flaws += [
+                    "mission.separation_m is kept by plans of whole rounds: several aircraft with "
+                    "it need mission.replan = 'round'"
                 ]
             if self.link.gcs:
                 flaws += ["link.gcs is for one aircraft: leave it out, or vehicles"]

@@ -1,5 +1,6 @@
 """A round's plan while it is flown: its remaining steps are replanned where updates were lost."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -61,24 +62,36 @@ class Course:
             ready_in_s=None if ready_in_s is None else np.maximum(0.0, ready_in_s - elapsed_s),
         )
 
-    def onwards(self, problem: RoundProblem, rest: RoundPlan) -> "Course | None":
-        """Return the course with `rest`, a plan of `problem`, as its remaining plan; None where
-        that gains no more than 1 % of the value of the round's plan.
+    def as_planned(self, problem: RoundProblem) -> float:
+        """What the remaining plan is worth in a `problem` of the rest of the round."""
+        step, (ordered,) = self.problem.steps - problem.steps, self.plan.schedule
+        return objective(problem, self.plan.waypoints_m[step:], ordered[step:])
+
+    def onwards(self, problem: RoundProblem, rest: RoundPlan, step: int) -> "Course":
+        """Return the course with `rest`, a plan of `problem`, as its plan from `step` on.
 
         A device that is lost and served again is in the plan of the round twice, and counts in its
         value for each time.
         """
-        step = self.problem.steps - problem.steps
-        (ordered,) = self.plan.schedule
-        as_planned = objective(problem, self.plan.waypoints_m[step:], ordered[step:])
-        if rest.value - as_planned <= _GAIN * self.plan.value:
-            return None
         waypoints_m = np.vstack((self.plan.waypoints_m[:step], rest.waypoints_m))
-        schedule = np.vstack((ordered[:step], *rest.schedule))
+        schedule = np.vstack((self.plan.schedule[0][:step], *rest.schedule))
         via_m = () if self.problem.airspace.is_open else (
             *self.plan.via_m[: step - 1], np.empty((0, 2)), *rest.via_m
         )  # fmt: skip
-        whole = replace(self.problem, per_grid=problem.per_grid)  # as it is believed now
+        # As it is believed now. Others may have had more steps left.
+        whole = replace(self.problem, per_grid=problem.per_grid, steps=len(waypoints_m))
         path = PlannedPath(waypoints_m, via_m, self.plan.altitude_m)
         plan = RoundPlan((path,), schedule[None], objective(whole, waypoints_m, schedule))
         return Course(whole, plan, problem, rest, step)
+
+
+def ahead_of_all(each: Sequence[RoundProblem]) -> RoundProblem:
+    """Return the problem of the rest of a round of several aircraft, from those of each: with the
+    steps that the one has left that has most."""
+    steps = max(problem.steps for problem in each)
+    return replace(each[0], starts=tuple(problem.start for problem in each), steps=steps)
+
+
+def is_better(rest: RoundPlan, as_planned: float, whole: float) -> bool:
+    """Whether a plan of the rest gains more than 1 % of what the round's plan is worth."""
+    return rest.value - as_planned > _GAIN * whole

@@ -18,19 +18,19 @@ from mission.base.interrupts import BACKGROUND, in_background
 from mission.flight.flyers.base import CHARGED, Attached, Fleet, Flyer
 from mission.flight.missions.geofence import airspace_rings, fence_items
 from mission.flight.missions.round_mission import FlightPlan
-from mission.log.records import LATE, UNKNOWN_ROUND, UplinkRecord
+from mission.flight.track import FlownTrack
+from mission.log.records import LATE, UNKNOWN_ROUND
 from mission.planner.flyable import share_of
 from mission.planner.performance import Performance
-from mission.planner.problem import RoundProblem
+from mission.planner.problem import RoundPlan, RoundProblem
 from mission.run.checkpoint import RoundMemory
+from mission.run.course import ahead_of_all, is_better
 from mission.run.experiment import Experiment
-from mission.run.gate import slots, turns, uplinks
+from mission.run.hearing import listened, served_in
 from mission.run.keeping_apart import MARGIN_M, kept_apart
 from mission.run.outing import Outing, outings_of, round_record, success
 from mission.scenario.limits import Amount
 from mission.scenario.strategies import Sortie, Strategy
-
-PILOTS_NS = 1_000_000_000  # between two pilot tones
 
 
 @dataclass(kw_only=True)
@@ -42,6 +42,7 @@ class FlownExperiment(Experiment):
     _most_drawn: float = field(default=0.0, init=False)  # of the battery (0..1), by a round so far
     _stage: str = field(default="", init=False)  # of the flight, for people
     _trainer: ThreadPoolExecutor = field(init=False)  # of devices, during the flight
+    _rests: list[RoundPlan] = field(default_factory=list, init=False)  # of the round, flown or not
     _heard: Heard = field(default_factory=Heard, init=False)  # of pilot tones, where it listens
 
     def __post_init__(self) -> None:
@@ -166,7 +167,7 @@ class FlownExperiment(Experiment):
             cov=learnt.cov,
         )
         record = round_record(outings, sortie.plan, known)
-        rests = tuple(rest for one in outings for rest in one.rests)
+        rests = tuple(self._rests)
         memory = RoundMemory(problem.importance, sortie, learnt, true_objective, rests)
         self._finish(record, memory, outings)
 
@@ -177,57 +178,6 @@ class FlownExperiment(Experiment):
         """
         reserve = self.scenario.config.mission.battery_reserve
         return min(reserve + self._most_drawn, CHARGED) if reserve > 0.0 else 0.0
-
-    def _served(self, one: Outing, part: FlightPlan) -> list[UplinkRecord]:
-        """Return the uplinks of the devices that the last flown part of an outing serves.
-
-        A device that is served again in a round gets a random stream of its own each time. Each
-        device's luck is its own, whoever serves it.
-        """
-        number, scenario, course = self.totals.next_round, self.scenario, one.course
-        here = np.zeros((course.problem.steps, 1), dtype=bool)
-        here[[step for stop in part.stops for step in stop.steps]] = True
-        plan = replace(course.plan, schedule=course.plan.schedule & here)
-        flight = one.flights[-1]
-        passages = turns(course.problem, plan, slots(part, flight), flight)
-        devices = [record.device for record in one.served]
-        before = np.bincount(devices, minlength=len(scenario.devices_m))
-        records: list[UplinkRecord] = []
-        for times in np.unique(before[plan.schedule.any(axis=(0, 1))]).tolist():
-            again = f"/{times}" if times else ""
-            records += uplinks(
-                number,
-                course.problem,
-                replace(plan, schedule=plan.schedule & (before == times)),
-                passages,
-                area=one.aircraft.area,
-                community_of=scenario.community_of,
-                radio=scenario.radio,
-                gate=scenario.config.channel.gate,
-                rng=scenario.streams.generator(f"uplink/{number}{again}"),
-                work=self.work if scenario.device_times else None,
-                aircraft=one.aircraft.name if len(scenario.fleet) > 1 else "",
-            )
-        return sorted(records, key=lambda record: (record.step, record.device))
-
-    def _listen(self, one: Outing) -> None:
-        """Hear pilot tones of a part of a round, once a second, where a radio belief is learned.
-
-        What one aircraft hears all believe from then on, by way of the server.
-        """
-        listener = self.scenario.listener
-        if listener is None:
-            return
-        flight, part, plan = one.flights[-1], len(one.flights), one.course.plan
-        instants = range(int(flight.t_ns[0]), int(flight.t_ns[-1]) + 1, PILOTS_NS)
-        area, passages = one.aircraft.area, [flight.at(t_ns) for t_ns in instants]
-        of = f"/{one.number}" if one.number else ""
-        rng = self.scenario.streams.generator(f"pilots/{self.totals.next_round}/{part}{of}")
-        est_m = np.array([area.xyz(passage.est_ned_m) for passage in passages])
-        true_m = np.array([area.xyz(passage.true_ned_m) for passage in passages])
-        every = self.scenario.config.radio.pilots != "scheduled"
-        devices = np.asarray(plan.schedule.any(axis=(0, 1)) | every, dtype=bool)
-        self._heard = listener.hear(self._heard, est_m, true_m, devices, rng)
 
     def _problem(self, fleet: Fleet, recalled: RoundMemory | None) -> RoundProblem:
         begins: list[tuple[Floats, Performance] | None] = [None] * len(self.scenario.fleet)
@@ -293,44 +243,50 @@ class FlownExperiment(Experiment):
     async def _fly(
         self, fleet: Fleet, outings: Sequence[Outing], recalled: RoundMemory | None
     ) -> None:
-        """Fly a round's plan, and decide its uplinks; with `replan = "stop"`, which one aircraft
-        does, part by part, with the rest replanned at stops where an update was lost and that is
-        better."""
+        """Fly a round's plan, and decide its uplinks; with `replan = "stop"` part by part, with the
+        rest replanned where an update was lost and that is better. Several wait for each other at
+        the end of each part."""
         by_stop = self.scenario.config.mission.replan == "stop"
         by_number = {one.number: one for one in outings}
+        self._rests = []
         with self.stopwatch("fly"):
             for one in outings:
                 await self._tell(fleet, one, one.flyer.climb(one.height_m))
         while True:
-            rests = {one.number: one.order() for one in outings if one.number in fleet.aloft}
-            if by_stop:
-                ((number, rest),) = rests.items()
-                serves = np.asarray(by_number[number].course.plan.schedule[0].any(axis=1))
-                parts = [{number: part} for part in rest.parts(serves)]
-            else:
-                parts = [rests]
-            for nth, part in enumerate(parts):
+            rests = {n: one.order() for n, one in by_number.items() if n in fleet.aloft}
+            cut = {n: by_number[n].parts(rest) if by_stop else [rest] for n, rest in rests.items()}
+            for nth in range(max(map(len, cut.values()), default=0)):
+                part = {
+                    n: own[nth] if nth < len(own) else by_number[n].waiting
+                    for n, own in cut.items()
+                }
                 with self.stopwatch("fly"):
                     await self._upload(fleet, by_number, part, begins=nth == 0)
                     flights = await fleet.fly({n: part[n] for n in fleet.aloft})
-                if not outings[0].rests and nth == 0:
+                if not self._rests and nth == 0:
                     start_ns = min(int(flight.t_ns[0]) for flight in flights.flown.values())
                     self.work = self.work.round_begins(self.totals.next_round, start_ns)
-                lost = False
+                missed = False
                 for number, flight in flights.flown.items():
-                    one = by_number[number]
-                    one.flew(part[number], flight)
-                    served = self._served(one, part[number])
-                    one.served += served
-                    self._listen(one)
-                    lost |= not all(item.delivered for item in served)
+                    missed |= self._heard_of(by_number[number], part[number], flight)
                 for number, error in flights.lost.items():
                     by_number[number].lost = True
                     self._lose(fleet, number, error)
-                if by_stop and lost and await self._planned_anew(outings[0], fleet.t_ns, recalled):
+                if by_stop and missed and await self._planned_anew(fleet, outings, recalled):
                     break
             else:
                 return
+
+    def _heard_of(self, one: Outing, part: FlightPlan, flight: FlownTrack) -> bool:
+        """Add the flight of a part, and what was heard in it; return whether somebody was not."""
+        one.flew(part, flight)
+        number = self.totals.next_round
+        served = served_in(one, part, self.scenario, number, self.work)
+        if served:
+            one.reached = served[-1].step
+        one.served += served
+        self._heard = listened(self._heard, one, self.scenario, number)
+        return not all(item.delivered for item in served)
 
     async def _upload(
         self,
@@ -357,29 +313,42 @@ class FlownExperiment(Experiment):
             one.lost = True
             self._lose(fleet, one.number, error)
 
-    async def _planned_anew(self, one: Outing, t_ns: int, recalled: RoundMemory | None) -> bool:
-        """Replan the rest of a round, or recall it; return whether the course changed to it."""
-        problem = one.course.ahead(
-            1 + one.served[-1].step,
-            one.aircraft.area.from_ned(one.flyer.here().est_ned_m),
-            heard=self._mask(item.device for item in one.served if item.delivered),
-            elapsed_s=(t_ns - int(one.flights[0].t_ns[0])) / 1e9,
-            used_j=one.used_j,
-        )
-        if problem is None:
+    async def _planned_anew(
+        self, fleet: Fleet, outings: Sequence[Outing], recalled: RoundMemory | None
+    ) -> bool:
+        """Replan the rest of all that are aloft, or recall it; return whether that is flown."""
+        heard = self._mask(u.device for one in outings for u in one.served if u.delivered)
+        left: list[tuple[Outing, RoundProblem]] = []
+        for one in outings:
+            here_m = one.aircraft.area.from_ned(one.flyer.here().est_ned_m)
+            elapsed_s = (fleet.t_ns - int(one.flights[0].t_ns[0])) / 1e9
+            step, used_j = one.reached + 1, one.used_j
+            problem = one.course.ahead(
+                step, here_m, heard=heard, elapsed_s=elapsed_s, used_j=used_j
+            )
+            if one.number in fleet.aloft and not one.done and problem is not None:
+                left.append((one, self._as_heard(problem)))
+        if not left:
             return False
-        problem = self._as_heard(problem)
-        known = () if recalled is None else recalled.rests[len(one.rests) :]
+        problem = ahead_of_all([own for _, own in left])
+        known = () if recalled is None else recalled.rests[len(self._rests) :]
         if known:
             rest = known[0]
         else:
             self._show("planning")
             rest = (await self._sortie(problem, None)).plan
             self._show("flying")
-        one.rests.append(rest)
-        course = one.course.onwards(problem, rest)
-        one.course = course or one.course
-        return course is not None
+        self._rests.append(rest)
+        as_planned = sum(one.course.as_planned(own) for one, own in left)
+        if not is_better(rest, as_planned, sum(one.course.plan.value for one in outings)):
+            return False
+        for one in outings:
+            one.done = True
+        for at, (one, _) in enumerate(left):
+            plan = rest.alone(at)
+            one.course = one.course.onwards(problem.alone(at), plan, one.reached + 1)
+            one.done = False
+        return True
 
     def _used(self, sortie: Sortie, outings: Sequence[Outing]) -> Amount:
         """What is used of the budgets after a round, which are each aircraft's own: of each, what

@@ -5,11 +5,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
+import numpy as np
+
 from mission.flight.flyers.base import Flyer
 from mission.flight.missions.round_mission import FlightPlan, flight_of_round
 from mission.flight.track import FlownTrack
 from mission.log.records import RoundRecord, UplinkRecord
 from mission.planner.evaluate import in_time, objective
+from mission.planner.flyable import Stop
 from mission.planner.performance import Foreseen
 from mission.planner.problem import RoundPlan, RoundProblem
 from mission.run.course import Course
@@ -31,10 +34,12 @@ class Outing:
     ordered: FlightPlan = field(init=False)  # the whole of it as it is flown
     flights: list[FlownTrack] = field(default_factory=list)
     served: list[UplinkRecord] = field(default_factory=list)
-    rests: list[RoundPlan] = field(default_factory=list)  # planned at its stops, flown or not
+    reached: int = -1  # the last step of its plan that it has flown
+    idle_s: float = 0.0  # of hover after the last stop of its flights, until others had finished
     used_j: float = 0.0
     on_the_spot: int = 0  # rests that begin with a hover, which the whole has in the stop before
     lost: bool = False
+    done: bool = False  # nothing is left of its round
 
     @property
     def height_m(self) -> float:
@@ -44,6 +49,8 @@ class Outing:
     def order(self) -> FlightPlan:
         """Return the flight of the course, or of what is left of it; foresee the whole."""
         course, mission = self.course, self.flyer.mission
+        if self.done:
+            return self.waiting
         self.ordered = rest = flight_of_round(
             course.problem, course.plan, hold_s=self.hold_s, mission=mission
         )
@@ -55,9 +62,30 @@ class Outing:
         )
         return rest
 
+    @property
+    def waiting(self) -> FlightPlan:
+        """A part in which it waits where it is for the others, after all of its own."""
+        here = Stop(self.ordered.stops[-1].xy_m, ())
+        return replace(self.ordered, stops=(here,), is_part=True, goes_on=True)
+
+    def parts(self, rest: FlightPlan) -> list[FlightPlan]:
+        """What `order` gave, cut behind each stop that serves somebody."""
+        if self.done:
+            return [rest]
+        serves = np.asarray(self.course.plan.schedule[0].any(axis=1))
+        return list(rest.parts(serves))
+
     def flew(self, part: FlightPlan, flight: FlownTrack) -> None:
         """Add the flight of a part of the course."""
         self.flights.append(flight)
+        passed, stop = flight.passages, part.stops[-1]
+        if not passed or passed[-1] is None:
+            self.idle_s = math.nan
+        else:
+            done_ns = passed[-1].t_ns + round(1e9 * stop.hold_s)
+            self.idle_s += max(0.0, (int(flight.t_ns[-1]) - done_ns) / 1e9)
+        if stop.steps:
+            self.reached = stop.steps[-1]
         unknown = math.isnan(flight.energy_j)
         self.used_j += (
             part.foreseen(self.flyer.performance).energy_j if unknown else flight.energy_j
@@ -67,15 +95,6 @@ class Outing:
     def flight(self) -> FlownTrack:
         """All of its flights as one, once they are over."""
         return FlownTrack.joined(self.flights)
-
-    @property
-    def idle_s(self) -> float:
-        """Seconds of hover after its last stop, until the last aircraft had finished."""
-        stop, passed = self.ordered.stops[-1], self.flights[-1].passages
-        if self.lost or not passed or passed[-1] is None:
-            return math.nan
-        done_ns = passed[-1].t_ns + round(1e9 * stop.hold_s)
-        return max(0.0, (int(self.flight.t_ns[-1]) - done_ns) / 1e9)
 
     @property
     def cost(self) -> Amount:

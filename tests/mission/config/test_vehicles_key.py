@@ -93,7 +93,6 @@ def test_what_is_wrong_is_one_line(vehicles: Any, said: str) -> None:
     [
         ("mission.strategy", "barycenter", "cov, no_cov, ideal, or one of your own"),
         ("mission.strategy", "rectangular", "several need cov, no_cov"),
-        ("mission.replan", "stop", "'round'"),
         ("link.kind", "udp", "'in_process'"),
         ("link.gcs", ["udpout://127.0.0.1:14550"], "leave it out"),
     ],

@@ -225,3 +225,22 @@ def test_one_vehicle_in_a_table_is_one_aircraft(tmp_path: Path) -> None:
     data = read_log(out / "flight.mcap")
     assert data.area.home_m == (100.0, 100.0)
     assert data.plans[0].altitude_m == 80.0
+
+
+def test_the_rest_of_all_is_planned_anew_where_somebody_is_not_heard(tmp_path: Path) -> None:
+    """With replan = "stop", in a radio that loses most."""
+    out = tmp_path / "run"
+    words = ("--set", "channel.extra_gain_db=-13", "--set", "mission.steps=6")
+    anew = ("--set", "mission.strategy=cov", "--set", "mission.replan=stop")
+    assert play(out, *BESIDE, *words, *anew, "--set", "mission.path_budget_m=500", rounds=1) == 0
+    (whole,) = rows(out / "rounds.csv")
+    sent, aircraft = rows(out / "uplinks.csv"), rows(out / "aircraft.csv")
+    heard = [row["device"] for row in sent if row["delivered"] == "true"]
+    assert len(set(heard)) == len(heard) == int(whole["delivered"])  # nobody once he was heard
+    asked = {row["device"] for row in sent}
+    assert len(sent) > len(asked) == int(whole["scheduled"])
+    for row in aircraft:
+        assert float(row["flown_path_m"]) <= 500.0 + 1e-6
+        assert float(row["duration_s"]) == pytest.approx(
+            float(row["flown_path_m"]) / 20.0 + float(row["idle_s"]), abs=0.2
+        )
