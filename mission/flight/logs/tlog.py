@@ -25,6 +25,7 @@ _PLANES, _ROVERS = frozenset({1, *range(19, 26)}), frozenset({10, 11})  # MAV_TY
 _NO_VEHICLES = frozenset({5, 6, 18, *range(26, 29), *range(30, 35), *range(37, 43)})
 _NO_AUTOPILOT = mav.MAV_AUTOPILOT_INVALID
 _FIX_3D = 3
+_MOST_LATE_MS = 5000  # of a packet on its way; what is later comes from another start
 _TRANSFERS = ("MISSION_COUNT", "MISSION_ITEM_INT", "MISSION_ITEM")  # they go both ways
 _TOLD = frozenset(  # of the autopilot; of another component it is counted
     {"GLOBAL_POSITION_INT", "HOME_POSITION", "GPS_RAW_INT", "SYS_STATUS", "WIND_COV", "STATUSTEXT"}
@@ -39,15 +40,21 @@ _FIELDS["SERVO_OUTPUT_RAW"] = [_OUTPUT.format(number) for number in range(1, 17)
 
 
 def read_tlog(path: Path) -> FlightData:
-    """The flight in a telemetry log: of the first autopilot that speaks in it.
+    """The flight in a telemetry log: of the first autopilot that speaks in it, and of its starts,
+    since a ground station may hear several, of that in which it was armed longest.
 
     Raises:
-        InputError: it cannot be read, has no positions, or the clock of the vehicle started anew.
+        InputError: it cannot be read, has no positions, or the clock of the vehicle goes back.
     """
-    found = LogRows(path, "telemetry log", "seconds since the autopilot started")
-    reader = _Reader(found)
-    for wall_us, message in _messages(read_bytes(path, most=MOST_BYTES), found):
-        reader.take(wall_us, message)
+    starts = [_Reader(LogRows(path, "telemetry log", "seconds since the autopilot started"))]
+    for wall_us, message in _messages(read_bytes(path, most=MOST_BYTES), starts[0].found):
+        if starts[-1].is_anew(message):
+            starts.append(starts[-1].anew())
+        starts[-1].take(wall_us, message)
+    reader = max(starts, key=lambda each: each.armed)
+    found = reader.found
+    others = sum(len(each.found.places) for each in starts if each is not reader)
+    found.skipped["position of another start of the vehicle"] += others
     if not reader.clock:
         return found.flight()  # which says so
     wall_us, boot_ms = np.array(reader.clock, dtype=np.float64).T
@@ -104,10 +111,12 @@ class _Reader:
     """Takes messages one after another; those without a time of the vehicle wait in `later`."""
 
     def __init__(self, found: LogRows) -> None:
-        self._found = found
+        self.found = found
+        self.armed = 0  # positions at which it was
         self._autopilot: tuple[int, ...] = ()  # its system and component, once it spoke
         self._ardupilot = False
         self._number = 0  # of the last position
+        self._is_armed = False
         # By MAV_MISSION_TYPE and the system that sends: how many it transfers, and those that came.
         self._lists: dict[tuple[int, int], tuple[int, dict[int, MissionItem]]] = {}
         self.clock: list[tuple[int, int]] = []  # the recorder's (us), the vehicle's (ms)
@@ -115,9 +124,27 @@ class _Reader:
         self._rows: dict[str, list[tuple[float, ...]]] = {}  # of signals, by message
         self._params: dict[str, float] = {}
 
+    def is_anew(self, message: Any) -> bool:
+        """Whether a message comes after the vehicle started anew: its clock did."""
+        if message.get_type() != "GLOBAL_POSITION_INT" or not self.clock:
+            return False
+        sender = message.get_srcSystem(), message.get_srcComponent()
+        return sender == self._autopilot and self._late_ms(message) >= _MOST_LATE_MS
+
+    def anew(self) -> "_Reader":
+        """What takes the messages of the same vehicle after that."""
+        found = self.found
+        other = _Reader(LogRows(found.path, found.kind, found.clock, vehicle=found.vehicle))
+        other.found.skipped = found.skipped
+        other._autopilot, other._ardupilot = self._autopilot, self._ardupilot
+        return other
+
+    def _late_ms(self, message: Any) -> int:
+        return int(self.clock[-1][1] - message.time_boot_ms) if self.clock else 0
+
     def take(self, wall_us: int, message: Any) -> None:
         """Keep what a message says."""
-        kind, found = message.get_type(), self._found
+        kind, found = message.get_type(), self.found
         sender = message.get_srcSystem(), message.get_srcComponent()
         speaks = kind == "HEARTBEAT" and message.autopilot != _NO_AUTOPILOT
         if speaks and not self._autopilot and message.type not in _NO_VEHICLES:
@@ -126,6 +153,8 @@ class _Reader:
             found.vehicle = ROVER if message.type in _ROVERS else found.vehicle
             self._ardupilot = message.autopilot == mav.MAV_AUTOPILOT_ARDUPILOTMEGA
             found.kind += " of ArduPilot" * self._ardupilot
+        if speaks and sender == self._autopilot:
+            self._is_armed = bool(message.base_mode & mav.MAV_MODE_FLAG_SAFETY_ARMED)
         if kind in _TRANSFERS:
             self.later.append((wall_us, message))
         elif sender != self._autopilot:
@@ -136,11 +165,12 @@ class _Reader:
                 found.skipped[f"position {whose}"] += 1
         elif kind == "GLOBAL_POSITION_INT":
             # Packets may overtake each other on their way; the vehicle numbers them.
-            late_ms = self.clock[-1][1] - message.time_boot_ms if self.clock else 0
-            if 0 < late_ms < 1000 and 0 < (self._number - message.get_seq()) % 256 < 128:
+            overtaken = 0 < (self._number - message.get_seq()) % 256 < 128
+            if overtaken and 0 < self._late_ms(message) < _MOST_LATE_MS:
                 found.skipped["position that came late"] += 1
                 return
             self._number = message.get_seq()
+            self.armed += self._is_armed
             self.clock.append((wall_us, message.time_boot_ms))
             self._keep(message.time_boot_ms * 1_000_000, message)
             where = message.lat / 1e7, message.lon / 1e7, message.alt / 1e3
@@ -150,7 +180,7 @@ class _Reader:
 
     def take_at(self, t_ns: int, message: Any) -> None:
         """Keep what a message says, at a time of the vehicle's clock."""
-        found = self._found
+        found = self.found
         if _kind(message) in _FIELDS:
             self._keep(t_ns, message)
         match message.get_type():
@@ -225,11 +255,11 @@ class _Reader:
             items[item.seq] = item
             told = sender, message.get_srcComponent()
             if told == self._autopilot and len(items) == count:
-                self._found.add_list(t_ns, items, kind)  # it may say again what was uploaded
+                self.found.add_list(t_ns, items, kind)  # it may say again what was uploaded
                 del self._lists[kind, sender]
 
     def _answered(self, t_ns: int, ack: Any) -> None:
         """Take the vehicle's MISSION_ACK: a complete upload that it accepts becomes its list."""
         count, items = self._lists.pop((ack.mission_type, ack.target_system), (0, {}))
         if ack.type == mav.MAV_MISSION_ACCEPTED and items and len(items) == count:
-            self._found.add_list(t_ns, items, ack.mission_type)
+            self.found.add_list(t_ns, items, ack.mission_type)

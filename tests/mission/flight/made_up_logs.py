@@ -240,6 +240,7 @@ def write_tlog(
     *,
     kind: int = 2,
     reboot: bool = False,
+    back_s: float = 30.0,
     off_m: float = 0.0,
     returns: bool = False,
     pause_s: float = 0.0,
@@ -294,7 +295,7 @@ def write_tlog(
         for t_s, seq in current:
             if t_s <= s.t_s < t_s + STEP_S:
                 told(s.t_s, mav.MAVLink_mission_current_message(seq))
-        boot_ms = round(1e3 * (s.t_s - 30.0 * (reboot and s.t_s > 40.0)))
+        boot_ms = round(1e3 * (s.t_s - back_s * (reboot and s.t_s > 40.0)))
         where = round(s.lat_deg * 1e7), round(s.lon_deg * 1e7), round(s.alt_msl_m * 1e3)
         told(s.t_s, mav.MAVLink_global_position_int_message(boot_ms, *where, 0, 0, 0, 0, 0))
     path.write_bytes(out)
