@@ -2,12 +2,13 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
 from mission.base.area import on_globe
 from mission.base.arrays import Floats, Ints
-from mission.base.gaps import HOLE, gaps
+from mission.base.gaps import HOLE, LEAST_S, gaps
 from mission.log.values import NS_PER_S, FlightData, Track
 
 _LOW_M = 1.0  # below this a flight begins on the ground
@@ -39,7 +40,8 @@ class Hole:
 
 def position_gaps(run: FlightData, start_ns: int, end_ns: int) -> Floats:
     """Begin and end (g, 2) in seconds of the holes in a stretch of the true track, also where the
-    log goes on after its last position, or tells of a time before a first one in the air."""
+    log goes on after its last position, or tells of a time before a first one in the air; but for
+    times between two flights, in which many vehicles log nothing."""
     t_ns = run.truth.t_ns
     told = [
         *t_ns[:1],
@@ -50,7 +52,18 @@ def position_gaps(run: FlightData, start_ns: int, end_ns: int) -> Floats:
     ]
     flies = (run.truth.pos_m[:1, 2] > _LOW_M).any()
     ends_ns = (min(told) if flies else t_ns[0], max(told)) if len(t_ns) else ()
-    return gaps(t_ns, (start_ns, end_ns), usual=HOLE, ends_ns=ends_ns)
+    return while_armed(run, gaps(t_ns, (start_ns, end_ns), usual=HOLE, ends_ns=ends_ns))
+
+
+def while_armed(run: FlightData, found: Floats) -> Floats:
+    """What is left of gaps (g, 2) in seconds without the times between being disarmed and armed."""
+    for (_, off_ns), (on_ns, _) in pairwise(run.armed_ns):
+        before, after = found.copy(), found.copy()
+        before[:, 1] = np.minimum(before[:, 1], off_ns / NS_PER_S)
+        after[:, 0] = np.maximum(after[:, 0], on_ns / NS_PER_S)
+        found = np.unique(np.vstack((before, after)), axis=0)
+        found = found[np.diff(found)[:, 0] > LEAST_S]
+    return found
 
 
 def holes(

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from mission.analysis.alignment import Alignment, leg_numbers, leg_of, matched
-from mission.analysis.holes import Hole, holes, position_gaps
+from mission.analysis.holes import Hole, holes, position_gaps, while_armed
 from mission.analysis.load import flown
 from mission.base import polyline
 from mission.base.arrays import Floats, Ints
@@ -229,7 +229,8 @@ def _span(run: FlightData, record: RoundRecord) -> tuple[int, int]:
 def gnss_gaps(run: FlightData, start_ns: int, end_ns: int) -> Floats:
     """Begin and end (g, 2) in seconds of the GNSS outages between two instants, not clipped."""
     last_ns = max([end_ns, *run.gnss_ns[-1:].tolist()])
-    return gaps(run.gnss_ns, (start_ns, end_ns), usual=_GNSS_USUAL, ends_ns=[last_ns])
+    every = gaps(run.gnss_ns, (start_ns, end_ns), usual=_GNSS_USUAL, ends_ns=[last_ns])
+    return while_armed(run, every)
 
 
 def _late(item: UplinkRecord, record: RoundRecord, plan: PlanRecord) -> float:

@@ -7,7 +7,7 @@ import numpy as np
 from mission.base.arrays import Bools, Floats, Ints
 
 HOLE = 5.0  # usual intervals of positions: none for longer is a hole
-_LEAST_S = 1.0
+LEAST_S = 1.0  # of any
 
 
 def gaps(
@@ -18,7 +18,7 @@ def gaps(
     if len(t_ns) < 2:
         return np.zeros((0, 2))
     times_s, during_s = np.unique(np.append(t_ns, ends_ns)) / 1e9, np.divide(during_ns, 1e9)
-    longest_s = max(_LEAST_S, usual * float(np.median(np.diff(t_ns))) / 1e9)
+    longest_s = max(LEAST_S, usual * float(np.median(np.diff(t_ns))) / 1e9)
     begin_s, end_s = times_s[:-1], times_s[1:]
     found = (end_s - begin_s > longest_s) & (end_s > during_s[0]) & (begin_s < during_s[1])
     return np.column_stack((begin_s[found], end_s[found]))

@@ -72,6 +72,20 @@ def test_a_delay_is_found(tmp_path: Path, end: str, delay_s: float) -> None:
     assert found.total.tracking_delay_s == pytest.approx(delay_s, abs=0.02)
 
 
+def test_a_log_that_pauses_between_two_flights_has_no_hole(tmp_path: Path) -> None:
+    """ArduCopter logs only while it is armed, as it comes, and goes on in the same file."""
+    pause_s = 30.0, 60.0
+    flight = replace(made(), actual=(there := way(np.arange(0.0, 80.0, STEP_S))), wanted=there)
+    armed = [[30_010_000, 11], [59_990_000, 10]]
+    log = write_bin(tmp_path / "x.bin", flight.without(*pause_s), more=[("EV", "QB", "", armed)])
+    total = compared(log).total
+    assert (total.gap_max_s, total.gnss_gap_max_s) == (0.0, 0.0)
+    limits = ("--limit", "gap_max_s=0", "--limit", "height_tracking_max_m=0.1")
+    assert call(["compare", str(log), *limits]) == 0
+    unknown = compared(write_bin(tmp_path / "y.bin", flight.without(*pause_s))).total
+    assert unknown.gap_max_s == pytest.approx(30.0, abs=0.2)
+
+
 @pytest.mark.parametrize("version", ["NTUN", "PSC", "PSCN 4.7"])
 def test_each_version_of_dataflash_tells_the_same(tmp_path: Path, version: str) -> None:
     flight = made(off_m=2.0, delay_s=0.2)

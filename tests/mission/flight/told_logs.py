@@ -178,7 +178,8 @@ def write_bin(
         row("POS", t_us, round(lat * 1e7), round(lon * 1e7), alt)
     row("EV", round(flight.t_s[-1] * 1e6) + 1, 11)
     for name, form, columns, rows in more:
-        declare(name, form, columns)
+        if name not in formats:
+            declare(name, form, columns)
         for values in rows:
             row(name, *values)
     path.write_bytes(out)
