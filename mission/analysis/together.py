@@ -19,7 +19,7 @@ from mission.base.arrays import Bools, Floats
 from mission.base.errors import InputError
 from mission.base.gaps import inside
 from mission.base.palette import community_colour
-from mission.log.values import NS_PER_S, OURS, FlightData, PlanRecord, Track
+from mission.log.values import LOCAL, NS_PER_S, OURS, FlightData, PlanRecord, Track
 from mission.log.world_files import Met, Seen
 
 # Which axes (east, north, up) each distance has; by the name of its limit.
@@ -228,12 +228,18 @@ def together(
     `offsets`: seconds to add to the times of a log, by its name, in place of what it tells.
 
     Raises:
-        InputError: clocks that cannot be aligned, flights of other places or of other times, or an
-            offset of no log.
+        InputError: clocks that cannot be aligned, flights of no or other places or of other times,
+            or an offset of no log.
     """
     names = names_of(flights)
     given = _given(flights, names, offsets or {})
     first = flights[0].run.data
+    for name, flight in zip(names, flights, strict=True):
+        if flight.run.data.source.only == LOCAL:
+            raise InputError(
+                f"{name}: the log has no places on the globe, so nobody knows where it flew among "
+                "others; leave --together out to see them side by side"
+            )
     found = [_clock(flight.run.data, first, given.get(n)) for n, flight in enumerate(flights)]
     for name, clock in zip(names, found, strict=True):
         if clock is None:

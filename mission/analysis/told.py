@@ -17,7 +17,7 @@ from mission.base import polyline
 from mission.base.arrays import Floats
 from mission.base.gaps import HOLE, gaps
 from mission.log.signals import Signal
-from mission.log.values import NS_PER_S, PLANE, ROVER, FlightData, Modes
+from mission.log.values import LOCAL, NS_PER_S, PLANE, ROVER, FlightData, Modes
 
 MISSION, POSITION, TARGET = "mission", "position", "target"
 # By which signal of what was told a stretch has its reference, the best first.
@@ -125,6 +125,7 @@ _HELD = {  # what a log may not hold, and the signals of which one is enough
 def missing(data: FlightData) -> list[str]:
     """What the log of a flight does not hold, in words."""
     lacks = [] if any(m.kind == "mission" and m.items for m in data.missions) else ["a mission"]
+    lacks += ["places on the globe"] * (data.source.only == LOCAL)
     lacks += [what for what, of in _HELD.items() if not set(of.split()) & set(data.signals)]
     return lacks + ["battery"] * (not len(data.battery.t_ns) and "voltage_v" not in data.signals)
 

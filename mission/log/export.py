@@ -25,6 +25,7 @@ from mission.log.messages import feature, geojson
 from mission.log.reader import read_log
 from mission.log.records import flat
 from mission.log.values import (
+    LOCAL,
     BatteryTrack,
     ControlTrack,
     FlightData,
@@ -268,6 +269,8 @@ def export_geojson(data: FlightData, target: Path) -> Path:
     if target.exists():
         raise InputError(f"{target}: exists already; give another name")
     only = data.source.only
+    if only == LOCAL:
+        raise InputError(f"{target}: not written: the log has no places on the globe")
     flown = [("true", data.truth), ("believed", data.belief)]
     features = [
         feature_of(data.area, p.route_3d_m, kind="planned", round=p.round) for p in data.plans

@@ -368,6 +368,7 @@ class Source:
 
 
 COPTER, PLANE, ROVER = "copter", "plane", "rover"
+LOCAL = "local"  # of `Source.only`: around where the vehicle began, for which 0/0 stands
 OURS = Source("MCAP", "simulated time")
 _NONE: Ints = np.zeros(0, dtype=np.int64)
 NO_MODES = Modes(_NONE, ())

@@ -288,7 +288,7 @@ class _Reader:
         """Each target that GUIDED was given holds until the next one, or the mode's end."""
         signals = self.found.signals
         goal, origin = signals.pop("goal_m", None), self._origin
-        if goal is None or origin is None or not self._modes:
+        if goal is None or origin is None or not self._modes or not self.found.places:
             return
         places = [LocalFrame(origin).to_geodetic(np.append(ne, 0.0)) for ne in goal.values]
         deg = np.array([(place.lat_deg, place.lon_deg) for place in places])

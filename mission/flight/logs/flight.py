@@ -21,6 +21,7 @@ from mission.flight.missions.mission_path import record_of
 from mission.log.signals import Signal
 from mission.log.values import (
     COPTER,
+    LOCAL,
     NS_PER_S,
     PLANE,
     ROVER,
@@ -45,6 +46,7 @@ _MISSION = mav.MAV_MISSION_TYPE_MISSION
 _BOUNDS = (9e18, 90.0, 360.0, 1e6)  # of times and places that are some
 _NOWHERE = MissionItem(0, 0, mav.MAV_FRAME_MISSION, (0.0,) * 4, 0.0, 0.0, 0.0)
 _MARGIN_M = 50.0  # around the flight, for the map
+_ORIGIN = GeodeticPoint(0.0, 0.0, 0.0)  # stands for where a filter without a place began
 
 _MODES = {COPTER: mode_mapping_acm, PLANE: mode_mapping_apm, ROVER: mode_mapping_rover}
 
@@ -165,22 +167,20 @@ class LogRows:
             known = [row for row in rows if abs(row[0]) < _BOUNDS[0]]
             self.skipped["row without a time"] += len(rows) - len(known)
             rows[:] = known
-        places = self._of_one_clock(self.places)
+        places, true = (self._of_one_clock(rows) for rows in (self.places, self.truth))
+        only, home = "believed", _ORIGIN
         if len(places) < 2:
-            damage = self.skipped[DAMAGE]
-            why = f" ({damage} bytes of it are damage)" if damage else ""
-            raise InputError(
-                f"{self.path}: the log has no positions, so there is no flight in it{why}"
-            )
-        # Home may be set anew on the ground: that of the flight is the last one before its top.
-        top_ns = places[places[:, 3].argmax(), 0]
-        set_at = _places(self.homes)
-        homes = [*places[:1], *set_at[:1], *set_at[set_at[:, 0] <= top_ns]]
-        home = GeodeticPoint(*homes[-1][1:].tolist())
-        t_ns, ned = _ned(places, home)
+            only, true = LOCAL, true[:0]
+            t_ns, ned = self._around_origin()
+        else:
+            # Home may be set anew on the ground: that of the flight is the last before its top.
+            top_ns = places[places[:, 3].argmax(), 0]
+            set_at = _places(self.homes)
+            homes = [*places[:1], *set_at[:1], *set_at[set_at[:, 0] <= top_ns]]
+            home = GeodeticPoint(*homes[-1][1:].tolist())
+            t_ns, ned = _ned(places, home)
         area = Area.around(home, ned, margin_m=_MARGIN_M)
         truth = belief = Track(t_ns, area.xyz(ned))
-        true = self._of_one_clock(self.truth)
         away = np.flatnonzero(np.linalg.norm(ned - ned[0], axis=1) > _STANDS_M)
         begin_ns, end_ns = t_ns[[away[0], away[-1]] if len(away) else [0, -1]].tolist()
         spans = len(true) > 0 and (
@@ -224,11 +224,26 @@ class LogRows:
             source=Source(
                 self.kind,
                 self.clock,
-                None if spans else "believed",
+                None if spans else only,
                 dict(+self.skipped),
                 self._utc_ns(),
             ),
         )
+
+    def _around_origin(self) -> tuple[Ints, Floats]:
+        """Times (n,) and places (n, 3) in NED around where the vehicle's filter began, of a log
+        that names none on the globe, as without GNSS. InputError: it has no positions."""
+        signal = self.signals.get("position_m", Signal(np.zeros(0), np.zeros((0, 3))))
+        known = np.isfinite(signal.values).all(axis=1) & (signal.values.shape[1] == len("NED"))
+        t_ns, ned = (signal.t_s[known] * NS_PER_S).astype(np.int64), signal.values[known]
+        _, kept = np.unique(np.round(t_ns / _CLOSEST_NS), return_index=True)
+        if len(kept) < 2:
+            damage = self.skipped[DAMAGE]
+            why = f" ({damage} bytes of it are damage)" if damage else ""
+            raise InputError(
+                f"{self.path}: the log has no positions, so there is no flight in it{why}"
+            )
+        return t_ns[kept], ned[kept]
 
     def _utc_ns(self) -> int | None:
         """The time since 1970 at which the log's clock is zero: by most of the instants, as first

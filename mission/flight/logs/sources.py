@@ -43,6 +43,7 @@ _MADE: dict[str, _Making | float] = {
     "%": 0.01, "%, cA": _but(-1, scale=0.01),
     "cells": lambda mv: np.where(mv == _NO_CELL, 0.0, mv / 1e3).sum(axis=1, keepdims=True),
     "of WP": _of_kinds(1, 3), "of WP, Pos": _of_kinds(1, 2, 3),
+    "known xy": lambda v: np.column_stack((np.where(v[:, 3:], v[:, :2], np.nan), v[:, 2])),
     "mask 7": _masked(7), "mask 56": _masked(56), "mask 3, 1e-7": _masked(3, 1e-7),
 }  # fmt: skip
 
@@ -118,6 +119,8 @@ wanted_position_m   | vehicle_local_position_setpoint | x y z
 wanted_velocity_mps | vehicle_local_position_setpoint | vx vy vz
 wanted_position_m   | trajectory_setpoint             | position[3]
 wanted_velocity_mps | trajectory_setpoint             | velocity[3]
+position_m          | vehicle_local_position          | x y z xy_valid                  | known xy
+velocity_mps        | vehicle_local_position          | vx vy vz v_xy_valid             | known xy
 position_m          | vehicle_local_position          | x y z
 velocity_mps        | vehicle_local_position          | vx vy vz
 wanted_attitude_deg | vehicle_attitude_setpoint       | q_d[4]                          | quaternion

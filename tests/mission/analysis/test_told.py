@@ -72,6 +72,31 @@ def test_a_delay_is_found(tmp_path: Path, end: str, delay_s: float) -> None:
     assert found.total.tracking_delay_s == pytest.approx(delay_s, abs=0.02)
 
 
+def test_a_flight_without_gnss_is_around_where_it_began(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """As all flights in a hall: nothing but the places on the globe is missing."""
+    flight = made(off_m=2.0)
+    log = write_ulg(tmp_path / "hall.ulg", flight, xy_valid=True)
+    found, outside = compared(log), compared(write_ulg(tmp_path / "x.ulg", flight))
+    names = ("tracking_max_m", "height_tracking_max_m", "tracking_delay_s", "flown_path_m")
+    for name in names:
+        known = getattr(outside.total, name)
+        assert getattr(found.total, name) == pytest.approx(known, rel=1e-3, abs=1e-3)
+    assert set(missing(found.run.data)) - set(missing(outside.run.data)) == {
+        "places on the globe", "satellites"
+    }  # fmt: skip
+    assert call(["report", str(log), "--out", str(tmp_path / "page.html")]) == 0
+    assert call(["compare", str(log), str(tmp_path / "x.ulg"), "--together"]) == 2
+    assert "hall.ulg: the log has no places on the globe" in capsys.readouterr().err
+
+
+def test_heights_alone_are_no_positions(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    log = write_ulg(tmp_path / "x.ulg", made(), xy_valid=False)
+    assert call(["compare", str(log)]) == 2
+    assert "x.ulg: the log has no positions" in capsys.readouterr().err
+
+
 def test_a_log_that_pauses_between_two_flights_has_no_hole(tmp_path: Path) -> None:
     """ArduCopter logs only while it is armed, as it comes, and goes on in the same file."""
     pause_s = 30.0, 60.0

@@ -195,8 +195,11 @@ def quaternions(attitude_deg: Floats) -> Floats:
     ))  # fmt: skip
 
 
-def write_ulg(path: Path, flight: Made, *, dropout_ms: int = 0) -> Path:
-    """As PX4 writes it, in OFFBOARD; a dropout is told of at half of the log."""
+def write_ulg(
+    path: Path, flight: Made, *, dropout_ms: int = 0, xy_valid: bool | None = None
+) -> Path:
+    """As PX4 writes it, in OFFBOARD; a dropout is told of at half of the log. With `xy_valid`
+    without GNSS: positions are known, or only heights."""
     topics = {
         "vehicle_global_position": ("double lat;double lon;float alt", "ddf"),
         "vehicle_status": ("uint8_t nav_state;uint8_t arming_state;bool failsafe", "BB?"),
@@ -209,6 +212,10 @@ def write_ulg(path: Path, flight: Made, *, dropout_ms: int = 0) -> Path:
             "uint64_t time_utc_usec;uint8_t fix_type;uint8_t satellites_used", "QBB",
         ),
     }  # fmt: skip
+    local = () if xy_valid is None else (xy_valid,)
+    if local:
+        del topics["vehicle_global_position"], topics["vehicle_gps_position"]
+        topics["vehicle_local_position"] = ("float x;float y;float z;bool xy_valid", "fff?")
     out = UlogBytes(topics)
     turns = [quaternions(each) for each in flight.attitude]
     for n, where in enumerate(places(flight)):
@@ -217,7 +224,7 @@ def write_ulg(path: Path, flight: Made, *, dropout_ms: int = 0) -> Path:
             "vehicle_global_position": where,
             "vehicle_status": (14, 2, False),
             "vehicle_local_position_setpoint": flight.wanted[n],
-            "vehicle_local_position": flight.actual[n],
+            "vehicle_local_position": (*flight.actual[n], *local),
             "vehicle_attitude_setpoint": turns[0][n],
             "vehicle_attitude": turns[1][n],
             "vehicle_imu_status": (flight.vibration[n], round(flight.clips[n]), 0, 0),
