@@ -1,23 +1,38 @@
-"""Vehicles for tests: whether a flight repeats under load, how soon one is armed, and many at once.
+"""Vehicles for tests: whether flights and crossings repeat under load, and what n at once cost.
 
-    python benchmarks/vehicles.py [--flights 1000] [--vehicles 20] [--load 2]
+    python benchmarks/vehicles.py [--flights 1000] [--crossings 1000] [--load 2]
+    python benchmarks/vehicles.py --costs 1 2 5 20 [--turns 5]
 
-The flight is flown by setpoints at 10 Hz over UDP, in wind, beside `--load` processes that do
-nothing but compute. Real-time factors are simulated seconds by wall seconds, of this machine now.
+A flight is flown by setpoints at 10 Hz over UDP, in wind, a crossing by MAVSDK from plan files,
+two and three vehicles by turns, all beside `--load` processes that do nothing but compute. Costs
+are CPU time of this process, by turns; real-time factors are of wall time, of this machine now.
 """
 
 import argparse
-import collections
 import hashlib
 import math
 import multiprocessing
+import os
 import resource
 import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from statistics import median
+from tempfile import TemporaryDirectory
 from typing import Any
 
+import numpy as np
+from flight_chain import configuration
 from pymavlink.dialects.v20 import common as mav
 
 import aerofed
+from flightdyn.frames import LocalFrame
+from flightdyn.guidance.path import FlightPath
+from flightdyn.random import RandomStreams
+from flightdyn.state import GeodeticPoint
+from mission.flight.serve import PX4_HOME
+from sitl.vehicle import Vehicle
+from sitl.world import World
 
 VELOCITY = 0b0000_1101_1100_0111  # of a setpoint, what is left out: all but the velocity
 
@@ -56,61 +71,155 @@ def flight() -> tuple[str, float]:
         return hashlib.sha256(vehicle.truth().to_csv().encode()).hexdigest(), armed_s
 
 
+def plans(folder: Path) -> list[Path]:
+    """Three that cross over one place, 3 m above each other, from homes 5 m apart."""
+    home, found = aerofed_home(), []
+    for k, (begin, end) in enumerate(
+        (((-12, 20), (22, 20)), ((5, 3), (5, 37)), ((-7, 8), (17, 32)))
+    ):
+        places = [home.to_geodetic(np.array([y, x, 0.0])) for x, y in ((5 * k, 0), begin, end)]
+        spots = [f"{each.lat_deg:.9f}\t{each.lon_deg:.9f}" for each in places]
+        up = 10 + 3 * k
+        rows = [
+            f"0\t1\t0\t16\t0\t0\t0\t0\t{spots[0]}\t488\t1",
+            f"1\t0\t3\t22\t0\t0\t0\t0\t{spots[0]}\t{up}\t1",
+            f"2\t0\t3\t16\t0\t0\t0\t0\t{spots[1]}\t{up}\t1",
+            f"3\t0\t3\t16\t0\t0\t0\t0\t{spots[2]}\t{up}\t1",
+            f"4\t0\t3\t21\t0\t0\t0\t0\t{spots[2]}\t0\t1",
+        ]
+        found.append(folder / f"{k}.waypoints")
+        found[-1].write_text("\n".join(["QGC WPL 110", *rows, ""]))
+    return found
+
+
+def aerofed_home() -> LocalFrame:
+    """Where vehicles stand unless told otherwise."""
+    return LocalFrame(GeodeticPoint(*PX4_HOME.values()))
+
+
+def crossing(sources: Sequence[Path]) -> str:
+    """Digest of all true paths and distances of a crossing."""
+    with aerofed.vehicles(len(sources), wind_mps=4.0) as fleet:
+        fleet.fly(sources)
+        tables = [fleet.separation(), *(vehicle.truth() for vehicle in fleet)]
+    return hashlib.sha256("".join(table.to_csv() for table in tables).encode()).hexdigest()
+
+
+def airborne(count: int) -> World:
+    """So many aircraft in one world, each on an endless zigzag of legs of 80 m at 20 m/s."""
+    config, fleet = configuration(), {}
+    frame = config.area.build().frame
+    for number in range(count):
+        streams = RandomStreams(config.seed)
+        home = frame.to_geodetic(np.array([0.0, 30.0 * number, 0.0]))
+        vehicle = Vehicle(
+            config.vehicle, home=home,
+            streams=streams.of_one(f"vehicle/{number}") if number else streams,
+        )  # fmt: skip
+        fleet[f"vehicle-{number + 1}"] = vehicle
+    world = World(fleet)
+    while world.t_ns < 3e9:
+        world.stride(3_000_000_000)
+    for vehicle in fleet.values():
+        aircraft = vehicle.aircraft
+        aircraft.arm()
+        points = [np.array([0.0, 0.0, -50.0])]
+        for k in range(1200):
+            course = 2.4 * k
+            points.append(points[-1] + 80.0 * np.array([math.cos(course), math.sin(course), 0.0]))
+        aircraft.follow(FlightPath(np.array(points), np.full(1200, 20.0), np.full(1201, 5.0)))
+    run(world, 20.0)
+    return world
+
+
+def run(world: World, seconds: float) -> tuple[float, float]:
+    """Let simulated time pass; CPU and wall seconds that it took."""
+    cpu_s, wall_s = time.process_time(), time.perf_counter()
+    until_ns = world.t_ns + round(seconds * 1e9)
+    while world.t_ns < until_ns:
+        world.stride(until_ns)
+    return time.process_time() - cpu_s, time.perf_counter() - wall_s
+
+
+def costs(counts: Sequence[int], turns: int) -> None:
+    """Print what worlds of so many vehicles cost, beside a world of one in the same turn."""
+    worlds, memory = {}, {}
+    for count in sorted({1, *counts}):
+        before_kb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+        worlds[count] = airborne(count)
+        after_kb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+        memory[count] = (after_kb - before_kb) / 1024 / count
+    took: dict[int, list[tuple[float, float]]] = {count: [] for count in worlds}
+    seconds = 10.0
+    for _ in range(turns):
+        for count, world in worlds.items():
+            took[count].append(run(world, seconds))
+    print("vehicles   CPU ms/s   x n of one   each by wall   MiB more each")
+    for count, found in took.items():
+        ratio = median(c / one / count for (c, _), (one, _) in zip(found, took[1], strict=True))
+        cpu_ms = median(c for c, _ in found) / seconds * 1e3
+        pace = seconds / median(w for _, w in found)
+        print(f"{count:8}{cpu_ms:11.2f}{ratio:13.3f}{pace:13.1f}x{memory[count]:16.1f}")
+
+
 def busy() -> None:
     """Compute, until killed."""
     while True:
         pass
 
 
-def main() -> None:
-    """Print the table."""
-    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("--flights", type=int, default=100)
-    parser.add_argument("--vehicles", type=int, default=20)
-    parser.add_argument("--load", type=int, default=2)
-    options = parser.parse_args()
-    flight()  # imports
-    load = [multiprocessing.Process(target=busy, daemon=True) for _ in range(options.load)]
-    for process in load:
-        process.start()
+def repeated(what: str, count: int, fly: Callable[[int], str], load: int) -> None:
+    """Print how often something failed, and how many digests there are of the rest."""
     began_s, failures = time.perf_counter(), 0
-    digests: collections.Counter[str] = collections.Counter()
-    armed_s = []
-    for _ in range(options.flights):
+    digests: dict[int, set[str]] = {0: set(), 1: set()}
+    for number in range(count):
         try:
-            digest, after_s = flight()
+            digests[number % 2].add(fly(number))
         except Exception as error:  # whatever it is, it is what is counted
             failures += 1
             print(repr(error))
-            continue
-        digests[digest] += 1
-        armed_s.append(after_s)
-    wall_s = time.perf_counter() - began_s
+    found = " and ".join(", ".join(one[:8] for one in each) for each in digests.values())
+    wall_s = (time.perf_counter() - began_s) / max(count, 1)
     print(
-        f"{options.flights} flights beside {options.load} busy processes: {failures} failures, "
-        f"{len(digests)} digest(s) of the truth, {wall_s / options.flights:.2f} s each"
+        f"{count} {what} beside {load} busy processes: {failures} failures; digests of those of "
+        f"even and of odd number: {found}; {wall_s:.2f} s each, load {os.getloadavg()[0]:.0f}"
     )
-    middle_s, worst_s = sorted(armed_s)[len(armed_s) // 2], max(armed_s)
-    print(f"from nothing to running motors: median {middle_s:.3f} s, worst {worst_s:.3f} s")
+
+
+def main() -> None:
+    """Print the tables."""
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("--flights", type=int, default=0)
+    parser.add_argument("--crossings", type=int, default=0)
+    parser.add_argument("--load", type=int, default=2)
+    parser.add_argument("--costs", type=int, nargs="*", default=())
+    parser.add_argument("--turns", type=int, default=5)
+    options = parser.parse_args()
+    if options.costs:
+        costs(options.costs, options.turns)
+    flight()  # imports
+    armed_s: list[float] = []
+
+    def timed(_: int) -> str:
+        digest, after_s = flight()
+        armed_s.append(after_s)
+        return digest
+
+    load = [multiprocessing.Process(target=busy, daemon=True) for _ in range(options.load)]
+    for process in load:
+        process.start()
+    if options.flights:
+        repeated("flights", options.flights, timed, options.load)
+        print(
+            f"from nothing to running motors: {median(armed_s):.3f} s, {max(armed_s):.3f} at most"
+        )
+    if options.crossings:
+        with TemporaryDirectory() as folder:
+            sources = plans(Path(folder))
+            fly = lambda number: crossing(sources[: 2 + number % 2])  # noqa: E731
+            repeated("crossings of two and three", options.crossings, fly, options.load)
     for process in load:
         process.kill()
-    before_kb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    with aerofed.vehicles(options.vehicles) as vehicles:
-        for vehicle in vehicles:
-            client = vehicle.mavlink()
-            order(client, mav.MAV_CMD_COMPONENT_ARM_DISARM, 1.0)
-            climb(client, vehicle)
-        began_s = time.perf_counter()
-        for _ in range(20):
-            for vehicle in vehicles:
-                vehicle.step(1.0)
-        wall_s = time.perf_counter() - began_s
-        kb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before_kb
-    print(
-        f"{options.vehicles} vehicles: {20.0 * options.vehicles / wall_s:.0f} simulated seconds a "
-        f"second together, {20.0 / wall_s:.1f}x real time each, {kb / 1024 / options.vehicles:.1f} "
-        "MiB each"
-    )
 
 
 if __name__ == "__main__":
