@@ -153,6 +153,11 @@ class Plant:
         return self.vehicle.position_ned()
 
     @property
+    def vel_ned_mps(self) -> Triple:
+        """True velocity of this tick alone."""
+        return self.vehicle.velocity_ned()
+
+    @property
     def wind_ned_mps(self) -> Vector:
         """Velocity of the air around the aircraft, gusts and turbulence included."""
         return frozen(self.vehicle.wind_ned())

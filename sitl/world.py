@@ -12,9 +12,10 @@ from flightdyn.plant import Plant
 from flightdyn.state import Vector
 from native.errors import InputError
 from sitl.autopilot.codec.traffic import Transponder
-from sitl.nearness import TOUCH_M, Nearest, Nearness
+from sitl.nearness import STEP_S, TOUCH_M, Nearest, Nearness, straight_pieces
 
-_STEP_NS = 20_000_000  # between instants at which distances are taken
+_STEP_NS = round(STEP_S * 1e9)
+_LOOK_NS = 5 * _STEP_NS  # where nobody can touch another: when they look at themselves anyway
 _SECOND_NS = 10**9
 _AXES = np.vstack((np.zeros(3), np.eye(3)))
 
@@ -113,9 +114,7 @@ class World:
         if self._alone is not None:
             self._alone.stride(until_ns)
             return
-        clear_ns, step_ns = (
-            round(each * 1e9) for each in self._nearness.clear(self._places, self._speeds)
-        )
+        clear_ns = round(self._nearness.clear(self._places, self._speeds) * 1e9)
         if self._waits:
             clear_ns = _STEP_NS
         tick_ns = self._aircraft[0].dt_ns
@@ -123,22 +122,26 @@ class World:
         end = min(end, (self._t_ns // _SECOND_NS + 1) * _SECOND_NS)  # when transponders speak
         if until_ns < end:
             end = self._t_ns + math.ceil((until_ns - self._t_ns) / tick_ns) * tick_ns
-        self._run(end, step_ns)
+        self._run(end, _LOOK_NS)
 
     def _run(self, end_ns: int, step_ns: int = _STEP_NS) -> None:
         """Run all up to an instant, with the distances at each step on the way."""
         ends = [*range((self._t_ns // step_ns + 1) * step_ns, end_ns, step_ns), end_ns]
-        rows = np.empty((len(self._flown), len(ends), 3))
+        places = np.empty((len(self._flown), 1 + len(ends), 3))
+        speeds = np.empty_like(places)
         for i, one in enumerate(self._flown):
             if one.aircraft is not self._aircraft[i]:  # it was rebooted
                 self._aircraft[i], self._since_ns[i] = one.aircraft, self._t_ns - one.t_ns
-                self._places[i] = self._here()[i]
+                self._places[i], self._speeds[i] = self._here()[i], 0.0
             since, aircraft = self._since_ns[i], one.aircraft
-            for k, end in enumerate(ends):
+            for k, end in enumerate(ends, 1):
                 while one.t_ns + since < end:
                     one.stride(end - since)
-                rows[i, k] = aircraft.pos_ned_m
-        self._meet(np.array([self._t_ns, *ends]), self._in_world(rows))
+                places[i, k], speeds[i, k] = aircraft.pos_ned_m, aircraft.vel_ned_mps
+        places, speeds = places @ self._turns + self._shifts[:, None], speeds @ self._turns
+        places[:, 0], speeds[:, 0] = self._places, self._speeds
+        self._places, self._speeds = places[:, -1], speeds[:, -1]
+        self._meet(*straight_pieces(np.array([self._t_ns, *ends]), places, speeds))
         self._t_ns = end_ns
         if end_ns % _SECOND_NS == 0:
             self._transpond()
@@ -146,19 +149,12 @@ class World:
     def _here(self) -> Vector:
         """Where all are (n, 3)."""
         rows = np.array([[one.aircraft.pos_ned_m] for one in self._flown])
-        return self._in_world(rows)[:, 0]
+        return np.asarray(rows @ self._turns + self._shifts[:, None])[:, 0]
 
-    def _in_world(self, rows: Vector) -> Vector:
-        """Positions (n, m, 3), each in its own frame, in that of the world."""
-        return np.asarray(rows @ self._turns + self._shifts[:, None])
-
-    def _meet(self, t_ns: NDArray[np.int64], rows: Vector) -> None:
-        """Tell who comes near whom, and wreck those that touch."""
-        places = np.concatenate((self._places[:, None], rows), axis=1)
+    def _meet(self, t_ns: NDArray[np.int64], places: Vector) -> None:
+        """Tell who comes near whom on these straight pieces (n, m, 3), and wreck who touches."""
         whole = np.array([not one.aircraft.crashed for one in self._flown])
         touched, near = self._nearness.follow(t_ns, places, counts=whole)
-        self._places = places[:, -1]
-        self._speeds = (places[:, -1] - places[:, -2]) / ((t_ns[-1] - t_ns[-2]) * 1e-9)
         self.near += near
         for new in near:
             for me, other in (new.pair, new.pair[::-1]):
