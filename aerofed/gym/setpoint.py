@@ -2,38 +2,30 @@
 
 import math
 from collections.abc import Callable, Mapping
-from typing import Any, Literal, TypeAlias, get_args
+from typing import Any, TypeAlias, get_args
 
 import gymnasium
 import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
-from pymavlink.dialects.v20 import common as mav
 
 from aerofed.gym.actions import checked
-from flightdyn.errors import ModelDivergedError
+from aerofed.gym.steered import Setpoint, Steered, hovering, stepped
 from flightdyn.state import Kinematics
 from mission.api.configuring import Source
 from mission.api.vehicles import vehicle_config
 from mission.base.arrays import Floats
-from mission.base.errors import FlightError, InputError
+from mission.base.errors import InputError
 from mission.flight.serve.hosts import enu
 from mission.flight.serve.vehicle import make_vehicles
 from mission.scenario.limits import guidance_of
 
-Setpoint: TypeAlias = Literal["velocity", "acceleration"]
 Array: TypeAlias = NDArray[np.float32]
 Reward: TypeAlias = Callable[[Array, Array, Array], float]
 
-_STEP_NS = 100_000_000
-_HEIGHT_M = 20.0  # of the hover that an episode begins in
-_LONGEST_NS = 60 * 10**9  # until it hovers
 _HEIGHTS_M = 10.0, 30.0  # of places to fly to
 _SEEN = np.array([1000.0] * 3 + [50.0] * 3, dtype=np.float32)
-_OF_A_FLIGHT = "_vehicle", "_client"
-_OFFBOARD = (129.0, 6.0)  # PX4's main mode
-# Bits of a setpoint's mask: all that is left out beside three numbers.
-_ONLY = {"velocity": 0b0000_1101_1100_0111, "acceleration": 0b0000_1100_0011_1111}
+_OF_A_FLIGHT = "_steered", "_world"
 
 
 class SetpointEnv(gymnasium.Env[Array, Array]):
@@ -94,22 +86,13 @@ class SetpointEnv(gymnasium.Env[Array, Array]):
         """
         super().reset(seed=seed, options=options)
         self._under_way = False
-        self._client = mav.MAVLink(None, srcSystem=255, srcComponent=190)
         way, share = self.np_random.uniform(0.0, 2.0 * math.pi), self.np_random.uniform()
         far_m, height_m = share * self._far_m, self.np_random.uniform(*_HEIGHTS_M)
         self._place_m = np.array([far_m * math.cos(way), far_m * math.sin(way), height_m])
         given = self._config.model_copy(update={"seed": int(self.np_random.integers(2**31))})
         (served,) = make_vehicles(given, udp=(), logs=None, in_step=True)
-        self._vehicle, alt_msl_m = served.vehicle, served.area.home.alt_msl_m + _HEIGHT_M
-        self._fly(lambda: not self._vehicle.moving)
-        self._order(mav.MAV_CMD_COMPONENT_ARM_DISARM, 1.0)
-        nan = math.nan
-        self._order(mav.MAV_CMD_NAV_TAKEOFF, 0.0, 0.0, 0.0, nan, nan, nan, alt_msl_m)
-        self._fly(lambda: self._mode == "HOLD")
-        self._set(np.zeros(3))
-        self._order(mav.MAV_CMD_DO_SET_MODE, *_OFFBOARD)
-        if self._mode != "OFFBOARD":
-            raise FlightError(f"the vehicle takes no setpoints in mode {self._mode}")
+        self._steered = Steered(served, self._setpoint)
+        self._world = hovering({"vehicle": self._steered})
         self._seen, self._under_way = self._observed(), True
         return self._seen, self._truth()
 
@@ -117,18 +100,12 @@ class SetpointEnv(gymnasium.Env[Array, Array]):
         """Order a setpoint, and fly for 0.1 s."""
         given = checked(action, 3, under_way=self._under_way)
         before, before_m = self._seen, self._away_m
-        self._set(given * self._most)
-        until_ns, sound = self._vehicle.t_ns + _STEP_NS, True
-        try:
-            while self._vehicle.t_ns < until_ns:
-                self._vehicle.stride(until_ns)
-        except ModelDivergedError:
-            sound = False
+        self._steered.set(given * self._most)
+        (self._under_way,) = stepped(self._world, [self._steered])
         self._seen = self._observed()
         reward = before_m - self._away_m
         if self._reward is not None:
             reward = float(self._reward(before, action, self._seen))
-        self._under_way = sound and self._mode == "OFFBOARD"
         return self._seen, reward, not self._under_way, False, self._truth()
 
     def __getstate__(self) -> dict[str, Any]:
@@ -141,45 +118,20 @@ class SetpointEnv(gymnasium.Env[Array, Array]):
         return {name: value for name, value in vars(self).items() if name not in _OF_A_FLIGHT}
 
     @property
-    def _mode(self) -> str:
-        return self._vehicle.autopilot.mode.name
-
-    @property
     def _away_m(self) -> float:
-        return float(np.linalg.norm(self._place_m - enu(self._vehicle.aircraft.truth.pos_ned_m)))
+        return float(
+            np.linalg.norm(self._place_m - enu(self._steered.vehicle.aircraft.truth.pos_ned_m))
+        )
 
     def _observed(self) -> Array:
-        offset_m, velocity_mps = self._seen_by(self._vehicle.aircraft.belief)
+        offset_m, velocity_mps = self._seen_by(self._steered.vehicle.aircraft.belief)
         seen = np.concatenate((offset_m, velocity_mps)).astype(np.float32)
         return np.clip(seen, -_SEEN, _SEEN)
 
     def _truth(self) -> dict[str, Any]:
-        offset_m, velocity_mps = self._seen_by(self._vehicle.aircraft.truth)
+        offset_m, velocity_mps = self._seen_by(self._steered.vehicle.aircraft.truth)
         return {"offset_m": offset_m, "velocity_mps": velocity_mps}
 
     def _seen_by(self, at: Kinematics) -> tuple[Floats, Floats]:
         """(3,) metres to the place and (3,) velocity."""
         return self._place_m - enu(at.pos_ned_m), enu(at.vel_ned_mps)
-
-    def _fly(self, done: Callable[[], bool]) -> None:
-        """Let time pass until something has come true; give up after a minute."""
-        while not done() and self._vehicle.t_ns < _LONGEST_NS:
-            self._vehicle.stride()
-
-    def _order(self, command: int, *params: float) -> None:
-        values = (*params, *[0.0] * (7 - len(params)))
-        self._say(self._client.command_long_encode(1, 1, command, 0, *values))
-
-    def _set(self, value: Floats) -> None:
-        """Order a velocity or acceleration (3,), to east, north and up."""
-        numbers, first = np.zeros(11), 3 if self._setpoint == "velocity" else 6
-        numbers[first : first + 3] = value[1], value[0], -value[2]
-        self._say(
-            self._client.set_position_target_local_ned_encode(
-                0, 1, 1, mav.MAV_FRAME_LOCAL_NED, _ONLY[self._setpoint], *numbers.tolist()
-            )
-        )
-
-    def _say(self, message: mav.MAVLink_message) -> None:
-        """Send a MAVLink message to the vehicle, which receives it at its simulated time."""
-        self._vehicle.receive(bytes(message.pack(self._client)), self._vehicle.t_ns * 1e-9)
