@@ -157,10 +157,10 @@ def register(value: object) -> object:
     module, qualified = (str(getattr(value, key, "")) for key in ("__module__", "__qualname__"))
     path = f"{module}:{qualified}"
     if is_import_path(path) and module != "__main__":
-        found = getattr(sys.modules.get(module), qualified, None)
+        known = getattr(sys.modules.get(module), qualified, None)
         # Imported anew, it is another object; wrapped by somebody else, it is other code.
-        alike = callable(found) and _wrappings(found) == _wrappings(value)
-        if found is value or (alike and module in _imported):
+        alike = callable(known) and _wrappings(known) == _wrappings(value)
+        if known is value or (alike and module in _imported):
             return path
     inner = getattr(value, "func", value)  # of a functools.partial
     label = re.sub(r"\W", "", getattr(inner, "__name__", type(value).__name__))
@@ -235,14 +235,14 @@ def _sources(module: str) -> dict[str, tuple[Path, bytes]]:
 def _imports(name: str, file: Path, text: bytes) -> list[str]:
     """Names that a module may import: its package, and of `from a import b` both `a` and `a.b`."""
     outer = name.rpartition(".")[0]
-    found = [outer] if outer else []
+    classes = [outer] if outer else []
     for base, listed in _IMPORT.findall(text.decode(errors="replace")):
         names = re.findall(r"[\w.]+", listed)
         with suppress(ImportError):  # beyond the outermost package, which importing it says
             package = name if file.name == "__init__.py" else outer
             base = base and importlib.util.resolve_name(base, package)
-            found += [base, *(f"{base}.{one}" for one in names)] if base else names
-    return found
+            classes += [base, *(f"{base}.{one}" for one in names)] if base else names
+    return classes
 
 
 def _digest(sources: Mapping[str, tuple[Path, bytes]]) -> str:

@@ -108,7 +108,7 @@ def pytest_runtest_makereport(
                 vars(module)["__tracebackhide__"] = lambda info: info.errisinstance(ours)
     report = yield
     if report.failed and _LOGS in item.stash:
-        found = sorted(item.stash[_LOGS].rglob("*.mcap"))
-        if found:
-            report.sections.append(("flight logs", "\n".join(map(str, found))))
+        logs = sorted(item.stash[_LOGS].rglob("*.mcap"))
+        if logs:
+            report.sections.append(("flight logs", "\n".join(map(str, logs))))
     return report

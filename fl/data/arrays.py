@@ -145,7 +145,7 @@ def _features(array: NDArray[np.generic], key: str, source: str) -> Pixels:
             source, f"{key} is {array.dtype} {array.shape}; features are floats, one at least"
         )
     with np.errstate(over="ignore"):
-        found = np.ascontiguousarray(array, dtype=np.float32)
-    if not np.isfinite(found).all():
+        floats = np.ascontiguousarray(array, dtype=np.float32)
+    if not np.isfinite(floats).all():
         raise DataLayoutError(source, f"{key} holds features that are no finite float32")
-    return found[:, np.newaxis, np.newaxis, :]
+    return floats[:, np.newaxis, np.newaxis, :]

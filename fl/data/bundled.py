@@ -123,16 +123,16 @@ def _distance(kind: int, x: Floats, y: Floats, r: Floats) -> Floats:
     ax, ay, bar = np.abs(x), np.abs(y), 0.3 * r
     match SHAPES[kind]:
         case "disc":
-            found = np.hypot(x, y) - r
+            outside = np.hypot(x, y) - r
         case "ring":
-            found = np.abs(np.hypot(x, y) - 0.8 * r) - 0.22 * r
+            outside = np.abs(np.hypot(x, y) - 0.8 * r) - 0.22 * r
         case "square":
-            found = np.maximum(ax, ay) - 0.8 * r
+            outside = np.maximum(ax, ay) - 0.8 * r
         case "triangle":
-            found = np.maximum(0.866 * ax - 0.5 * y, y) - 0.6 * r
+            outside = np.maximum(0.866 * ax - 0.5 * y, y) - 0.6 * r
         case _:
-            found = np.minimum(np.maximum(ax - r, ay - bar), np.maximum(ay - r, ax - bar))
-    return np.asarray(found, dtype=np.float64)
+            outside = np.minimum(np.maximum(ax - r, ay - bar), np.maximum(ay - r, ax - bar))
+    return np.asarray(outside, dtype=np.float64)
 
 
 def _rgb(hue: Floats, *, saturation: Floats, value: Floats) -> Floats:

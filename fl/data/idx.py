@@ -71,10 +71,10 @@ def read(path: Path, *, dimensions: int) -> tuple[bytes, NDArray[np.uint8]]:
         body = read_up_to(stream, promised, path=path)
         more = bool(stream.read(1))
     if more or len(body) < promised:
-        found = "more" if more else str(len(body))
+        length = "more" if more else str(len(body))
         raise DataDamagedError(
             path,
-            f"the header promises {'x'.join(map(str, shape))} = {promised} bytes, {found} follow",
+            f"the header promises {'x'.join(map(str, shape))} = {promised} bytes, {length} follow",
         )
     return header + body, np.frombuffer(body, np.uint8).reshape(shape)
 
@@ -98,8 +98,8 @@ def _find(folder: Path, name: str) -> Path | None:
 
 
 def _recognise(task: str, path: Path, name: str, content: bytes) -> SourceFile:
-    found = md5(content)
+    checksum = md5(content)
     for known, sums in IDX_MD5.items():
-        if known != task and found == sums[name]:
+        if known != task and checksum == sums[name]:
             raise DataDamagedError(path, f"this is the file of {known}, not of {task}")
-    return SourceFile(path.name, found, official=found == IDX_MD5[task][name])
+    return SourceFile(path.name, checksum, official=checksum == IDX_MD5[task][name])

@@ -74,16 +74,16 @@ def load(name: str, data_dir: Path) -> Dataset:
         arrays, owner = _held_out(arrays, layout, owner, path)
         layout = layout * 2
     x_train, y_train, x_test, y_test = arrays
-    found = Samples(x_train, y_train, x_test, y_test, owner)
-    return dataset_of("npz", found, provenance=provenance, names=layout)
+    samples = Samples(x_train, y_train, x_test, y_test, owner)
+    return dataset_of("npz", samples, provenance=provenance, names=layout)
 
 
 def _array(archive: "np.lib.npyio.NpzFile", name: str) -> Found:
     """A member of the archive. Raises ValueError where it is no array."""
-    found = archive[name]
-    if not isinstance(found, np.ndarray):  # numpy gives the bytes of what it does not know
+    array = archive[name]
+    if not isinstance(array, np.ndarray):  # numpy gives the bytes of what it does not know
         raise ValueError(f"{name} is no .npy file")
-    return found
+    return array
 
 
 def _held_out(

@@ -279,19 +279,19 @@ class CustomAlgorithm(PlugIn):
     def correction(self, state: AlgorithmState, device: int) -> Vector | None:
         """Return what a device adds to its gradients, or None, as `Algorithm.correction`."""
         of = f" of device {device}"
-        found = self.ask("correction", state, device, of=of)
-        if found is None:
+        correction = self.ask("correction", state, device, of=of)
+        if correction is None:
             return None
-        return self.array(found, f"what correction(){of} gives", dtype=np.float32)
+        return self.array(correction, f"what correction(){of} gives", dtype=np.float32)
 
     def apply(
         self, state: AlgorithmState, model: Vector, updates: Sequence[Update]
     ) -> tuple[Vector, AlgorithmState]:
         """Return the next model and state, as `Algorithm.apply`."""
-        found = self.of_kind(self.ask("apply", state, model, updates), tuple, "apply()")
-        if len(found) != 2:
-            self.refuse(f"apply() gives {len(found)} things, not the two of model and state")
-        return self._model(found[0], model, "apply()"), self._state(found[1], "apply()")
+        answer = self.of_kind(self.ask("apply", state, model, updates), tuple, "apply()")
+        if len(answer) != 2:
+            self.refuse(f"apply() gives {len(answer)} things, not the two of model and state")
+        return self._model(answer[0], model, "apply()"), self._state(answer[1], "apply()")
 
     def _model(self, found: object, model: Vector, doing: str) -> Vector:
         what = f"the model that {doing} gives"
@@ -324,8 +324,8 @@ def make_algorithm(learning: LearningConfig) -> Algorithm:
     built_in = built_in_algorithm(learning)
     if built_in is not None:
         return built_in
-    found = CustomAlgorithm.made(learning.algorithm, learning)
-    if isinstance(found.inner, StaleStart):
-        found = CustomStaleAlgorithm(found.name, found.inner)
-    _ = found.mu, found.momentum
-    return found
+    custom = CustomAlgorithm.made(learning.algorithm, learning)
+    if isinstance(custom.inner, StaleStart):
+        custom = CustomStaleAlgorithm(custom.name, custom.inner)
+    _ = custom.mu, custom.momentum
+    return custom

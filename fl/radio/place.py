@@ -148,11 +148,11 @@ def drawn_waves(rng: np.random.Generator, count: int) -> Floats:
 
 def wave_values(waves: Floats, device: Ints, place_m: Floats, *, correlation_m: float) -> Floats:
     """Both fields (2, n) of devices (n,) at places (n, 2 or 3)."""
-    found = np.empty((2, len(device)))
+    field = np.empty((2, len(device)))
     for at, (of, (x, y)) in enumerate(zip(device, place_m[:, :2] / correlation_m, strict=True)):
         east, north, phase = waves[of].transpose(1, 0, 2)  # (2, WAVES) each
-        found[:, at] = np.cos(2.0 * np.pi * (x * east + y * north + phase)).sum(axis=1)
-    return np.asarray(found * np.sqrt(2.0 / waves.shape[-1]))
+        field[:, at] = np.cos(2.0 * np.pi * (x * east + y * north + phase)).sum(axis=1)
+    return np.asarray(field * np.sqrt(2.0 / waves.shape[-1]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -194,5 +194,5 @@ class RadioMap:
 
         axes = zip(place_m.T[::-1], (self.height_m, self.y_m, self.x_m), strict=True)
         cells = [np.interp(at, axis, np.arange(len(axis))) for at, axis in axes]
-        found = map_coordinates(self.path_gain_db, [device, *cells], order=1, mode="nearest")
-        return np.asarray(found, dtype=np.float64)
+        gain_db = map_coordinates(self.path_gain_db, [device, *cells], order=1, mode="nearest")
+        return np.asarray(gain_db, dtype=np.float64)

@@ -186,8 +186,8 @@ class CustomTrainer(PlugIn):
             UsersCodeError: it fails, or gives something else than a result of finite numbers.
         """
         of = f" of device {device.device} in round {device.round}"
-        found = self.ask("train", device, task.model, _data(task), task.rng, of=of)
-        result = self.of_kind(found, LocalResult, f"train(){of}")
+        trained = self.ask("train", device, task.model, _data(task), task.rng, of=of)
+        result = self.of_kind(trained, LocalResult, f"train(){of}")
         what, shape = f"that train(){of} gives", task.model.shape
         model = self.array(result.model, f"the model {what}", shape=shape, dtype=np.float32)
         steps = self.array(result.steps, f"the number of steps {what}", shape=(), low=1)

@@ -128,8 +128,8 @@ def matched(
 
 def leg_of(fit: Alignment) -> Ints:
     """(n,) index from 0 of the leg that each sample lies on; the next one at a leg's end."""
-    found = np.searchsorted(fit.waypoints_at_m, fit.along_m + 1e-6, side="right") - 1
-    return np.clip(found, 0, len(fit.waypoints_at_m) - 2)
+    leg = np.searchsorted(fit.waypoints_at_m, fit.along_m + 1e-6, side="right") - 1
+    return np.clip(leg, 0, len(fit.waypoints_at_m) - 2)
 
 
 def leg_numbers(at_m: Floats, ends: Bools) -> Ints:

@@ -66,8 +66,8 @@ class RunComparison:
     @property
     def holes(self) -> tuple[Hole, ...]:
         """Holes in the positions of every pass or round, in order."""
-        found = {hole.start_s: hole for measured in self.measured for hole in measured.holes}
-        return (*found.values(), *self.outside)
+        by_start = {hole.start_s: hole for measured in self.measured for hole in measured.holes}
+        return (*by_start.values(), *self.outside)
 
     @property
     def stretches(self) -> list[dict[str, Any]]:

@@ -185,8 +185,8 @@ def every_verdict(
     if world is None:
         return [verdicts(flight, limits) for flight in flights]
     alone = {name: limit for name, limit in limits.items() if name not in SEPARATIONS}
-    found = [verdicts(flight, alone) for flight in flights]
-    return [*found, *(_of_pair(world, pair, limits) for pair in world.pairs)]
+    judged = [verdicts(flight, alone) for flight in flights]
+    return [*judged, *(_of_pair(world, pair, limits) for pair in world.pairs)]
 
 
 def kept(

@@ -56,10 +56,10 @@ def load_several(
         )
         loaded += flights
         left_out += why
-    found = list[RunComparison]()
+    comparisons = list[RunComparison]()
     for run in loaded:
         try:
-            found.append(compare_run(run, rounds=rounds))
+            comparisons.append(compare_run(run, rounds=rounds))
         except InputError as error:  # it may have stayed on the ground
             if not alone:
                 raise
@@ -67,8 +67,8 @@ def load_several(
     world = None
     if asked or alone:
         try:
-            world = together(found, offsets)
+            world = together(comparisons, offsets)
         except InputError:
             if asked:
                 raise
-    return Several(tuple(found), world, tuple(left_out))
+    return Several(tuple(comparisons), world, tuple(left_out))

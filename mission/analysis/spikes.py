@@ -59,13 +59,13 @@ def events(run: FlightData, start_s: float, end_s: float) -> list[Event]:
         if event.kind in _KINDS or (event.kind == "status" and event.severity <= _WARNING)
     ]
     happened += [(item.t_ns, f"{item.kind} uploaded") for item in run.missions]
-    found = [Event(t_ns / NS_PER_S, t_ns / NS_PER_S, text) for t_ns, text in happened]
+    events = [Event(t_ns / NS_PER_S, t_ns / NS_PER_S, text) for t_ns, text in happened]
     for what, gaps in ("GNSS lost", gnss_gaps), ("no positions", position_gaps):
         for begin, end in gaps(run, int(start_s * NS_PER_S), int(end_s * NS_PER_S)).tolist():
-            found.append(Event(begin, end, f"{what} {begin:.1f}-{end:.1f} s"))
+            events.append(Event(begin, end, f"{what} {begin:.1f}-{end:.1f} s"))
     for begin, long_s in run.dropouts_s.tolist():
-        found.append(Event(begin, begin + long_s, f"log dropout of {long_s:.2f} s"))
-    inside = [event for event in found if event.end_s >= start_s and event.start_s <= end_s]
+        events.append(Event(begin, begin + long_s, f"log dropout of {long_s:.2f} s"))
+    inside = [event for event in events if event.end_s >= start_s and event.start_s <= end_s]
     return sorted(inside, key=lambda event: event.start_s)
 
 

@@ -142,8 +142,8 @@ def pair(signals: Mapping[str, Signal], name: str) -> tuple[Floats, Floats, Floa
     width = min(wanted.values.shape[1], values.shape[1])
     if width < _LEAST_AXES.get(name, 2):  # damage took the others
         return None
-    found = Signal(times_s, values[:, :width]).at(wanted.t_s)
-    return wanted.t_s, wanted.values[:, :width], found
+    value = Signal(times_s, values[:, :width]).at(wanted.t_s)
+    return wanted.t_s, wanted.values[:, :width], value
 
 
 def flown_against(
@@ -156,15 +156,17 @@ def flown_against(
     series = {name: of.between(start_s, end_s) for name, of in errors.items()} | dict(health)
     all_s = delay(data.signals, air_s)
     series["tracking_delay_s"] = Values(np.array([math.nan]), np.array([all_s]))
-    found = list[Stretch]()
+    stretches = list[Stretch]()
     for begin_s, until_s, mode, reference in _cut(data, modes, air_s, passes_s):
         inside = {name: of.between(begin_s, until_s) for name, of in series.items()}
         if reference not in (MISSION, POSITION):  # what is left of its neighbours
             inside = {name: of for name, of in inside.items() if name not in _OF_POSITION}
         delay_s = delay(data.signals, [(begin_s, until_s)])
-        found.append(Stretch(len(found) + 1, begin_s, until_s, mode, reference, delay_s, inside))
+        stretches.append(
+            Stretch(len(stretches) + 1, begin_s, until_s, mode, reference, delay_s, inside)
+        )
     return FlightErrors(
-        start_s, end_s, series, tuple(found), tuple(_steps(data.signals, start_s, end_s))
+        start_s, end_s, series, tuple(stretches), tuple(_steps(data.signals, start_s, end_s))
     )
 
 
@@ -225,13 +227,13 @@ def _errors(data: FlightData, modes: Modes, air_s: Spans) -> dict[str, Values]:
 
 def hidden_s(t_s: Floats, air_s: Spans) -> float:
     """The longest hole in the times (n,) of a signal while the vehicle was in the air."""
-    found = [0.0]
+    delays_s = [0.0]
     for span_s in air_s:
         begin_ns, end_ns = ends = [int(at * NS_PER_S) for at in span_s]
         t_ns = (t_s * NS_PER_S).astype(np.int64)
         every = gaps(t_ns, (begin_ns, end_ns), usual=HOLE, ends_ns=ends)
-        found += np.diff(np.clip(every, *span_s)).ravel().tolist()
-    return max(found)
+        delays_s += np.diff(np.clip(every, *span_s)).ravel().tolist()
+    return max(delays_s)
 
 
 def modes_at(modes: Modes, t_s: Floats) -> list[str]:

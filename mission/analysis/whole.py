@@ -36,7 +36,7 @@ def whole_flight(
     air_s = air_times(data, start_ns, end_ns)
     passes_s = [tuple(item.truth.t_ns[[0, -1]] / NS_PER_S) for item in measured]
     more = health(data, air_s) | _missions(measured)
-    found = flown_against(data, modes, air_s, passes_s, more)
+    errors = flown_against(data, modes, air_s, passes_s, more)
     track, lost = data.truth.between(start_ns, end_ns), position_gaps(data, start_ns, end_ns)
     t_s, xy = track.t_ns / NS_PER_S, track.pos_m[:, :2]
     speed = np.linalg.norm(np.gradient(xy, t_s, axis=0), axis=1) if len(t_s) > 1 else 0.0 * t_s
@@ -49,7 +49,7 @@ def whole_flight(
     none, legs = lost[:0], np.zeros(len(t_s), dtype=np.int64)
     where = holes(data, lost, hidden=none, number=1, track=track, leg=legs)
     named = (replace(h, mode=modes_at(modes, np.array([h.start_s]))[0]) for h in where)
-    return replace(found, holes=tuple(named)), {
+    return replace(errors, holes=tuple(named)), {
         **happened(data, start_ns - NS_PER_S, end_ns + NS_PER_S),
         "flown_path_m": polyline.length(xy),
         "duration_s": float(t_s[-1] - t_s[0]),

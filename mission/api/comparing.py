@@ -72,13 +72,13 @@ def compare(
     )
     for why in several.left_out:
         warnings.warn(f"left out: {why}", stacklevel=2)
-    found = several.flights
+    flights = several.flights
     rows = [
         {"run": name, **asdict(numbers)}
-        for name, item in zip(names_of(found), found, strict=True)
+        for name, item in zip(names_of(flights), flights, strict=True)
         for numbers in (item.rounds if by_round else (item.total,))
     ]
     table = frame(None, rows).set_index(["run", "round"])
     made = Comparison(table if by_round else table.droplevel("round"))
-    made.flights, made.world = found, several.world
+    made.flights, made.world = flights, several.world
     return made

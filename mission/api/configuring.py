@@ -100,7 +100,7 @@ def folder(path: Path | str | None) -> Path | None:
     """
     if path is None:
         return None
-    found = as_path(path, "data_dir")
-    if not found.is_dir():
+    folder = as_path(path, "data_dir")
+    if not folder.is_dir():
         raise InputError(f"data_dir = {str(path)!r}: no such folder")
-    return found
+    return folder

@@ -43,8 +43,8 @@ def chosen(pictures: Mapping[str, "Chart"], name: str, *, of: Path) -> Figure:
     Raises:
         InputError: there is none of that name.
     """
-    found = pictures.get(f"{name}.png")
-    if found is None:
+    picture = pictures.get(f"{name}.png")
+    if picture is None:
         names = ", ".join(repr(file.removesuffix(".png")) for file in pictures) or "none"
         raise InputError(f"{of}: no figure {name!r}; there are: {names}")
-    return Figure(name, found)
+    return Figure(name, picture)

@@ -15,9 +15,9 @@ def frame(
 
     An empty table has the columns of `record` all the same, but those by community.
     """
-    found = pd.DataFrame(values)
-    if len(found.columns) or record is None:
-        return found
+    frame = pd.DataFrame(values)
+    if len(frame.columns) or record is None:
+        return frame
     told = [c for c in columns(record) if c.find(OfSeveral) is None]
     known = {c.name: c.holds for c in told if not is_by_community(c)}
     return pd.DataFrame({name: pd.Series([], dtype=kind) for name, kind in known.items()})

@@ -49,14 +49,14 @@ def plan(
         )
     else:
         method = planner
-    found = method.plan(problem)
-    if not isinstance(found, RoundPlan):
+    made = method.plan(problem)
+    if not isinstance(made, RoundPlan):
         raise InputError(
-            f"planner: plan(problem) gave {shown(found)}: must be a RoundPlan, such as finish() "
+            f"planner: plan(problem) gave {shown(made)}: must be a RoundPlan, such as finish() "
             "makes"
         )
-    check_plan(problem, found)
-    return found
+    check_plan(problem, made)
+    return made
 
 
 def first_problem(

@@ -87,13 +87,13 @@ class Run:
     @cached_property
     def track(self) -> "pd.DataFrame":
         """One row per sample: `t_s`, `round` (0 between rounds), true and estimated position."""
-        found = self.table("track")
-        t_s = found["t_s"].to_numpy()
-        found.insert(1, "round", 0)
+        track = self.table("track")
+        t_s = track["t_s"].to_numpy()
+        track.insert(1, "round", 0)
         for record in self._loaded.data.rounds:
             inside = (t_s >= record.start_t_s) & (t_s <= record.start_t_s + record.duration_s)
-            found.loc[inside, "round"] = record.round
-        return found
+            track.loc[inside, "round"] = record.round
+        return track
 
     def table(self, name: str) -> "pd.DataFrame":
         """Any table of the log, as `aerofed log export` writes it: "plans", "events", "wind" ...
@@ -104,10 +104,10 @@ class Run:
         from mission.api.frames import frame
         from mission.log.export import tables
 
-        found = tables(self._loaded.data)
-        if name not in found:
-            raise InputError(f"{self.path}: no table {name!r}; there are: {', '.join(found)}")
-        return frame({"rounds": RoundRecord, "uplinks": UplinkRecord}.get(name), found[name])
+        known = tables(self._loaded.data)
+        if name not in known:
+            raise InputError(f"{self.path}: no table {name!r}; there are: {', '.join(known)}")
+        return frame({"rounds": RoundRecord, "uplinks": UplinkRecord}.get(name), known[name])
 
     @property
     def status(self) -> str:
@@ -224,12 +224,12 @@ def resume(path: Path | str, *, rounds: int | None = None, quiet: bool = True) -
     from mission.analysis.limits import limits_in
     from mission.run.session import resume_session
 
-    found = as_path(path, "path")
-    kept = RunFolder(found).config
+    folder = as_path(path, "path")
+    kept = RunFolder(folder).config
     limits = limits_in(kept) if kept.is_file() else None
 
     return flown(
-        lambda around: resume_session(found, around, rounds=rounds), found, limits, quiet=quiet
+        lambda around: resume_session(folder, around, rounds=rounds), folder, limits, quiet=quiet
     )
 
 
@@ -239,9 +239,9 @@ def load(path: Path | str) -> Run:
     Raises:
         InputError: neither.
     """
-    found = Run(as_path(path, "path"))
-    _ = found._loaded
-    return found
+    run = Run(as_path(path, "path"))
+    _ = run._loaded
+    return run
 
 
 def flown(

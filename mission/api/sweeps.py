@@ -164,6 +164,6 @@ def load_sweep(path: Path | str) -> Sweep:
     Raises:
         InputError: not a sweep's folder, or none of its runs is done.
     """
-    found = Sweep(as_path(path, "path"))
-    _ = found._state
-    return found
+    sweep = Sweep(as_path(path, "path"))
+    _ = sweep._state
+    return sweep

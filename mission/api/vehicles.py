@@ -204,10 +204,10 @@ def _place(home: Home) -> tuple[float, float, float]:
     if isinstance(home, str | Path):
         from mission.flight.missions.plan_file import read_plan_file
 
-        found = read_plan_file(Path(home)).home
-        if found is None or math.isnan(found.alt_msl_m):
+        home_of_plan = read_plan_file(Path(home)).home
+        if home_of_plan is None or math.isnan(home_of_plan.alt_msl_m):
             raise InputError(f"home = {str(home)!r}: the plan has no planned home with an altitude")
-        return found.lat_deg, found.lon_deg, found.alt_msl_m
+        return home_of_plan.lat_deg, home_of_plan.lon_deg, home_of_plan.alt_msl_m
     try:
         lat_deg, lon_deg, alt_msl_m = home
     except (TypeError, ValueError):

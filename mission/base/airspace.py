@@ -164,8 +164,8 @@ def triangles(rings_m: Sequence[Floats]) -> Floats:
     import shapely
 
     area = shapely.Polygon(rings_m[0], rings_m[1:])
-    found = shapely.get_parts(shapely.constrained_delaunay_triangles(area))
-    corners: Floats = shapely.get_coordinates(found).reshape(-1, 4, 2)[:, :3]
+    triangles = shapely.get_parts(shapely.constrained_delaunay_triangles(area))
+    corners: Floats = shapely.get_coordinates(triangles).reshape(-1, 4, 2)[:, :3]
     return corners
 
 

@@ -94,14 +94,16 @@ def read_buildings(path: Path) -> tuple[tuple[Ring, ...], int]:
         InputError: it cannot be read, a polygon of a building is none, or there is no building.
     """
     every = list(_features(path))
-    found = [feature for feature in every if feature[1] in _POLYGONS and _is_building(feature[3])]
-    rings = tuple(ring for feature in found for ring in _rings(*feature, holes=True))
+    buildings = [
+        feature for feature in every if feature[1] in _POLYGONS and _is_building(feature[3])
+    ]
+    rings = tuple(ring for feature in buildings for ring in _rings(*feature, holes=True))
     if not rings:
         raise InputError(
             f"{path}: holds no building; it must hold Polygons or MultiPolygons (GeoJSON) with "
             "building, height or building:levels"
         )
-    return rings, len(every) - len(found)
+    return rings, len(every) - len(buildings)
 
 
 def check_degrees(where: str, lat: float, lon: float) -> None:

@@ -46,9 +46,9 @@ def _columns(record: type) -> tuple[Column, ...]:
 def annotated(record: type, kind: type[Annotation]) -> Iterator[tuple[str, Annotation]]:
     """Yield name and annotation of the fields that have an annotation of type `kind`."""
     for column in columns(record):
-        found = column.find(kind)
-        if found is not None:
-            yield column.name, found
+        values = column.find(kind)
+        if values is not None:
+            yield column.name, values
 
 
 def number(value: float, digits: int = 2) -> str:

@@ -80,13 +80,13 @@ def list_(*, folder: Path | None = None) -> int:
         Where it is. Default: as of aerofed firmware fetch.
     """
     console = Terminal(**PLAIN)
-    found = sorted(path for path in _folder(folder).glob("*/arducopter") if path.is_file())
-    for path in found:
+    binaries = sorted(path for path in _folder(folder).glob("*/arducopter") if path.is_file())
+    for path in binaries:
         whole = (
             "as fetched" if _sum_of(path) == _first_sum(path) else "changed since it was fetched"
         )
         console.print(f"{path.parent.name}: {path}: {whole}")
-    if not found:
+    if not binaries:
         raise InputError(
             f"{_folder(folder)}: holds no firmware; aerofed firmware fetch arducopter downloads it"
         )

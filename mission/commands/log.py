@@ -60,28 +60,28 @@ def info(log: Path, *, as_json: Json = False) -> int:
     from mission.log.inspection import info as look
 
     log = _file(log)
-    found = look(log)
+    known = look(log)
     if as_json:
-        topics = [{**asdict(topic), "rate_hz": topic.rate_hz} for topic in found.topics]
-        print_json({**asdict(found), "messages": found.messages, "topics": topics})
+        topics = [{**asdict(topic), "rate_hz": topic.rate_hz} for topic in known.topics]
+        print_json({**asdict(known), "messages": known.messages, "topics": topics})
         return 0
     console = Terminal.for_tables(**PLAIN)
     console.print(
-        f"{log}: {found.size_bytes / 1e6:.2f} MB, {found.messages} messages, "
-        f"{found.end_s - found.start_s:.1f} s of simulated time, "
-        f"{found.megabytes_per_hour:.1f} MB an hour"
+        f"{log}: {known.size_bytes / 1e6:.2f} MB, {known.messages} messages, "
+        f"{known.end_s - known.start_s:.1f} s of simulated time, "
+        f"{known.megabytes_per_hour:.1f} MB an hour"
     )
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
     table.add_column("topic", no_wrap=True)
     table.add_column("schema", no_wrap=True)
     table.add_column("messages", justify="right")
     table.add_column("Hz", justify="right")
-    for topic in found.topics:
+    for topic in known.topics:
         table.add_row(topic.name, topic.schema, str(topic.messages), f"{topic.rate_hz:.2f}")
     console.print(table)
-    for name, size in found.attachments.items():
+    for name, size in known.attachments.items():
         console.print(f"attachment {name}: {size} bytes")
-    for name, values in found.metadata.items():
+    for name, values in known.metadata.items():
         console.print(f"metadata {name}: " + ", ".join(f"{k} = {v}" for k, v in values.items()))
     return 0
 

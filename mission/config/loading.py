@@ -177,13 +177,13 @@ def _read(path: Path) -> dict[str, Any]:
 def _in_words(error: ValueError, text: str) -> str:
     """What is wrong, with the line that it is about; a key that is given twice is named."""
     lines = text.splitlines()
-    found = re.search(r"at line (\d+)", str(error))
-    number = int(found[1]) if found else len(lines)
+    place = re.search(r"at line (\d+)", str(error))
+    number = int(place[1]) if place else len(lines)
     line = lines[number - 1].strip() if 0 < number <= len(lines) else ""
     key, equals, _ = line.partition("=")
     if equals and "Cannot overwrite a value" in str(error):
         return f"line {number}: {key.strip()}: given twice in its table; leave one of them out"
-    placed = found or "at end of document" in str(error)
+    placed = place or "at end of document" in str(error)
     return f"{error}: {shown(line)}" if placed and line else str(error)
 
 

@@ -73,11 +73,11 @@ def _known_map(radio: RadioConfig, blame: Blame) -> RadioConfig:
         )
     except InputError as error:
         raise error.in_words(f"{error}{back if radio.map_sha256 else ''}") from None
-    found = hashlib.sha256(content).hexdigest()
-    if radio.map_sha256 not in (None, found):
-        reason = f"{radio.map_file} has {found}: it is another map{back}"
+    digest = hashlib.sha256(content).hexdigest()
+    if radio.map_sha256 not in (None, digest):
+        reason = f"{radio.map_file} has {digest}: it is another map{back}"
         raise SettingError("radio.map_sha256", radio.map_sha256, reason)
-    return radio.model_copy(update={"map_sha256": found})
+    return radio.model_copy(update={"map_sha256": digest})
 
 
 def _places_of(config: RunConfig, index: int, blame: Blame) -> tuple[Place, ...]:

@@ -110,9 +110,9 @@ def line_chart(
     if gate:
         layers += _gate(gate, gate_at)
     if marks is not None and len(marks.x):
-        found = alt.Chart(table(series=_labels([marks], "x"), x=marks.x, y=marks.y))
+        chart = alt.Chart(table(series=_labels([marks], "x"), x=marks.x, y=marks.y))
         layers.append(
-            found.mark_point(filled=True, color=marks.colour, size=40, opacity=1).encode(
+            chart.mark_point(filled=True, color=marks.colour, size=40, opacity=1).encode(
                 x=across, y=up, tooltip=tip
             )
         )

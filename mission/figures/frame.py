@@ -69,8 +69,8 @@ def run_lines(run: FlightData, plans: Sequence[PlanRecord]) -> Lines:
 
 def _flown_parts(run: FlightData, track: Track) -> Iterator[Floats]:
     """Yield a track's path (n, 2), thinned, in the parts between the holes of a log."""
-    found = position_gaps(run, int(track.t_ns[0]), int(track.t_ns[-1]))
-    for part in outside(track.pos_m[:, :2], track.t_ns / NS_PER_S, found):
+    gaps_s = position_gaps(run, int(track.t_ns[0]), int(track.t_ns[-1]))
+    for part in outside(track.pos_m[:, :2], track.t_ns / NS_PER_S, gaps_s):
         yield thin(part, TOLERANCE_M)
 
 

@@ -161,15 +161,15 @@ def load_damaged(path: Path) -> Contents:
     Raises:
         LogError: it cannot be read, or is no MCAP file.
     """
-    found = Contents(path)
+    contents = Contents(path)
     # In memory: a file would make room for as much as a broken record promises.
     stream = io.BytesIO(read_bytes(path, most=DATA_BYTES))
     if stream.read(len(MCAP0_MAGIC)) != MCAP0_MAGIC:
         other = "" if path.suffix == ".mcap" else taken_by(path)
         raise ForeignLogError(path, f"not an MCAP file{other}")
     stream.seek(0)
-    _read(stream, found)
-    return found
+    _read(stream, contents)
+    return contents
 
 
 def _read(stream: io.BytesIO, found: Contents) -> None:

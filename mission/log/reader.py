@@ -117,9 +117,9 @@ def track(contents: Contents, topic: Topic) -> Track:
 
 def vectors(rows: Iterable[tuple[int, Any]]) -> tuple[Ints, Floats]:
     """Return times (n,) and vectors (n, 3) of rows of t_ns and an item that has x, y and z."""
-    found = [(t_ns, (item.x, item.y, item.z)) for t_ns, item in rows]
-    xyz = np.array([xyz for _, xyz in found], dtype=np.float64).reshape(-1, 3)
-    return np.array([t_ns for t_ns, _ in found], dtype=np.int64), xyz
+    places = [(t_ns, (item.x, item.y, item.z)) for t_ns, item in rows]
+    xyz = np.array([xyz for _, xyz in places], dtype=np.float64).reshape(-1, 3)
+    return np.array([t_ns for t_ns, _ in places], dtype=np.int64), xyz
 
 
 def _common(truth: Track, belief: Track) -> tuple[Track, Track]:

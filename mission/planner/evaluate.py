@@ -205,9 +205,9 @@ def scheduled(problem: RoundProblem, waypoints_m: Floats, *, hold_s: float = 0.0
     No device is waited for except by hovers. Among areas the path is cut where the budget ends."""
     round_ = problem.judged_with(hold_s=hold_s) if hold_s else problem.as_judged
     metres = math.inf if problem.airspace.is_open else problem.path_budget_m
-    found = round_.fitted(waypoints_m, metres, above=-math.inf, limited=False)
-    assert found is not None
-    return planned(problem, found)
+    candidate = round_.fitted(waypoints_m, metres, above=-math.inf, limited=False)
+    assert candidate is not None
+    return planned(problem, candidate)
 
 
 def planned(problem: RoundProblem, candidate: CandidatePlan) -> RoundPlan:

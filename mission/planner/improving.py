@@ -41,10 +41,10 @@ def fitted(
         altitude_m = plan_along(problem, within).altitude_m
         plan = fitted(problem.at(altitude_m), waypoints_m, above=above)
         return plan and plan.with_own(altitude_m=altitude_m)
-    found = problem.as_judged.fitted(
+    candidate = problem.as_judged.fitted(
         waypoints_m, problem.most_m, above=above, limited=problem.limits is not None
     )
-    return None if found is None else planned(problem, found)
+    return None if candidate is None else planned(problem, candidate)
 
 
 def varied(

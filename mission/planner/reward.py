@@ -114,9 +114,9 @@ def _excess(low: Channel, reach_m: int, high_m: float) -> Floats:
     f = np.stack([1.0 - average_per(low, _distances(reach_m), height_m=h) for h in heights])
     above = f - ((1.0 - share)[:, None] * f[0] + share[:, None] * f[-1])
     slack = np.abs(np.diff(f, 2, axis=0)).max(axis=0) / 4.0
-    found = np.maximum(above.max(axis=0), 0.0) + slack
-    found.flags.writeable = False
-    return np.asarray(found)
+    over = np.maximum(above.max(axis=0), 0.0) + slack
+    over.flags.writeable = False
+    return np.asarray(over)
 
 
 def _bend_m(low: Channel) -> float:

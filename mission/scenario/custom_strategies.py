@@ -67,16 +67,16 @@ class CustomStrategy(PlugIn):
     @property
     def fairness(self) -> bool:
         """Whether importance carries the coefficient of variation; see `Strategy.fairness`."""
-        found = self.value("fairness")
-        if not isinstance(found, bool | np.bool_):
-            self.refuse(f"fairness is {shown(found)}: must be True or False")
-        return bool(found)
+        fairness = self.value("fairness")
+        if not isinstance(fairness, bool | np.bool_):
+            self.refuse(f"fairness is {shown(fairness)}: must be True or False")
+        return bool(fairness)
 
     @property
     def approach_m(self) -> Floats | None:
         """(2,) position before the first round, area coordinates in m; None: above home."""
-        found = self.value("approach_m")
-        return None if found is None else self.array(found, "approach_m", shape=(2,))
+        place_m = self.value("approach_m")
+        return None if place_m is None else self.array(place_m, "approach_m", shape=(2,))
 
     def importance(self, info: RoundInfo) -> Floats:
         """The importance that the strategy gives devices, (K,); where it gives none, the paper's.
@@ -87,9 +87,9 @@ class CustomStrategy(PlugIn):
         if not isinstance(self.inner, ImportanceStrategy):
             return info.delta
         of = f" in round {info.round}"
-        found = self.ask("importance", info, of=of)
+        importance = self.ask("importance", info, of=of)
         what = f"what importance(){of} gives"
-        return self.array(found, what, shape=info.delta.shape, low=0.0)
+        return self.array(importance, what, shape=info.delta.shape, low=0.0)
 
     def sortie(self, round_index: int, problem: RoundProblem) -> Sortie:
         """The strategy's sortie, if its plan keeps the round's constraints.

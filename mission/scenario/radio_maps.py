@@ -202,7 +202,7 @@ def traced_map(
             world.add(rt.Transmitter(f"device {index}", position=[x, y, radio.device_height_m]))
         solve, gains = rt.RadioMapSolver(), []
         for height in height_m.tolist():
-            found = solve(
+            paths = solve(
                 world,
                 max_depth=_DEPTH,
                 diffraction=True,
@@ -213,7 +213,7 @@ def traced_map(
                 samples_per_tx=_RAYS,
                 seed=config.seed % 2**32,
             )
-            gains.append(np.array(found.path_gain, dtype=np.float64))
+            gains.append(np.array(paths.path_gain, dtype=np.float64))
     except InputError:
         raise
     except Exception as error:  # whatever Mitsuba says of a scene, or Dr.Jit without LLVM

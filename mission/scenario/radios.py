@@ -44,8 +44,8 @@ class CustomBelief(PlugIn):
     def success(self, heard: Heard, place_m: Floats) -> Floats:
         """(K, n) probabilities 1 - PER at places (n, 3), given pilot tones: `Belief.success`."""
         of, shape = f" after {len(heard.device)} tones", (self.devices, len(place_m))
-        found = self.ask("success", heard, place_m, of=of)
-        return self.array(found, f"what success(){of} gives", shape=shape, low=0, high=1)
+        chances = self.ask("success", heard, place_m, of=of)
+        return self.array(chances, f"what success(){of} gives", shape=shape, low=0, high=1)
 
 
 def radio_of(

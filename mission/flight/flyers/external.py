@@ -127,10 +127,10 @@ class ExternalFlyer(Flyer):
         short_m = float(np.linalg.norm(stops[-1, :2] - flight.est_ned_m[-1, :2]))
         check_end(short_m, acceptance_m=plan.acceptance_m)
         hold_s = [stop.hold_s for stop in plan.stops]
-        found = self.find_passages(flight, stops, items=stop_items(plan), hold_s=hold_s)
+        passed = self.find_passages(flight, stops, items=stop_items(plan), hold_s=hold_s)
         self._believe_speed(plan, flight)
         self._believe_pace(plan, flight)
-        return replace(flight, passages=found)
+        return replace(flight, passages=passed)
 
     async def wait(self, until_ns: int) -> None:
         """Hover up to an instant of the vehicle's time."""
@@ -183,15 +183,15 @@ class ExternalFlyer(Flyer):
         hold_s: Sequence[float],
     ) -> tuple[TrackPoint, ...]:
         """When a flight passed the places (S, 3) of the mission `items`; told to the observers."""
-        found = passages(
+        passed = passages(
             flight,
             places_ned_m,
             reported_ns=reported_in_turn(self.feed.reached_ns, items),
             hovers=[wait_s > 0.0 for wait_s in hold_s],
         )
-        for item, passage in zip(items, found, strict=True):
+        for item, passage in zip(items, passed, strict=True):
             self.feed.passed(item, passage)
-        return found
+        return passed
 
     async def land(self) -> None:
         await self.go_home()

@@ -55,37 +55,37 @@ def read_ulog(path: Path) -> FlightData:
     Raises:
         InputError: it cannot be read, or has no positions.
     """
-    found = LogRows(path, "ULog of PX4", "seconds since PX4 started")
-    topics, told = decoded(read_bytes(path, most=MOST_BYTES), found)
-    found.places = list(_places(topics, ("vehicle_global_position", "vehicle_gps_position")))
-    if not found.places:
-        found.places = list(_local(topics.get("vehicle_local_position")))
-    found.truth = list(_places(topics, ("vehicle_global_position_groundtruth",)))
-    found.homes = list(_homes(topics.get("home_position")))
-    _status(found, topics.get("vehicle_status"))
-    found.battery = list(_battery(topics.get("battery_status")))
+    rows = LogRows(path, "ULog of PX4", "seconds since PX4 started")
+    topics, told = decoded(read_bytes(path, most=MOST_BYTES), rows)
+    rows.places = list(_places(topics, ("vehicle_global_position", "vehicle_gps_position")))
+    if not rows.places:
+        rows.places = list(_local(topics.get("vehicle_local_position")))
+    rows.truth = list(_places(topics, ("vehicle_global_position_groundtruth",)))
+    rows.homes = list(_homes(topics.get("home_position")))
+    _status(rows, topics.get("vehicle_status"))
+    rows.battery = list(_battery(topics.get("battery_status")))
     wind = topics.get("wind", topics.get("wind_estimate"))
-    found.wind = list(_rows(wind, "windspeed_east", "windspeed_north"))
+    rows.wind = list(_rows(wind, "windspeed_east", "windspeed_north"))
     fixes = topics.get("vehicle_gps_position")
-    found.fixes = [int(row[0]) for row in _rows(fixes, "fix_type") if row[1] >= _FIX_3D]
+    rows.fixes = [int(row[0]) for row in _rows(fixes, "fix_type") if row[1] >= _FIX_3D]
     for name in ("vehicle_gps_position", "sensor_gps"):
         later = "timestamp_time_relative"  # by which the UTC is of another instant than the row
         columns = {later: 0 * topics[name]["timestamp"], **topics[name]} if name in topics else None
         times = _rows(columns, "time_utc_usec", later)
-        found.utc_ns += [(int(t) + _ns(by), _ns(utc)) for t, utc, by in times if utc]
-    if found.truth and told.get("sys_name") == [["Aerofed"]]:
-        found.clock = OURS.clock
+        rows.utc_ns += [(int(t) + _ns(by), _ns(utc)) for t, utc, by in times if utc]
+    if rows.truth and told.get("sys_name") == [["Aerofed"]]:
+        rows.clock = OURS.clock
     for parts in told.get(MISSIONS, ()):
         t_ns, kind, items = json.loads("".join(parts))
         row = {"kind": kind, "items": items}
-        found.missions.append(from_json(MissionRecord, row, t_ns=int(t_ns)))
-    _heading_for(found, topics)
-    found.skipped["event of PX4's events interface"] += len(
+        rows.missions.append(from_json(MissionRecord, row, t_ns=int(t_ns)))
+    _heading_for(rows, topics)
+    rows.skipped["event of PX4's events interface"] += len(
         topics.get("event", {"timestamp": ()})["timestamp"]
     )
     timed = {name: {**of, "t_s": of["timestamp"] / 1e6} for name, of in topics.items()}
-    found.signals = gathered(timed, ULOG)
-    return found.flight()
+    rows.signals = gathered(timed, ULOG)
+    return rows.flight()
 
 
 def _ns(timestamp_us: float) -> int:

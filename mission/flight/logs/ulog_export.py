@@ -100,11 +100,11 @@ def _poses(
     contents: Contents, data: FlightData, poses: Topic, velocities: Topic, suffix: str
 ) -> dict[str, Rows]:
     """Local and global position, and attitude; velocities between those of the log."""
-    found = list(contents.decoded(poses))
+    samples = list(contents.decoded(poses))
     where = track(contents, poses)
     t_ns, xyz = where.t_ns, where.pos_m
     ned = data.area.to_ned(xyz[:, :2], xyz[:, 2])
-    turns = [message.pose.orientation for _, message in found]
+    turns = [message.pose.orientation for _, message in samples]
     q = ned_attitude(np.array([(q.x, q.y, q.z, q.w) for q in turns], dtype=np.float64))
     known, enu = vectors(contents.decoded(velocities))
     axes = (enu[:, 1], enu[:, 0], -enu[:, 2])
@@ -168,16 +168,16 @@ def _control(area: Area, track: ControlTrack) -> dict[str, Rows]:
 
 
 def _fixes(contents: Contents) -> Rows:
-    found = list(contents.decoded(topics.GNSS))
-    measured = [m.timestamp.seconds * NS_PER_S + m.timestamp.nanos for _, m in found]
+    fixes = list(contents.decoded(topics.GNSS))
+    measured = [m.timestamp.seconds * NS_PER_S + m.timestamp.nanos for _, m in fixes]
     return rows(
-        np.array([t for t, _ in found], dtype=np.int64),
+        np.array([t for t, _ in fixes], dtype=np.int64),
         timestamp_sample=np.array(measured, dtype=np.int64) // 1000,
-        latitude_deg=[m.latitude for _, m in found],
-        longitude_deg=[m.longitude for _, m in found],
-        altitude_msl_m=[m.altitude for _, m in found],
-        eph=[math.sqrt(m.position_covariance[0]) for _, m in found],
-        epv=[math.sqrt(m.position_covariance[8]) for _, m in found],
+        latitude_deg=[m.latitude for _, m in fixes],
+        longitude_deg=[m.longitude for _, m in fixes],
+        altitude_msl_m=[m.altitude for _, m in fixes],
+        eph=[math.sqrt(m.position_covariance[0]) for _, m in fixes],
+        epv=[math.sqrt(m.position_covariance[8]) for _, m in fixes],
         fix_type=_FIX_3D,
     )
 

@@ -72,12 +72,12 @@ def placed(items: Sequence[MissionItem], home: GeodeticPoint) -> tuple[MissionIt
     lat_deg, lon_deg = home.lat_deg, home.lon_deg
     found_items = []
     for item in items:
-        found = item
+        with_place = item
         if item.command in (mav.MAV_CMD_NAV_TAKEOFF, mav.MAV_CMD_NAV_LAND) and nowhere(item):
-            found = replace(item, x=lat_deg, y=lon_deg)
-        if found.command in PLACES:
-            lat_deg, lon_deg = found.x, found.y
-        found_items.append(found)
+            with_place = replace(item, x=lat_deg, y=lon_deg)
+        if with_place.command in PLACES:
+            lat_deg, lon_deg = with_place.x, with_place.y
+        found_items.append(with_place)
     return tuple(found_items)
 
 

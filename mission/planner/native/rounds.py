@@ -121,11 +121,11 @@ class Round:
             np.zeros((0, 2)), np.zeros(steps, np.int64), np.zeros(self._size, np.bool_), 0.0
         )
         given = self._as_c(plan)
-        found = PLANNER.fit(
+        fits = PLANNER.fit(
             self.at, address(waypoints_m, np.float64, (steps, POINT)), ctypes.addressof(given),
             metres, above, limited,
         )  # fmt: skip
-        return self._made(plan, given) if enough_memory(found) else None
+        return self._made(plan, given) if enough_memory(fits) else None
 
     def varied(
         self,
@@ -175,10 +175,10 @@ class Round:
         points, steps = len(plan.route), self._size[0]
         kept = np.empty(points, np.int64), np.empty(points), np.empty(steps), np.zeros(steps)
         stop, hold, offset, begins = (array.ctypes.data for array in kept)
-        found = PLANNER.Evaluation(stop=stop, hold=hold, offset=offset, begins=begins)
+        evaluation = PLANNER.Evaluation(stop=stop, hold=hold, offset=offset, begins=begins)
         given = self._as_c(plan)
-        enough_memory(PLANNER.judge(self.at, ctypes.addressof(given), ctypes.addressof(found)))
-        return Evaluation(found.radius, found.share, *kept)
+        enough_memory(PLANNER.judge(self.at, ctypes.addressof(given), ctypes.addressof(evaluation)))
+        return Evaluation(evaluation.radius, evaluation.share, *kept)
 
     def _as_c(self, plan: CandidatePlan, points: int | None = None) -> Any:
         room = len(plan.route)
