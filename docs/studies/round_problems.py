@@ -44,7 +44,7 @@ KINDS = {
 }
 
 
-def _places(rng: np.random.Generator, count: int) -> Floats:
+def places(rng: np.random.Generator, count: int) -> Floats:
     """(count, 2) all over the area, in a few clusters, or along its rim."""
     layout = rng.integers(3)
     anywhere = rng.uniform(0.0, AREA_M, (count, 2))
@@ -61,7 +61,7 @@ def _places(rng: np.random.Generator, count: int) -> Floats:
     return anywhere
 
 
-def _areas(rng: np.random.Generator) -> list[list[list[float]]]:
+def areas(rng: np.random.Generator) -> list[list[list[float]]]:
     """Five rectangles, turned anyhow, none of them near the start or another."""
     found: list[Floats] = []
     middles: list[tuple[Floats, float]] = [(np.full(2, AREA_M / 2.0), 15.0)]
@@ -90,7 +90,7 @@ def problem(kind: str, number: int) -> Entry:
     large = steps > 10
     entry: Entry = {
         "id": f"{kind}-{number:02}",
-        "devices": _places(rng, devices).round(1).tolist(),
+        "devices": places(rng, devices).round(1).tolist(),
         "importance": rng.uniform(0.1, 1.0, devices).round(3).tolist(),
         "start": [AREA_M / 2.0, AREA_M / 2.0],
         "steps": steps,
@@ -99,7 +99,7 @@ def problem(kind: str, number: int) -> Entry:
         "channel": asdict(channel),
     }
     if "areas" in limits:
-        entry |= {"areas": _areas(rng), "margin_m": MARGIN_M}
+        entry |= {"areas": areas(rng), "margin_m": MARGIN_M}
     entry |= {
         f"{name}_{unit}": LIMITS[name][large]
         for name, unit in (("deadline", "s"), ("energy", "j"))

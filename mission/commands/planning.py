@@ -3,7 +3,7 @@
 import math
 import re
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -16,6 +16,7 @@ from mission.base.tables import number
 from mission.base.terminal import PLAIN, Terminal
 from mission.config.area import AreaConfig
 from mission.config.models import RunConfig
+from mission.planner.apart import nearest
 from mission.planner.check import check_plan
 from mission.planner.config import PlannerConfig
 from mission.planner.factory import make_planner
@@ -166,11 +167,12 @@ def write_qgc(path: Path, problem: RoundProblem, made: NamedPlan, scenario: Scen
     write_round_plan(path, flight, scenario.area)
 
 
-def _row(named: NamedPlan) -> dict[str, float]:
+def _row(named: NamedPlan, problem: RoundProblem) -> dict[str, float]:
     """Return a plan's row of the table, by heading; NaN for what the plan does not have."""
     made = named.plan
     flights = [path.foreseen for path in made.paths if path.foreseen]  # where it is limited
     heights = {path.altitude_m for path in made.paths}
+    near = nearest(problem, made, hold_s=named.hold_s) if problem.separation_m else None
     return {
         "value": made.value,
         "upper\nbound": made.upper_bound,
@@ -179,6 +181,7 @@ def _row(named: NamedPlan) -> dict[str, float]:
         "alt.\nm": (heights.pop() if len(heights) == 1 else None) or math.nan,
         "takes\ns": max((flight.duration_s for flight in flights), default=math.nan),
         "takes\nkJ": sum(flight.energy_j for flight in flights) / 1000.0 or math.nan,
+        "apart\nm": math.nan if near is None else near.away_m,
         "served": int(made.schedule.sum()),
         "nodes": made.nodes,
         "ms": 1e3 * named.time_s,
@@ -231,25 +234,27 @@ def show(
     plans: Sequence[NamedPlan], problems: Sequence[NamedProblem], planner: PlannerConfig
 ) -> None:
     """Print the plans as a table, then notes: loose bounds, cut searches, plans serving nobody."""
-    _print(plans)
+    by_id = {entry.id: entry.problem for entry in problems}
+    _print(plans, by_id)
     if loose := planner.loosely_proven([named.plan.gap for named in plans]):
         Terminal(**PLAIN).print(loose)
     limits = (start.limits for entry in problems for start in entry.problem.starts)
     told = {each.performance.best_speeds for each in limits if each and each.energy_j < math.inf}
     for line in sorted(told):
         Terminal(**PLAIN).print(line)
-    by_id = {entry.id: entry.problem for entry in problems}
     for named in plans:
+        if named.plan.mended:
+            Terminal(**PLAIN).print(f"{named.id}: {named.plan.mended}")
         if named.plan.ended:
             Terminal(**PLAIN).print(f"{named.id}: the search: {named.plan.ended}")
         if not named.plan.schedule.any():
             Terminal(**PLAIN).print(f"{named.id}: {_nobody(by_id[named.id], named.plan)}")
 
 
-def _print(plans: Sequence[NamedPlan]) -> None:
+def _print(plans: Sequence[NamedPlan], problems: Mapping[str, RoundProblem]) -> None:
     table = Table(box=box.SIMPLE_HEAD, show_edge=False, pad_edge=False, collapse_padding=True)
     table.add_column("problem", overflow="fold")
-    rows = [_row(named) for named in plans]
+    rows = [_row(named, problems[named.id]) for named in plans]
     # Only some plans may choose their altitude, or have limits of time and energy.
     headings = [name for name in rows[0] if not all(math.isnan(row[name]) for row in rows)]
     for heading in headings:

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from mission.planner.apart import layered_by, too_near
 from mission.planner.errors import InfeasiblePlanError
 from mission.planner.evaluate import LENGTH_TOLERANCE_M, in_time, objective
 from mission.planner.flyable import foresee_round
@@ -12,7 +13,8 @@ VALUE_TOLERANCE = 1e-9  # relative
 
 def check_plan(problem: RoundProblem, plan: RoundPlan, *, hold_s: float = 0.0) -> None:
     """Verify every constraint of a plan, and the value and bound it claims, from scratch: what
-    each aircraft flies and serves, and that no device is served twice over all of them.
+    each aircraft flies and serves, that no device is served twice over all of them, and that they
+    keep apart at all times of their flights as foreseen.
 
     Each hovers `hold_s` at every stop (`stops_of`).
 
@@ -26,10 +28,10 @@ def check_plan(problem: RoundProblem, plan: RoundPlan, *, hold_s: float = 0.0) -
             f"{len(plan.paths)} paths and a schedule {plan.schedule.shape}: must be {count} and "
             f"{shape}"
         )
-    real = 0.0
+    real, spare_m = 0.0, layered_by(problem)
     for aircraft in range(count):
         try:
-            real += _worth(problem.alone(aircraft), plan.alone(aircraft), hold_s)
+            real += _worth(problem.alone(aircraft), plan.alone(aircraft), hold_s, spare_m)
         except InfeasiblePlanError as error:
             if count == 1:
                 raise
@@ -39,6 +41,8 @@ def check_plan(problem: RoundProblem, plan: RoundPlan, *, hold_s: float = 0.0) -
         raise InfeasiblePlanError(
             f"device {times.argmax()} is scheduled {times.max()} times: at most once"
         )
+    if (near := too_near(problem, plan, hold_s=hold_s)) is not None:
+        raise InfeasiblePlanError(f"{near.words}: separation_m is {problem.separation_m:g}")
     least = 1e-12 * min(1.0, float(problem.importance.sum()))
     if not np.isclose(real, plan.value, rtol=VALUE_TOLERANCE, atol=least):
         raise InfeasiblePlanError(f"the plan claims a value of {plan.value}, it has {real}")
@@ -48,12 +52,15 @@ def check_plan(problem: RoundProblem, plan: RoundPlan, *, hold_s: float = 0.0) -
         )
 
 
-def _worth(problem: RoundProblem, plan: RoundPlan, hold_s: float) -> float:
-    """Verify what one aircraft flies and serves; return what that is worth."""
+def _worth(problem: RoundProblem, plan: RoundPlan, hold_s: float, spare_m: float) -> float:
+    """Verify what one aircraft flies and serves, up to `spare_m` beside a fixed altitude; return
+    what that is worth."""
     if plan.waypoints_m.shape != (problem.steps, 2):
         raise InfeasiblePlanError(
             f"waypoints {plan.waypoints_m.shape}: must be ({problem.steps}, 2)"
         )
+    if not 0.0 <= plan.path.wait_s < np.inf:
+        raise InfeasiblePlanError(f"a wait of {plan.path.wait_s} s: must be 0 or more")
     if not np.isfinite(plan.waypoints_m).all():
         raise InfeasiblePlanError("waypoints hold values that are not finite")
     away = float(np.hypot(*(plan.waypoints_m[0] - problem.start_m)))
@@ -79,18 +86,19 @@ def _worth(problem: RoundProblem, plan: RoundPlan, hold_s: float) -> float:
     if busiest > problem.per_step:
         raise InfeasiblePlanError(f"{busiest} devices in one step: at most {problem.per_step}")
     in_turn = plan.schedule & in_time(problem, plan, hold_s=hold_s)
-    flown = problem.at(_checked_altitude(problem, plan))
+    flown = problem.at(_checked_altitude(problem, plan, spare_m))
     return objective(flown, plan.waypoints_m, in_turn[0])
 
 
-def _checked_altitude(problem: RoundProblem, plan: RoundPlan) -> float | None:
+def _checked_altitude(problem: RoundProblem, plan: RoundPlan, spare_m: float) -> float | None:
     if problem.altitudes_m is None:
-        if plan.altitude_m is not None and plan.altitude_m != problem.channel.altitude_m:
+        fixed_m, height_m = problem.channel.altitude_m, plan.altitude_m
+        if height_m is not None and not (abs(height_m - fixed_m) <= spare_m and height_m > 0.0):
+            layers = f", and layers up to {spare_m:g} m from it" if spare_m else ""
             raise InfeasiblePlanError(
-                f"an altitude of {plan.altitude_m:g} m: the problem has one of "
-                f"{problem.channel.altitude_m:g} m"
+                f"an altitude of {height_m:g} m: the problem has one of {fixed_m:g} m{layers}"
             )
-        return None
+        return height_m
     low_m, high_m = problem.altitudes_m
     if plan.altitude_m is None:
         raise InfeasiblePlanError(

@@ -212,13 +212,13 @@ def scheduled(problem: RoundProblem, waypoints_m: Floats, *, hold_s: float = 0.0
 
 def planned(problem: RoundProblem, candidate: CandidatePlan) -> RoundPlan:
     """Convert a plan of the C library to a `RoundPlan`; makes its arrays read-only."""
-    route, at, schedule, value = candidate
+    route, at, schedule, value, wait_s = candidate
     for array in (route, schedule):
         array.flags.writeable = False
     if problem.airspace.is_open:
-        return RoundPlan((PlannedPath(route),), schedule[None], value)
+        return RoundPlan((PlannedPath(route, wait_s=wait_s),), schedule[None], value)
     via = tuple(route[before + 1 : here] for before, here in pairwise(at.tolist()))
-    return RoundPlan((PlannedPath(route[at], via),), schedule[None], value)
+    return RoundPlan((PlannedPath(route[at], via, wait_s=wait_s),), schedule[None], value)
 
 
 def plan_without_moving(problem: RoundProblem) -> RoundPlan | None:
@@ -305,6 +305,12 @@ def check_problem(problem: RoundProblem) -> None:
             raise PlanInputError(
                 "ready_in_s needs limits, whose performance says how fast is flown"
             )
+        if problem.separation_m and start.limits is None:
+            raise PlanInputError(
+                "separation_m needs limits of each, whose performance says how fast is flown"
+            )
+    apart = isinstance(problem.separation_m, Real) and 0.0 <= problem.separation_m < math.inf
+    _must(apart, "separation_m", problem.separation_m, "a number of metres, 0 or more")
     for name, count in (("steps", problem.steps), ("per_step", problem.per_step)):
         if not 1 <= count <= MOST_COUNT:
             raise PlanInputError(

@@ -3,7 +3,7 @@
 from fl.plugins import PlugIn
 from mission.base.errors import PlanError
 from mission.planner.altitudes import CertifiedAltitudes, SampledAltitudes
-from mission.planner.certified import CertifiedPlanner, ExploringPlanner
+from mission.planner.certified import CertifiedPlanner, ExploringPlanner, Goal
 from mission.planner.check import check_plan
 from mission.planner.config import PlannerConfig
 from mission.planner.errors import InfeasiblePlanError
@@ -31,7 +31,8 @@ def make_planner(config: PlannerConfig) -> Planner:
     few = CertifiedPlanner(gap=config.gap, max_nodes=min(config.max_nodes, _FEW_NODES))
     brief = CertifiedAltitudes(few, searches=_SEARCHES)
     inner = LimitedPlanner(CertifiedAltitudes(certified), drawing, certified.goal, brief)
-    return FleetPlanner(inner, certified.goal)
+    shares = LimitedPlanner(brief, drawing, Goal(config.gap, 0))
+    return FleetPlanner(inner, certified.goal, shares)
 
 
 def _of_kind(config: PlannerConfig) -> Planner:

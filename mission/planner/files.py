@@ -126,6 +126,7 @@ class ProblemEntry(LimitsEntry):
     path_budget_m: Metres | None = None
     # In place of `start`, several aircraft; what one leaves out is the problem's.
     vehicles: Annotated[tuple[VehicleEntry, ...], Field(min_length=1, max_length=100)] | None = None
+    separation_m: Metres = 0.0  # that they keep from each other
     channel: ChannelEntry
     altitudes_m: Heights | None = None
     areas: tuple[Ring, ...] = ()  # corners of what must not be flown
@@ -277,16 +278,18 @@ def _problem(entry: ProblemEntry) -> RoundProblem:
     first = entry.each[0].start
     fence = [_frozen(ring, (-1, 2)) for ring in joined(entry.fence, entry.fences, first)]
     areas = [_frozen(ring, (-1, 2)) for ring in entry.areas]
+    timed = entry.ready_in_s is not None or entry.separation_m > 0.0
     return RoundProblem(
         devices_m=_frozen(entry.devices, (len(entry.devices), 2)),
         importance=_frozen(entry.importance, several),
-        starts=tuple(_start(own, performance, entry.ready_in_s is not None) for own in entry.each),
+        starts=tuple(_start(own, performance, timed) for own in entry.each),
         steps=entry.steps,
         per_step=entry.per_step,
         channel=Channel(**entry.channel.model_dump()),
         airspace=Airspace((*areas, *fence[1:]), fence[0] if fence else None, entry.margin_m),
         upload_s=None if entry.upload_s is None else _frozen(entry.upload_s, several),
         ready_in_s=None if entry.ready_in_s is None else _frozen(entry.ready_in_s, several),
+        separation_m=entry.separation_m,
     )
 
 
@@ -322,6 +325,7 @@ def _plan(entry: NamedPlan) -> dict[str, object]:
     rest = {
         "nodes": plan.nodes,
         **({"ended": plan.ended} if plan.ended else {}),
+        **({"mended": plan.mended} if plan.mended else {}),
         "time_s": entry.time_s,
     }
     if len(each) > 1:
@@ -337,5 +341,6 @@ def _path(path: PlannedPath, schedule: Ints) -> tuple[dict[str, object], dict[st
         "waypoints": path.waypoints_m.tolist(),
         "route": path.route_m.tolist(),
         "schedule": schedule.tolist(),
+        **({"wait_s": path.wait_s} if path.wait_s else {}),
         **({kind.name: kind.of(vars(taken)) for kind in LIMITS} if taken else {}),
     }, ({} if path.altitude_m is None else {"altitude_m": path.altitude_m})

@@ -26,10 +26,11 @@ def serving_fewer(problem: RoundProblem, plan: RoundPlan, *, hold_s: float = 0.0
 
 
 def fitted(
-    problem: RoundProblem, waypoints_m: Floats, *, above: float = -np.inf
+    problem: RoundProblem, waypoints_m: Floats, *, above: float = -np.inf, wait_s: float = 0.0
 ) -> RoundPlan | None:
-    """Return the plan along waypoints (N, 2), shortened to keep to the limits; None where it is
-    worth no more than `above`, or where a few cuts find no length that fits.
+    """Return the plan along waypoints (N, 2) after a hover of `wait_s` at the start, shortened to
+    keep to the limits; None where it is worth no more than `above`, or where a few cuts find no
+    length that fits.
 
     In open airspace a path that is too long is shrunk about its start. Among areas its end is cut
     off. An open altitude is the best one of the path without limits.
@@ -39,10 +40,14 @@ def fitted(
             fit_budget(waypoints_m, problem.most_m) if problem.airspace.is_open else waypoints_m
         )
         altitude_m = plan_along(problem, within).altitude_m
-        plan = fitted(problem.at(altitude_m), waypoints_m, above=above)
+        plan = fitted(problem.at(altitude_m), waypoints_m, above=above, wait_s=wait_s)
         return plan and plan.with_own(altitude_m=altitude_m)
     candidate = problem.as_judged.fitted(
-        waypoints_m, problem.most_m, above=above, limited=problem.limits is not None
+        waypoints_m,
+        problem.most_m,
+        above=above,
+        limited=problem.limits is not None,
+        wait_s=wait_s,
     )
     return None if candidate is None else planned(problem, candidate)
 

@@ -55,6 +55,19 @@ class Performance:
         arrived_s, counted = rounds.foresee(self._flying, points_m, hold_s, radius_m)
         return Foreseen(arrived_s, *counted.tolist())
 
+    def follow(
+        self,
+        points_m: Floats,
+        hold_s: Sequence[float],
+        radius_m: float,
+        *,
+        step_s: float,
+        count: int,
+    ) -> Floats:
+        """Predict where such a flight is (count, 2), every `step_s` from its start; where it ends
+        it stays."""
+        return rounds.follow(self._flying, points_m, hold_s, radius_m, step_s=step_s, count=count)
+
     @cached_property
     def _flying(self) -> Structure:
         return self.flying()

@@ -80,6 +80,11 @@ class RoundProblem:
     # What is believed of the radio at each place, in place of the channel's average; of one
     # altitude, the channel's.
     per_grid: PerGrid | None = None
+    # Metres that aircraft keep from each other, up and down included, at all times of their flights
+    # as foreseen; 0: not looked at. It needs `limits`, which know how fast is flown. A pair that
+    # starts nearer counts from when it is so far apart, or one of the two so far from where the
+    # other started.
+    separation_m: float = 0.0
 
     __getstate__ = given_alone
 
@@ -170,7 +175,8 @@ class RoundProblem:
     @cached_property
     def unlimited(self) -> Self:
         """The problem without areas, limits and devices that have to get ready."""
-        return replace(self.with_own(limits=None), airspace=OPEN, ready_in_s=None)
+        free = self.with_own(limits=None)
+        return replace(free, airspace=OPEN, ready_in_s=None, separation_m=0.0)
 
     @cached_property
     def as_judged(self) -> Round:
@@ -288,11 +294,13 @@ class PlannedPath:
     # Height above home in metres, chosen within the problem's limits; None: those name one.
     altitude_m: float | None = None
     foreseen: Foreseen | None = None  # what its flight takes, where time or energy is limited
+    wait_s: float = 0.0  # seconds of hover at the start, before it leaves
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "waypoints_m", as_waypoints(self.waypoints_m))
         if self.altitude_m is not None:
             _must_be_number("altitude_m", self.altitude_m)
+        _must_be_number("wait_s", self.wait_s)
 
     @cached_property
     def route_m(self) -> Floats:
@@ -332,6 +340,7 @@ class RoundPlan:
     upper_bound: float = field(default=float("nan"))  # NaN where the method proves none
     nodes: int = 0  # of a search, for people
     ended: str = ""  # why less is proven than was asked for; empty where the gap is met
+    mended: str = ""  # how aircraft that came too near to each other were parted, and at what cost
 
     def __new__(cls, *_: object, **given: object) -> Self:
         _refuse_old_form(given, PlannedPath, "paths", "of a plan, plan.with_own({}=...) changes it")
@@ -433,7 +442,8 @@ class RoundPlan:
     @property
     def as_candidate(self) -> CandidatePlan:
         """Plan of one aircraft as the `CandidatePlan` tuple that the C library takes."""
-        return CandidatePlan(self.route_m, self.stops_at, self.schedule[0], self.value)
+        wait_s = self.path.wait_s
+        return CandidatePlan(self.route_m, self.stops_at, self.schedule[0], self.value, wait_s)
 
 
 def _must_be_number(name: str, value: object) -> None:

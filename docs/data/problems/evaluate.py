@@ -8,15 +8,16 @@ Needs Python 3.11 and numpy, nothing else. PLANS.json has an object for each pro
      "altitude_m": 60.0}
 
 N waypoints, the first at the start; N rows of K zeros and ones; `route` only where the way
-between waypoints has corners, `altitude_m` only where the problem leaves it open. Whatever else is
-there is not looked at. README.md has the rules. All of it is written anew from them, so that it
-checks the planner it came with as well.
+between waypoints has corners, `altitude_m` only where the problem leaves it open. Of several
+aircraft `{"vehicles": [...]}` has one such object for each, with `wait_s` where one hovers at its
+start before it leaves. Whatever else is there is not looked at. README.md has the rules. All of it
+is written anew from them, so that it checks the planner it came with as well.
 """
 
 import argparse
 import json
 import math
-from itertools import pairwise
+from itertools import combinations, pairwise
 from pathlib import Path
 
 import numpy as np
@@ -26,6 +27,7 @@ SETTLING_S, ASTRAY_M, SAME_PLACE_M, SAMPLE_S, SPILL = 0.3, 0.15, 0.5, 0.1, 0.2
 RADIUS_SHARES, NARROWEST_M, MOST_LOST = (1.0, 0.8, 0.6, 0.5, 0.4, 0.3, 0.2), 1.0, 0.01
 AHEAD_S, AHEAD_SHARE = 0.5, 0.02  # a flight may be ahead of its times by as much
 TOLERANCE_M, ROUNDING = 1e-3, 1.0 + 1e-9
+TRACK_S, APART_TOLERANCE_M, LAYER_M = 0.05, 0.02, 10.0
 # Watts of level flight at 0, 1, 2, ... m/s at sea level.
 POWER_W = (
     156.6, 155.7, 153.4, 149.8, 145.4, 140.6, 136.1, 132.5, 130.4, 130.0, 131.7, 135.2, 140.0,
@@ -112,7 +114,8 @@ def vertex_speeds(lengths, units, radius):
 
 
 def run(points, radius):
-    """A flight from rest to rest without a hover: when each point is passed, seconds, joules."""
+    """A flight from rest to rest without a hover: when each point is passed, seconds, joules, and
+    the pieces of its trajectory, of constant acceleration each."""
     apart, counts = [points[0]], [1]  # places, and how many points are passed with each
     for index, point in enumerate(points[1:], start=2):
         if math.dist(apart[-1], point) < 1e-3:
@@ -122,7 +125,8 @@ def run(points, radius):
             counts.append(index)
     if len(apart) == 1:
         passed = [0.0] + [SMOOTHING_S] * (len(points) - 1)
-        return passed, SMOOTHING_S + SETTLING_S, POWER_W[0] * (SMOOTHING_S + SETTLING_S)
+        rest = [(0.0, points[0], np.zeros(2), np.zeros(2))]
+        return passed, SMOOTHING_S + SETTLING_S, POWER_W[0] * (SMOOTHING_S + SETTLING_S), rest
     vertices = np.array(apart)
     legs = np.diff(vertices, axis=0)
     lengths = np.linalg.norm(legs, axis=1)
@@ -162,30 +166,34 @@ def run(points, radius):
         passed,
         passed[-1] + SETTLING_S,
         joules(pieces, now + SMOOTHING_S) + POWER_W[0] * SETTLING_S,
+        pieces,
     )
+
+
+def unsmoothed(pieces, t):
+    """Position and velocity (n, 2) at times (n,), before averaging."""
+    begin = np.array([piece[0] for piece in pieces])
+    p, v, a = (np.array([piece[k] for piece in pieces]) for k in (1, 2, 3))
+    at = np.maximum(np.searchsorted(begin, t, side="right") - 1, 0)
+    s = (t - begin[at])[:, None]
+    bent = np.where(s < 0.0, 0.0, a[at])
+    return p[at] + v[at] * s + bent * s * s / 2.0, v[at] + bent * s
 
 
 def joules(pieces, moving_s):
     """Of a trajectory whose velocity and acceleration are averaged over `SMOOTHING_S`."""
-    begin = np.array([piece[0] for piece in pieces])
-    p, v, a = (np.array([piece[k] for piece in pieces]) for k in (1, 2, 3))
     half = SMOOTHING_S / 2.0
     times, step = np.linspace(0.0, moving_s, math.ceil(moving_s / SAMPLE_S) + 1, retstep=True)
 
-    def unsmoothed(t):
-        at = np.maximum(np.searchsorted(begin, t, side="right") - 1, 0)
-        s = (t - begin[at])[:, None]
-        bent = np.where(s < 0.0, 0.0, a[at])
-        return p[at] + v[at] * s + bent * s * s / 2.0, v[at] + bent * s
-
-    before, after = unsmoothed(times - 2.0 * half), unsmoothed(times)
+    before, after = unsmoothed(pieces, times - 2.0 * half), unsmoothed(pieces, times)
     velocity, acceleration = ((y - x) / SMOOTHING_S for x, y in zip(before, after, strict=True))
     watts = power_w(np.linalg.norm(velocity, axis=1), np.linalg.norm(acceleration, axis=1))
     return float((watts.sum() - (watts[0] + watts[-1]) / 2.0) * step)
 
 
-def flight(points, hold_s, radius):
-    """When each stop (S, 2) is reached, seconds and joules of all, hovering (S,) seconds there."""
+def flight(points, hold_s, radius, track=None):
+    """When each stop (S, 2) is reached, seconds and joules of all, hovering (S,) seconds there.
+    Into the list `track` go the runs: where and when each begins, and its trajectory."""
     arrived, now, energy, first, final = [0.0], 0.0, 0.0, 0, len(points) - 1
     for last in range(final + 1):
         if not (hold_s[last] > 0.0 or last == final > 0):
@@ -193,7 +201,9 @@ def flight(points, hold_s, radius):
         way = points[first : last + 1]
         if first == last:  # a hover where it is begins with finding the place
             way = points[[0, 0]] + [[0.0, 0.0], [ASTRAY_M, 0.0]]
-        passed, moved_s, used_j = run(way, radius)
+        passed, moved_s, used_j, pieces = run(way, radius)
+        if track is not None:
+            track.append((now, pieces))
         arrived += [now + at for at in passed[1 : last - first + 1]]
         now += moved_s + hold_s[last]
         energy += used_j + POWER_W[0] * hold_s[last]
@@ -201,7 +211,7 @@ def flight(points, hold_s, radius):
     return arrived, now, energy
 
 
-def stops(problem, route, at, schedule):
+def stops(problem, route, at, schedule, wait_s=0.0):
     """Places, seconds of hover, and of each step its stop and when it begins after the arrival."""
     upload = np.array(problem.get("upload_s") or [0.0] * len(problem["devices"]))
     busy = schedule @ upload
@@ -220,7 +230,22 @@ def stops(problem, route, at, schedule):
             begins[step], stop_of[step] = free, stop
             free += busy[step]
         hold_s.append(free)
+    hold_s[0] = max(hold_s[0], wait_s)
     return route[[index for index, _ in groups]], hold_s, stop_of, begins
+
+
+def places(track, times):
+    """(n, 2) where a flight of such runs is at times (n,): averaged over `SMOOTHING_S`."""
+    begun = np.array([begin for begin, _ in track])
+    of = np.maximum(np.searchsorted(begun, times, side="right") - 1, 0)
+    shares, weights = np.polynomial.legendre.leggauss(12)
+    found = np.zeros((len(times), 2))
+    for number, (begin, pieces) in enumerate(track):
+        mine = of == number
+        for share, weight in zip(shares, weights, strict=True):
+            t = times[mine] - begin - SMOOTHING_S * (1.0 - share) / 2.0
+            found[mine] += weight / 2.0 * unsmoothed(pieces, t)[0]
+    return found
 
 
 def cut_corners(route, radius):
@@ -279,7 +304,66 @@ def check_areas(problem, route):
 
 
 def evaluate(problem, plan):
-    """Objective, seconds and joules of a plan. Raises BrokenRuleError."""
+    """Objective, seconds and joules of a plan; of several aircraft those of all, the longest, those
+    of all. Raises BrokenRuleError."""
+    vehicles = problem.get("vehicles")
+    if vehicles is None:
+        return alone(problem, plan)
+    if len(plan["vehicles"]) != len(vehicles):
+        raise BrokenRuleError(f"{len(plan['vehicles'])} vehicles, there are {len(vehicles)}")
+    apart_m = problem.get("separation_m", 0.0)
+    layers = apart_m and not problem.get("areas")
+    spare_m = (len(vehicles) - 1) / 2.0 * max(LAYER_M, apart_m) if layers else 0.0
+    found, tracks = [], []
+    for number, (vehicle, own) in enumerate(zip(vehicles, plan["vehicles"], strict=True)):
+        one = {name: value for name, value in problem.items() if name != "vehicles"} | vehicle
+        if "altitude_m" in vehicle:
+            one["channel"] = problem["channel"] | {"altitude_m": vehicle["altitude_m"]}
+            one.pop("altitudes_m", None)
+        track = []
+        try:
+            found.append(alone(one, own, spare_m, track))
+        except BrokenRuleError as broken:
+            raise BrokenRuleError(f"vehicle {number}: {broken}") from None
+        height_m = float(own.get("altitude_m", one["channel"]["altitude_m"]))
+        tracks.append((track, height_m))
+    if sum(np.array(own["schedule"]).sum(axis=0) for own in plan["vehicles"]).max(initial=0) > 1:
+        raise BrokenRuleError("a device sends to two vehicles")
+    value, seconds, used_j = np.array(found).T
+    if apart_m:
+        check_apart(tracks, seconds.max(), apart_m)
+    return float(value.sum()), float(seconds.max()), float(used_j.sum())
+
+
+def check_apart(tracks, longest_s, apart_m):
+    """That each pair keeps its distance from when it has first had it, or one of them has gone so
+    far from where the other started."""
+    times = np.arange(0.0, longest_s + 2.0 * TRACK_S, TRACK_S)
+    where = [
+        np.column_stack((places(track, times), np.full(len(times), height_m)))
+        for track, height_m in tracks
+    ]
+    for first, second in combinations(range(len(where)), 2):
+        a, b = where[first], where[second]
+        far = [np.linalg.norm(way, axis=1) for way in (b - a, a - b[0], b - a[0])]
+        gone = np.flatnonzero(np.max(far, axis=0) >= apart_m)
+        if not len(gone):
+            continue
+        away = (b - a)[gone[0] :]
+        here, way = away[:-1], np.diff(away, axis=0)
+        share = -(here * way).sum(axis=1) / np.maximum((way**2).sum(axis=1), 1e-12)
+        near = np.linalg.norm(here + np.clip(share, 0.0, 1.0)[:, None] * way, axis=1)
+        if near.min(initial=math.inf) < apart_m - APART_TOLERANCE_M:
+            at_s = times[gone[0] + near.argmin()]
+            raise BrokenRuleError(
+                f"vehicles {first} and {second} are {near.min():.2f} m apart at {at_s:.1f} s, "
+                f"{apart_m:g} must be"
+            )
+
+
+def alone(problem, plan, spare_m=0.0, track=None):
+    """The same for one aircraft, which may be up to `spare_m` above or below its altitude; where
+    it is goes into the list `track`."""
     waypoints, schedule = (
         np.array(plan["waypoints"], dtype=float),
         np.array(plan["schedule"], dtype=float),
@@ -301,6 +385,10 @@ def evaluate(problem, plan):
         height_m, (low, high) = float(plan["altitude_m"]), problem["altitudes_m"]
         if not low <= height_m <= high:
             raise BrokenRuleError(f"an altitude of {height_m:g} m")
+    elif spare_m and "altitude_m" in plan:
+        fixed_m, height_m = height_m, float(plan["altitude_m"])
+        if not (abs(height_m - fixed_m) <= spare_m and height_m > 0.0):
+            raise BrokenRuleError(f"an altitude of {height_m:g} m")
     route = np.array(plan.get("route") or plan["waypoints"], dtype=float)
     at, index = [], 0  # which points of the route are the waypoints
     for waypoint in waypoints:
@@ -314,7 +402,10 @@ def evaluate(problem, plan):
     if length_m > problem["path_budget_m"] + TOLERANCE_M:
         raise BrokenRuleError(f"{length_m:.3f} m, {problem['path_budget_m']:g} are allowed")
     check_areas(problem, route)
-    points, hold_s, stop_of, begins = stops(problem, route, at, schedule)
+    wait_s = float(plan.get("wait_s", 0.0))
+    if not 0.0 <= wait_s < math.inf:
+        raise BrokenRuleError(f"a wait of {wait_s} s")
+    points, hold_s, stop_of, begins = stops(problem, route, at, schedule, wait_s)
     in_turn = schedule
     if "ready_in_s" in problem:
         arrived, _, _ = flight(points, hold_s, RADIUS_M)
@@ -323,7 +414,7 @@ def evaluate(problem, plan):
         in_turn = schedule * (begin_s[:, None] >= np.array(problem["ready_in_s"])[None, :])
     value = worth(problem, height_m, waypoints, in_turn)
     radius = radius_of(problem, height_m, route, at, schedule, value)
-    _, duration_s, energy_j = flight(points, hold_s, radius)
+    _, duration_s, energy_j = flight(points, hold_s, radius, track)
     for name, taken in (("deadline_s", duration_s), ("energy_j", energy_j)):
         if taken > problem.get(name, math.inf) * ROUNDING:
             raise BrokenRuleError(f"{name}: takes {taken:.3f}, {problem[name]:g} are allowed")

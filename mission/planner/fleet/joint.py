@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mission.base.arrays import Floats, Ints
-from mission.planner.certified import Goal
+from mission.planner.certified import STARTS, Goal, tries
 from mission.planner.fleet.parts import Parts, improved_in_turn, part_along
 from mission.planner.fleet.prices import columns_of, search_prices
 from mission.planner.fleet.starts import partitions
@@ -112,17 +112,19 @@ def _varied(alone: Sequence[RoundProblem], team: Team, plans: list[Found]) -> Fo
     return max([*made, plans[0]], key=lambda plan: plan.value)
 
 
-def _way(team: Team, aircraft: int, taken: Floats) -> Floats:
-    """Return a path (N, 2) of one aircraft where others bring `taken` (K,) already."""
+def _way(team: Team, aircraft: int, taken: Floats, *, longer: bool = False) -> Floats:
+    """Return a path (N, 2) of one aircraft where others bring `taken` (K,) already; looked for
+    `longer`, as where there is no other aircraft."""
     case = team.cases[aircraft]
     devices = replace(case.devices, price=np.ascontiguousarray(taken))
-    return explore(devices, case.limits, starts=_STARTS, tries=_TRIES)[1]
+    starts, attempts = (STARTS, tries(len(taken))) if longer else (_STARTS, _TRIES)
+    return explore(devices, case.limits, starts=starts, tries=attempts)[1]
 
 
 def _one_after_another(team: Team, order: Sequence[int]) -> Found:
     plan = team.plan_along(np.zeros((len(team.cases), team.cases[0].limits.steps, 2)))
     for a in order:
-        plan = _again(team, plan, a)
+        plan = _again(team, plan, a, longer=True)
     return plan
 
 
@@ -133,8 +135,8 @@ def _each_again(team: Team, plan: Found) -> Found:
     return plan
 
 
-def _again(team: Team, plan: Found, aircraft: int) -> Found:
+def _again(team: Team, plan: Found, aircraft: int, *, longer: bool = False) -> Found:
     """Return the plan with another path of one aircraft, for what the others leave to it."""
     ways, left = plan.way.copy(), np.delete(team.brought(plan), aircraft, axis=0)
-    ways[aircraft] = _way(team, aircraft, left.max(axis=0, initial=0.0))
+    ways[aircraft] = _way(team, aircraft, left.max(axis=0, initial=0.0), longer=longer)
     return team.plan_along(ways)

@@ -9,9 +9,10 @@ import numpy as np
 from mission.planner.certified import Goal, in_usual_size
 from mission.planner.evaluate import bounded, check_problem, success_bounds
 from mission.planner.fleet.joint import Joint, first_plans, parts_along, plan_jointly
-from mission.planner.fleet.parts import Parts, brought, part_along, total
+from mission.planner.fleet.mending import kept_apart
+from mission.planner.fleet.parts import Parts, brought, improved_in_turn, part_along, total
 from mission.planner.fleet.prices import CALL_NODES, SLACK, bound_at
-from mission.planner.fleet.team import team_of
+from mission.planner.fleet.team import LEAST_M, team_of
 from mission.planner.fleet.within import completed, drawn_plans, planned_within, shared_out
 from mission.planner.flyable import foresee_round
 from mission.planner.limited import near_of, servable
@@ -20,6 +21,7 @@ from mission.planner.problem import Planner, RoundPlan, RoundProblem, relative_g
 from mission.planner.timed import cases_of, timed_bound
 
 _HEIGHTS = 5  # altitudes at which first plans are compared
+_LAST_CHANGES = 4000  # at random, of a plan that is close enough to its bound
 _GAIN = 1e-6  # of the value: a plan that falls short of the ideal by less fits
 SUMMED = (
     "its bound sums prices of devices and bounds of each aircraft alone, which leave out part of "
@@ -32,10 +34,12 @@ class FleetPlanner:
     """Planner that plans for several aircraft jointly, and hands rounds of one to `inner`.
 
     With a goal it proves a bound; without one, shares of first plans are planned by `inner`.
+    `sharing`, which proves little, plans them in its place where there is a goal.
     """
 
     inner: Planner
     goal: Goal | None = None
+    sharing: Planner | None = None
 
     def plan(self, problem: RoundProblem) -> RoundPlan:
         """Plan one round.
@@ -49,6 +53,13 @@ class FleetPlanner:
         check_problem(problem)
         if (plan := in_usual_size(self, problem)) is not None:
             return plan
+        made = self._planned(problem)
+        if not problem.separation_m:
+            return made
+        return kept_apart(problem, _alone(problem), made, self._planned)
+
+    def _planned(self, problem: RoundProblem) -> RoundPlan:
+        """Plan for several aircraft, however near they come to each other."""
         alone = _alone(problem)
         moving = problem.steps > 1 and any(each.most_m > 0.0 for each in alone)
         if not moving or not alone[0].importance.any():
@@ -59,6 +70,8 @@ class FleetPlanner:
             bound, nodes, ended = math.nan, 0, ""
         else:
             parts, bound, nodes, ended = self._proven(alone, self.goal)
+            if total(parts) < bound:
+                parts = improved_in_turn(alone, parts, _LAST_CHANGES)
         parts = [
             part if each.limits is None else part.with_own(foreseen=foresee_round(each, part))
             for each, part in zip(alone, parts, strict=True)
@@ -71,7 +84,9 @@ class FleetPlanner:
         """Return a plan, its bound, nodes looked into, and why no more is proven."""
         free = _free(alone)
         chosen = any(each.altitudes_m for each in alone)
-        ideal = not chosen and all(each.airspace.is_open and each.limits is None for each in alone)
+        timed = any(each.limits and each.limits.each for each in alone)
+        timed = timed or alone[0].ready_in_s is not None
+        ideal = alone[0].airspace.is_open and not chosen and not timed
         joint = plan_jointly(free, goal, prices_wanted=not ideal)
         parts, found = parts_along(alone, joint.found), joint.found
         if ideal and joint.team.searchable and parts is not None:
@@ -85,7 +100,8 @@ class FleetPlanner:
         enough, nodes = bound * (1.0 - goal.gap), found.nodes
         if chosen or parts is None or total(parts) < found.value * (1.0 - _GAIN):
             begun = [] if parts is None else [parts]
-            parts = planned_within(alone, free, begun, inner=self.inner, enough=enough)
+            inner = self.sharing or self.inner
+            parts = planned_within(alone, free, begun, inner=inner, enough=enough)
         if joint.prices is not None and total(parts) < enough:
             summed, more = _summed(alone, joint, parts, goal)
             bound, nodes = min(bound, summed), nodes + more
@@ -160,7 +176,8 @@ def _summed(
     scale = joint.found.value / len(alone)
     begun = Goal(0.0, CALL_NODES, SLACK * goal.gap * scale, scale)
     for a, each in enumerate(alone):
-        own, more = bound_at(cases_of(each.unlimited), joint.prices, joint.found.way[a], begun)
+        moving = each.with_own(path_budget_m=max(each.path_budget_m, LEAST_M)).unlimited
+        own, more = bound_at(cases_of(moving), joint.prices, joint.found.way[a], begun)
         # delta f - price <= (delta - price) f, as f <= 1
         left = np.maximum(0.0, each.importance - prices)
         share = np.divide(left, each.importance, out=np.zeros(len(left)), where=worth)

@@ -113,15 +113,27 @@ def packed_parts(alone: Sequence[RoundProblem], seen: list[Parts]) -> Parts:
 
 
 def drawn_plans(alone: Sequence[RoundProblem], free: Sequence[RoundProblem]) -> Iterator[Parts]:
-    """Yield plans along paths for fewer and fewer metres, the best of each."""
+    """Yield plans along paths for fewer and fewer metres, the best of each; where there is a choice
+    of altitudes, the best at those of `free`."""
+    fixed = [
+        each if each.altitudes_m is None else each.at(one.channel.altitude_m)
+        for each, one in zip(alone, free, strict=True)
+    ]
     for share in _SHARES:
         team = team_of([each.with_own(path_budget_m=share * each.path_budget_m) for each in free])
         made = []
         for found in first_plans(team):
             turned = np.concatenate((found.way[:, :1], found.way[:, :0:-1]), axis=1)
             both = (found.way,) if alone[0].ready_in_s is None else (found.way, turned)
-            made += [parts for ways in both if (parts := parts_along(alone, found, ways))]
-        yield from (completed(alone, parts) for parts in best_of(made, _OF_EACH))
+            made += [parts for ways in both if (parts := parts_along(fixed, found, ways))]
+        for parts in best_of(made, _OF_EACH):
+            opened = [
+                part_along(each, part.waypoints_m, served(part))
+                if each.altitudes_m is not None
+                else part
+                for each, part in zip(alone, parts, strict=True)
+            ]
+            yield completed(alone, [part for part in opened if part is not None])
 
 
 def best_of(some: list[Parts], most: int) -> list[Parts]:

@@ -108,6 +108,7 @@ typedef struct {
     int64_t *at;             /* (N,) which of them are the waypoints, rising */
     uint8_t *schedule;       /* (N, K) who sends as each step is passed */
     double value;            /* what that earns */
+    double wait;             /* seconds of hover at the start, before it leaves */
 } CandidatePlan;
 
 /* What a flight takes; of a round that has none, stops alone. */
@@ -180,6 +181,9 @@ typedef struct {
     /* When each of `count` stops is reached, and what is counted of the flight (COUNTED,): 0, or -1. */
     int (*foresee)(const Flying *, int64_t count, const Point *stops, const double *hold,
                    double radius, double *arrived, double *counted);
+    /* Where such a flight is every `step` seconds from its start, into `at` (count,): 0, or -1. */
+    int (*follow)(const Flying *, int64_t stops, const Point *stop, const double *hold, double radius,
+                  double step, int64_t count, Point *at);
 
     /* Parts that are tested by themselves. */
 

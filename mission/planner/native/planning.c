@@ -1,6 +1,7 @@
 /* Planning, compiled once for every kind of processor, as LEVEL names it. */
 
 #include "levelled.h"
+#include "following.h"
 #include "joint.h"
 #include "space.h"
 #include "variation.h"
@@ -257,18 +258,38 @@ static int judge(const Round *round, const CandidatePlan *given, Evaluation *eva
     return 0;
 }
 
+/* A desk with a flight's stops; 0 where memory is short. */
+static int open_way(Desk *desk, Arena *arena, int64_t count, const Point *stops, const double *hold)
+{
+    const Round round = {.steps = 1, .per_step = 1};
+    if (!open_desk(desk, arena, &round, count)) return 0;
+    desk->stops = count;
+    for (int64_t i = 0; i < count; i++) desk->at[i] = (Stop){.p = stops[i], .hold = hold[i]};
+    return 1;
+}
+
 static int foresee(
     const Flying *flying, int64_t count, const Point *stops, const double *hold, double radius,
     double *arrived, double *counted)
 {
-    const Round round = {.steps = 1, .per_step = 1};
     Arena arena;
     Desk desk;
-    if (!open_desk(&desk, &arena, &round, count)) return -1;
-    desk.stops = count;
-    for (int64_t i = 0; i < count; i++) desk.at[i] = (Stop){.p = stops[i], .hold = hold[i]};
+    if (!open_way(&desk, &arena, count, stops, hold)) return -1;
     count_flight(flying, radius, 1, counted, &desk);
     for (int64_t i = 0; i < count; i++) arrived[i] = desk.at[i].arrived;
+    release(&arena);
+    return 0;
+}
+
+static int follow(
+    const Flying *flying, int64_t stops, const Point *stop, const double *hold, double radius,
+    double step, int64_t count, Point *at)
+{
+    Arena arena;
+    Desk desk;
+    if (!open_way(&desk, &arena, stops, stop, hold)) return -1;
+    fly_stops(flying, radius, NULL, &desk);
+    follow_stops(flying, radius, step, count, at, &desk);
     release(&arena);
     return 0;
 }
@@ -277,5 +298,5 @@ const Planner NAMED(planner) = {
     .explore = explore, .search_orders = search_orders, .search_places = search_places,
     .polish = polish_near, .polish_all = polish_all, .search_crews = search_crews,
     .assign = assign, .fit = fit, .vary = vary, .leave_out = leave_out, .judge = judge,
-    .foresee = foresee, .match = match_devices, .order_bound = order_bound,
+    .foresee = foresee, .follow = follow, .match = match_devices, .order_bound = order_bound,
     .square_bound = square_bound, .conjugate = conjugate};

@@ -30,12 +30,14 @@ def flying(limits: Sequence[tuple[float, Sequence[float]]] = (), **values: Any) 
 
 
 class CandidatePlan(NamedTuple):
-    """A plan: its route (P, 2), which points of it are the waypoints (N,), the schedule (N, K)."""
+    """A plan: its route (P, 2), which points of it are the waypoints (N,), the schedule (N, K), and
+    seconds of hover before it leaves."""
 
     route: Floats
     at: Ints
     schedule: Bools
     value: float
+    wait_s: float = 0.0
 
 
 class Evaluation(NamedTuple):
@@ -106,11 +108,17 @@ class Round:
         self.at = ctypes.addressof(self._round)
 
     def fitted(
-        self, waypoints_m: Floats, metres: float, *, above: float, limited: bool
+        self,
+        waypoints_m: Floats,
+        metres: float,
+        *,
+        above: float,
+        limited: bool,
+        wait_s: float = 0.0,
     ) -> CandidatePlan | None:
-        """Return the plan along waypoints (N, 2), shortened to `metres` and, if `limited`, to the
-        limits; None where it is worth no more than `above`, or where a few cuts find no length
-        that fits.
+        """Return the plan along waypoints (N, 2) after a hover of `wait_s` at the first, shortened
+        to `metres` and, if `limited`, to the limits; None where it is worth no more than `above`,
+        or where a few cuts find no length that fits.
 
         Raises:
             MemoryError: there is too little memory.
@@ -118,7 +126,7 @@ class Round:
         steps = self._size[0]
         waypoints_m = np.ascontiguousarray(waypoints_m, dtype=np.float64)
         plan = self._with_room(
-            np.zeros((0, 2)), np.zeros(steps, np.int64), np.zeros(self._size, np.bool_), 0.0
+            np.zeros((0, 2)), np.zeros(steps, np.int64), np.zeros(self._size, np.bool_), 0.0, wait_s
         )
         given = self._as_c(plan)
         fits = PLANNER.fit(
@@ -150,10 +158,12 @@ class Round:
         enough_memory(PLANNER.vary(self.at, at, metres, changes, tolerance, seed, limited))
         return self._made(other, given)
 
-    def _with_room(self, route: Floats, at: Ints, schedule: Bools, value: float) -> CandidatePlan:
+    def _with_room(
+        self, route: Floats, at: Ints, schedule: Bools, value: float, wait_s: float
+    ) -> CandidatePlan:
         longest = np.empty((self._room, 2))
         longest[: len(route)] = route
-        return CandidatePlan(longest, at.copy(), schedule.copy(), value)
+        return CandidatePlan(longest, at.copy(), schedule.copy(), value, wait_s)
 
     def serving_fewer(self, plan: CandidatePlan) -> CandidatePlan:
         """Return the plan without devices for whose upload the limits leave no time or energy.
@@ -188,6 +198,7 @@ class Round:
             at=address(plan.at, np.int64, self._size[:1]),
             schedule=address(plan.schedule, np.bool_, self._size),
             value=plan.value,
+            wait=plan.wait_s,
         )
 
     def _made(self, plan: CandidatePlan, given: Structure) -> CandidatePlan:
@@ -215,3 +226,30 @@ def foresee(
         counted.ctypes.data,
     ))  # fmt: skip
     return arrived_s, counted
+
+
+def follow(
+    flying: Structure,
+    stops_m: Floats,
+    hold_s: Sequence[float],
+    radius_m: float,
+    *,
+    step_s: float,
+    count: int,
+) -> Floats:
+    """Return where a flight through stops (S, 2) is (count, 2), every `step_s` from its start;
+    where it ends it stays.
+
+    Raises:
+        ValueError: there is no stop, or not a hover for each.
+        MemoryError: there is too little memory.
+    """
+    stops = np.ascontiguousarray(stops_m, dtype=np.float64)
+    holds, at = np.array(hold_s, dtype=np.float64), np.empty((count, POINT))
+    if not len(stops):
+        raise ValueError("a flight has at least one stop")
+    enough_memory(PLANNER.follow(
+        ctypes.addressof(flying), len(stops), address(stops, np.float64, (len(stops), POINT)),
+        address(holds, np.float64, (len(stops),)), radius_m, step_s, count, at.ctypes.data,
+    ))  # fmt: skip
+    return at

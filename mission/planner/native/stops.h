@@ -14,6 +14,7 @@ enum { RUNS = 256, SHORT_RUN = 12 }; /* flights that are remembered, of so many 
 typedef struct {
     Point p;
     double hold, arrived; /* seconds of hover there, and when it is reached */
+    double left;          /* when what follows a hover there begins */
     int64_t steps;        /* that are served there */
 } Stop;
 
@@ -119,6 +120,7 @@ static void gather_stops(const Round *round, const CandidatePlan *plan, Desk *de
             if (plan->schedule[n * round->devices + k]) free += round->upload[k];
         desk->at[s].hold = most(hover, free);
     }
+    desk->at[0].hold = most(desk->at[0].hold, plan->wait);
 }
 
 /* Where a run is remembered. */
@@ -142,6 +144,21 @@ static int is_run(const Run *run, const Stop *stop, int64_t count, double radius
     return 1;
 }
 
+/* The path through stops of a run; of one stop, from where it holds to where it believes to be. */
+static PathProfile *path_through(
+    const Flying *flying, double radius, const Stop *stop, int64_t count, Desk *desk)
+{
+    PathProfile *path = &desk->run;
+    path->count = count > 1 ? count : 2;
+    for (int64_t i = 0; i < path->count; i++) {
+        path->points[i][0] = i < count ? stop[i].p.x : stop[0].p.x + ASTRAY_M;
+        path->points[i][1] = i < count ? stop[i].p.y : stop[0].p.y;
+        path->speeds[i] = flying->speed;
+        path->acceptance[i] = radius;
+    }
+    return path;
+}
+
 /* The seconds, and the joules if they are wanted, of guided flight through stops from rest to rest, and
    when each is passed: most changes of a way leave most of such runs as they were. */
 static double fly_run(
@@ -153,14 +170,7 @@ static double fly_run(
         if (joules) *joules = run->joules;
         return run->seconds;
     }
-    PathProfile *path = &desk->run;
-    path->count = count > 1 ? count : 2;
-    for (int64_t i = 0; i < path->count; i++) {
-        path->points[i][0] = i < count ? stop[i].p.x : stop[0].p.x + ASTRAY_M;
-        path->points[i][1] = i < count ? stop[i].p.y : stop[0].p.y;
-        path->speeds[i] = flying->speed;
-        path->acceptance[i] = radius;
-    }
+    PathProfile *path = path_through(flying, radius, stop, count, desk);
     const double seconds = foresee_path(
         path, &flying->steering, joules ? &flying->air : NULL, desk->passed, joules);
     if (!run) return seconds;
@@ -203,6 +213,7 @@ static double fly_stops(const Flying *flying, double radius, double *joules, Des
         }
         for (int64_t i = 1; i < count; i++) desk->at[first + i].arrived = now + desk->passed[i];
         now += moving + hover;
+        desk->at[last].left = now;
         energy += moved + hover_w * hover;
         first = last;
     }

@@ -96,7 +96,7 @@ static int vary(
     int64_t *worth, count = 0;
     double *ways, *begins, value = plan->value;
     Point *now, *way;
-    CandidatePlan other;
+    CandidatePlan other = {.wait = plan->wait};
     Desk desk;
     Arena arena = {0};
     for (int pass = 0; pass < 2; pass++) {

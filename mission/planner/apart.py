@@ -1,0 +1,124 @@
+"""How near the aircraft of a round come to each other, as their flights are foreseen."""
+
+import math
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+
+from mission.base.arrays import Floats
+from mission.planner.flyable import acceptance_radius, foresee_round, stops_of
+from mission.planner.problem import RoundPlan, RoundProblem
+
+# Between instants, ways are taken for straight: at 10 m/s2 of two that turn, 3 mm.
+STEP_S = 0.05
+TOLERANCE_M = 0.01
+LAYER_M = 10.0  # between altitudes of aircraft that are parted by height, at least
+
+
+@dataclass(frozen=True)
+class Nearest:
+    """Where two aircraft of a round are nearest to each other, as foreseen."""
+
+    pair: tuple[int, int]
+    away_m: float
+    t_s: float  # into the round
+
+    @property
+    def words(self) -> str:
+        """For people."""
+        first, second = self.pair
+        return (
+            f"aircraft {first} and {second} come within {self.away_m:.1f} m of each other at "
+            f"{self.t_s:.1f} s"
+        )
+
+
+def height_of(problem: RoundProblem, plan: RoundPlan) -> float:
+    """Height above home of one aircraft's plan, in metres."""
+    return problem.channel.altitude_m if plan.altitude_m is None else plan.altitude_m
+
+
+def flown(problem: RoundProblem, plan: RoundPlan, count: int, *, hold_s: float = 0.0) -> Floats:
+    """Return where one aircraft is (count, 3) every `STEP_S` from the round's start, as foreseen;
+    needs limits; `hold_s` as in `stops_of`."""
+    assert problem.limits is not None
+    performance = problem.limits.performance
+    stops = stops_of(plan, hold_s=hold_s, upload_s=problem.upload_s)
+    at_m = performance.follow(
+        np.array([stop.xy_m for stop in stops]),
+        [stop.hold_s for stop in stops],
+        acceptance_radius(problem, plan, performance.widest_m),
+        step_s=STEP_S,
+        count=count,
+    )
+    return np.column_stack((at_m, np.full(count, height_of(problem, plan))))
+
+
+def tracks_of(problem: RoundProblem, plan: RoundPlan, *, hold_s: float = 0.0) -> list[Floats]:
+    """Return where each aircraft is (T, 3), every `STEP_S` until the last has finished."""
+    each = [(problem.alone(a), plan.alone(a)) for a in range(len(problem.starts))]
+    longest_s = max(foresee_round(*one, hold_s=hold_s).duration_s for one in each)
+    count = math.ceil(longest_s / STEP_S) + 2
+    return [flown(*one, count, hold_s=hold_s) for one in each]
+
+
+def nearest_of(first: Floats, second: Floats, apart_m: float) -> tuple[float, float]:
+    """Return how near two aircraft on tracks (T, 3) come, in metres, and when, in seconds.
+
+    A pair that starts nearer than `apart_m` counts from when it is so far apart, or one of them so
+    far from where the other started; infinity where it never is.
+    """
+    count = max(len(first), len(second))  # the one that has finished stays where it is
+    first, second = (
+        np.concatenate((track, np.repeat(track[-1:], count - len(track), axis=0)))
+        for track in (first, second)
+    )
+    away = second - first
+    far = [np.linalg.norm(way, axis=1) for way in (away, first - second[0], second - first[0])]
+    gone = np.max(far, axis=0) >= apart_m
+    if not gone.any():
+        return math.inf, 0.0
+    begin = int(gone.argmax())
+    here, way = away[begin:-1], np.diff(away[begin:], axis=0)
+    square = np.maximum((way**2).sum(axis=1), 1e-12)
+    share = np.clip(-(here * way).sum(axis=1) / square, 0.0, 1.0)
+    distance = np.linalg.norm(here + share[:, None] * way, axis=1)
+    at = int(distance.argmin()) if len(distance) else 0
+    if not len(distance):
+        return math.inf, 0.0
+    return float(distance[at]), (begin + at + float(share[at])) * STEP_S
+
+
+def nearest(problem: RoundProblem, plan: RoundPlan, *, hold_s: float = 0.0) -> Nearest | None:
+    """Return where aircraft of a plan are nearest to each other; None where no pair counts."""
+    tracks = tracks_of(problem, plan, hold_s=hold_s)
+    found = [
+        Nearest((a, b), *nearest_of(tracks[a], tracks[b], problem.separation_m))
+        for a, b in combinations(range(len(tracks)), 2)
+    ]
+    counted = [one for one in found if one.away_m < math.inf]
+    return min(counted, key=lambda one: one.away_m, default=None)
+
+
+def too_near(problem: RoundProblem, plan: RoundPlan, *, hold_s: float = 0.0) -> Nearest | None:
+    """Return where aircraft come too near to each other; None where they keep apart."""
+    if not problem.separation_m or len(problem.starts) < 2:
+        return None
+    found = nearest(problem, plan, hold_s=hold_s)
+    near = found is not None and found.away_m < problem.separation_m - TOLERANCE_M
+    return found if near else None
+
+
+def layer_m(problem: RoundProblem) -> float:
+    """Metres between altitudes of aircraft that are parted by height."""
+    return max(LAYER_M, problem.separation_m)
+
+
+def layered_by(problem: RoundProblem) -> float:
+    """By how many metres an aircraft may be put above or below its fixed altitude: not where areas
+    or what is believed of the radio may be others there."""
+    fixed = problem.per_grid is not None or not problem.airspace.is_open
+    if fixed or not problem.separation_m:
+        return 0.0
+    return (len(problem.starts) - 1) / 2.0 * layer_m(problem)

@@ -1,0 +1,184 @@
+"""Aircraft of a round keep apart at all times of their flights as foreseen."""
+
+import dataclasses
+import json
+import math
+import re
+from typing import Any
+
+import numpy as np
+import pytest
+
+from fl.radio.channel import CHANNEL_PRESETS
+from flightdyn.config import LimitsConfig
+from mission.planner.apart import STEP_S, nearest, nearest_of, too_near, tracks_of
+from mission.planner.check import check_plan
+from mission.planner.config import PlannerConfig
+from mission.planner.errors import InfeasiblePlanError, PlanInputError
+from mission.planner.evaluate import check_problem
+from mission.planner.factory import make_planner
+from mission.planner.files import NamedPlan, plans_as_json, problems_of
+from mission.planner.flyable import foresee_round, stops_of
+from mission.planner.limits import RoundLimits
+from mission.planner.performance import Performance
+from mission.planner.problem import PlannedPath, RoundPlan, RoundProblem, Start
+
+GUIDED, RIGID = Performance(20.0, 5.0, LimitsConfig()), Performance(20.0, 5.0, None)
+
+
+def drawn(seed: int, *, apart_m: float = 25.0, aircraft: int = 3, **own: Any) -> RoundProblem:
+    """Aircraft that start in a row in the middle."""
+    rng = np.random.default_rng(seed)
+    usual = {"path_budget_m": 400.0, "limits": RoundLimits(GUIDED)}
+    return RoundProblem(
+        devices_m=rng.uniform(0, 800, (12, 2)), importance=rng.uniform(0.2, 1.0, 12),
+        starts=tuple(
+            Start(np.array([400.0 + apart_m * a, 400.0]), **{**usual, **own})
+            for a in range(aircraft)
+        ),
+        steps=6, per_step=3, channel=CHANNEL_PRESETS["suburban+10dB"], separation_m=20.0,
+    )  # fmt: skip
+
+
+def planned(problem: RoundProblem) -> RoundPlan:
+    made = make_planner(PlannerConfig(gap=0.03)).plan(problem)
+    check_plan(problem, made)
+    return made
+
+
+def along(problem: RoundProblem, *ways: Any, **own: Any) -> RoundPlan:
+    """A plan along waypoints of each, which serves nobody."""
+    paths = tuple(PlannedPath(np.array(way, dtype=np.float64), **own) for way in ways)
+    empty = np.zeros((len(ways), problem.steps, len(problem.devices_m)), dtype=np.bool_)
+    return RoundPlan(paths, empty, 0.0)
+
+
+def crossing(performance: Performance = RIGID, **more: Any) -> RoundProblem:
+    """Two aircraft that start 200 m apart in either direction from a crossing."""
+    starts = [(-200.0, 0.0), (0.0, -200.0)]
+    usual = {
+        "devices_m": np.array([[0.0, 0.0]]), "importance": np.ones(1), "steps": 2, "per_step": 1,
+        "channel": CHANNEL_PRESETS["suburban"], "separation_m": 20.0,
+    }  # fmt: skip
+    own = tuple(Start(np.array(at), 500.0, RoundLimits(performance)) for at in starts)
+    return RoundProblem(**{**usual, "starts": own, **more})
+
+
+@pytest.mark.parametrize("behind_m", [0.0, 14.0, 40.0])
+def test_the_least_distance_is_that_of_closed_form(behind_m: float) -> None:
+    """At equal speeds across each other, one `behind_m` later: behind / sqrt(2)."""
+    problem = crossing()
+    begin, end = [0.0, -200.0 - behind_m], [0.0, 200.0 - behind_m]
+    starts = (problem.starts[0], dataclasses.replace(problem.starts[1], start_m=np.array(begin)))
+    problem = dataclasses.replace(problem, starts=starts)
+    plan = along(problem, [[-200, 0], [200, 0]], [begin, end])
+    found = nearest(problem, plan)
+    assert found is not None
+    assert found.away_m == pytest.approx(behind_m / math.sqrt(2.0), abs=1e-6)
+    assert found.t_s == pytest.approx((200.0 + behind_m / 2.0) / 20.0, abs=1e-6)
+    assert (too_near(problem, plan) is None) == (behind_m == 40.0)
+
+
+def test_a_wait_and_a_height_part_what_crosses() -> None:
+    problem = crossing(GUIDED)
+    plan = along(problem, [[-200, 0], [200, 0]], [[0, -200], [0, 200]])
+    with pytest.raises(InfeasiblePlanError, match=r"aircraft 0 and 1 come within 0\.\d m .* is 20"):
+        check_plan(problem, plan)
+    first, second = plan.paths
+    later = dataclasses.replace(second, wait_s=5.0)
+    higher = dataclasses.replace(second, altitude_m=70.0)
+    lower = dataclasses.replace(first, altitude_m=50.0)
+    for paths in ((first, later), (lower, higher)):
+        check_plan(problem, dataclasses.replace(plan, paths=paths))
+    assert too_near(problem, dataclasses.replace(plan, paths=(first, higher))) is not None
+    wrong = dataclasses.replace(plan, paths=(first, dataclasses.replace(second, altitude_m=71.0)))
+    with pytest.raises(InfeasiblePlanError, match="60 m, and layers up to 10 m from it"):
+        check_plan(problem, wrong)
+
+
+def test_tracks_are_at_the_stops_when_they_are_foreseen_to_be() -> None:
+    problem = dataclasses.replace(drawn(3), upload_s=np.full(12, 2.0))
+    made = planned(problem)
+    for a, track in enumerate(tracks_of(problem, made)):
+        one, part = problem.alone(a), made.alone(a)
+        flight, stops = foresee_round(one, part), stops_of(part, upload_s=problem.upload_s)
+        for at_s, stop in zip(flight.arrived_s, stops, strict=True):
+            away_m = np.hypot(*(track[round(at_s / STEP_S), :2] - stop.xy_m))
+            assert away_m <= (0.6 if stop.hold_s else 5.0)
+        assert np.hypot(*(track[-1, :2] - stops[-1].xy_m)) < 1e-9
+        speed = np.linalg.norm(np.diff(track[:, :2], axis=0), axis=1) / STEP_S
+        assert speed.max() <= 20.0 + 1e-6
+        assert np.abs(np.diff(speed)).max() <= 5.0 * STEP_S + 1e-6
+
+
+def test_a_shared_home_is_excused_until_it_is_left() -> None:
+    t = np.arange(0.0, 100.0)[:, None]
+    east, west = t * [1.0, 0.0, 0.0], t * [-1.0, 0.0, 0.0]
+    away_m, _ = nearest_of(east, west, 20.0)
+    assert away_m == pytest.approx(20.0)
+    beside = east + np.array([0.0, 5.0, 0.0])
+    away_m, at_s = nearest_of(east, beside, 20.0)
+    assert away_m == pytest.approx(5.0)
+    assert at_s == pytest.approx(20.0 * STEP_S, abs=STEP_S)
+    still = np.zeros((100, 3))
+    assert nearest_of(still, still, 20.0)[0] == math.inf
+    assert nearest_of(still, east, 20.0)[0] == pytest.approx(20.0)
+
+
+@pytest.mark.parametrize(
+    ("own", "words"),
+    [
+        ({"altitude_m": 60.0}, "paths are exchanged|flown at"),
+        ({"altitudes_m": (59.0, 61.0)}, "paths are exchanged|waits for|stays"),
+    ],
+)
+def test_conflicts_are_mended(own: dict[str, Any], words: str) -> None:
+    """Both aircraft leave towards the same two devices, side by side."""
+    problem = RoundProblem(
+        devices_m=np.array([[150.0, 0.0], [150.0, 12.0]]), importance=np.ones(2),
+        starts=tuple(
+            Start(np.array([0.0, y]), 160.0, RoundLimits(GUIDED), **own) for y in (0.0, 12.0)
+        ),
+        steps=2, per_step=1, channel=CHANNEL_PRESETS["suburban+10dB"], separation_m=20.0,
+    )  # fmt: skip
+    free = planned(dataclasses.replace(problem, separation_m=0.0))
+    assert too_near(problem, free) is not None
+    made = planned(problem)
+    assert re.search(words, made.mended), made.mended
+    assert re.search(r"come within \d+\.\d m of each other .* value changes by", made.mended)
+    assert made.value >= 0.4 * free.value
+
+
+def test_whom_no_wait_helps_stays() -> None:
+    """A start in the way of the other's only path, at one height alone."""
+    problem = RoundProblem(
+        devices_m=np.array([[100.0, 0.0], [0.0, 0.0]]), importance=np.ones(2),
+        starts=tuple(
+            Start(np.array([x, 0.0]), 300.0, RoundLimits(GUIDED), altitudes_m=(59.0, 61.0))
+            for x in (0.0, 40.0)
+        ),
+        steps=2, per_step=1, channel=CHANNEL_PRESETS["suburban+10dB"], separation_m=30.0,
+    )  # fmt: skip
+    made = planned(problem)
+    assert made.value > 1.0
+
+
+def test_separation_is_of_files_too() -> None:
+    entry = {
+        "id": "a", "devices": [[0, 0]], "importance": [1.0], "steps": 2, "per_step": 1,
+        "vehicles": [{"start": [-200, 0]}, {"start": [0, -200]}], "path_budget_m": 500,
+        "channel": dataclasses.asdict(CHANNEL_PRESETS["suburban"]), "separation_m": 20,
+    }  # fmt: skip
+    (named,) = problems_of([entry], "p")
+    assert named.problem.separation_m == 20.0
+    assert all(start.limits is not None for start in named.problem.starts)
+    plan = along(named.problem, [[-200, 0], [200, 0]], [[0, -200], [0, 200]], wait_s=5.0)
+    plan = dataclasses.replace(plan, mended="aircraft 0 and 1 ...")
+    made = json.loads(json.dumps(plans_as_json([NamedPlan("a", plan, 0.1)])))["a"]
+    assert made["mended"] == plan.mended
+    assert [each["wait_s"] for each in made["vehicles"]] == [5.0, 5.0]
+    with pytest.raises(PlanInputError, match=r"separation_m"):
+        problems_of([{**entry, "separation_m": -1}], "p")
+    starts = tuple(dataclasses.replace(start, limits=None) for start in named.problem.starts)
+    with pytest.raises(PlanInputError, match="separation_m needs limits of each"):
+        check_problem(dataclasses.replace(named.problem, starts=starts))
