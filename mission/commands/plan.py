@@ -57,6 +57,11 @@ def plan(
     from mission.scenario.strategies import FIXED_PATHS
 
     if problem is None:
+        if qgc is not None and len(resolved.aircraft) > 1:
+            raise InputError(
+                f"--qgc: a file has the mission of one aircraft, and there are "
+                f"{len(resolved.aircraft)} (vehicles); aerofed run writes plans/ with one for each"
+            )
         task = planning.first_round(resolved, data_dir)
     elif qgc is not None:
         raise InputError("--qgc: a problem file has no place on the globe; give a configuration")
@@ -76,6 +81,7 @@ def plan(
         out=out,
         figure_dir=figure,
         about=task.about,
+        aircraft=() if scenario is None else scenario.aircraft,
         communities=() if scenario is None else scenario.community_of,
         area=None if scenario is None else scenario.config.area,
     )

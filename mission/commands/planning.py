@@ -34,6 +34,7 @@ def plan_problems(
     out: Path | None = None,
     figure_dir: Path | None = None,
     about: str = "",
+    aircraft: Sequence[str] = (),
     communities: Sequence[str] = (),
     area: AreaConfig | None = None,
 ) -> tuple[Sequence[NamedPlan], PlanError | None]:
@@ -43,7 +44,7 @@ def plan_problems(
 
     A problem that cannot be planned costs none of the others' plans. Every plan is checked
     against its problem before anything is written. `about` says on the pictures whose they are,
-    `communities` colours their devices, and `area` is what they stand on.
+    `aircraft` names several, `communities` colours their devices, and `area` is what they stand on.
 
     Raises:
         InputError: the output cannot be written, or a picture is there already.
@@ -70,6 +71,7 @@ def plan_problems(
                 made.plan,
                 title=made.id,
                 about=about,
+                aircraft=aircraft,
                 communities=communities,
                 size_m=None if area is None else area.size_m,
                 no_fly=() if area is None else [zone.model_dump() for zone in area.no_fly],

@@ -19,6 +19,7 @@ from mission.figures.maps import overview, round_map, round_maps
 from mission.figures.radio import belief_picture, beliefs
 from mission.figures.render import engine, save_all, stacked
 from mission.figures.style import Chart
+from mission.figures.timetable import timetable
 from mission.figures.together import separation_chart, together_map
 from mission.figures.told import side_by_side_charts
 
@@ -48,7 +49,8 @@ def draw_run(folder: Path) -> tuple[Path, ...]:
 
 @debug_mode(False)
 def fleet_pictures(folder: Path) -> dict[str, Chart]:
-    """The pictures of a run of several aircraft: `map.png`, `apart.png` and `learning.png`."""
+    """The pictures of a run of several aircraft: `map.png`, `apart.png`, `timetable.png` and
+    `learning.png`."""
     found = load_several((folder,))
     pictures: dict[str, Chart] = {}
     if (world := found.world) is not None:
@@ -56,6 +58,7 @@ def fleet_pictures(folder: Path) -> dict[str, Chart]:
         limits = {} if apart_m is None else {next(iter(SEPARATIONS)): apart_m}
         pictures["map.png"] = together_map(world)
         pictures["apart.png"] = separation_chart(world, limits)
+        pictures["timetable.png"] = timetable(world)
     if found.flights and found.flights[0].run.data.rounds:
         run = found.flights[0].run
         charts = learning_charts(run.data)

@@ -27,6 +27,7 @@ from mission.figures.learning import learning_charts, radio_charts
 from mission.figures.maps import round_map
 from mission.figures.radio import beliefs, plan_errors
 from mission.figures.render import card
+from mission.figures.timetable import timetable
 from mission.figures.together import separation_chart, together_film, together_map
 from mission.figures.told import flight_map, health_charts, side_by_side_charts, told_charts
 from mission.log.values import NS_PER_S, FlightData
@@ -189,7 +190,7 @@ def together_html(world: Together, name: str) -> str:
         ],
         a_flight=True,
         flight_title="Who came how near to whom",
-        flight=[card(separation_chart(world, limits))],
+        flight=[card(separation_chart(world, limits)), card(timetable(world))],
         told=[card(chart) for chart in side_by_side_charts(flights)],
         tables=[
             ("All pairs", heads, rows, 1),

@@ -298,3 +298,17 @@ def test_no_problem_has_no_plan(tmp_path: Path, capsys: pytest.CaptureFixture[st
     none.write_text("[]")
     assert call(["plan", "--problem", str(none)]) == 0
     assert capsys.readouterr().out == f"no problems in {none}\n"
+
+
+def test_plans_of_several_aircraft_have_a_picture_and_no_single_mission(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = ["plan", "--set", "vehicles=2", "--set", "mission.steps=3"]
+    assert call([*words, "--figure", str(tmp_path / "pictures")]) == 0
+    assert (tmp_path / "pictures" / "000-round-1.png").stat().st_size > 10_000
+    capsys.readouterr()
+    assert call([*words, "--qgc", str(tmp_path / "a.plan")]) == 2
+    assert "--qgc: a file has the mission of one aircraft, and there are 2" in (
+        capsys.readouterr().err
+    )
+    assert not (tmp_path / "a.plan").exists()
