@@ -104,7 +104,9 @@ def _gains(rounds: pd.DataFrame) -> str:
 
 def _against(rounds: pd.DataFrame) -> str:
     """Joint plans against those made one after another."""
-    updates, value = _paired(rounds, "delivered"), _paired(rounds, "plan_objective")
+    updates = _paired(rounds, "delivered")
+    # Later importances are other ones: they depend on who was heard.
+    value = _paired(rounds[rounds["round"] == 1], "plan_objective")
     rows = []
     for homes in (SHARED, OWN):
         both = [(homes, EACH, 3, planned) for planned in (JOINT, IN_TURN)]
@@ -113,7 +115,7 @@ def _against(rounds: pd.DataFrame) -> str:
             *(mean_of(updates[cell]) for cell in both),
             mean_of(updates[both[0]] - updates[both[1]], sign="+"),
         ])  # fmt: skip
-    heads = ["homes", "value, jointly", "one after another", "updates, jointly",
+    heads = ["homes", "value of round 1, jointly", "one after another", "updates, jointly",
              "one after another", "difference"]  # fmt: skip
     return markdown(heads, rows)
 
@@ -136,7 +138,8 @@ def _apart(aircraft: pd.DataFrame) -> str:
 
 def tables(runs: Path, out: Path) -> None:
     """Write the page and the rows of what is done."""
-    rounds = pd.concat(pd.read_csv(each) for each in sorted(runs.glob("4*.csv")))
+    done = sorted(runs.glob("4*.csv"))
+    rounds = pd.concat((pd.read_csv(each) for each in done), ignore_index=True)
     flown = sorted(runs.glob("flown-*.csv"))
     gaps = (rounds["upper_bound"] - rounds["plan_objective"]) / rounds["upper_bound"]
     of = rounds[rounds["planned"] == JOINT].assign(gap=100.0 * gaps)["gap"]
