@@ -42,15 +42,21 @@ def pairs_of(outings: Sequence[Outing], *, leaving_m: float | None) -> list[Pair
 
 
 def planned_pairs(
-    outings: Sequence[Outing], *, leaving_m: float | None
+    outings: Sequence[Outing], *, leaving_m: float | None, off_s: float = 0.0
 ) -> list[tuple[tuple[str, str], Near]]:
-    """Measure each pair as planned, in outings that are ordered and not flown yet."""
+    """Measure each pair as planned, in outings that are ordered and not flown yet: the least of
+    both in time, and of one by `off_s` later than the other."""
     end_ns = max(round(one.foreseen.duration_s * NS_PER_S) for one in outings)
     tracks = [_planned(one, 0, end_ns) for one in outings]
-    return [
-        ((one.aircraft.name, other.aircraft.name), _near(its, others, leaving_m))
-        for (one, its), (other, others) in combinations(zip(outings, tracks, strict=True), 2)
-    ]
+    found = []
+    for (one, its), (other, others) in combinations(zip(outings, tracks, strict=True), 2):
+        late = [
+            replace(others, t_ns=others.t_ns + round(by_s * NS_PER_S))
+            for by_s in sorted({-off_s, 0.0, off_s})
+        ]
+        near = min((_near(its, each, leaving_m) for each in late), key=lambda near: near.away_m)
+        found.append(((one.aircraft.name, other.aircraft.name), near))
+    return found
 
 
 def row(one: Outing, whole: RoundRecord, pairs: Sequence[PairApart]) -> AircraftRecord:

@@ -27,7 +27,7 @@ from mission.run.checkpoint import RoundMemory
 from mission.run.course import ahead_of_all, is_better
 from mission.run.experiment import Experiment
 from mission.run.hearing import listened, served_in
-from mission.run.keeping_apart import MARGIN_M, kept_apart
+from mission.run.keeping_apart import MARGIN_M, OFF_S, kept_apart
 from mission.run.outing import Outing, outings_of, round_record, success
 from mission.scenario.limits import Amount
 from mission.scenario.strategies import Sortie, Strategy
@@ -234,6 +234,7 @@ class FlownExperiment(Experiment):
                 sortie,
                 partial(outings_of, self.scenario.fleet, fleet.aloft, problem),
                 least_m=mission.separation_m + flown * MARGIN_M,
+                off_s=flown * OFF_S,
                 leaves=self.totals.next_round == 1,
             )
         if said:

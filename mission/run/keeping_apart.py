@@ -21,9 +21,9 @@ from mission.run.apart import planned_pairs
 from mission.run.outing import Outing
 from mission.scenario.strategies import Sortie
 
-# What flying adds to a plan (errors of estimate, track and time), by which planned distances are
-# greater; nothing where nobody flies.
-MARGIN_M = 3.0
+# What flying adds to a plan: errors of estimate and track, by which planned distances are greater,
+# and by how much one may be later than another. Nothing where nobody flies.
+MARGIN_M, OFF_S = 3.0, 1.0
 _MOST_ORDERS = 4  # aircraft of which all orders are tried
 _LAYER_M = 10.0  # between layers at least
 
@@ -36,9 +36,11 @@ def kept_apart(
     ordered: Ordered,
     *,
     least_m: float,
+    off_s: float = 0.0,
     leaves: bool,
 ) -> tuple[Sortie, str]:
-    """Return the sortie with a plan in which pairs keep `least_m`, and words on what was changed.
+    """Return the sortie with a plan in which pairs keep `least_m`, also where one is by `off_s`
+    later than the other, and words on what was changed.
 
     `ordered` gives the outings of a sortie. Where the aircraft are to leave their homes, a pair
     counts from when it is so far apart.
@@ -48,7 +50,7 @@ def kept_apart(
         outings = ordered(replace(sortie, plan=plan))
         for one in outings:
             one.order()
-        pairs = planned_pairs(outings, leaving_m=least_m if leaves else None)
+        pairs = planned_pairs(outings, leaving_m=least_m if leaves else None, off_s=off_s)
         return min((near.away_m, " and ".join(names)) for names, near in pairs)
 
     plan = sortie.plan

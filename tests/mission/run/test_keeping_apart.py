@@ -43,14 +43,19 @@ def told(
 
 
 def mended(
-    problem: RoundProblem, sortie: Sortie, least_m: float, *, leaves: bool = False
+    problem: RoundProblem,
+    sortie: Sortie,
+    least_m: float,
+    *,
+    leaves: bool = False,
+    off_s: float = 0.0,
 ) -> tuple[RoundPlan, str, float]:
     """The plan, what is said of it, and how near the two come by it."""
     config = load_config(Path("quickstart"), {"vehicles": 2, "mission.flight": "none"})
     fleet = aircraft_of(config)
     flyers = {n: UnflownFlyer(one.area, one.config.mission, ()) for n, one in enumerate(fleet)}
     ordered = partial(outings_of, fleet, flyers, problem)
-    made, said = kept_apart(problem, sortie, ordered, least_m=least_m, leaves=leaves)
+    made, said = kept_apart(problem, sortie, ordered, least_m=least_m, leaves=leaves, off_s=off_s)
     outings: list[Outing] = ordered(made)
     for one in outings:
         one.order()
@@ -102,3 +107,11 @@ def test_what_nothing_mends_is_said() -> None:
     plan, said, _ = mended(problem, sortie, 600.0)
     assert plan is sortie.plan
     assert said.endswith("no exchange of paths and no layers of height do that; flown as it is")
+
+
+def test_one_may_be_later_than_the_other() -> None:
+    """They cross 28 m apart, in time; a second later than the other one meets it."""
+    problem, sortie = told([(200, 100), (180, -80)], [(200, -100), (380, -80)], far_m=400.0)
+    least_m = mended(problem, sortie, 5.0)[2]
+    assert mended(problem, sortie, least_m - 1.0)[1] == ""
+    assert "would come within" in mended(problem, sortie, least_m - 1.0, off_s=1.0)[1]
