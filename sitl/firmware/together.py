@@ -67,15 +67,20 @@ class Bridged:
         """Simulated time of the firmware that is or was there."""
         return self.plant.t_ns
 
+    @property
+    def there(self) -> bool:
+        """Whether a firmware is there."""
+        return self._bridge is not None
+
     def look(self) -> bool:
-        """Whether a firmware is there; to be asked while time stands still."""
+        """Take a firmware that has come, and say whether one is there; while time stands still."""
         if self._bridge is None and self._awaited.called():
             self._awaited.rest()
             if self._awaited.connected:
+                self.plant = self._awaited.plant
+                self.truth = TruthHistory(self.plant, self._awaited.truths)
                 self._bridge, self._silent_since = self._awaited, None
-                self.plant = self._bridge.plant
-                self.truth = TruthHistory(self.plant, self._bridge.truths)
-        return self._bridge is not None
+        return self.there
 
     def step(self) -> bool:
         """Run one guidance interval."""

@@ -1,8 +1,10 @@
 """Several aircraft in one world, served to firmwares that somebody else starts."""
 
 import asyncio
-from collections.abc import Callable, Mapping, Sequence
-from contextlib import AsyncExitStack, ExitStack
+import threading
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import AsyncExitStack, ExitStack, contextmanager
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -53,7 +55,7 @@ class Seat:
         """Record the flights of each firmware that comes, one after the other."""
         assert self.recorder is not None
         while True:
-            await until(self.bridged.look)
+            await until(lambda: self.bridged.there)
             ended = partial(self._ended, self.bridged.plant)
             try:
                 async with following(self.recorder.follow(self.bridged, say), name="recorder"):
@@ -63,7 +65,7 @@ class Seat:
                 await until(ended)
 
     def _ended(self, plant: Plant) -> bool:
-        return not self.bridged.look() or self.bridged.plant is not plant
+        return not self.bridged.there or self.bridged.plant is not plant
 
 
 def serve_world_of(
@@ -169,7 +171,8 @@ def _serve(
     beside = {seat.name: seat.bridged for seat in seats}
     simulation = Simulation(wired, beside=beside, speed=speed, runs="ordered")
     try:
-        asyncio.run(_run(simulation, seats, built_in, say, stop))
+        with _recorded(seats, say) as failed:
+            asyncio.run(_run(simulation, seats, built_in, say, lambda: stop() or failed()))
     finally:
         for one in built_in:
             if one.logs is not None:
@@ -181,6 +184,29 @@ def _serve(
             write_separation(logs, simulation.world, areas)
 
 
+@contextmanager
+def _recorded(seats: Sequence[Seat], say: Say) -> Iterator[Callable[[], bool]]:
+    """Record flights in a thread, so that stepping keeps nobody from being heard. Yields whether
+    that has failed; why is raised at the end."""
+    ended = threading.Event()
+
+    async def record() -> None:
+        async with AsyncExitStack() as beside:
+            for seat in seats:
+                if seat.recorder is not None:
+                    work = seat.record(partial(_say, say, seat.name))
+                    await beside.enter_async_context(following(work, name="recorder"))
+            await until(ended.is_set)
+
+    with ThreadPoolExecutor(1, thread_name_prefix="recorder") as pool:
+        work = pool.submit(asyncio.run, record())
+        try:
+            yield work.done
+        finally:
+            ended.set()
+        work.result()
+
+
 async def _run(
     simulation: Simulation,
     seats: Sequence[Seat],
@@ -189,8 +215,7 @@ async def _run(
     stop: Callable[[], bool],
 ) -> None:
     there, world = set[Seat](), simulation.world
-    async with AsyncExitStack() as beside:
-        await beside.enter_async_context(simulation)
+    async with simulation:
         for one in built_in:
             say(f"{one.name} {where(one.vehicle.aircraft)}, MAVLink on {', '.join(one.urls)}")
         for seat in seats:
@@ -199,9 +224,6 @@ async def _run(
                 f"{seat.name} {where(seat.bridged.plant)}, "
                 f"waiting for {seat.autopilot} on port {seat.port}{end}"
             )
-            if seat.recorder is not None:
-                work = seat.record(partial(_say, say, seat.name))
-                await beside.enter_async_context(following(work, name="recorder"))
         told = 0
         while not stop():
             for seat in seats:
