@@ -48,6 +48,7 @@ class Bridge(ABC):
 
     def called(self) -> bool:
         """Whether somebody has called whom `rest` would take."""
+        assert self._socket is not None
         return bool(select.select([self._socket], [], [], 0.0)[0])
 
     def deserted(self) -> bool:

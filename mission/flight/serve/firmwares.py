@@ -13,7 +13,8 @@ from flightdyn.plant import Plant
 from flightdyn.random import RandomStreams
 from mission.base.area import Area
 from mission.base.errors import FlightError, InputError, LinkLostError
-from mission.config.models import LinkConfig, RunConfig
+from mission.config.link import LinkConfig
+from mission.config.models import RunConfig
 from mission.flight.flyers.base import Say
 from mission.flight.ground_stations import station_links
 from mission.flight.pilot.connection import until
@@ -180,7 +181,8 @@ def _serve(
         for line in in_words(simulation.world):
             say(line)
         if logs is not None:
-            areas = {one.name: one.area for one in (*seats, *built_in)}
+            areas = {seat.name: seat.area for seat in seats}
+            areas |= {one.name: one.area for one in built_in}
             write_separation(logs, simulation.world, areas)
 
 
@@ -236,8 +238,8 @@ async def _run(
             if len(there) == len(seats) and simulation.runs != "always":
                 say("all have come: time begins")
                 simulation.go_on()
-            for t_ns, one, two in world.collisions[told:]:
-                names = world.names[one], world.names[two]
+            for t_ns, *pair in world.collisions[told:]:
+                names = (world.names[number] for number in pair)
                 say(f"{' and '.join(names)} have collided at {t_ns * 1e-9:.2f} s")
             told = len(world.collisions)
             await asyncio.sleep(_LOOK_S)

@@ -19,6 +19,7 @@ from patience import HANG_S, until
 
 from flightdyn.plant import Plant
 from flightdyn.random import RandomStreams
+from flightdyn.state import GeodeticPoint
 from mission.cli import call
 from sitl.config import FirmwareConfig, VehicleConfig
 from sitl.firmware import ardupilot, px4
@@ -63,15 +64,15 @@ def parameters(autopilot: str, path: Path) -> Mapping[str, float]:
     return found
 
 
-def place(north_m: float, east_m: float) -> px4.GeodeticPoint:
+def place(north_m: float, east_m: float) -> GeodeticPoint:
     north = LAT + north_m / 111_111.0
-    return px4.GeodeticPoint(north, LON + east_m / 111_111.0 / math.cos(math.radians(LAT)), ALT)
+    return GeodeticPoint(north, LON + east_m / 111_111.0 / math.cos(math.radians(LAT)), ALT)
 
 
 def start_px4(folder: Path, instance: int) -> subprocess.Popen[bytes]:
     path = binary("px4")
     folder.mkdir()
-    values = parameters("px4", path) | {"SIM_BAT_ENABLE": 1}
+    values = {**parameters("px4", path), "SIM_BAT_ENABLE": 1}
     lines = (f"param set {k} {int(v) if float(v).is_integer() else v}" for k, v in values.items())
     (folder / "px4-rc.params").write_text("\n".join(("#!/bin/sh", *lines, "")))
     there = {"PX4_SIM_MODEL": "none_iris", "PATH": f".{os.pathsep}{os.environ['PATH']}"}
@@ -139,7 +140,8 @@ def flights(folder: Path) -> Iterator[list[subprocess.Popen[str]]]:
     begun = []
     for number, url in enumerate(URLS):
         drawn, out = plan(folder / f"{number}.waypoints", number), folder / str(number)
-        words = ["fly", drawn, "--vehicle", url, "--out", out, "--no-report", "--no-figures"]
+        words = ["fly", str(drawn), "--vehicle", url, "--out", str(out)]
+        words += ["--no-report", "--no-figures"]
         begun.append(
             subprocess.Popen(
                 [sys.executable, "-m", "mission", *words, "--set", "link.ready_timeout_s=300"],
