@@ -225,7 +225,7 @@ class TelemetryFeed:
         was, self._mode = self._mode, (mode, armed)
         if was is None or was[0] != mode:
             self._happened("mode", mode, _INFO)
-        if was is not None and was[1] != armed:
+        if armed != (was is not None and was[1]):  # one that is heard late is armed from then on
             self._happened("armed", "armed" if armed else "disarmed", _INFO)
         faults = () if self._known is None else self._known.faults
         while self._told < len(faults) and faults[self._told][0] <= belief.t_ns:

@@ -95,6 +95,25 @@ def test_what_a_vehicle_calls_critical_is_a_failsafe_and_our_faults_are_told() -
     ]
 
 
+def test_one_that_is_first_heard_in_flight_is_armed_from_then_on() -> None:
+    """Else no log of it would begin."""
+    told: list[VehicleEvent] = []
+    watcher: Any = SimpleNamespace(sampled=lambda _: None, happened=told.append)
+    still = frozen([0.0, 0.0, 0.0])
+    at = Kinematics(10**9, still, still, frozen([1.0, 0, 0, 0]), still)
+
+    async def fed() -> None:
+        pilot: Any = SimpleNamespace(
+            dialect=PX4, watch=SimpleNamespace(listeners=[]), mode="HOLD", armed=True, flying=True
+        )
+        feed = TelemetryFeed(pilot, area=load(None, ()).area.build(), observers=[watcher])
+        for _ in range(2):
+            feed._sampled(Moment(at, BatteryState(1, 1, 1, 1), None), at)
+
+    asyncio.run(fed())
+    assert [event.text for event in told if event.kind == "armed"] == ["armed"]
+
+
 @pytest.mark.parametrize(("away_m", "far"), [(0.0, False), (4_950.0, False), (5_050.0, True)])
 def test_a_vehicle_more_than_five_kilometres_away_is_of_another_place(
     away_m: float, far: bool
