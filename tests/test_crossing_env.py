@@ -12,6 +12,8 @@ from pettingzoo.test import parallel_api_test, parallel_seed_test
 import aerofed
 from aerofed.gym.crossing import CrossingEnv
 
+STILL = np.zeros(3, dtype=np.float32)
+
 
 @pytest.mark.slow
 def test_it_is_what_pettingzoo_calls_an_environment_and_repeats() -> None:
@@ -67,9 +69,9 @@ def test_actions_that_are_refused() -> None:
     with pytest.raises(
         aerofed.InputError, match=r"actions of \['vehicle-1'\]: the agents are \[\]"
     ):
-        env.step({"vehicle-1": np.zeros(3)})
+        env.step({"vehicle-1": STILL})
     env.reset(seed=1)
     with pytest.raises(aerofed.InputError, match=r"action = .*: must be 3 numbers from -1 to 1"):
-        env.step({"vehicle-1": np.zeros(3), "vehicle-2": np.zeros(2)})
+        env.step({"vehicle-1": STILL, "vehicle-2": STILL[:2]})
     with pytest.raises(aerofed.InputError, match=r"stand 0\.20 m apart"):
         CrossingEnv(2, radius_m=0.1).reset(seed=1)

@@ -1,5 +1,7 @@
 """What each of several aircraft does when: a row for each, with its slots."""
 
+from typing import Any
+
 import altair as alt
 import numpy as np
 
@@ -18,8 +20,8 @@ _MOVES_MPS = 0.7  # slower is a hover: gusts move it
 def timetable(world: Together) -> Chart:
     """A row for each aircraft: climbs, legs, hovers, waits for others behind its last slot of a
     round, and ways outside rounds; a stroke for each slot."""
-    bars: dict[str, list[object]] = {"vehicle": [], "kind": [], "begin": [], "end": []}
-    slots: dict[str, list[object]] = {"vehicle": [], "at": []}
+    bars: dict[str, list[Any]] = {"vehicle": [], "kind": [], "begin": [], "end": []}
+    slots: dict[str, list[Any]] = {"vehicle": [], "at": []}
     for name, flight, track, added_s in zip(
         world.names, world.flights, world.tracks, world.added_s, strict=True
     ):

@@ -17,7 +17,7 @@ from mission.run.keeping_apart import kept_apart
 from mission.run.outing import Outing, outings_of
 from mission.scenario.aircraft import aircraft_of
 
-DEVICES_M = [(100.0, 100.0), (300.0, 100.0)]
+DEVICES_M = np.array([(100.0, 100.0), (300.0, 100.0)])
 
 
 def told(
@@ -26,8 +26,8 @@ def told(
     """A round in which the aircraft fly straight from starts to ends, and serve a device each."""
     problem = RoundProblem(
         devices_m=DEVICES_M,
-        importance=[1.0, 1.0],
-        starts=tuple(Start(start_m, far_m) for start_m in starts_m),
+        importance=np.ones(2),
+        starts=tuple(Start(np.array(start_m), far_m) for start_m in starts_m),
         steps=2,
         per_step=1,
         channel=aerofed.channel("suburban"),
@@ -35,7 +35,7 @@ def told(
     schedule = np.zeros((2, 2, 2), dtype=bool)
     for a, end_m in enumerate(ends_m):
         schedule[a, 1, np.linalg.norm(np.subtract(DEVICES_M, end_m), axis=1).argmin()] = True
-    paths = tuple(PlannedPath(both) for both in zip(starts_m, ends_m, strict=True))
+    paths = tuple(PlannedPath(np.array(both)) for both in zip(starts_m, ends_m, strict=True))
     value = sum(
         objective(problem.alone(a), path.waypoints_m, schedule[a]) for a, path in enumerate(paths)
     )

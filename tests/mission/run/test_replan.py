@@ -36,7 +36,7 @@ from mission.planner.flyable import Stop
 from mission.planner.limits import RoundLimits
 from mission.planner.performance import Performance
 from mission.planner.problem import RoundProblem
-from mission.run.course import Course
+from mission.run.course import Course, is_better
 
 STOP = ("--set", "mission.replan=stop", "--set", "planner.gap=0.1", "--set", "mission.steps=8")
 LOSING = (  # a device that is two out of three times lost where the first round begins
@@ -313,8 +313,7 @@ def test_another_rest_is_flown_where_it_is_worth_more() -> None:
     begun = course(problem(steps=3, devices_m=[[100.0, 0.0], [900.0, 900.0]]))
     rest = begun.ahead(2, HERE, heard=np.array([False, False]), elapsed_s=9.0, used_j=0.0)
     assert rest is not None
-    onwards = begun.onwards(rest, finish(rest, [HERE]))
-    assert onwards is not None
+    onwards = begun.onwards(rest, finish(rest, [HERE]), 2)
     assert onwards.plan.waypoints_m.tolist() == [[0.0, 0.0], [100.0, 0.0], [100.0, 3.0]]
     assert onwards.plan.schedule[0, 1:, 0].tolist() == [True, True]  # served once more
     assert math.isnan(onwards.plan.upper_bound)  # no plan that serves nobody twice has one
@@ -328,8 +327,7 @@ def test_the_plan_as_it_became_is_valued_by_what_is_believed_now() -> None:
     ahead = begun.ahead(2, HERE, heard=np.array([False, False]), elapsed_s=9.0, used_j=0.0)
     assert ahead is not None
     rest = replace(ahead, per_grid=grid, importance=np.array([9.0, 1.0]))
-    onwards = begun.onwards(rest, finish(rest, [HERE]))
-    assert onwards is not None
+    onwards = begun.onwards(rest, finish(rest, [HERE]), 2)
     assert onwards.problem.per_grid is grid
     assert onwards.plan.value == pytest.approx(0.5 * onwards.plan.schedule.sum())
 
@@ -338,7 +336,8 @@ def test_another_rest_is_not_flown_where_going_on_is_better() -> None:
     begun = course(problem())
     rest = begun.ahead(2, HERE, heard=np.array([True, False]), elapsed_s=9.0, used_j=0.0)
     assert rest is not None
-    assert begun.onwards(rest, finish(rest, [HERE])) is None
+    plan = finish(rest, [HERE])
+    assert not is_better(plan, begun.as_planned(rest), begun.plan.value)
 
 
 def mission():
