@@ -71,4 +71,12 @@ class WindBurst(_Fault):
     down_mps: float = Field(default=0.0, ge=-15, le=15, description="downwards")
 
 
-Fault = Annotated[GnssOff | GnssJump | MotorLoss | ImuBias | WindBurst, Field(discriminator="kind")]
+class LinkOff(_Fault):
+    """Nothing comes in or goes out over its links; of the built-in autopilot."""
+
+    kind: Literal["link_off"] = "link_off"
+
+
+Fault = Annotated[
+    GnssOff | GnssJump | MotorLoss | ImuBias | WindBurst | LinkOff, Field(discriminator="kind")
+]

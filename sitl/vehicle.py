@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from functools import partial
 
 from flightdyn.aircraft import Aircraft
+from flightdyn.faults import LinkOff
 from flightdyn.obstacles import Obstacles
 from flightdyn.random import RandomStreams
 from flightdyn.state import GeodeticPoint, GnssFix
@@ -154,7 +155,13 @@ class Vehicle:
 
     def receive(self, datagram: bytes, now: float) -> None:
         """Take a datagram of MAVLink at the wall time `now` (s)."""
-        self.autopilot.receive(datagram, now)
+        if not self._cut_off:
+            self.autopilot.receive(datagram, now)
+
+    @property
+    def _cut_off(self) -> bool:
+        """Whether its links have failed."""
+        return any(isinstance(fault, LinkOff) for fault in self.aircraft.faults)
 
     def greet(self) -> None:
         """Somebody has joined a link: send a heartbeat at once, not within a second."""
@@ -163,6 +170,8 @@ class Vehicle:
     def outgoing(self, now: float) -> list[bytes]:
         """MAVLink frames to send at the wall time `now`, each whole."""
         frames = self.autopilot.poll(now)
+        if self._cut_off:
+            return []
         if self.autopilot.reboot_ordered:
             self._reboot()  # the answer to the order is among the frames
         return frames

@@ -99,6 +99,13 @@ at_s = 40.0
 duration_s = 3.0
 east_mps = 9.0
 """,
+    'vehicle.aircraft.faults[] kind = "link_off"': """
+[[vehicle.aircraft.faults]]
+kind = "link_off"
+after = "take-off"
+at_s = 20.0
+duration_s = 15.0
+""",
     "link": """
 # Watched by QGroundControl on this machine, in real time.
 [link]

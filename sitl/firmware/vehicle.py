@@ -9,10 +9,12 @@ from pathlib import Path
 from typing import Self
 
 from flightdyn.config import ImuConfig
+from flightdyn.faults import LinkOff
 from flightdyn.obstacles import Obstacles
 from flightdyn.plant import Plant
 from flightdyn.random import RandomStreams
 from flightdyn.state import GeodeticPoint
+from native.errors import InputError
 from sitl.autopilot.codec.orders import Fields
 from sitl.block import following
 from sitl.config import VehicleConfig
@@ -67,9 +69,15 @@ def plant_for(
     Under PX4 it has a better accelerometer, unless the configuration changes its IMU.
 
     Raises:
-        InputError: an interval of the configuration is no whole number of ticks.
+        InputError: an interval of the configuration is no whole number of ticks, or a fault is of
+            the built-in autopilot.
     """
     aircraft = vehicle.aircraft
+    if any(isinstance(fault, LinkOff) for fault in aircraft.faults):
+        raise InputError(
+            "vehicle.aircraft.faults: 'link_off' is of the built-in autopilot: a firmware has "
+            "links of its own to ground stations; leave it out"
+        )
     changes: dict[str, object] = {"physics_hz": plant_rate_hz(vehicle)}
     if vehicle.autopilot == "px4" and aircraft.sensors.imu == ImuConfig():
         imu = ImuConfig(**_PX4_IMU)

@@ -75,6 +75,36 @@ def test_one_has_a_fault_and_hears_the_others() -> None:
         assert silent.recv_match(type="GPS_RAW_INT", blocking=True).fix_type >= 3
 
 
+def test_the_link_of_one_fails_and_comes_back() -> None:
+    fault = {"kind": "link_off", "at_s": 6, "duration_s": 15}
+    own = {"vehicle-1": {"vehicle.aircraft.faults": [fault]}}
+    with aerofed.vehicles(2, {"vehicle.parameters.NAV_DLL_ACT": 3}, each=own) as fleet:
+        clients = [vehicle.mavlink() for vehicle in fleet]
+
+        def fly(until_s: float) -> list[str]:
+            while fleet.t_s < until_s:
+                for client in clients:
+                    client.mav.heartbeat_send(6, 8, 0, 0, 0)
+                fleet.step(1.0)
+            return [vehicle.mode for vehicle in fleet]
+
+        fly(3.0)
+        for client in clients:
+            arm = 400, 0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+            client.mav.command_long_send(client.target_system, 1, *arm)
+            up = 22, 0, 0.0, 0.0, 0.0, math.nan, math.nan, math.nan, HOME.alt_msl_m + 30.0
+            client.mav.command_long_send(client.target_system, 1, *up)
+        assert fly(15.0) == ["HOLD", "HOLD"]
+        while clients[0].recv_msg() is not None:
+            pass
+        assert clients[0].recv_match(blocking=True, timeout=1.5) is None
+        assert clients[1].recv_match(blocking=True, timeout=5.0) is not None
+        assert fly(18.0)[0] == "LAND"
+        fly(22.0)
+        assert clients[0].recv_match(type="HEARTBEAT", blocking=True, timeout=5.0) is not None
+        assert fleet[1].mode != "LAND"
+
+
 @pytest.mark.parametrize(
     ("count", "options", "words"),
     [

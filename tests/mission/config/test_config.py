@@ -129,7 +129,7 @@ def test_overrides(text: str, parsed: tuple[str, object]) -> None:
         (
             "[[vehicle.aircraft.faults]]\nkind = 'wind'",
             "vehicle.aircraft.faults.0.kind = 'wind': must be one of 'gnss_off', 'gnss_jump', "
-            "'motor_loss', 'imu_bias', 'wind_burst'",
+            "'motor_loss', 'imu_bias', 'wind_burst', 'link_off'",
         ),
         (
             "[[vehicle.aircraft.faults]]\nkind = 'gnss_jump'\nnorth_m = 'far'",

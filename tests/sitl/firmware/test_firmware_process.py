@@ -18,6 +18,7 @@ from sitl_mavsdk import HOME
 
 from flightdyn.config import AircraftConfig
 from flightdyn.random import RandomStreams
+from native.errors import InputError
 from sitl.autopilot.parameters import parameters_of
 from sitl.config import FirmwareConfig, VehicleConfig
 from sitl.errors import FirmwareSilentError
@@ -237,6 +238,13 @@ def turn_on_mps2(config: VehicleConfig) -> float:
     sensors = plant_for(config, home=HOME, streams=RandomStreams(1)).sensors
     assert sensors is not None
     return sensors.config.imu.accel_turn_on_mps2
+
+
+def test_a_fault_of_the_built_in_links_is_refused(tmp_path: Path) -> None:
+    aircraft = AircraftConfig.model_validate({"faults": [{"kind": "link_off"}]})
+    config = px4_stand_in(tmp_path).model_copy(update={"aircraft": aircraft})
+    with pytest.raises(InputError, match="'link_off' is of the built-in autopilot: a firmware has"):
+        plant_for(config, home=HOME, streams=RandomStreams(1))
 
 
 def test_every_parameter_that_a_firmware_is_given_for_our_aircraft() -> None:
