@@ -27,7 +27,7 @@ from mission.api.vehicles import vehicle_config
 from mission.flight.logs.ulog_export import export_ulog
 from mission.flight.missions.round_mission import FlightPlan
 from mission.flight.serve.vehicle import Served, make_vehicles
-from mission.planner.stops import Stop
+from mission.planner.flyable import Stop
 from sitl.nearness import TOUCH_M
 from sitl.world import World
 
