@@ -12,7 +12,7 @@ import sys
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import pytest
 from patience import HANG_S, until
@@ -69,6 +69,18 @@ def place(north_m: float, east_m: float) -> GeodeticPoint:
     return GeodeticPoint(north, LON + east_m / 111_111.0 / math.cos(math.radians(LAT)), ALT)
 
 
+def ended(process: subprocess.Popen[bytes]) -> None:
+    process.kill()
+    process.wait()
+
+
+def started(command: Sequence[str | Path], said: Path, **how: Any) -> subprocess.Popen[bytes]:
+    with said.open("wb") as out:
+        return subprocess.Popen(
+            command, stdin=subprocess.DEVNULL, stdout=out, stderr=subprocess.STDOUT, **how
+        )
+
+
 def start_px4(folder: Path, instance: int) -> subprocess.Popen[bytes]:
     path = binary("px4")
     folder.mkdir()
@@ -76,11 +88,10 @@ def start_px4(folder: Path, instance: int) -> subprocess.Popen[bytes]:
     lines = (f"param set {k} {int(v) if float(v).is_integer() else v}" for k, v in values.items())
     (folder / "px4-rc.params").write_text("\n".join(("#!/bin/sh", *lines, "")))
     there = {"PX4_SIM_MODEL": "none_iris", "PATH": f".{os.pathsep}{os.environ['PATH']}"}
-    return subprocess.Popen(
+    return started(
         [path, "-d", "-i", str(instance), str(px4.etc_of(path)), "-w", "."],
-        cwd=folder, env={**os.environ, "PWD": "/proc/self/cwd", **there},
-        stdin=subprocess.DEVNULL, stdout=(folder / "console.log").open("wb"),
-        stderr=subprocess.STDOUT,
+        folder / "console.log", cwd=folder,
+        env={**os.environ, "PWD": "/proc/self/cwd", **there},
     )  # fmt: skip
 
 
@@ -89,11 +100,10 @@ def start_arducopter(folder: Path, east_m: float) -> subprocess.Popen[bytes]:
     folder.mkdir()
     values = parameters("ardupilot", path)
     (folder / "own.parm").write_text("".join(f"{k} {v:.9g}\n" for k, v in values.items()))
-    return subprocess.Popen(
+    return started(
         [path, "--model", "JSON:127.0.0.1", "-I", "0", "--sysid", "3", "--defaults", "own.parm",
          "--home", f"{home.lat_deg:.9f},{home.lon_deg:.9f},{ALT},0"],
-        cwd=folder, stdin=subprocess.DEVNULL, stdout=(folder / "console.log").open("wb"),
-        stderr=subprocess.STDOUT,
+        folder / "console.log", cwd=folder,
     )  # fmt: skip
 
 
@@ -106,16 +116,13 @@ def crew(tmp_path: Path) -> Iterator[Crew]:
     command = ["world", "--px4", "--px4", "--ardupilot", "--speed", SPEED, "--logs", str(logs)]
     with ExitStack() as stack:
         said = tmp_path / "world.txt"
-        world = subprocess.Popen(
-            [sys.executable, "-u", "-m", "mission", *command],
-            stdout=said.open("w"), stderr=subprocess.STDOUT,
-        )  # fmt: skip
-        stack.callback(world.kill)
+        world = started([sys.executable, "-u", "-m", "mission", *command], said)
+        stack.callback(ended, world)
         until(lambda: "Ctrl-C ends" in said.read_text() or world.poll() is not None)
         firmwares = [start_px4(tmp_path / f"px4-{i}", i) for i in range(2)]
         firmwares.append(start_arducopter(tmp_path / "arducopter", 10.0))
         for each in firmwares:
-            stack.callback(each.kill)
+            stack.callback(ended, each)
         yield Crew(world, firmwares, logs, said)
 
 
@@ -134,7 +141,7 @@ def plan(path: Path, number: int) -> Path:
 
 
 @contextmanager
-def flights(folder: Path) -> Iterator[list[subprocess.Popen[str]]]:
+def flights(folder: Path) -> Iterator[list[subprocess.Popen[bytes]]]:
     """All three are flown, each by a program of its own."""
     folder.mkdir()
     begun = []
@@ -142,20 +149,13 @@ def flights(folder: Path) -> Iterator[list[subprocess.Popen[str]]]:
         drawn, out = plan(folder / f"{number}.waypoints", number), folder / str(number)
         words = ["fly", str(drawn), "--vehicle", url, "--out", str(out)]
         words += ["--no-report", "--no-figures"]
-        begun.append(
-            subprocess.Popen(
-                [sys.executable, "-m", "mission", *words, "--set", "link.ready_timeout_s=300"],
-                stdout=(folder / f"{number}.txt").open("w"),
-                stderr=subprocess.STDOUT,
-                text=True,
-            )
-        )
+        words += ["--set", "link.ready_timeout_s=300"]
+        begun.append(started([sys.executable, "-m", "mission", *words], folder / f"{number}.txt"))
     try:
         yield begun
     finally:
         for each in begun:
-            each.kill()
-            each.wait()
+            ended(each)
 
 
 def end(crew: Crew) -> str:
