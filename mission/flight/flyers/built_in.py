@@ -147,11 +147,16 @@ class BuiltInBackend(Backend):
         parameters = self.vehicle.autopilot.parameters
         return (*super().fence(), *fence_of((), parameters, self.task.area))
 
-    def flyer(self, pilot: Pilot, attached: Attached) -> BuiltInFlyer:
-        """The flyer of the vehicle, by a pilot that is connected to it."""
-        config, recorder = self.task.config, FlightRecorder()
+    def observed(self, attached: Attached) -> FlightRecorder:
+        """Attach a recorder and the log, which hear of its start-up if it is not running yet."""
+        recorder = FlightRecorder()
         for observer in (recorder, *attached.observers):
             self.vehicle.add_observer(observer)
+        return recorder
+
+    def flyer(self, pilot: Pilot, recorder: FlightRecorder) -> BuiltInFlyer:
+        """The flyer of the vehicle, by a pilot that is connected to it."""
+        config = self.task.config
         guidance = guidance_of(config.vehicle)
         flyer = BuiltInFlyer(
             pilot, self.vehicle, recorder, self.task.area, config.mission, guidance
@@ -168,7 +173,7 @@ class BuiltInBackend(Backend):
         Raises:
             LinkLostError: the link cannot be opened or the vehicle does not answer.
         """
-        config, vehicle = self.task.config, self.vehicle
+        config, vehicle, recorder = self.task.config, self.vehicle, self.observed(attached)
         speed = math.inf if config.link.speed == "max" else config.link.speed
         raw_link = RawLink() if config.link.kind == "in_process" else None
         port = config.link.udp_port
@@ -180,7 +185,7 @@ class BuiltInBackend(Backend):
                 stall_timeout_s=config.link.stall_timeout_s,
             ) as pilot,
         ):
-            flyer = self.flyer(pilot, attached)
+            flyer = self.flyer(pilot, recorder)
             try:
                 yield flyer
             except asyncio.CancelledError:

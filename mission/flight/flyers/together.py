@@ -88,17 +88,20 @@ class WorldBackend(FleetBackend):
         config = self.task.config
         speed = math.inf if config.link.speed == "max" else config.link.speed
         several = [one for one in self.several if isinstance(one, BuiltInBackend)]
+        recorders = [one.observed(to) for one, to in zip(several, attached, strict=True)]
         links = [RawLink() for _ in several]
         vehicles = zip(self.names, several, links, strict=True)
         flown = {name: (one.vehicle, [link]) for name, one, link in vehicles}
         async with AsyncExitStack() as opened:
             simulation = await opened.enter_async_context(Simulation(flown, speed=speed))
             flyers = {}
-            for number, (one, link, to) in enumerate(zip(several, links, attached, strict=True)):
+            for number, (one, link, recorder) in enumerate(
+                zip(several, links, recorders, strict=True)
+            ):
                 pilot = await opened.enter_async_context(
                     connect(link, stall_timeout_s=config.link.stall_timeout_s)
                 )
-                flyers[number] = one.flyer(pilot, to)
+                flyers[number] = one.flyer(pilot, recorder)
             try:
                 yield WorldFleet(dict(flyers), simulation)
             except asyncio.CancelledError:

@@ -244,6 +244,7 @@ def test_a_delay_on_the_ground_comes_before_the_take_off(tmp_path: Path) -> None
     plan, out = written(tmp_path, delay, TAKE_OFF, place(NORTH, 8.5), RETURN), tmp_path / "out"
     assert call(["fly", str(plan), "--out", str(out), *QUIET]) == 0
     log = read_log(out / "flight.mcap")
+    assert log.events[0].text == "Ready for takeoff"
     armed_s = next(e.t_ns for e in log.events if e.kind == "armed" and e.text == "armed") / 1e9
     up_s = log.truth.t_ns[log.truth.pos_m[:, 2] > 1.0][0] / 1e9
     assert 30.0 < up_s - armed_s < 36.0

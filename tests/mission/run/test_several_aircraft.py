@@ -104,6 +104,7 @@ def test_each_keeps_to_what_is_its_own(lost: Path) -> None:
     for name, x_m in (("west", 300.0), ("middle", 405.0), ("east", 500.0)):
         data = read_log(lost / f"vehicle-{name}" / "flight.mcap")
         assert data.area.home_m[0] == x_m
+        assert data.events[0].text == "Ready for takeoff"
         assert data.truth.pos_m[0, :2] == pytest.approx((x_m, 400.0), abs=0.1)
 
 
