@@ -35,7 +35,9 @@ def told(
     schedule = np.zeros((2, 2, 2), dtype=bool)
     for a, end_m in enumerate(ends_m):
         schedule[a, 1, np.linalg.norm(np.subtract(DEVICES_M, end_m), axis=1).argmin()] = True
-    paths = tuple(PlannedPath(np.array(both)) for both in zip(starts_m, ends_m, strict=True))
+    paths = tuple(
+        PlannedPath(np.array(both, dtype=float)) for both in zip(starts_m, ends_m, strict=True)
+    )
     value = sum(
         objective(problem.alone(a), path.waypoints_m, schedule[a]) for a, path in enumerate(paths)
     )

@@ -313,7 +313,9 @@ def test_another_rest_is_flown_where_it_is_worth_more() -> None:
     begun = course(problem(steps=3, devices_m=[[100.0, 0.0], [900.0, 900.0]]))
     rest = begun.ahead(2, HERE, heard=np.array([False, False]), elapsed_s=9.0, used_j=0.0)
     assert rest is not None
-    onwards = begun.onwards(rest, finish(rest, [HERE]), 2)
+    plan = finish(rest, [HERE])
+    assert is_better(plan, begun.as_planned(rest), begun.plan.value)
+    onwards = begun.onwards(rest, plan, 2)
     assert onwards.plan.waypoints_m.tolist() == [[0.0, 0.0], [100.0, 0.0], [100.0, 3.0]]
     assert onwards.plan.schedule[0, 1:, 0].tolist() == [True, True]  # served once more
     assert math.isnan(onwards.plan.upper_bound)  # no plan that serves nobody twice has one
@@ -336,8 +338,7 @@ def test_another_rest_is_not_flown_where_going_on_is_better() -> None:
     begun = course(problem())
     rest = begun.ahead(2, HERE, heard=np.array([True, False]), elapsed_s=9.0, used_j=0.0)
     assert rest is not None
-    plan = finish(rest, [HERE])
-    assert not is_better(plan, begun.as_planned(rest), begun.plan.value)
+    assert not is_better(finish(rest, [HERE]), begun.as_planned(rest), begun.plan.value)
 
 
 def mission():
