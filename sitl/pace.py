@@ -101,6 +101,10 @@ class Simulation:
         finally:
             self._ordered_ns = self.world.t_ns
 
+    def waits(self, vehicle: Vehicle) -> bool:
+        """Whether a vehicle on its way stands still because the pilot of another is waited for."""
+        return vehicle.moving and not all(each.moving for each in self.piloted)
+
     @property
     def _goes_on(self) -> bool:
         """Whether simulated time runs."""

@@ -4,6 +4,7 @@ import math
 from collections.abc import Awaitable, Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -138,6 +139,7 @@ class _Flights:
                 flight.begins(backend.vehicle.t_ns)
 
             async with connect(self.links[name], stall_timeout_s=link.stall_timeout_s) as pilot:
+                pilot.waits = partial(self.simulation.waits, backend.vehicle)
                 await pilot.fly_plan(order.plan, returns=order.path.returns, starts=begun)
 
         return Sortie(name, backend.vehicle, fly, at * self.after_s)

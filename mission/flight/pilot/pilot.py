@@ -56,6 +56,8 @@ class Pilot:
         # Seconds, by which it is judged what the vehicle does: its own, where they are told, so
         # that a simulated flight does not depend on how fast its time goes.
         self.clock: Callable[[], float] = asyncio.get_running_loop().time
+        # Whether its vehicle stands still because pilots of others in its world are waited for.
+        self.waits: Callable[[], bool] = lambda: False
         self._held: list[RawItem] = []  # the mission that was uploaded last; none: not by us
         # Around each order: a vehicle whose time goes faster than ours waits for us here.
         self.giving: Callable[[], AbstractContextManager[None]] = nullcontext
@@ -328,6 +330,8 @@ class Pilot:
         watch = self.watch
         if watch.crash:
             raise FlightError(f"the aircraft is lost; it said: {watch.crash}")
+        if self.waits():
+            watch.expect()
         if watch.silence_s > self._stall_timeout_s:
             raise LinkLostError(
                 f"no sign of the vehicle for {watch.silence_s:.0f} s while it should {what}"

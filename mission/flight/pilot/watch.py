@@ -72,6 +72,10 @@ class Watch:
         """Wall seconds since something changed."""
         return asyncio.get_running_loop().time() - self._changed_at
 
+    def expect(self) -> None:
+        """Expect no sign of life before now."""
+        self._changed_at = asyncio.get_running_loop().time()
+
     @property
     def why(self) -> str:
         """The last warning, if it may be why an order is no longer carried out in flight."""

@@ -2,6 +2,7 @@
 
 from collections.abc import AsyncIterator, Awaitable, Callable, Mapping, Sequence
 from contextlib import asynccontextmanager
+from functools import partial
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
@@ -24,6 +25,7 @@ from sitl.autopilot.parameters import Parameters
 from sitl.links import Link, RawLink, UdpLink
 from sitl.observer import VehicleEvent, VehicleSample
 from sitl.pace import Runs, Simulation
+from sitl.vehicle import Vehicle
 
 LOOK_S = 0.1  # simulated time between looks at a condition
 _GREETING_S = 10.0  # wall time in which a vehicle must have answered a new client
@@ -88,6 +90,7 @@ class BuiltIn(Host):
 
         async def fly(starts: Callable[[], Awaitable[object]]) -> None:
             async with connect(self._raw) as pilot:
+                pilot.waits = partial(self._world.waits, self.vehicle)
                 await pilot.fly_plan(plan, returns=path.returns, starts=starts)
 
         return Sortie(self.name, self.vehicle, fly, after_s)
@@ -110,6 +113,10 @@ class BuiltInWorld:
             if self.runs == "ordered":
                 await start_up(self._simulation, [host.vehicle for host in self.hosts])
             yield
+
+    def waits(self, vehicle: Vehicle) -> bool:
+        """Whether a vehicle on its way stands still because the pilot of another is waited for."""
+        return self._simulation.waits(vehicle)
 
     async def run_for(self, seconds: float) -> None:
         """Let simulated time pass; messages sent before are processed first."""
