@@ -1,12 +1,14 @@
 """Charts of learning and radio: accuracy, fairness, updates, packet error rates."""
 
 import math
+from collections import Counter
 from collections.abc import Sequence
 from functools import partial
 
 import altair as alt
 
 from mission.analysis.compare import DeviceComparison, RunComparison
+from mission.analysis.load import LoadedRun, vehicles_of
 from mission.base.palette import community_colour
 from mission.figures.charts import Series, bar_chart, finished, line_chart, ticks
 from mission.figures.style import (
@@ -28,8 +30,9 @@ _PALE = 0.35
 _SPREAD = "spread of accuracy over a community's devices; in force for the next round"
 
 
-def learning_charts(run: FlightData) -> list[Chart]:
-    """Accuracy and fairness CoV per community, and the updates that arrived, by round.
+def learning_charts(run: FlightData, others: Sequence[FlightData] = ()) -> list[Chart]:
+    """Accuracy and fairness CoV per community, and the updates that arrived, by round: those of all
+    aircraft, where the logs of `others` of the experiment are given.
 
     Where the log has the untrained models, as round 0, accuracy begins with them.
     """
@@ -53,16 +56,27 @@ def learning_charts(run: FlightData) -> list[Chart]:
     percent = by_community("accuracy", 100.0)
     accuracy = by_round("Accuracy", percent, y="accuracy (%)", most=100.0)
     cov = by_round("Fairness CoV ψ", by_community("cov", 1.0), y="CoV ψ", note=_SPREAD, steps=True)
+    scheduled, delivered = Counter[int](), Counter[int]()
+    for record in (record for each in (run, *others) for record in each.rounds):
+        scheduled[record.round] += record.scheduled
+        delivered[record.round] += record.delivered
     updates = bar_chart(
         "Updates",
         [
-            Series("scheduled", GRID, rounds, [record.scheduled for record in run.rounds]),
-            Series("delivered", GOOD, rounds, [record.delivered for record in run.rounds]),
+            Series("scheduled", GRID, rounds, [scheduled[number] for number in rounds]),
+            Series("delivered", GOOD, rounds, [delivered[number] for number in rounds]),
         ],
         x="round",
         y="updates",
     )
     return [accuracy, cov, updates]
+
+
+def experiment_charts(flights: Sequence[LoadedRun]) -> list[Chart]:
+    """`learning_charts` of the experiment in which the first of these flew, maybe with others."""
+    first, *rest = flights
+    together = vehicles_of(first.path.parent)
+    return learning_charts(first.data, [one.data for one in rest if one.path in together])
 
 
 def radio_charts(run: FlightData, comparison: RunComparison) -> list[Chart]:

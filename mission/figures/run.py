@@ -14,7 +14,7 @@ from mission.analysis.together import SEPARATIONS, Together
 from mission.base.palette import community_colour
 from mission.figures.charts import Series, line_chart
 from mission.figures.flight import profiles
-from mission.figures.learning import learning_charts
+from mission.figures.learning import experiment_charts, learning_charts
 from mission.figures.maps import overview, round_map, round_maps
 from mission.figures.radio import belief_picture, beliefs
 from mission.figures.render import engine, save_all, stacked
@@ -60,9 +60,9 @@ def fleet_pictures(folder: Path) -> dict[str, Chart]:
         pictures["apart.png"] = separation_chart(world, limits)
         pictures["timetable.png"] = timetable(world)
     if found.flights and found.flights[0].run.data.rounds:
-        run = found.flights[0].run
-        charts = learning_charts(run.data)
-        pictures["learning.png"] = stacked(charts, title="What was learnt", about=run.about)
+        charts = experiment_charts([item.run for item in found.flights])
+        about = found.flights[0].run.about
+        pictures["learning.png"] = stacked(charts, title="What was learnt", about=about)
     return pictures
 
 

@@ -23,7 +23,7 @@ from mission.base.tables import number
 from mission.figures.conditions import condition_charts, estimator_charts, flight_charts
 from mission.figures.film import Actor, film, with_film
 from mission.figures.flight import profile_charts, timeline_chart
-from mission.figures.learning import learning_charts, radio_charts
+from mission.figures.learning import experiment_charts, learning_charts, radio_charts
 from mission.figures.maps import round_map
 from mission.figures.radio import beliefs, plan_errors
 from mission.figures.render import card
@@ -169,6 +169,7 @@ def together_html(world: Together, name: str) -> str:
     nearest = min(world.met, key=lambda near: near.away_m)
     each = labelled([item.total for item in flights])
     notes = [(str(at), line) for at, line in enumerate(world.lines, start=1)]
+    learnt = experiment_charts([item.run for item in flights]) if first.learning else []
     return page(
         "run.html",
         title=name,
@@ -201,7 +202,7 @@ def together_html(world: Together, name: str) -> str:
                 1,
             )
         ],
-        learning=[card(chart) for chart in learning_charts(first)] if first.learning else [],
+        learning=[card(chart) for chart in learnt],
         **dict.fromkeys(("health", "radio", "estimator", "conditions"), ()),
         about=about(flights[0].run),
         footer="Aerofed report. Positions are metres: x east, y north; heights are above the home "
