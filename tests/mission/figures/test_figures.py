@@ -385,6 +385,9 @@ def test_curves_are_percent_and_cov_by_round(tmp_path: Path) -> None:
     lines = [layer["mark"] for layer in layers(cov) if layer["mark"]["type"] == "line"]
     assert [line["interpolate"] for line in lines] == ["step-after"]
     assert values(updates, "delivered") == [r.delivered for r in made.rounds]
+    run = load_run(tmp_path).data
+    of_two = described(learning_charts(run, [run])[2])  # another aircraft of the same rounds
+    assert values(of_two, "delivered") == [2 * r.delivered for r in made.rounds]
     assert axes(accuracy) == {"round", "accuracy (%)"}
 
 
