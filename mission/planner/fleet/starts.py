@@ -41,7 +41,7 @@ def _first_centres(devices_m: Floats, aircraft: int, draw: int) -> Floats:
 def _centres(part: Ints, devices_m: Floats, worth: Floats, before: Floats) -> Floats:
     """(A, 2) centres of the parts; those of empty parts stay."""
     centres = before.copy()
-    for a in np.unique(part):
+    for a in np.unique(part[worth > 0.0]):
         mine = part == a
         centres[a] = worth[mine] @ devices_m[mine] / worth[mine].sum()
     return centres

@@ -233,6 +233,14 @@ def test_partitions_are_of_all_devices_and_go_to_near_aircraft() -> None:
             assert straight <= crossed + 1e-9
 
 
+def test_clusters_of_worthless_devices_have_a_centre() -> None:
+    devices = np.array([[0.0, 0.0], [10.0, 0.0], [700.0, 700.0], [710.0, 700.0]])
+    starts = np.array([[0.0, 0.0], [700.0, 700.0]])
+    with np.errstate(all="raise"):
+        parts = list(partitions(devices, np.array([1.0, 1.0, 0.0, 0.0]), starts))
+    assert parts[-1].tolist() == [0, 0, 1, 1]
+
+
 def test_changes_in_turn_only_improve_and_serve_nobody_twice() -> None:
     problem = drawn(4, aircraft=3, devices=12)
     each = alone(problem)
