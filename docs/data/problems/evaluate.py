@@ -202,8 +202,9 @@ def flight(points, hold_s, radius, track=None):
         if first == last:  # a hover where it is begins with finding the place
             way = points[[0, 0]] + [[0.0, 0.0], [ASTRAY_M, 0.0]]
         passed, moved_s, used_j, pieces = run(way, radius)
-        if track is not None:
-            track.append((now, pieces))
+        if track is not None:  # that little way is not looked at
+            still = [(0.0, points[first], np.zeros(2), np.zeros(2))]
+            track.append((now, still if first == last else pieces))
         arrived += [now + at for at in passed[1 : last - first + 1]]
         now += moved_s + hold_s[last]
         energy += used_j + POWER_W[0] * hold_s[last]
