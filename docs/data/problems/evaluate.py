@@ -422,18 +422,22 @@ def alone(problem, plan, spare_m=0.0, track=None):
     return value, duration_s, energy_j
 
 
+def read(path):
+    """What a JSON file holds."""
+    return json.loads(path.read_text(encoding="utf-8"))
+
+
 def main():
     """Print a line for each kind of problem, and one for each broken rule."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    here = Path(__file__).parent
-    parser.add_argument("plans", type=Path)
-    parser.add_argument("--problems", type=Path, default=here / "problems.json")
-    parser.add_argument("--reference", type=Path, default=here / "plans.json")
-    asked = parser.parse_args()
-    problems, plans, reference = (
-        json.loads(path.read_text(encoding="utf-8"))
-        for path in (asked.problems, asked.plans, asked.reference)
-    )
+    parser.add_argument("plans", type=Path, help="for the 300 problems, or for the 60 of fleets")
+    plans, here = read(parser.parse_args().plans), Path(__file__).parent
+    for of in ("", "fleet-"):
+        problems, reference = read(here / f"{of}problems.json"), read(here / f"{of}plans.json")
+        if not reference.keys().isdisjoint(plans):
+            break
+    else:
+        parser.error("plans: none has the id of a problem, such as plain-12x3-00 or two-12-0")
     rows = {}
     for problem in problems:
         name = problem["id"]
