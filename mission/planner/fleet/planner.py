@@ -64,6 +64,9 @@ class FleetPlanner:
         moving = problem.steps > 1 and any(each.most_m > 0.0 for each in alone)
         if not moving or not alone[0].importance.any():
             (parts, bound), nodes, ended = _at_rest(alone), 0, ""
+            if total(parts) < bound:  # who serves whom depends on heights, and on time
+                shares = shared_out(alone, [parts], self.sharing or self.inner)
+                parts = max([parts, *shares], key=total)
         elif self.goal is None:
             drawn = list(drawn_plans(alone, _free(alone)))
             parts = max(shared_out(alone, drawn, self.inner), key=total)
