@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from mission.base.errors import InputError
-from mission.base.run_folder import output_folder
+from mission.base.run_folder import RunFolder, output_folder
 from mission.commands.options import LIVE_PORT, Flag, Json, Limits, Overrides, console, load, single
 from mission.commands.run import bounds_of, judged, write_page
 from mission.config import OF_FLIGHT
@@ -95,6 +95,7 @@ def fly(
     page = None if no_report else write_page
     around = Around(watching, figures=not no_figures, page=page)
     with output_folder(out, plan.stem) as folder:
+        RunFolder(folder).check()
 
         def flown() -> int:
             if not others:

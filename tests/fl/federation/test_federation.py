@@ -21,7 +21,7 @@ from fl.federation.state import FederationState, from_bytes, to_bytes
 from fl.federation.updates import begin_training
 from fl.training.networks import ConvNet
 from flightdyn.random import RandomStreams
-from native.errors import InputError, SettingError
+from native.errors import InputError, SettingError, UsersCodeError
 
 DIGITS = CommunityConfig(name="digits", task="digits", devices=4, labels_per_device=3)
 SHAPES = CommunityConfig(name="shapes", task="colour-shapes", devices=3, partition="iid")
@@ -428,7 +428,7 @@ def test_foreign_or_damaged_checkpoints_are_refused() -> None:
     ],
 )
 def test_settings_that_cannot_be_built_are_named(change: dict[str, object], message: str) -> None:
-    with pytest.raises(InputError, match=message):
+    with pytest.raises((InputError, UsersCodeError), match=message):
         build(FAST, DIGITS.model_copy(update=change))
 
 

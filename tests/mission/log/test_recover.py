@@ -4,6 +4,7 @@ import contextlib
 import io
 import json
 import math
+import os
 import struct
 import subprocess
 import sys
@@ -337,6 +338,7 @@ def test_killed_at_random_moments(tmp_path: Path) -> None:
     done = subprocess.run(
         [sys.executable, str(script), str(tmp_path), str(KILLS), str(samples)],
         check=True, capture_output=True, text=True,
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)},
     )  # fmt: skip
     reports = [tuple(map(int, line.split())) for line in done.stdout.splitlines()]
     assert len(reports) == KILLS

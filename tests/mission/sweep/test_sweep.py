@@ -259,7 +259,10 @@ def test_a_run_whose_folder_cannot_be_replaced_is_named_and_the_others_go_on(
     in_the_way.write_text("no folder")
     assert call_inline(command(part)) == 2
     printed = capsys.readouterr()
-    assert f"run ideal-seed1 failed: {in_the_way}: cannot write: Not a directory" in printed.err
+    assert (
+        f"run ideal-seed1 failed: {in_the_way}: cannot write the output folder: Not a directory"
+        in printed.err
+    )
     assert "run 4/4 ideal-seed2: 2 rounds" in printed.out
     assert {row["run"] for row in rows(part / "runs.csv")} == {
         "cov-seed1", "cov-seed2", "ideal-seed2",
