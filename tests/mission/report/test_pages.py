@@ -154,7 +154,7 @@ def radio_map_drawn(folder: Path) -> Path:
     ("made", "charts"),
     [
         (run, 15), (nobody_served, 14), (plan_flown, 27), (foreign_log, 5),
-        (of_one_world, 3), (sweep, 16), (sweep_of_settings, 16),
+        (of_one_world, 4), (sweep, 16), (sweep_of_settings, 16),
         (on_a_radio_map, 19), (radio_map_drawn, 0),
     ],
 )  # fmt: skip
