@@ -41,7 +41,8 @@ from mission.log.records import RoundRecord, UplinkRecord
 from mission.planner.evaluate import finish, fit_budget
 from mission.planner.limits import RoundLimits
 from mission.planner.performance import Foreseen, Performance
-from mission.planner.problem import PlannedPath, Planner, RoundPlan, RoundProblem, Start
+from mission.planner.plan import PlannedPath, Planner, RoundPlan
+from mission.planner.problem import RoundProblem, Start
 from mission.run.callbacks import Callback, CallbackContext, RoundReport
 from mission.scenario.custom_strategies import ImportanceStrategy, RoundInfo, StrategyContext
 from mission.scenario.strategies import Sortie, Strategy

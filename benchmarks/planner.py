@@ -31,7 +31,8 @@ from mission.planner.certified import CertifiedPlanner, ExploringPlanner, instan
 from mission.planner.check import check_plan
 from mission.planner.config import PlannerConfig
 from mission.planner.factory import make_planner
-from mission.planner.problem import Planner, RoundPlan, RoundProblem, Start
+from mission.planner.plan import Planner, RoundPlan
+from mission.planner.problem import RoundProblem, Start
 from mission.planner.reward import conjugates, reward_table
 from mission.planner.sqp import SqpPlanner
 

@@ -26,7 +26,8 @@ from mission.planner.factory import make_planner
 from mission.planner.fleet.parts import improved_in_turn, masked
 from mission.planner.fleet.starts import partitions
 from mission.planner.fleet.team import team_of
-from mission.planner.problem import RoundPlan, RoundProblem, Start
+from mission.planner.plan import RoundPlan
+from mission.planner.problem import RoundProblem, Start
 
 FIRST_SEED = 7_000
 CORNERS = ((150.0, 150.0), (650.0, 650.0), (650.0, 150.0), (150.0, 650.0))

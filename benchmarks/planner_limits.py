@@ -27,7 +27,8 @@ from mission.planner.factory import make_planner
 from mission.planner.improving import fitted
 from mission.planner.limits import RoundLimits
 from mission.planner.performance import Performance
-from mission.planner.problem import RoundPlan, RoundProblem, Start
+from mission.planner.plan import RoundPlan
+from mission.planner.problem import RoundProblem, Start
 
 CHANNELS = ("suburban", "suburban+10dB", "dense-urban")
 FLYING = Performance(20.0, 5.0, LimitsConfig())

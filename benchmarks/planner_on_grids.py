@@ -22,7 +22,8 @@ from mission.base.airspace import OPEN
 from mission.config.loading import load_config
 from mission.planner.factory import make_planner
 from mission.planner.improving import varied
-from mission.planner.problem import RoundPlan, RoundProblem
+from mission.planner.plan import RoundPlan
+from mission.planner.problem import RoundProblem
 from mission.scenario.scenario import build_scenario
 
 CHANGES = 20_000  # that are tried between two looks at the clock

@@ -6,7 +6,8 @@ from typing import Any
 import numpy as np
 
 from mission.base.arrays import Bools, Floats
-from mission.planner.problem import PlannedPath, RoundPlan, RoundProblem, Start
+from mission.planner.plan import PlannedPath, RoundPlan
+from mission.planner.problem import RoundProblem, Start
 
 _OWN = {field.name for field in fields(Start)}
 _ORDER = ["devices_m", "importance", "start_m", "steps", "per_step", "path_budget_m", "channel"]

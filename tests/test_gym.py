@@ -23,7 +23,8 @@ from mission.base.airspace import Airspace
 from mission.planner.check import check_plan
 from mission.planner.limits import RoundLimits
 from mission.planner.performance import Performance
-from mission.planner.problem import RoundPlan, RoundProblem
+from mission.planner.plan import RoundPlan
+from mission.planner.problem import RoundProblem
 
 FLYING = Performance(20.0, 5.0, LimitsConfig())
 WALL = np.array([[300.0, 100], [360, 100], [360, 700], [300, 700]])

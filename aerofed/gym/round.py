@@ -23,7 +23,8 @@ from mission.config.models import RunConfig
 from mission.planner.evaluate import check_problem, in_time, objective
 from mission.planner.flyable import foresee_round, share_of
 from mission.planner.limits import WITHIN_ROUNDING
-from mission.planner.problem import PlannedPath, RoundPlan, RoundProblem
+from mission.planner.plan import PlannedPath, RoundPlan
+from mission.planner.problem import RoundProblem
 from mission.scenario.radios import believed, radio_of
 from mission.scenario.scenario import build_scenario, device_places
 from mission.scenario.strategies import longest

@@ -9,7 +9,8 @@ from mission.base.explain import Blame, explained, shown
 from mission.planner.check import check_plan
 from mission.planner.config import PlannerConfig
 from mission.planner.evaluate import check_problem
-from mission.planner.problem import Planner, RoundPlan, RoundProblem
+from mission.planner.plan import Planner, RoundPlan
+from mission.planner.problem import RoundProblem
 
 
 def plan(

@@ -22,7 +22,8 @@ from mission.planner.config import PlannerConfig
 from mission.planner.factory import make_planner
 from mission.planner.files import NamedPlan, NamedProblem, read_problems, write_plans
 from mission.planner.flyable import foresee_round
-from mission.planner.problem import RoundPlan, RoundProblem
+from mission.planner.plan import RoundPlan
+from mission.planner.problem import RoundProblem
 from mission.scenario.scenario import Scenario, build_scenario
 from mission.scenario.strategies import FIXED_PATHS, Optimised, Sortie, Strategy
 

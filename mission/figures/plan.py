@@ -14,7 +14,8 @@ from mission.figures.style import Chart, heading
 from mission.figures.words import NAME, Word
 from mission.log.values import Devices
 from mission.planner.evaluate import success
-from mission.planner.problem import RoundPlan, RoundProblem
+from mission.planner.plan import RoundPlan
+from mission.planner.problem import RoundProblem
 
 _WIDTH = 560.0
 

@@ -28,7 +28,8 @@ from mission.log.values import (
     area_to_text,
 )
 from mission.log.vehicle import NOTICE, VehicleTopics
-from mission.planner.problem import RoundPlan, RoundProblem
+from mission.planner.plan import RoundPlan
+from mission.planner.problem import RoundProblem
 from sitl.observer import VehicleEvent, VehicleSample
 
 _BLOCK_NS = NS_PER_S  # simulated time that goes to the file at once

@@ -29,7 +29,8 @@ from mission.planner.evaluate import (
     plan_without_moving,
 )
 from mission.planner.native.library import Found
-from mission.planner.problem import Planner, RoundPlan, RoundProblem
+from mission.planner.plan import Planner, RoundPlan
+from mission.planner.problem import RoundProblem
 
 FIRST_PARTS = 4  # that the limits are split into at first
 LEAST_NODES = 20  # that a part counts for: its tables have to be made

@@ -8,7 +8,8 @@ import numpy as np
 
 from mission.base.arrays import Floats
 from mission.planner.flyable import acceptance_radius, foresee_round, stops_of
-from mission.planner.problem import RoundPlan, RoundProblem
+from mission.planner.plan import RoundPlan
+from mission.planner.problem import RoundProblem
 
 # Between instants, ways are taken for straight: at 10 m/s2 of two that turn, 3 mm.
 STEP_S = 0.05

@@ -26,7 +26,8 @@ from mission.planner.native.library import (
     search_orders,
     search_places,
 )
-from mission.planner.problem import Planner, RoundPlan, RoundProblem, relative_gap
+from mission.planner.plan import Planner, RoundPlan, relative_gap
+from mission.planner.problem import RoundProblem
 from mission.planner.reward import Altitudes, conjugates, reward_table
 
 REACH_STEP_M = 512  # of tables, so that the rounds of a mission share them

@@ -6,7 +6,8 @@ from mission.planner.apart import layered_by, too_near
 from mission.planner.errors import InfeasiblePlanError
 from mission.planner.evaluate import LENGTH_TOLERANCE_M, in_time, objective
 from mission.planner.flyable import foresee_round
-from mission.planner.problem import RoundPlan, RoundProblem
+from mission.planner.plan import RoundPlan
+from mission.planner.problem import RoundProblem
 
 VALUE_TOLERANCE = 1e-9  # relative
 

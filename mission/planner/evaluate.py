@@ -17,15 +17,8 @@ from mission.base.explain import shown
 from mission.planner.errors import PlanInputError
 from mission.planner.native.library import HOPE
 from mission.planner.native.rounds import CandidatePlan
-from mission.planner.problem import (
-    MOST_COUNT,
-    BoundError,
-    PlannedPath,
-    RoundPlan,
-    RoundProblem,
-    Start,
-    as_waypoints,
-)
+from mission.planner.plan import BoundError, PlannedPath, RoundPlan, as_waypoints
+from mission.planner.problem import MOST_COUNT, RoundProblem, Start
 
 ALTITUDES = 17  # that are looked at together
 FINE_STEP_M = 0.5  # of altitudes, where the path is a point

@@ -9,7 +9,8 @@ from mission.planner.config import PlannerConfig
 from mission.planner.errors import InfeasiblePlanError
 from mission.planner.fleet.planner import FleetPlanner
 from mission.planner.limited import LimitedPlanner
-from mission.planner.problem import Planner, RoundPlan, RoundProblem
+from mission.planner.plan import Planner, RoundPlan
+from mission.planner.problem import RoundProblem
 
 _STARTS, _TRIES = 16, 8  # of paths that are only begun with
 _FEW_NODES, _SEARCHES = 500, 10  # where a proof of many altitudes would take longer than the plan

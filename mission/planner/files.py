@@ -37,7 +37,8 @@ from mission.base.user_files import read_json
 from mission.planner.errors import PlanInputError
 from mission.planner.limits import LIMITS, RoundLimits
 from mission.planner.performance import Performance
-from mission.planner.problem import MOST_COUNT, PlannedPath, RoundPlan, RoundProblem, Start
+from mission.planner.plan import PlannedPath, RoundPlan
+from mission.planner.problem import MOST_COUNT, RoundProblem, Start
 
 # Strict: neither texts nor true and false are numbers.
 Number = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=-1e7, le=1e7)]

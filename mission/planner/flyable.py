@@ -12,7 +12,8 @@ import numpy as np
 from mission.base.arrays import Floats
 from mission.planner.native.rounds import Round
 from mission.planner.performance import Foreseen
-from mission.planner.problem import RoundPlan, RoundProblem
+from mission.planner.plan import RoundPlan
+from mission.planner.problem import RoundProblem
 
 SAME_PLACE_M = 0.5  # waypoints nearer than this are flown as one; no flight tells them apart
 

@@ -10,7 +10,8 @@ import numpy as np
 
 from mission.base.arrays import Floats
 from mission.planner.evaluate import fit_budget, plan_along, planned
-from mission.planner.problem import RoundPlan, RoundProblem
+from mission.planner.plan import RoundPlan
+from mission.planner.problem import RoundProblem
 
 
 def serving_fewer(problem: RoundProblem, plan: RoundPlan, *, hold_s: float = 0.0) -> RoundPlan:

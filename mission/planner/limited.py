@@ -16,7 +16,8 @@ from mission.planner.certified import Goal, in_usual_size
 from mission.planner.evaluate import bounded, success_bounds
 from mission.planner.flyable import foresee_round
 from mission.planner.improving import fitted, improved, standing
-from mission.planner.problem import Planner, RoundPlan, RoundProblem
+from mission.planner.plan import Planner, RoundPlan
+from mission.planner.problem import RoundProblem
 from mission.planner.timed import timed_bound
 
 # Of the metres, where corners and ways around cost the rest; and where hovers do, too.

@@ -21,7 +21,8 @@ from mission.base.arrays import Floats, Ints
 from mission.planner.certified import ExploringPlanner, in_usual_size, reach_of
 from mission.planner.errors import SolverError
 from mission.planner.evaluate import fit_budget, plan_along
-from mission.planner.problem import RoundPlan, RoundProblem
+from mission.planner.plan import RoundPlan
+from mission.planner.problem import RoundProblem
 from mission.planner.reward import reward_table
 
 _DEGREES = (0.0, 10.0, -10.0, 25.0, -25.0, 50.0, -50.0, 90.0, -90.0, 135.0, -135.0, 180.0)

@@ -7,7 +7,7 @@ import numpy as np
 
 from mission.base.arrays import Ints
 from mission.log.records import RoundRecord
-from mission.planner.problem import relative_gap
+from mission.planner.plan import relative_gap
 from mission.scenario.limits import ENOUGH, KEYS, NOTHING, Amount, Budget
 
 

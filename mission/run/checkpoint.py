@@ -23,7 +23,7 @@ from mission.base.run_folder import write_atomically
 from mission.base.user_files import DATA_BYTES, read_bytes
 from mission.config.models import RunConfig
 from mission.config.preflight import code_digests
-from mission.planner.problem import PlannedPath, RoundPlan
+from mission.planner.plan import PlannedPath, RoundPlan
 from mission.run.resume import ROUNDS, damaged, header, sealed
 from mission.scenario.strategies import Sortie
 

@@ -10,7 +10,8 @@ from mission.base.arrays import Bools, Floats
 from mission.config.models import MissionConfig
 from mission.flight.missions.round_mission import FlightPlan, flight_of_round
 from mission.planner.evaluate import objective
-from mission.planner.problem import PlannedPath, RoundPlan, RoundProblem
+from mission.planner.plan import PlannedPath, RoundPlan
+from mission.planner.problem import RoundProblem
 from mission.scenario.limits import SHORT_M
 
 _GAIN = 0.01  # of what the round is worth: for less no mission is replaced

@@ -22,7 +22,8 @@ from mission.flight.track import FlownTrack
 from mission.log.records import LATE, UNKNOWN_ROUND
 from mission.planner.flyable import share_of
 from mission.planner.performance import Performance
-from mission.planner.problem import RoundPlan, RoundProblem
+from mission.planner.plan import RoundPlan
+from mission.planner.problem import RoundProblem
 from mission.run.checkpoint import RoundMemory
 from mission.run.course import ahead_of_all, is_better
 from mission.run.experiment import Experiment

@@ -14,7 +14,8 @@ from mission.base.arrays import Bools
 from mission.flight.missions.round_mission import FlightPlan
 from mission.flight.track import FlownTrack, TrackPoint
 from mission.log.records import TimedUplinkRecord, UplinkRecord
-from mission.planner.problem import RoundPlan, RoundProblem
+from mission.planner.plan import RoundPlan
+from mission.planner.problem import RoundProblem
 
 
 def slots(plan: FlightPlan, flight: FlownTrack) -> dict[int, TrackPoint]:

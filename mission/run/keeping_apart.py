@@ -16,7 +16,8 @@ import numpy as np
 from mission.config.vehicles import HIGHEST_M, LOWEST_M
 from mission.planner.evaluate import objective
 from mission.planner.fleet.parts import part_along
-from mission.planner.problem import PlannedPath, RoundPlan, RoundProblem
+from mission.planner.plan import PlannedPath, RoundPlan
+from mission.planner.problem import RoundProblem
 from mission.run.apart import planned_pairs
 from mission.run.outing import Outing
 from mission.scenario.strategies import Sortie

@@ -14,7 +14,8 @@ from mission.log.records import RoundRecord, UplinkRecord
 from mission.planner.evaluate import in_time, objective
 from mission.planner.flyable import Stop
 from mission.planner.performance import Foreseen
-from mission.planner.problem import RoundPlan, RoundProblem
+from mission.planner.plan import RoundPlan
+from mission.planner.problem import RoundProblem
 from mission.run.course import Course
 from mission.scenario.aircraft import Aircraft
 from mission.scenario.limits import Amount

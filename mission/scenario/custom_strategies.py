@@ -13,7 +13,8 @@ from mission.base.explain import shown
 from mission.config.models import MissionConfig
 from mission.planner.check import check_plan
 from mission.planner.errors import InfeasiblePlanError, PlanInputError
-from mission.planner.problem import Planner, RoundProblem
+from mission.planner.plan import Planner
+from mission.planner.problem import RoundProblem
 from mission.scenario.strategies import Sortie
 
 

@@ -16,7 +16,8 @@ from mission.planner.evaluate import finish, fit_budget
 from mission.planner.improving import serving_fewer
 from mission.planner.limits import RoundLimits
 from mission.planner.performance import Foreseen, acceptance_radii
-from mission.planner.problem import Planner, RoundPlan, RoundProblem
+from mission.planner.plan import Planner, RoundPlan
+from mission.planner.problem import RoundProblem
 
 _BEGINS, _HALVINGS = 96, 12  # starts of a stretch that are tried; bisections of its length
 

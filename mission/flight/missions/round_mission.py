@@ -14,7 +14,8 @@ from mission.base.arrays import Bools, Floats
 from mission.config.models import MissionConfig
 from mission.planner.flyable import Stop, acceptance_radius, stops_of
 from mission.planner.performance import Foreseen, Performance
-from mission.planner.problem import RoundPlan, RoundProblem
+from mission.planner.plan import RoundPlan
+from mission.planner.problem import RoundProblem
 from sitl.autopilot.codec.orders import MissionItem
 
 _SETTLE_S = 1.0  # of hover after a climb

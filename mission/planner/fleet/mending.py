@@ -28,7 +28,8 @@ from mission.planner.fleet.parts import Parts, masked, part_along, served, total
 from mission.planner.fleet.within import completed
 from mission.planner.flyable import foresee_round
 from mission.planner.improving import fitted
-from mission.planner.problem import RoundPlan, RoundProblem
+from mission.planner.plan import RoundPlan
+from mission.planner.problem import RoundProblem
 
 Again = Callable[[RoundProblem], RoundPlan]
 

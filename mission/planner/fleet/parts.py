@@ -8,7 +8,8 @@ import numpy as np
 from mission.base.arrays import Bools, Floats
 from mission.planner.evaluate import success
 from mission.planner.improving import fitted, varied
-from mission.planner.problem import RoundPlan, RoundProblem
+from mission.planner.plan import RoundPlan
+from mission.planner.problem import RoundProblem
 
 Parts = list[RoundPlan]
 # What changes may lose at first, by turn of all aircraft; they share the changes.

@@ -17,7 +17,8 @@ from mission.planner.fleet.within import completed, drawn_plans, planned_within,
 from mission.planner.flyable import foresee_round
 from mission.planner.limited import near_of, servable
 from mission.planner.native.library import assign
-from mission.planner.problem import Planner, RoundPlan, RoundProblem, relative_gap
+from mission.planner.plan import Planner, RoundPlan, relative_gap
+from mission.planner.problem import RoundProblem
 from mission.planner.timed import cases_of, timed_bound
 
 _HEIGHTS = 5  # altitudes at which first plans are compared

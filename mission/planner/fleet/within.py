@@ -20,7 +20,8 @@ from mission.planner.fleet.parts import (
 from mission.planner.fleet.starts import partitions
 from mission.planner.fleet.team import team_of
 from mission.planner.improving import changes_for, standing
-from mission.planner.problem import Planner, RoundProblem
+from mission.planner.plan import Planner
+from mission.planner.problem import RoundProblem
 
 _SHARES = (1.0, 0.9, 0.8, 0.7, 0.6, 0.45, 0.3)  # of the metres, where limits and ways take the rest
 _OF_EACH = 2  # best first plans of each

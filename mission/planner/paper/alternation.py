@@ -16,7 +16,8 @@ from mission.planner.errors import SolverError
 from mission.planner.evaluate import distances, finish, fit_budget, plan_without_moving
 from mission.planner.native.library import assign
 from mission.planner.paper.path_step import PathProgram, path_program
-from mission.planner.problem import RoundPlan, RoundProblem
+from mission.planner.plan import RoundPlan
+from mission.planner.problem import RoundProblem
 
 logger = logging.getLogger(__name__)
 

@@ -12,7 +12,8 @@ from mission.analysis.load import load_run
 from mission.base.errors import InputError, PlanError
 from mission.cli import call
 from mission.planner.evaluate import finish
-from mission.planner.problem import RoundPlan, RoundProblem
+from mission.planner.plan import RoundPlan
+from mission.planner.problem import RoundProblem
 
 CHANNEL = {
     "altitude_m": 60.0, "alpha_los": 2.27, "alpha_nlos": 3.64, "beta_los_db": -30.0,

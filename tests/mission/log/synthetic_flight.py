@@ -18,7 +18,8 @@ from mission.log.sink import Sink
 from mission.log.tables import Table
 from mission.log.values import Devices, Zone
 from mission.log.writer import FlightLog
-from mission.planner.problem import RoundPlan, RoundProblem
+from mission.planner.plan import RoundPlan
+from mission.planner.problem import RoundProblem
 from sitl.observer import VehicleEvent, VehicleSample
 
 Floats = NDArray[np.float64]

@@ -9,7 +9,8 @@ from fl.radio.channel import CHANNEL_PRESETS
 from mission.planner.check import check_plan
 from mission.planner.config import PlannerConfig
 from mission.planner.factory import make_planner
-from mission.planner.problem import RoundPlan, RoundProblem
+from mission.planner.plan import RoundPlan
+from mission.planner.problem import RoundProblem
 
 
 def drawn_problem(seed: int = 1, *, devices: int = 8, **more: Any) -> RoundProblem:

@@ -17,7 +17,7 @@ from mission.planner import certified
 from mission.planner.certified import CertifiedPlanner, Goal, case_of, search
 from mission.planner.check import check_plan
 from mission.planner.evaluate import bounded
-from mission.planner.problem import BoundError
+from mission.planner.plan import BoundError
 
 PRESETS = ("suburban+10dB", "suburban", "suburban+30dB", "literal-log-variance", "high-rise")
 SEEDS = st.integers(0, 2**32 - 1)
@@ -269,7 +269,8 @@ from fl.radio.channel import CHANNEL_PRESETS
 from mission.planner import certified
 from mission.planner.certified import CertifiedPlanner
 from mission.planner.evaluate import bounded
-from mission.planner.problem import BoundError, RoundProblem, Start
+from mission.planner.plan import BoundError
+from mission.planner.problem import RoundProblem, Start
 from mission.planner.sqp import SqpPlanner
 rng = np.random.default_rng(7)
 start = Start(np.full(2, 400.0), 800.0)

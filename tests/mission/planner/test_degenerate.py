@@ -15,7 +15,7 @@ from mission.planner.errors import InfeasiblePlanError, PlanInputError
 from mission.planner.factory import make_planner
 from mission.planner.limits import RoundLimits
 from mission.planner.performance import Performance
-from mission.planner.problem import PlannedPath
+from mission.planner.plan import PlannedPath
 
 KINDS = tuple(kind for kind in get_args(PlannerKind) if kind != "import")
 BASE = round_problem(

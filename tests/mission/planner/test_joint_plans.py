@@ -25,7 +25,8 @@ from mission.planner.limits import RoundLimits
 from mission.planner.native.crews import polished
 from mission.planner.native.library import Effort, Found, assign
 from mission.planner.performance import Performance
-from mission.planner.problem import RoundPlan, RoundProblem, Start
+from mission.planner.plan import RoundPlan
+from mission.planner.problem import RoundProblem, Start
 
 FLYING = Performance(20.0, 5.0, LimitsConfig())
 OWN = ((150.0, 150.0), (650.0, 650.0), (650.0, 150.0))

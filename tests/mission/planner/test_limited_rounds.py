@@ -24,7 +24,8 @@ from mission.planner.improving import fitted, standing, varied
 from mission.planner.limited import LimitedPlanner
 from mission.planner.limits import RoundLimits
 from mission.planner.performance import Performance
-from mission.planner.problem import Planner, RoundPlan, RoundProblem
+from mission.planner.plan import Planner, RoundPlan
+from mission.planner.problem import RoundProblem
 
 FLYING = Performance(20.0, 5.0, LimitsConfig())
 WALL = np.array([[300.0, 100], [360, 100], [360, 700], [300, 700]])

@@ -23,7 +23,8 @@ from mission.planner.files import NamedPlan, plans_as_json, problems_of
 from mission.planner.fleet.planner import FleetPlanner
 from mission.planner.limits import RoundLimits
 from mission.planner.performance import Performance
-from mission.planner.problem import PlannedPath, RoundPlan, RoundProblem, Start
+from mission.planner.plan import PlannedPath, RoundPlan
+from mission.planner.problem import RoundProblem, Start
 from mission.scenario import strategies
 
 FLYING = Performance(20.0, 5.0, LimitsConfig())

@@ -22,7 +22,7 @@ from mission.flight.missions.round_mission import FlightPlan, mission_items
 from mission.flight.pilot.dialects import ARDUPILOT, PX4, as_dialect, raw_items
 from mission.planner.flyable import SAME_PLACE_M, stops_of
 from mission.planner.performance import Performance
-from mission.planner.problem import RoundPlan
+from mission.planner.plan import RoundPlan
 
 SMALL = {
     "mission.steps": 4,

@@ -17,7 +17,8 @@ from mission.flight.missions.round_mission import FlightPlan
 from mission.flight.track import FlownTrack, TrackPoint
 from mission.log.records import TimedUplinkRecord, UplinkRecord
 from mission.planner.flyable import Stop, stops_of
-from mission.planner.problem import RoundPlan, RoundProblem
+from mission.planner.plan import RoundPlan
+from mission.planner.problem import RoundProblem
 from mission.run.gate import slots, uplinks
 
 CHANNEL = CHANNEL_PRESETS["suburban"]

@@ -26,7 +26,7 @@ MODULE = """
 import numpy as np
 from dataclasses import dataclass, replace
 from mission.planner.evaluate import finish
-from mission.planner.problem import RoundPlan
+from mission.planner.plan import RoundPlan
 from mission.scenario.strategies import Barycenter, Sortie
 
 class Stay:
