@@ -13,7 +13,7 @@ import aerofed
 from fl.radio.channel import CHANNEL_PRESETS
 from flightdyn.config import LimitsConfig
 from mission.base.errors import PlanError
-from mission.planner import problem as problems
+from mission.planner import plan as plans
 from mission.planner.check import check_plan
 from mission.planner.config import PlannerConfig
 from mission.planner.errors import InfeasiblePlanError, PlanInputError
@@ -189,7 +189,7 @@ def test_a_height_of_its_own_rules_out_a_choice_of_all() -> None:
 
 
 def test_the_toys_in_the_docstrings_run() -> None:
-    for module in (problems, strategies):
+    for module in (plans, strategies):
         found = doctest.testmod(module)
         assert found.attempted > 3
         assert found.failed == 0
