@@ -28,10 +28,11 @@ _COPIED_BYTES = 1 << 24
 def problem_of(name: str) -> str | None:
     """Return why a plug-in is not found, or None; imports the packages around its module only."""
     try:
-        with failures_as(lambda error: UsersCodeError(_not_imported(error))):
-            check_found(name)
-    except UsersCodeError as error:
-        return str(error)
+        check_found(name)
+    except KeyboardInterrupt:
+        raise
+    except BaseException as error:
+        return _not_imported(error)
     return None
 
 

@@ -21,8 +21,9 @@ Pair = tuple[float, float]
 _X, _Y = ("x", "x_m"), ("y", "y_m")
 _LAT, _LON = ("lat", "lat_deg", "latitude"), ("lon", "lon_deg", "lng", "longitude")
 MOST_CORNERS = 500  # of all outlines together: the ways around them take their cube
-_MOST_M = 100_000.0  # from an area's corner, as for the places in a configuration
-_MOST_DEG = {"lat": 85.0, "lon": 180.0}  # nearer to a pole no flight is configured
+_METRES = 100_000.0, "m"  # from an area's corner, as for the places in a configuration
+# Nearer to a pole no flight is configured.
+_MOST = {"lat": (85.0, "degrees"), "lon": (180.0, "degrees"), "x": _METRES, "y": _METRES}
 _HOLDS_POINTS = "a point a device (GeoJSON), or a table with columns x, y or lat, lon (CSV)"
 _POLYGONS = ("Polygon", "MultiPolygon")
 # Properties of a building, by OpenStreetMap's names.
@@ -106,27 +107,15 @@ def read_buildings(path: Path) -> tuple[tuple[Ring, ...], int]:
     return rings, len(every) - len(buildings)
 
 
-def check_degrees(where: str, lat: float, lon: float) -> None:
-    """Check a latitude (85 degrees at most) and a longitude, in degrees.
-
-    Raises:
-        InputError: one is out of range; the message says if they seem swapped.
-    """
-    for name, value in (("lat", lat), ("lon", lon)):
-        most = _MOST_DEG[name]
+def _check(where: str, names: tuple[str, str], pair: Pair) -> None:
+    """Refuse a coordinate out of range; say where latitude and longitude seem swapped."""
+    for name, value in zip(names, pair, strict=True):
+        most, unit = _MOST[name]
         if abs(value) > most:
-            swapped = abs(lat) > _MOST_DEG["lat"] and abs(lon) <= _MOST_DEG["lat"]
-            hint = "; are lat and lon swapped?" if swapped and abs(lat) <= 180.0 else ""
+            swapped = name == "lat" and abs(value) <= 180.0 and abs(pair[1]) <= most
+            hint = "; are lat and lon swapped?" if swapped else ""
             raise InputError(
-                f"{where}: {name} = {value:g}: must be from {-most:g} to {most:g} degrees{hint}"
-            )
-
-
-def _check_metres(where: str, x: float, y: float) -> None:
-    for name, value in (("x", x), ("y", y)):
-        if abs(value) > _MOST_M:
-            raise InputError(
-                f"{where}: {name} = {value:g}: must be from {-_MOST_M:g} to {_MOST_M:g} m"
+                f"{where}: {name} = {value:g}: must be from {-most:g} to {most:g} {unit}{hint}"
             )
 
 
@@ -144,10 +133,7 @@ def _table_places(path: Path, text: str) -> Iterator[Place]:
                 raise InputError(f"{where}: has {len(cells)} cells, the header has {len(head)}")
             pair = (_number(where, head[i], cells[i].strip()) for i in (first, second))
             one, other = pair
-            if geodetic:
-                check_degrees(where, one, other)
-            else:
-                _check_metres(where, one, other)
+            _check(where, ("lat", "lon") if geodetic else ("x", "y"), (one, other))
             yield Place(
                 where,
                 (one, other),
@@ -255,7 +241,7 @@ def _position(where: str, coordinates: object) -> Pair:
         _number(where, name, value)
         for name, value in zip(("lon", "lat"), coordinates, strict=False)
     )
-    check_degrees(where, lat, lon)
+    _check(where, ("lat", "lon"), (lat, lon))
     return lat, lon
 
 
