@@ -74,11 +74,9 @@ def channel(
         InputError: an unknown preset or constant, or one out of range.
     """
     given = {"preset": preset, **constants}
-    try:
-        with explained(ChannelConfig, given, Blame("channel")):
-            return ChannelConfig.model_validate(given).channel(altitude_m=altitude_m)
-    except SettingError as error:
-        raise InputError(f"channel: {error}") from None
+    blame = Blame("channel")
+    with blame.told(), explained(ChannelConfig, given, blame):
+        return ChannelConfig.model_validate(given).channel(altitude_m=altitude_m)
 
 
 def as_path(path: object, what: str) -> Path:

@@ -7,6 +7,7 @@ from typing import Annotated, Literal
 from cyclopts import Parameter
 
 from mission.base.errors import InputError
+from mission.base.explain import Blame
 from mission.base.terminal import PLAIN, Terminal
 from mission.commands.options import Overrides, load
 
@@ -100,12 +101,10 @@ def radio_map(
             f"{len(area.buildings)} buildings, {resolved.radio.environment}, seed {resolved.seed}"
         )
     else:
-        try:
+        with Blame("command line", {"radio.scene": "--scene"}).told():
             made = traced_map(
                 resolved, scene, devices_m, middle_m=middle, height_m=heights_m, cell_m=cell
             )
-        except InputError as error:
-            raise error.in_words(f"--scene {scene}: {error}") from None
         x, y = middle
         source = f"{scene} about ({x:g}, {y:g}), Sionna RT {version('sionna-rt')}"
     write_map(out, made, origin_of(resolved, source))

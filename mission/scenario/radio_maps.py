@@ -155,12 +155,9 @@ def with_traced_map(config: RunConfig, devices_m: Floats) -> RunConfig:
     with or_input_error(path, "cannot be kept"), path.with_suffix(".lock").open("a") as alone:
         fcntl.flock(alone, fcntl.LOCK_EX)
         if not path.exists():
-            try:
-                made = traced_map(
-                    config, scene, devices_m, middle_m=(0, 0), height_m=heights_m, cell_m=_CELL_M
-                )
-            except InputError as error:
-                raise SettingError("radio.scene", scene, str(error)) from None
+            made = traced_map(
+                config, scene, devices_m, middle_m=(0, 0), height_m=heights_m, cell_m=_CELL_M
+            )
             write_map(path, made, origin_of(config, f"{scene}, Sionna RT"))
     known = {"map_file": path, "map_sha256": hashlib.sha256(path.read_bytes()).hexdigest()}
     return config.model_copy(update={"radio": config.radio.model_copy(update=known)})
@@ -184,9 +181,10 @@ def traced_map(
         InputError: Sionna is not installed or does not run here, or there is no such scene.
     """
     if find_spec("sionna") is None:
-        raise InputError(
+        lacks = (
             "needs sionna-rt, which is an extra and not installed: pip install 'aerofed[sionna]'"
         )
+        raise SettingError("radio.scene", scene, lacks)
     radio, size_m = config.radio, config.area.size_m
     low_m = [middle - side / 2.0 for middle, side in zip(middle_m, size_m, strict=True)]
     cells = [math.ceil(side / cell_m) for side in size_m]
@@ -217,10 +215,8 @@ def traced_map(
     except InputError:
         raise
     except Exception as error:  # whatever Mitsuba says of a scene, or Dr.Jit without LLVM
-        raise InputError(
-            f"{first_line(error)} (without a GPU it needs LLVM, best 19: DRJIT_LIBLLVM_PATH names "
-            "its library)"
-        ) from None
+        reason = "(without a GPU it needs LLVM, best 19: DRJIT_LIBLLVM_PATH names its library)"
+        raise SettingError("radio.scene", scene, f"{first_line(error)} {reason}") from None
     with np.errstate(divide="ignore"):
         gain_db = np.maximum(10.0 * np.log10(np.stack(gains, axis=1)), NOTHING_DB)
     x_m, y_m = (cell_m * np.arange(0.5, count, dtype=np.float64) for count in cells)
@@ -230,12 +226,14 @@ def traced_map(
 def _scene(name: str, known: object) -> str:
     """Return the file of a scene by its name in Sionna; a path of an .xml file as it is."""
     if name.endswith(".xml"):
-        check_regular(Path(name), most=_MOST_BYTES)
+        try:
+            check_regular(Path(name), most=_MOST_BYTES)
+        except InputError as error:
+            raise SettingError("radio.scene", name, str(error)) from None
         return name
     scenes = {one: path for one, path in vars(known).items() if str(path).endswith(".xml")}
     if name not in scenes:
         listed = ", ".join(sorted(scenes))
-        raise InputError(
-            f"must be one of {listed}, or a Mitsuba scene, FILE.xml{did_you_mean(name, scenes)}"
-        )
+        reason = f"must be one of {listed}, or a Mitsuba scene, FILE.xml"
+        raise SettingError("radio.scene", name, f"{reason}{did_you_mean(name, scenes)}")
     return str(scenes[name])
