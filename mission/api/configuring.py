@@ -9,7 +9,6 @@ from fl.config import ChannelConfig
 from mission.base.errors import InputError
 from mission.base.explain import Blame, explained
 from mission.config.models import RunConfig
-from native.errors import SettingError
 
 if TYPE_CHECKING:
     from fl.radio.channel import Channel

@@ -124,9 +124,7 @@ class MissionConfig(Table):
         "dear a round as any before and this, the aircraft returns, gets a full battery and comes "
         "back to where it was, outside the rounds; 0: never",
     )
-    hover_s: float = Field(
-        5.0, ge=1, le=600, description="barycenter, rectangular: hover of a round"
-    )
+    hover_s: float = Field(5.0, ge=1, le=600, description="barycenter: hover of a round")
     hover_cost_m: float = Field(
         100.0, gt=0, le=20_000, description="barycenter: metres of budget a round costs"
     )
@@ -136,13 +134,6 @@ class MissionConfig(Table):
         lt=0.5,
         description="rectangular: the tour's distance from the area's edge, "
         "as a fraction of its size",
-    )
-    tour_hover_points: int = Field(
-        0,
-        ge=0,
-        le=1000,
-        description="rectangular: 0: a round is the next L_max metres along the tour; else that "
-        "many points are spread over it, and a round flies to the next and hovers there hover_s",
     )
 
     @property

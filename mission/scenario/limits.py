@@ -116,18 +116,12 @@ def budget_of(config: RunConfig, performance: Performance) -> Budget:
         taken = {name: kind.of(vars(hover)) for name, kind in budgets.items()}
         whole = Amount(metres, **taken)
         return Budget(mission.rounds, total, whole)
-    hover_s = 0.0
     limits = RoundLimits(performance, **_of_round(mission))
     flown_m = min(metres, limits.longest_m())
-    if mission.strategy == "rectangular" and mission.tour_hover_points:
-        width, height = config.area.size_m
-        tour_m = 2.0 * (1.0 - 2.0 * mission.tour_inset) * (width + height)
-        flown_m, hover_s = min(flown_m, tour_m / mission.tour_hover_points), mission.hover_s
-    costs = dict[str, float]()
-    for name, kind in budgets.items():
-        any_ = kind(math.inf, performance)
-        least = any_.least(flown_m) + any_.hover(hover_s)
-        costs[name] = getattr(mission, f"round_{kind.key}") or least
+    costs = {
+        name: getattr(mission, f"round_{kind.key}") or kind(math.inf, performance).least(flown_m)
+        for name, kind in budgets.items()
+    }
     return Budget(mission.rounds, total, Amount(metres, **costs))
 
 
@@ -161,9 +155,7 @@ def unflyable(config: RunConfig, performance: Performance) -> Iterator[WrongKey]
                 "of an external vehicle nobody knows the power, so energy cannot limit its "
                 "plans; leave it out, and give a deadline or metres",
             )
-    hovers = mission.strategy == "barycenter" or (
-        mission.strategy == "rectangular" and mission.tour_hover_points > 0
-    )
+    hovers = mission.strategy == "barycenter"
     if hovers:
         why, out = f"a hover of mission.hover_s = {mission.hover_s:g} s", "hover shorter"
     else:

@@ -1,7 +1,7 @@
 """The paper's method and its baselines: where a round goes and whom it serves."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -15,7 +15,7 @@ from mission.config.models import MissionConfig
 from mission.planner.evaluate import finish, fit_budget
 from mission.planner.improving import serving_fewer
 from mission.planner.limits import RoundLimits
-from mission.planner.performance import Foreseen, acceptance_radii
+from mission.planner.performance import acceptance_radii
 from mission.planner.plan import Planner, RoundPlan
 from mission.planner.problem import RoundProblem
 
@@ -143,46 +143,7 @@ class Rectangular:
         return tour
 
 
-@dataclass(frozen=True)
-class HoveringTour:
-    """Baseline 2 in another reading: each round flies to the tour's next hovering point.
-
-    The points are spread evenly over the tour. Devices are served on the way and in the hover,
-    which has the rest of the N steps.
-    """
-
-    corners_m: Floats  # (4, 2) in order of flight
-    points: int
-    hover_s: float
-    fairness: bool = True
-
-    @property
-    def approach_m(self) -> Floats:
-        """(2,) the first corner of the tour, area coordinates in m."""
-        return np.asarray(self.corners_m[0])
-
-    @property
-    def spacing_m(self) -> float:
-        """Metres along the tour from one hovering point to the next."""
-        return polyline.length(_closed(self.corners_m)) / self.points
-
-    def path(self, round_index: int, steps: int) -> Floats:
-        """(n, 2) waypoints along the tour to the next hovering point, at most `steps` of them."""
-        arc = _ends(self.corners_m, round_index * self.spacing_m, self.spacing_m)
-        if steps < len(arc):
-            arc = arc[[0, *range(len(arc) - steps + 1, len(arc))]]
-        return _along(self.corners_m, arc)
-
-    def sortie(self, round_index: int, problem: RoundProblem) -> Sortie:
-        """Fly to the next hovering point, with the best schedule on the way and there."""
-        path = self.path(round_index, problem.steps)
-        tour = np.pad(path, ((0, problem.steps - len(path)), (0, 0)), mode="edge")
-        tour[0] = problem.start_m
-        plan = finish(problem, fit_budget(tour, problem.path_budget_m), hold_s=self.hover_s)
-        return Sortie(serving_fewer(problem, plan, hold_s=self.hover_s), hold_s=self.hover_s)
-
-
-FIXED_PATHS = (Barycenter, Rectangular, HoveringTour)  # that ask no planner
+FIXED_PATHS = (Barycenter, Rectangular)  # that ask no planner
 
 
 def stretch(corners_m: Floats, start_m: float, length_m: float, steps: int) -> Floats:
@@ -254,24 +215,12 @@ def longest(most_m: float, fits: Callable[[float], bool], *, halvings: int = _HA
 
 
 def _fits(limits: RoundLimits | None, path: Floats) -> bool:
-    """Whether the flight of a path (N, 2) without hovers keeps to a round's limits."""
-    return limits is None or limits.fits(_foreseen(limits, path, [0.0] * len(path)))
-
-
-def _foreseen(limits: RoundLimits, path: Floats, holds_s: Sequence[float]) -> Foreseen:
-    """Predict the flight of a path with hovers `holds_s` at its points and the sharpest corners."""
+    """Whether the flight of a path (N, 2) with the sharpest corners keeps to a round's limits."""
+    if limits is None:
+        return True
     performance = limits.performance
-    return performance.foresee(path, holds_s, float(acceptance_radii(performance.widest_m)[-1]))
-
-
-def _excess(tour: HoveringTour, steps: int, limits: RoundLimits) -> str:
-    """By how much a round of a hovering tour breaks limits, in words; empty where none does."""
-    for number in range(tour.points):
-        path = tour.path(number, steps)
-        holds_s = [0.0, *[tour.hover_s] * (len(path) - 1)]
-        if excess := limits.excess(_foreseen(limits, path, holds_s)):
-            return excess
-    return ""
+    sharpest_m = float(acceptance_radii(performance.widest_m)[-1])
+    return limits.fits(performance.foresee(path, [0.0] * len(path), sharpest_m))
 
 
 def make_strategy(
@@ -285,7 +234,7 @@ def make_strategy(
     """The strategy that the configuration names; None for `ideal`, which flies nothing.
 
     Raises:
-        InputError: a tour that a round's metres or `limits` do not allow.
+        InputError: no strategy of ours has that name.
     """
     match config.strategy:
         case "cov" | "no_cov":
@@ -297,21 +246,7 @@ def make_strategy(
             low, high = config.tour_inset, 1.0 - config.tour_inset
             corners = np.array([[low, low], [high, low], [high, high], [low, high]])
             corners *= (width, height)
-            if not config.tour_hover_points:
-                return Rectangular(corners, _stretch_m(corners, config, limits))
-            tour = HoveringTour(corners, config.tour_hover_points, config.hover_s)
-            if tour.spacing_m > config.path_budget_m:
-                raise InputError(
-                    f"mission.tour_hover_points = {tour.points}: they would be {tour.spacing_m:.0f}"
-                    f" m apart, farther than a round flies: mission.path_budget_m is "
-                    f"{config.path_budget_m:g}"
-                )
-            if limits is not None and (excess := _excess(tour, config.steps, limits)):
-                raise InputError(
-                    f"mission.tour_hover_points = {tour.points}: to the next point and hovering "
-                    f"there, {excess}; more points lie closer to each other"
-                )
-            return tour
+            return Rectangular(corners, _stretch_m(corners, config, limits))
         case "ideal":
             return None
         case other:

@@ -8,7 +8,7 @@ from mission.base.errors import InputError
 from mission.config.models import RunConfig
 from mission.scenario.limits import UNLIMITED, foreseen_performance, round_limits, unflyable
 from mission.scenario.scenario import build_scenario
-from mission.scenario.strategies import HoveringTour, Rectangular, stretch
+from mission.scenario.strategies import Rectangular, stretch
 
 
 def config(*, link: str = "in_process", **mission: Any) -> RunConfig:
@@ -107,17 +107,6 @@ def test_an_unlimited_tour_keeps_its_length() -> None:
     tour = build_scenario(config(strategy="rectangular"), data_dir=None).strategy
     assert isinstance(tour, Rectangular)
     assert tour.length_m == 800.0
-
-
-def test_hovering_points_too_far_for_a_deadline_are_refused() -> None:
-    words = "mission.tour_hover_points = 4: to the next point and hovering there, the flight takes"
-    with pytest.raises(InputError, match=words):
-        build_scenario(
-            config(strategy="rectangular", tour_hover_points=4, round_deadline_s=25.0),
-            data_dir=None,
-        )
-    near = config(strategy="rectangular", tour_hover_points=16, round_deadline_s=40.0)
-    assert isinstance(build_scenario(near, data_dir=None).strategy, HoveringTour)
 
 
 def test_speed_is_what_the_vehicle_allows() -> None:

@@ -6,18 +6,11 @@ from one_aircraft import changed, round_problem
 from scipy.optimize import linprog
 
 from fl.radio.channel import CHANNEL_PRESETS, average_per
-from mission.base.errors import InputError
-from mission.config.area import AreaConfig
-from mission.config.models import MissionConfig
 from mission.planner.check import check_plan
-from mission.planner.config import PlannerConfig
-from mission.planner.factory import make_planner
 from mission.planner.problem import RoundProblem
 from mission.scenario.strategies import (
     Barycenter,
-    HoveringTour,
     Rectangular,
-    make_strategy,
     stretch,
 )
 
@@ -125,40 +118,3 @@ def test_value_is_the_papers_objective() -> None:
     given = problem(devices=np.array([[30.0, 40.0]]), steps=1, per_step=1)
     plan = Barycenter(np.zeros(2), 5.0, 100.0).sortie(0, given).plan
     assert plan.value == pytest.approx(float(1 - average_per(CHANNEL, 50.0)) * 0.1)
-
-
-def test_a_hovering_tour_goes_round_the_corner_to_its_next_point() -> None:
-    tour = HoveringTour(SQUARE, 5, 5.0)
-    assert tour.spacing_m == 320.0
-    start = changed(
-        problem(devices=np.array([[400.0, 240.0], [0.0, 0.0]])), start_m=np.array([320.0, 0.0])
-    )
-    sortie = tour.sortie(1, start)
-    np.testing.assert_allclose(sortie.plan.waypoints_m[:2], [[320.0, 0.0], [400.0, 0.0]])
-    np.testing.assert_allclose(sortie.plan.waypoints_m[2:], np.tile([400.0, 240.0], (4, 1)))
-    assert sortie.hold_s == 5.0
-    assert sortie.cost_m is None
-    check_plan(start, sortie.plan)
-    assert sortie.plan.schedule[0, 2:, 0].any()
-
-
-@pytest.mark.parametrize("steps", [1, 2])
-def test_a_hovering_tour_with_few_steps_still_ends_at_its_point(steps: int) -> None:
-    plan = HoveringTour(SQUARE, 5, 5.0).sortie(
-        0, problem(devices=np.array([[0.0, 0.0]]), steps=steps)
-    ).plan  # fmt: skip
-    np.testing.assert_allclose(plan.waypoints_m[0], [0.0, 0.0])
-    if steps > 1:
-        np.testing.assert_allclose(plan.waypoints_m[-1], [320.0, 0.0])
-
-
-def test_hovering_points_too_far_apart_are_refused() -> None:
-    config = MissionConfig(strategy="rectangular", tour_hover_points=2)
-    planner = make_planner(PlannerConfig())
-    area = AreaConfig().build()
-    devices = np.array([[0.0, 0.0]])
-    with pytest.raises(InputError, match=r"tour_hover_points = 2: they would be 960 m apart"):
-        make_strategy(config, planner, devices_m=devices, area=area)
-    config = MissionConfig(strategy="rectangular", tour_hover_points=10)
-    strategy = make_strategy(config, planner, devices_m=devices, area=area)
-    assert isinstance(strategy, HoveringTour)
