@@ -74,7 +74,7 @@ def channel(
     """
     given = {"preset": preset, **constants}
     blame = Blame("channel")
-    with blame.told(), explained(ChannelConfig, given, blame):
+    with blame.named(), explained(ChannelConfig, given, blame):
         return ChannelConfig.model_validate(given).channel(altitude_m=altitude_m)
 
 

@@ -101,7 +101,7 @@ def radio_map(
             f"{len(area.buildings)} buildings, {resolved.radio.environment}, seed {resolved.seed}"
         )
     else:
-        with Blame("command line", {"radio.scene": "--scene"}).told():
+        with Blame("command line", {"radio.scene": "--scene"}).named():
             made = traced_map(
                 resolved, scene, devices_m, middle_m=middle, height_m=heights_m, cell_m=cell
             )
