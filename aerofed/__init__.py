@@ -22,9 +22,8 @@ from fl.radio.place import LinkTerms, Radio
 from fl.training.local import DeviceData, LocalResult, LocalSettings, Trainer, TrainingDevice
 from mission.api.comparing import compare
 from mission.api.configuring import channel, config
-from mission.api.figures import Figure
 from mission.api.planning import first_problem, plan
-from mission.api.runs import Run, load, resume, run
+from mission.api.runs import Figure, Run, load, resume, run
 from mission.api.sweeps import Sweep, load_sweep, sweep
 from mission.api.vehicles import fly, vehicle, vehicles
 from mission.base.airspace import Airspace

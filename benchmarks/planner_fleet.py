@@ -24,8 +24,7 @@ from mission.planner.check import check_plan
 from mission.planner.config import PlannerConfig
 from mission.planner.factory import make_planner
 from mission.planner.fleet.parts import improved_in_turn, masked
-from mission.planner.fleet.starts import partitions
-from mission.planner.fleet.team import team_of
+from mission.planner.fleet.team import partitions, team_of
 from mission.planner.plan import RoundPlan
 from mission.planner.problem import RoundProblem, Start
 

@@ -11,9 +11,9 @@ from cyclopts.help import DefaultFormatter, HelpPanel
 from rich.console import Console, ConsoleOptions
 from rich.text import Text
 
+from mission.base.console import PLAIN, Terminal
 from mission.base.errors import EXIT_CODES, INTERRUPTED, AerofedError, InputError
 from mission.base.interrupts import hear_interruptions, prepare_exit
-from mission.base.terminal import PLAIN, Terminal
 from mission.commands import usage
 from native.errors import printable
 

@@ -78,6 +78,28 @@ class LinkLostError(AerofedError):
     exit_code = 5
 
 
+class FirmwareError(FlightError):
+    """The firmware cannot be flown any further; the message says what it did or did not do."""
+
+
+class FirmwareSilentError(FirmwareError, LinkLostError):
+    """The firmware has died, cannot be started, or no longer asks for anything."""
+
+    exit_code = LinkLostError.exit_code
+
+
+class FirmwareRestartedError(FirmwareSilentError):
+    """The firmware has ended or restarted, which ends the flight."""
+
+
+class FaultError(InputError):
+    """A fault that this aircraft cannot be given."""
+
+
+class ModelDivergedError(FlightError):
+    """The physics left the finite numbers: a fault of the model, not of its user."""
+
+
 def printable(value: object, how: Callable[[Any], str] = str, *, most: int = 500) -> str:
     """Return `how(value)` (`str`, `repr`), cut to `most` characters, or a note that it raised.
 

@@ -7,10 +7,10 @@ from typing import Literal, TypeAlias
 import numpy as np
 from pymavlink.dialects.v20 import common as mav
 
-from flightdyn.errors import ModelDivergedError
 from mission.base.arrays import Floats
 from mission.base.errors import FlightError
 from mission.flight.serve.vehicle import Served
+from native.errors import ModelDivergedError
 from sitl.world import World
 
 Setpoint: TypeAlias = Literal["velocity", "acceleration"]

@@ -2,12 +2,12 @@
 
 from collections.abc import Iterable
 
-from flightdyn.errors import FaultError
 from flightdyn.faults import Fault, GnssJump, GnssOff, ImuBias, MotorLoss, WindBurst
 from flightdyn.frames import Triple
 from flightdyn.native.ticks import Imu
 from flightdyn.physics.multirotor import Multirotor
 from flightdyn.physics.sensors import Gnss
+from native.errors import FaultError
 
 
 class FaultState:

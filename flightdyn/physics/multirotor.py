@@ -11,7 +11,6 @@ from collections.abc import Callable
 from pathlib import Path
 
 from flightdyn.config import WindConfig
-from flightdyn.errors import ModelDivergedError
 from flightdyn.frames import (
     LocalFrame,
     Quaternion,
@@ -26,7 +25,7 @@ from flightdyn.physics.airframe.parameters import QUAD_X, Airframe
 from flightdyn.physics.atmosphere import pressure_pa, temperature_k
 from flightdyn.physics.wind import FT_M, steady_wind_ned, wind_at_20ft
 from flightdyn.state import Kinematics
-from native.errors import InputError
+from native.errors import InputError, ModelDivergedError
 
 os.environ.setdefault("JSBSIM_DEBUG", "0")  # read by JSBSim when it is loaded
 import jsbsim

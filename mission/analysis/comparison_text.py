@@ -15,9 +15,9 @@ from mission.analysis.measure import CORNER_M
 from mission.analysis.numbers import Comparison, Label
 from mission.analysis.spikes import spikes
 from mission.analysis.told import MISSION, TARGET, missing
+from mission.base.console import TABLE_WIDTH
 from mission.base.explain import shown
 from mission.base.tables import annotated, count, dotted, number
-from mission.base.terminal import TABLE_WIDTH
 from mission.log.values import FlightData
 
 if TYPE_CHECKING:

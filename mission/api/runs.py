@@ -1,4 +1,4 @@
-"""Runs: flown, resumed, and read back as tables."""
+"""Runs: flown, resumed, and read back as tables and pictures."""
 
 import json
 from collections.abc import Mapping
@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from mission.api.configuring import Source, as_path, config, folder
-from mission.api.figures import Figure, chosen
 from mission.base.errors import INTERRUPTED, InputError
 from mission.base.interrupts import in_a_thread
 from mission.base.run_folder import RunFolder, output_folder
@@ -22,6 +21,49 @@ if TYPE_CHECKING:
 
     from mission.analysis.load import LoadedRun
     from mission.run.recorded import Around
+import tempfile
+from dataclasses import field
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from mission.figures.style import Chart
+
+
+@dataclass(frozen=True)
+class Figure:
+    """One picture. As the last value of a notebook's cell it is shown."""
+
+    name: str
+    chart: "Chart" = field(repr=False)  # Vega-Lite, as JSON has it
+
+    def save(self, path: Path | str) -> Path:
+        """Write it to a file, .png, .svg or .pdf; returns the path.
+
+        Raises:
+            InputError: another kind of file, or it cannot be written.
+        """
+        from mission.figures.render import save
+
+        target = as_path(path, "path")
+        save(self.chart, target)
+        return target
+
+    def _repr_png_(self) -> bytes:
+        with tempfile.TemporaryDirectory() as folder:
+            return self.save(Path(folder) / "figure.png").read_bytes()
+
+
+def chosen(pictures: Mapping[str, "Chart"], name: str, *, of: Path) -> Figure:
+    """The picture of that name, among files `NAME.png`.
+
+    Raises:
+        InputError: there is none of that name.
+    """
+    picture = pictures.get(f"{name}.png")
+    if picture is None:
+        names = ", ".join(repr(file.removesuffix(".png")) for file in pictures) or "none"
+        raise InputError(f"{of}: no figure {name!r}; there are: {names}")
+    return Figure(name, picture)
 
 
 @dataclass(frozen=True)

@@ -7,8 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal, SupportsIndex
 
 from mission.api.configuring import Source, as_path, checked, folder
-from mission.api.figures import Figure, chosen
-from mission.api.runs import Run, load
+from mission.api.runs import Figure, Run, chosen, load
 from mission.base.errors import INTERRUPTED, InputError
 from mission.base.run_folder import RUNS
 from mission.config import STRATEGIES

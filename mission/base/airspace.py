@@ -15,12 +15,17 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
-from flightdyn.outlines import flaw
+from flightdyn.obstacles import flaw
 from mission.base.arrays import Bools, Floats, Ints, given_alone
 from mission.base.errors import InputError
 
 if TYPE_CHECKING:  # which loads a library
     from mission.base.native.library import Outlines
+from typing import Annotated, Self
+
+from pydantic import Field, model_validator
+
+from flightdyn.tables import Table
 
 _SLACK_M = 1e-6  # of the margin: what is at the margin is free
 _TURN = math.pi / 3  # of an outline's corner that one point leads around
@@ -245,3 +250,40 @@ def thin(points: Floats, tolerance: float) -> Floats:
         return points
     line = shapely.simplify(shapely.linestrings(points), tolerance, preserve_topology=False)
     return np.asarray(shapely.get_coordinates(line))
+
+
+Length = Annotated[float, Field(gt=0, le=100_000, strict=True)]
+Coordinate = Annotated[float, Field(ge=-100_000, le=100_000, strict=True)]
+Corners = Annotated[tuple[tuple[Coordinate, Coordinate], ...], Field(min_length=3, max_length=500)]
+
+
+class FenceArea(Table):
+    """A polygon or a circle; flights are inside all areas of one group, whichever."""
+
+    polygon_m: Corners | None = Field(None, description="its corners in area coordinates")
+    center_m: tuple[Coordinate, Coordinate] | None = Field(None, description="of a circle")
+    radius_m: Length | None = Field(None, description="of a circle")
+    group: int = Field(0, strict=True, ge=0, le=255, description="its group")
+
+    @model_validator(mode="after")
+    def _an_area(self) -> Self:
+        if [self.center_m is None, self.radius_m is None] != [self.polygon_m is not None] * 2:
+            raise ValueError("must have polygon_m, or center_m and radius_m")
+        if wrong := flaw(self.outline_m):
+            raise ValueError(f"its outline {wrong}")
+        return self
+
+    @property
+    def outline_m(self) -> Floats:
+        """Its corners (n, 2)."""
+        if self.center_m is None or self.radius_m is None:
+            return np.array(self.polygon_m)
+        return circle(np.array(self.center_m), self.radius_m)
+
+
+def joined(
+    first_m: Sequence[ArrayLike] | None, areas: Sequence[FenceArea], place_m: ArrayLike
+) -> tuple[Floats, ...]:
+    """`within` of areas, and of corners (n, 2) that are one of group 0."""
+    first = [] if first_m is None else [(0, np.array(first_m))]
+    return within([*first, *((area.group, area.outline_m) for area in areas)], place_m)

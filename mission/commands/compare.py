@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING
 
 from rich.console import Console
 
+from mission.base.console import PLAIN, Terminal
 from mission.base.errors import LIMITS_NOT_MET, InputError
 from mission.base.tables import count
-from mission.base.terminal import PLAIN, Terminal
 from mission.commands.options import Flag, Json, Limits, Offsets, given_offsets, print_json
 
 if TYPE_CHECKING:

@@ -7,8 +7,8 @@ from cyclopts import Parameter
 from rich.progress import BarColumn, DownloadColumn, Progress, TaskID, TextColumn
 
 from fl.errors import FETCHED
+from mission.base.console import PLAIN, Terminal
 from mission.base.errors import InputError
-from mission.base.terminal import PLAIN, Terminal
 from mission.commands.options import Json, print_json, tell
 
 if TYPE_CHECKING:

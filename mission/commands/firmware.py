@@ -6,8 +6,8 @@ import re
 from pathlib import Path
 from typing import Literal
 
+from mission.base.console import PLAIN, Terminal
 from mission.base.errors import InputError
-from mission.base.terminal import PLAIN, Terminal
 from mission.base.user_files import cache_folder
 from native.errors import one_line
 

@@ -2,9 +2,9 @@
 
 from pathlib import Path
 
+from mission.base.console import PLAIN, Terminal
 from mission.base.errors import InputError
 from mission.base.run_folder import write_atomically
-from mission.base.terminal import PLAIN, Terminal
 from mission.config import Shipped
 
 

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 
-from mission.base.terminal import PLAIN, Terminal
+from mission.base.console import PLAIN, Terminal
 from mission.commands.options import Json, Overrides, load, print_json
 
 if TYPE_CHECKING:

@@ -7,9 +7,9 @@ from typing import Literal
 from rich import box
 from rich.table import Table
 
+from mission.base.console import PLAIN, Terminal
 from mission.base.errors import DIFFERENT, InputError
 from mission.base.run_folder import RunFolder
-from mission.base.terminal import PLAIN, Terminal
 from mission.commands.options import Json, print_json, tell
 from mission.log import DamagedLogError
 

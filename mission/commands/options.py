@@ -7,9 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
-from mission.base.console import RunConsole
+from mission.base.console import PLAIN, RunConsole, Terminal
 from mission.base.errors import InputError
-from mission.base.terminal import PLAIN, Terminal
 
 if TYPE_CHECKING:
     from mission.config.models import RunConfig

@@ -3,8 +3,8 @@
 from pathlib import Path
 from typing import Literal
 
+from mission.base.console import PLAIN, Terminal
 from mission.base.errors import InputError
-from mission.base.terminal import PLAIN, Terminal
 from mission.commands.options import Json, Overrides, load, print_json
 
 

@@ -11,9 +11,9 @@ from rich import box
 from rich.table import Table
 
 from fl.plugin_code import label_of
+from mission.base.console import PLAIN, Terminal
 from mission.base.errors import InputError, PlanError
 from mission.base.tables import number
-from mission.base.terminal import PLAIN, Terminal
 from mission.config.area import AreaConfig
 from mission.config.models import RunConfig
 from mission.planner.apart import nearest

@@ -6,9 +6,9 @@ from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
+from mission.base.console import PLAIN, Terminal
 from mission.base.errors import InputError
 from mission.base.explain import Blame
-from mission.base.terminal import PLAIN, Terminal
 from mission.commands.options import Overrides, load
 
 _STEP_M = 5.0  # between heights

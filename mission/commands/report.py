@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from mission.base.terminal import PLAIN, Terminal
+from mission.base.console import PLAIN, Terminal
 from mission.commands.options import Offsets, given_offsets
 
 

@@ -4,8 +4,8 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Literal
 
+from mission.base.console import Terminal
 from mission.base.errors import InputError
-from mission.base.terminal import Terminal
 from mission.commands.options import Flag, Json, Overrides, print_json
 from mission.config import STRATEGIES
 

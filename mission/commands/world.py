@@ -8,8 +8,8 @@ from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
+from mission.base.console import PLAIN, Terminal
 from mission.base.errors import InputError
-from mission.base.terminal import PLAIN, Terminal
 from mission.commands.options import Overrides, load, single
 
 Times = Annotated[int, Parameter(count=True)]

@@ -7,13 +7,20 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from fl.radio.city import Building
-from flightdyn.outlines import flaw
+from flightdyn.obstacles import flaw
 from flightdyn.state import GeodeticPoint
 from flightdyn.tables import Table
-from mission.base.airspace import Airspace, apart_within
+from mission.base.airspace import (
+    Airspace,
+    Coordinate,
+    Corners,
+    FenceArea,
+    Length,
+    apart_within,
+    joined,
+)
 from mission.base.area import Area
 from mission.base.arrays import Floats
-from mission.base.fence_area import Coordinate, Corners, FenceArea, Length, joined
 
 HEIGHT_MARGIN_M = 5.0  # above and below the altitude, where an area counts
 

@@ -7,11 +7,10 @@ from typing import TypeVar
 
 import numpy as np
 
-from mission.base.airspace import Airspace
+from mission.base.airspace import Airspace, FenceArea
 from mission.base.arrays import Floats
 from mission.base.errors import InputError
 from mission.base.explain import Blame, explained, shown
-from mission.base.fence_area import FenceArea
 from mission.base.geo_file import MOST_CORNERS, Pair, Place, Ring, read_buildings, read_rings
 from mission.base.tables import count
 from mission.base.user_files import whole_path

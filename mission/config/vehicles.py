@@ -7,7 +7,7 @@ from typing import Annotated, Any, NamedTuple, TypeAlias
 
 from pydantic import AfterValidator, Field
 
-from mission.base.fence_area import Coordinate
+from mission.base.airspace import Coordinate
 from sitl.config import VehicleConfig
 
 APART_M = 5.0  # between homes side by side, towards the east

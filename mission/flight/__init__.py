@@ -22,7 +22,7 @@ What is where, in the order in which a flight goes through it:
   - `dialects`: how PX4 and ArduPilot differ
   - `mavsdk_calls`: what MAVSDK's plugins lack
 - `track`: what was flown. `FlownTrack`, `TrackPoint`, and when stops were passed
-- `ground_stations`: links beside the one that flies a simulated vehicle
+- `flyers.base` also has links to ground stations, beside the one that flies a simulated vehicle
 - `serve`: vehicles that stand alone (`aerofed sitl`, `aerofed world`, `aerofed.vehicle`)
 - `logs`: PX4's, ArduPilot's and ground stations' logs as flights, and ours as ULog
 """

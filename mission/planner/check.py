@@ -2,8 +2,8 @@
 
 import numpy as np
 
+from mission.base.errors import InfeasiblePlanError
 from mission.planner.apart import layered_by, too_near
-from mission.planner.errors import InfeasiblePlanError
 from mission.planner.evaluate import LENGTH_TOLERANCE_M, in_time, objective
 from mission.planner.flyable import foresee_round
 from mission.planner.plan import RoundPlan

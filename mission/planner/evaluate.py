@@ -13,8 +13,8 @@ from numpy.typing import ArrayLike
 
 from fl.radio.channel import Channel, average_per
 from mission.base.arrays import Bools, Floats, Ints
+from mission.base.errors import PlanInputError
 from mission.base.explain import shown
-from mission.planner.errors import PlanInputError
 from mission.planner.native.library import HOPE
 from mission.planner.native.rounds import CandidatePlan
 from mission.planner.plan import BoundError, PlannedPath, RoundPlan, as_waypoints

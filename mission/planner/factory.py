@@ -1,12 +1,11 @@
 """Factory of planners: the one that the configuration's `kind` names."""
 
 from fl.plugins import PlugIn
-from mission.base.errors import PlanError
+from mission.base.errors import InfeasiblePlanError, PlanError
 from mission.planner.altitudes import CertifiedAltitudes, SampledAltitudes
 from mission.planner.certified import CertifiedPlanner, ExploringPlanner, Goal
 from mission.planner.check import check_plan
 from mission.planner.config import PlannerConfig
-from mission.planner.errors import InfeasiblePlanError
 from mission.planner.fleet.planner import FleetPlanner
 from mission.planner.limited import LimitedPlanner
 from mission.planner.plan import Planner, RoundPlan

@@ -26,15 +26,14 @@ from pydantic import (
 
 from fl.radio.channel import Channel, constants_model
 from flightdyn.config import LimitsConfig
-from flightdyn.outlines import flaw
+from flightdyn.obstacles import flaw
 from flightdyn.tables import Table
-from mission.base.airspace import Airspace
+from mission.base.airspace import Airspace, FenceArea, joined
 from mission.base.arrays import Floats, Ints
+from mission.base.errors import PlanInputError
 from mission.base.explain import Blame, explain, shown
-from mission.base.fence_area import FenceArea, joined
 from mission.base.run_folder import write_atomically
 from mission.base.user_files import read_json
-from mission.planner.errors import PlanInputError
 from mission.planner.limits import LIMITS, RoundLimits
 from mission.planner.performance import Performance
 from mission.planner.plan import PlannedPath, RoundPlan

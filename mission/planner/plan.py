@@ -12,9 +12,8 @@ from numpy.typing import ArrayLike
 
 from mission.base import polyline
 from mission.base.arrays import Bools, Floats, Ints
-from mission.base.errors import PlanError
+from mission.base.errors import PlanError, PlanInputError
 from mission.base.explain import shown
-from mission.planner.errors import PlanInputError
 from mission.planner.native.rounds import CandidatePlan
 from mission.planner.performance import Foreseen
 from mission.planner.problem import RoundProblem, as_array, make_tuple, only_one, refuse_old_form

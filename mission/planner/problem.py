@@ -15,9 +15,8 @@ from fl.radio.per_grid import PerGrid
 from fl.radio.place import AverageRadio, Radio
 from mission.base.airspace import OPEN, Airspace
 from mission.base.arrays import Floats, given_alone
-from mission.base.errors import PlanError
+from mission.base.errors import PlanError, PlanInputError
 from mission.base.explain import shown
-from mission.planner.errors import PlanInputError
 from mission.planner.limits import RoundLimits
 from mission.planner.native.rounds import Round
 from mission.planner.performance import acceptance_radii

@@ -18,8 +18,8 @@ import osqp
 from scipy import sparse
 
 from mission.base.arrays import Floats, Ints
+from mission.base.errors import SolverError
 from mission.planner.certified import ExploringPlanner, in_usual_size, reach_of
-from mission.planner.errors import SolverError
 from mission.planner.evaluate import fit_budget, plan_along
 from mission.planner.plan import RoundPlan
 from mission.planner.problem import RoundProblem

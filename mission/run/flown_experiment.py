@@ -27,7 +27,7 @@ from mission.planner.problem import RoundProblem
 from mission.run.checkpoint import RoundMemory
 from mission.run.course import ahead_of_all, is_better
 from mission.run.experiment import Experiment
-from mission.run.hearing import listened, served_in
+from mission.run.gate import listened, served_in
 from mission.run.keeping_apart import MARGIN_M, OFF_S, kept_apart
 from mission.run.outing import Outing, outings_of, round_record, success
 from mission.scenario.limits import Amount

@@ -17,8 +17,7 @@ from mission.planner.performance import Foreseen
 from mission.planner.plan import RoundPlan
 from mission.planner.problem import RoundProblem
 from mission.run.course import Course
-from mission.scenario.aircraft import Aircraft
-from mission.scenario.limits import Amount
+from mission.scenario.limits import Aircraft, Amount
 from mission.scenario.strategies import Sortie
 
 

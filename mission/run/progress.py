@@ -10,7 +10,7 @@ from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
-from mission.base.terminal import PLAIN
+from mission.base.console import PLAIN
 from mission.log.records import RoundRecord
 from sitl.observer import VehicleEvent, VehicleSample
 

@@ -14,8 +14,8 @@ from mission.base.errors import AerofedError, InputError
 from mission.base.record_file import RecordFile
 from mission.base.run_folder import RunFolder, write_atomically
 from mission.config.models import RunConfig
+from mission.flight.flyers.base import station_links
 from mission.flight.flyers.built_in import BuiltInBackend, simulated_vehicle
-from mission.flight.ground_stations import station_links
 from mission.flight.missions.plan_file import read_plan_file
 from mission.flight.pilot.connection import connect
 from mission.flight.serve.separation import SEPARATION, in_words, write_separation

@@ -8,11 +8,10 @@ import numpy as np
 from fl.plugins import PlugIn
 from mission.base.area import Area
 from mission.base.arrays import Floats, Ints
-from mission.base.errors import PlanError
+from mission.base.errors import InfeasiblePlanError, PlanError, PlanInputError
 from mission.base.explain import shown
 from mission.config.models import MissionConfig
 from mission.planner.check import check_plan
-from mission.planner.errors import InfeasiblePlanError, PlanInputError
 from mission.planner.plan import Planner
 from mission.planner.problem import RoundProblem
 from mission.scenario.strategies import Sortie

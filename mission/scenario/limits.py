@@ -1,15 +1,16 @@
 """What limits rounds and runs: metres, seconds, joules; and how the aircraft flies, which decides
-what a round takes of them."""
+what a round takes of them; of each aircraft of a run and of all."""
 
 import math
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 from flightdyn.config import LimitsConfig, WindConfig
 from flightdyn.foresight import STOPPING_S
 from flightdyn.physics.power import density_ratio
 from flightdyn.physics.wind import steady_wind_ned
+from mission.base.area import Area
 from mission.base.explain import WrongKey
 from mission.config.models import MissionConfig, RunConfig
 from mission.planner.limits import LIMITS, RoundLimits
@@ -195,3 +196,44 @@ SHORT_M = 10.0  # limits that allow less are refused
 
 def _rounded_up(needed: float) -> str:
     return f"{math.ceil(100.0 * needed) / 100.0:.15g}"
+
+
+@dataclass(frozen=True)
+class Aircraft:
+    """What is one aircraft's own in a run."""
+
+    name: str
+    config: RunConfig  # as if it flew alone
+    area: Area  # with its home
+    performance: Performance  # how rounds will be flown, before a vehicle is asked
+
+
+def aircraft_of(config: RunConfig) -> tuple[Aircraft, ...]:
+    """Return each aircraft, with its home on the site that all share."""
+    area = config.area.build(config.heights_m)
+    return tuple(
+        Aircraft(
+            own.name,
+            alone := config.of(own),
+            area if own.home_m == area.home_m else area.site.from_home(own.home_m),
+            foreseen_performance(alone),
+        )
+        for own in config.aircraft
+    )
+
+
+def budget_of_all(aircraft: Sequence[Aircraft]) -> Budget:
+    """The budget of each aircraft; a whole round takes what it takes of the one that uses most."""
+    each = [budget_of(one.config, one.performance) for one in aircraft]
+    whole = (
+        Amount(*map(max, *(budget.whole_round for budget in each)))
+        if len(each) > 1
+        else each[0].whole_round
+    )
+    return replace(each[0], whole_round=whole)
+
+
+def by(config: RunConfig, aircraft: Sequence[Aircraft]) -> tuple[Aircraft, ...]:
+    """The aircraft by a configuration in which what they share has become more."""
+    each = zip(aircraft, config.aircraft, strict=True)
+    return tuple(replace(one, config=config.of(own)) for one, own in each)

@@ -31,7 +31,6 @@ from mission.config.polygons import check_start
 from mission.planner.factory import make_planner
 from mission.planner.performance import Performance
 from mission.planner.problem import RoundProblem, Start
-from mission.scenario.aircraft import Aircraft, aircraft_of, budget_of_all, by
 from mission.scenario.custom_strategies import (
     CustomStrategy,
     ImportanceStrategy,
@@ -40,8 +39,12 @@ from mission.scenario.custom_strategies import (
 )
 from mission.scenario.limits import (
     UNLIMITED,
+    Aircraft,
     Amount,
     Budget,
+    aircraft_of,
+    budget_of_all,
+    by,
     round_limits,
     unflyable,
 )

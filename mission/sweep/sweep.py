@@ -10,9 +10,9 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from fl.plugin_code import passed
+from mission.base.console import PLAIN
 from mission.base.errors import INTERRUPTED, AerofedError
 from mission.base.tables import count
-from mission.base.terminal import PLAIN
 from mission.config.models import RunConfig
 from mission.flight.flyers.choice import set_up
 from mission.run.budget import rounds_paid_for

@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 from pymavlink.dialects.v20 import common as mav
 
 from flightdyn.frames import LocalFrame
-from flightdyn.obstacles import Obstacles
-from flightdyn.outlines import flaw
+from flightdyn.obstacles import Obstacles, flaw
 from flightdyn.state import Vector
 from native.errors import InputError
 from sitl.autopilot.codec import ranges

@@ -6,8 +6,8 @@ from collections.abc import Callable, Mapping
 from pymavlink.dialects.v20 import common as mav
 
 from flightdyn.aircraft import Aircraft
-from flightdyn.errors import FaultError
 from flightdyn.faults import Fault, GnssJump, GnssOff, ImuBias, MotorLoss
+from native.errors import FaultError
 from sitl.autopilot.codec import ranges
 from sitl.autopilot.codec.orders import CommandOrder
 from sitl.autopilot.monitor import Monitor

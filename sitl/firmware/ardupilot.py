@@ -15,7 +15,7 @@ from pathlib import Path
 
 from flightdyn.physics.atmosphere import altitude_m
 from flightdyn.plant import Plant
-from sitl.errors import FirmwareRestartedError, FirmwareSilentError
+from native.errors import FirmwareRestartedError, FirmwareSilentError
 from sitl.firmware.bridge import LOOK_S, Bridge, bound, give_up_soon
 from sitl.firmware.launch import HOVER_THRUST, THRUST_CURVE, Launch, LaunchOptions, check_binary
 from sitl.firmware.native.library import RESTARTED, Json, json_send, json_wait

@@ -13,7 +13,7 @@ from contextlib import contextmanager
 from flightdyn.frames import frozen, quaternion_from_euler, wrap_pi
 from flightdyn.plant import Plant
 from flightdyn.state import Kinematics, Moment
-from sitl.errors import FirmwareSilentError
+from native.errors import FirmwareSilentError
 from sitl.firmware.bridge import STALL_S, Bridge
 from sitl.firmware.native import library as native
 from sitl.firmware.native.library import TruthRing

@@ -7,9 +7,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from native.errors import FirmwareSilentError
 from sitl.autopilot.parameters import parameters_of
 from sitl.config import VehicleConfig
-from sitl.errors import FirmwareSilentError
 from sitl.firmware import supervisor
 from sitl.firmware.bridge import Bridge
 

@@ -20,9 +20,8 @@ from flightdyn.physics.airframe.parameters import Airframe
 from flightdyn.physics.atmosphere import altitude_m, temperature_k
 from flightdyn.plant import Plant
 from flightdyn.state import GeodeticPoint, GnssFix
-from native.errors import LinkLostError
+from native.errors import FirmwareError, FirmwareRestartedError, FirmwareSilentError, LinkLostError
 from sitl.autopilot.codec import units as u
-from sitl.errors import FirmwareError, FirmwareRestartedError, FirmwareSilentError
 from sitl.firmware.bridge import LOOK_S, Bridge, bound, give_up_soon
 from sitl.firmware.launch import HOVER_THRUST, THRUST_CURVE, Launch, LaunchOptions, check_binary
 from sitl.firmware.native.library import FREE_RUNNING, GONE, Hil, hil_send, hil_wait

@@ -15,7 +15,7 @@ from typing import TypeAlias
 
 from pymavlink.dialects.v20 import common as mav
 
-from flightdyn.physics.battery import CELLS
+from flightdyn.physics.power import CELLS
 from flightdyn.state import BatteryState
 from sitl.autopilot.codec.orders import Fields
 from sitl.block import following

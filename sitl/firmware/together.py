@@ -5,8 +5,8 @@ import time
 from collections.abc import Callable
 
 from flightdyn.plant import Plant
+from native.errors import FirmwareRestartedError
 from sitl.autopilot.codec.traffic import Transponder
-from sitl.errors import FirmwareRestartedError
 from sitl.firmware.bridge import STALL_S, Bridge
 from sitl.firmware.clock import TruthHistory
 

@@ -14,11 +14,10 @@ from flightdyn.obstacles import Obstacles
 from flightdyn.plant import Plant
 from flightdyn.random import RandomStreams
 from flightdyn.state import GeodeticPoint
-from native.errors import InputError
+from native.errors import FirmwareError, FirmwareSilentError, InputError
 from sitl.autopilot.codec.orders import Fields
 from sitl.block import following
 from sitl.config import VehicleConfig
-from sitl.errors import FirmwareError, FirmwareSilentError
 from sitl.firmware.ardupilot import LOOPS_HZ, ardupilot_launch, check_arducopter, slowest_rate_hz
 from sitl.firmware.bridge import bound
 from sitl.firmware.clock import FirmwareClock

@@ -8,12 +8,11 @@ from flights import BREEZE, HOME, PERFECT, legs, make, path_along, run, take_off
 
 from flightdyn.aircraft import Aircraft
 from flightdyn.config import AircraftConfig, SensorsConfig, WindConfig
-from flightdyn.errors import FaultError
 from flightdyn.faults import GnssOff, MotorLoss, WindBurst
 from flightdyn.frames import yaw_of
 from flightdyn.guidance.pursuit import Target
 from flightdyn.random import RandomStreams
-from native.errors import InputError
+from native.errors import FaultError, InputError
 
 REALISTIC = SensorsConfig()
 

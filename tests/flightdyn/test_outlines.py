@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import shapely
 
-from flightdyn.outlines import flaw
+from flightdyn.obstacles import flaw
 
 SQUARE = np.array([[100.0, 100], [200, 100], [200, 200], [100, 200]])
 ELL = np.array([[0.0, 0], [4, 0], [4, 2], [2, 2], [2, 4], [0, 4]])

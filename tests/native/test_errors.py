@@ -7,8 +7,14 @@ import pytest
 
 from fl.errors import DataLayoutError, DataMissingError, DivergedError, FetchError
 from mission.base.errors import LimitsNotMetError
-from native.errors import AerofedError, FlightError, InputError, LinkLostError, SettingError
-from sitl.errors import FirmwareSilentError
+from native.errors import (
+    AerofedError,
+    FirmwareSilentError,
+    FlightError,
+    InputError,
+    LinkLostError,
+    SettingError,
+)
 
 EACH = [
     (SettingError("a.b", [1], "must be 2"), InputError, 2, "a.b = [1]: must be 2"),

@@ -35,6 +35,11 @@ from sitl.observer import VehicleObserver
 if TYPE_CHECKING:  # who flies nothing needs no MAVSDK
     from mission.flight.pilot.parameters import VehicleLimits
 
+from mission.config.link import LinkConfig
+from mission.config.preflight import signing_key
+from sitl.autopilot.codec.wire import Seal
+from sitl.links import network_link
+
 HOLD_TIMEOUT_S = 3.0  # wall time for the last order of an interrupted flight
 # Of a charge (0..1): what a battery just changed reads at least, and after take-off and the way to
 # the round. More is never asked for.
@@ -325,3 +330,21 @@ def _check_port(host: str, port: int, what: str) -> None:
         except (OSError, OverflowError) as error:
             reason = error.strerror if isinstance(error, OSError) else str(error)
             raise LinkLostError(f"{what}: cannot listen on this UDP port: {reason}") from None
+
+
+def station_links(
+    link: LinkConfig, urls: Mapping[str, int] | Sequence[str] | None = None
+) -> list[Link]:
+    """Return a link for each of `urls` (default: those of `link.gcs`), signed if there is a key.
+    A mapping gives each URL its local port, 0 for any.
+
+    Raises:
+        InputError: the key cannot be read.
+    """
+    urls = link.gcs if urls is None else urls
+    own = urls if isinstance(urls, Mapping) else {}
+    key = None if link.signing_key is None else signing_key(link.signing_key)
+    return [
+        network_link(url, Seal(key, link_id=number) if key else None, own_port=own.get(url, 0))
+        for number, url in enumerate(urls)
+    ]

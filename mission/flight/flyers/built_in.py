@@ -12,8 +12,7 @@ from flightdyn.random import RandomStreams
 from mission.base.area import Area
 from mission.base.errors import AerofedError, InputError
 from mission.config.models import MissionConfig
-from mission.flight.flyers.base import HOLD_TIMEOUT_S, Attached, Backend, Flyer, Task
-from mission.flight.ground_stations import station_links
+from mission.flight.flyers.base import HOLD_TIMEOUT_S, Attached, Backend, Flyer, Task, station_links
 from mission.flight.missions.geofence import fence_of
 from mission.flight.missions.plan_check import CheckedPath
 from mission.flight.missions.plan_file import PlanFile

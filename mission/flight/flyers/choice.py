@@ -13,7 +13,7 @@ from mission.config.models import RunConfig
 from mission.flight.flyers.base import Backend, Task
 from mission.flight.flyers.unflown import UnflownBackend, UnflownFleetBackend
 from mission.flight.missions.round_mission import Demand
-from mission.scenario.aircraft import Aircraft
+from mission.scenario.limits import Aircraft
 from mission.scenario.scenario import Scenario, build_scenario
 
 

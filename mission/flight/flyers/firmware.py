@@ -15,9 +15,8 @@ from typing import Self
 from flightdyn.plant import Plant
 from mission.base.errors import FlightError, InputError, LinkLostError
 from mission.config.models import RunConfig
-from mission.flight.flyers.base import Attached, Backend, Flyer, Task
+from mission.flight.flyers.base import Attached, Backend, Flyer, Task, station_links
 from mission.flight.flyers.external import ExternalFlyer, limits_of
-from mission.flight.ground_stations import station_links
 from mission.flight.missions.plan_check import CheckedPath
 from mission.flight.missions.plan_file import PlanFile
 from mission.flight.missions.round_mission import FlightPlan
@@ -25,8 +24,8 @@ from mission.flight.pilot.connection import NoVehicleError, located
 from mission.flight.pilot.feed import Known, Takers
 from mission.flight.pilot.pilot import Pilot
 from mission.flight.track import FlightRecorder, FlownTrack
+from native.errors import FirmwareError, FirmwareSilentError
 from sitl.autopilot.codec.orders import MissionItem
-from sitl.errors import FirmwareError, FirmwareSilentError
 from sitl.firmware.vehicle import FirmwareVehicle, check_firmware, plant_for
 from sitl.links import RawLink
 from sitl.observer import VehicleEvent, VehicleSample

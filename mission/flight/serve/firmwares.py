@@ -15,8 +15,7 @@ from mission.base.area import Area
 from mission.base.errors import FlightError, InputError, LinkLostError
 from mission.config.link import LinkConfig
 from mission.config.models import RunConfig
-from mission.flight.flyers.base import Say
-from mission.flight.ground_stations import station_links
+from mission.flight.flyers.base import Say, station_links
 from mission.flight.pilot.connection import until
 from mission.flight.serve.flight_logs import FlightLogs
 from mission.flight.serve.separation import in_words, write_separation

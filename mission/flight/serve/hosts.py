@@ -14,7 +14,7 @@ from flightdyn.state import Kinematics
 from mission.base.area import Area
 from mission.base.arrays import Floats
 from mission.base.errors import AerofedError, LinkLostError
-from mission.flight.ground_stations import station_links
+from mission.flight.flyers.base import station_links
 from mission.flight.missions.plan_check import CheckedPath
 from mission.flight.missions.plan_file import PlanFile
 from mission.flight.pilot.connection import connect

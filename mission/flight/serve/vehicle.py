@@ -16,10 +16,9 @@ from flightdyn.random import RandomStreams
 from mission.base.area import Area
 from mission.base.errors import InputError, LinkLostError
 from mission.config.area import AreaConfig
-from mission.config.link import LinkConfig
+from mission.config.link import NETWORK_FORMS, LinkConfig
 from mission.config.models import RunConfig
-from mission.config.url import NETWORK_FORMS
-from mission.flight.ground_stations import station_links
+from mission.flight.flyers.base import station_links
 from mission.flight.serve.flight_logs import FlightLogs
 from mission.scenario.limits import guidance_of
 from sitl.links import network_link

@@ -18,9 +18,9 @@ from mission.flight.flyers.firmware import Milestones
 from mission.flight.pilot.connection import located
 from mission.flight.pilot.feed import Known
 from mission.flight.serve.flight_logs import FlightLogs
+from native.errors import FirmwareRestartedError
 from sitl.autopilot.codec.orders import MissionItem
 from sitl.block import following
-from sitl.errors import FirmwareRestartedError
 from sitl.firmware.ardupilot import ArduPilotBridge
 from sitl.firmware.bridge import Bridge
 from sitl.firmware.clock import FirmwareClock, TruthHistory

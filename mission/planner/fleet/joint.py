@@ -9,8 +9,7 @@ from mission.base.arrays import Floats, Ints
 from mission.planner.certified import STARTS, Goal, tries
 from mission.planner.fleet.parts import Parts, improved_in_turn, part_along
 from mission.planner.fleet.prices import columns_of, search_prices
-from mission.planner.fleet.starts import partitions
-from mission.planner.fleet.team import Team, owners, team_of
+from mission.planner.fleet.team import Team, owners, partitions, team_of
 from mission.planner.native.library import MOST_DEVICES, Found, explore
 from mission.planner.problem import RoundProblem
 

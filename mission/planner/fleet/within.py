@@ -17,8 +17,7 @@ from mission.planner.fleet.parts import (
     taken,
     total,
 )
-from mission.planner.fleet.starts import partitions
-from mission.planner.fleet.team import team_of
+from mission.planner.fleet.team import partitions, team_of
 from mission.planner.improving import changes_for, standing
 from mission.planner.plan import Planner
 from mission.planner.problem import RoundProblem

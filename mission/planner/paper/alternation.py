@@ -12,7 +12,7 @@ import numpy as np
 
 from fl.radio.channel import fit_logistic, smooth_per
 from mission.base.arrays import Bools, Floats
-from mission.planner.errors import SolverError
+from mission.base.errors import SolverError
 from mission.planner.evaluate import distances, finish, fit_budget, plan_without_moving
 from mission.planner.native.library import assign
 from mission.planner.paper.path_step import PathProgram, path_program

@@ -19,7 +19,7 @@ import numpy as np
 
 from fl.radio.channel import LogisticFit
 from mission.base.arrays import Bools, Floats
-from mission.planner.errors import SolverError
+from mission.base.errors import SolverError
 from mission.planner.problem import RoundProblem
 
 # Beyond +-8 in the exponent q_tilde is within 3.4e-4 of 0 or 1. Taking the tangent at the limit

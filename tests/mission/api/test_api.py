@@ -22,13 +22,12 @@ from one_aircraft import changed, round_problem
 
 import aerofed
 from fl.radio.channel import CHANNEL_PRESETS, average_per
-from mission.base.errors import LIMITS_NOT_MET, PlanError
+from mission.base.errors import LIMITS_NOT_MET, PlanError, PlanInputError
 from mission.base.interrupts import in_a_thread, run_flight
 from mission.base.run_folder import RunFolder
 from mission.cli import call
 from mission.log.records import UplinkRecord
 from mission.log.tables import read_table
-from mission.planner.errors import PlanInputError
 
 SMALL = {
     "mission.steps": 4,

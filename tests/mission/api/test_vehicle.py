@@ -20,9 +20,9 @@ from patience import HANG_S
 from pymavlink.dialects.v20 import common as mav
 
 import aerofed
-from flightdyn.errors import ModelDivergedError
 from mission.base.errors import FlightError
 from mission.cli import call
+from native.errors import ModelDivergedError
 
 pytestmark = pytest.mark.slow
 

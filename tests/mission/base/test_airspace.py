@@ -11,7 +11,7 @@ import shapely
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from flightdyn.outlines import flaw
+from flightdyn.obstacles import flaw
 from mission.base import polyline
 from mission.base.airspace import OPEN, Airspace, circle, within
 from mission.base.errors import InputError

@@ -12,10 +12,10 @@ import tomli_w
 
 from mission.base.errors import InputError
 from mission.base.explain import tables
+from mission.config.link import checked_url
 from mission.config.loading import builtin_config, load_config, parse_override
 from mission.config.models import RunConfig
 from mission.config.preflight import load_data
-from mission.config.url import checked_url
 
 BASE = """
 [[communities]]

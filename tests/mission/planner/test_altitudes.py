@@ -10,11 +10,11 @@ from one_aircraft import changed
 
 from fl.radio.channel import CHANNEL_PRESETS, Channel, average_per
 from mission.base.airspace import Airspace
+from mission.base.errors import InfeasiblePlanError, PlanInputError
 from mission.planner.altitudes import CertifiedAltitudes
 from mission.planner.certified import CertifiedPlanner
 from mission.planner.check import check_plan
 from mission.planner.config import PlannerConfig
-from mission.planner.errors import InfeasiblePlanError, PlanInputError
 from mission.planner.evaluate import check_problem, finish, success_bounds
 from mission.planner.factory import make_planner
 from mission.planner.problem import RoundProblem

@@ -9,9 +9,9 @@ import pytest
 from drawn_problems import drawn_problem, plan
 
 from mission.base.airspace import Airspace
+from mission.base.errors import InfeasiblePlanError
 from mission.planner.check import check_plan
 from mission.planner.config import PlannerConfig
-from mission.planner.errors import InfeasiblePlanError
 from mission.planner.evaluate import finish
 from mission.planner.factory import make_planner
 from mission.planner.flyable import acceptance_radius

@@ -9,9 +9,9 @@ from one_aircraft import changed, round_problem
 
 from fl.radio.channel import CHANNEL_PRESETS, average_per
 from flightdyn.config import LimitsConfig
+from mission.base.errors import InfeasiblePlanError, PlanInputError
 from mission.planner.check import check_plan
 from mission.planner.config import PlannerConfig, PlannerKind
-from mission.planner.errors import InfeasiblePlanError, PlanInputError
 from mission.planner.factory import make_planner
 from mission.planner.limits import RoundLimits
 from mission.planner.performance import Performance

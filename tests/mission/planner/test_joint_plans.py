@@ -19,8 +19,7 @@ from mission.planner.fleet.joint import first_plans, plan_jointly
 from mission.planner.fleet.packing import Column, packed
 from mission.planner.fleet.parts import improved_in_turn, masked
 from mission.planner.fleet.prices import columns_of, priced, search_prices, searched_alone
-from mission.planner.fleet.starts import partitions
-from mission.planner.fleet.team import team_of
+from mission.planner.fleet.team import partitions, team_of
 from mission.planner.limits import RoundLimits
 from mission.planner.native.crews import polished
 from mission.planner.native.library import Effort, Found, assign

@@ -13,9 +13,9 @@ from one_aircraft import changed
 from fl.radio.channel import CHANNEL_PRESETS
 from flightdyn.config import LimitsConfig
 from mission.base.airspace import Airspace
+from mission.base.errors import InfeasiblePlanError
 from mission.planner.check import check_plan
 from mission.planner.config import PlannerConfig
-from mission.planner.errors import InfeasiblePlanError
 from mission.planner.evaluate import plan_along, success
 from mission.planner.factory import make_planner
 from mission.planner.fleet.planner import FleetPlanner

@@ -10,11 +10,10 @@ import pytest
 
 from fl.radio.channel import CHANNEL_PRESETS, average_per, served_radius_m
 from flightdyn.config import LimitsConfig
-from mission.base.errors import InputError
+from mission.base.errors import InputError, PlanInputError
 from mission.base.explain import tables
 from mission.commands.planning import plan_problems
 from mission.planner.config import PlannerConfig
-from mission.planner.errors import PlanInputError
 from mission.planner.factory import make_planner
 from mission.planner.files import ProblemEntry, read_problems
 from mission.planner.limits import RoundLimits

@@ -11,10 +11,10 @@ import pytest
 
 from fl.radio.channel import CHANNEL_PRESETS
 from flightdyn.config import LimitsConfig
+from mission.base.errors import InfeasiblePlanError, PlanInputError
 from mission.planner.apart import STEP_S, nearest, nearest_of, too_near, tracks_of
 from mission.planner.check import check_plan
 from mission.planner.config import PlannerConfig
-from mission.planner.errors import InfeasiblePlanError, PlanInputError
 from mission.planner.evaluate import check_problem
 from mission.planner.factory import make_planner
 from mission.planner.files import NamedPlan, plans_as_json, problems_of

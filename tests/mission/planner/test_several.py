@@ -12,11 +12,10 @@ import pytest
 import aerofed
 from fl.radio.channel import CHANNEL_PRESETS
 from flightdyn.config import LimitsConfig
-from mission.base.errors import PlanError
+from mission.base.errors import InfeasiblePlanError, PlanError, PlanInputError
 from mission.planner import plan as plans
 from mission.planner.check import check_plan
 from mission.planner.config import PlannerConfig
-from mission.planner.errors import InfeasiblePlanError, PlanInputError
 from mission.planner.evaluate import check_problem, finish
 from mission.planner.factory import make_planner
 from mission.planner.files import NamedPlan, plans_as_json, problems_of

@@ -15,7 +15,7 @@ from mission.planner.evaluate import objective
 from mission.run.apart import planned_pairs
 from mission.run.keeping_apart import kept_apart
 from mission.run.outing import Outing, outings_of
-from mission.scenario.aircraft import aircraft_of
+from mission.scenario.limits import aircraft_of
 
 DEVICES_M = np.array([(100.0, 100.0), (300.0, 100.0)])
 

@@ -17,12 +17,12 @@ from mission.base.errors import (
     FlightError,
     InputError,
     PlanError,
+    SolverError,
     TrainingError,
     UsersCodeError,
 )
 from mission.base.record_file import RecordFile
 from mission.base.run_folder import RunFolder
-from mission.planner.errors import SolverError
 from mission.run.budget import RunTotals
 from mission.run.recorded import Around, Outcome, Summary, fly_recorded
 

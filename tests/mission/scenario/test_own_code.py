@@ -10,10 +10,9 @@ import pytest
 from small_runs import QUIET, refused, rows
 
 import aerofed
-from mission.base.errors import AerofedError
+from mission.base.errors import AerofedError, SolverError
 from mission.cli import call
 from mission.log import LogError
-from mission.planner.errors import SolverError
 from mission.run.recorder import FolderRecorder
 from mission.scenario.custom_strategies import RoundInfo
 

@@ -10,9 +10,8 @@ from pathlib import Path
 import pytest
 from firmware_stand_ins import ArduPilotStandIn, plant
 
-from native.errors import LinkLostError
+from native.errors import FirmwareRestartedError, LinkLostError
 from sitl.config import FirmwareConfig, VehicleConfig
-from sitl.errors import FirmwareRestartedError
 from sitl.firmware.ardupilot import RATE_HZ, ArduPilotBridge
 from sitl.firmware.native.library import Json, json_send
 from sitl.firmware.vehicle import plant_rate_hz

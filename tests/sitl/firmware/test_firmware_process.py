@@ -18,10 +18,9 @@ from sitl_mavsdk import HOME
 
 from flightdyn.config import AircraftConfig
 from flightdyn.random import RandomStreams
-from native.errors import InputError
+from native.errors import FirmwareSilentError, InputError
 from sitl.autopilot.parameters import parameters_of
 from sitl.config import FirmwareConfig, VehicleConfig
-from sitl.errors import FirmwareSilentError
 from sitl.firmware.ardupilot import airframe_parameters as of_copter
 from sitl.firmware.launch import FirmwareProcess, LaunchOptions, check_binary
 from sitl.firmware.px4 import airframe_parameters as of_px4

@@ -13,8 +13,7 @@ from sitl_mavsdk import HOME
 
 from flightdyn.config import SensorsConfig
 from flightdyn.faults import GnssOff
-from native.errors import InputError, LinkLostError
-from sitl.errors import FirmwareError, FirmwareRestartedError
+from native.errors import FirmwareError, FirmwareRestartedError, InputError, LinkLostError
 from sitl.firmware.bridge import give_up_soon
 from sitl.firmware.native.library import GONE, NOTHING, ORDERED, Hil, hil_send, hil_wait
 from sitl.firmware.px4 import Px4Bridge
