@@ -10,7 +10,8 @@ What is where, in the order in which a flight goes through it:
   - `mission_path`: where items lead, with jumps, circles and returns. `MissionPath`
   - `geofence`: an airspace as fence items, and fence items as zones
 - `flyers`, who flies it:
-  - `base`: what each way to fly has. `Flyer` takes the orders; `Backend` checks, and makes it
+  - `base`: what each way to fly has. `Flyer` takes the orders; `Backend` checks, and makes it;
+    links to ground stations beside the one that flies
   - `choice`: which backend a configuration asks for
   - `built_in`, `firmware`, `external`, `unflown`: one backend and its flyer each
 - `pilot`, how a vehicle is flown by MAVLink alone (MAVSDK):
@@ -22,7 +23,6 @@ What is where, in the order in which a flight goes through it:
   - `dialects`: how PX4 and ArduPilot differ
   - `mavsdk_calls`: what MAVSDK's plugins lack
 - `track`: what was flown. `FlownTrack`, `TrackPoint`, and when stops were passed
-- `flyers.base` also has links to ground stations, beside the one that flies a simulated vehicle
 - `serve`: vehicles that stand alone (`aerofed sitl`, `aerofed world`, `aerofed.vehicle`)
 - `logs`: PX4's, ArduPilot's and ground stations' logs as flights, and ours as ULog
 """
