@@ -1,7 +1,9 @@
 """Every key of a configuration, from the models, with examples that are read before they count."""
 
+import ast
+import itertools
 import re
-from inspect import cleandoc
+from inspect import cleandoc, getsource
 
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
@@ -34,6 +36,7 @@ def _section(heading: str, key: Key, model: type[BaseModel]) -> list[str]:
     lines = ["", f"## {title}", "", cleandoc(model.__doc__ or ""), ""]
     lines += ["| key | default | allowed | what |", "|---|---|---|---|"]
     inner: list[str] = []
+    told = _told(model)
     for name, field in model.model_fields.items():
         one = Key(key.path, model).inner(name)
         assert one is not None
@@ -46,7 +49,7 @@ def _section(heading: str, key: Key, model: type[BaseModel]) -> list[str]:
                 kind = f' kind = "{tag(option)}"' if len(element.models) > 1 else ""
                 inner += _section(f"{path}[]{kind}", element, option)
         else:
-            what = (field.description or "").replace("|", "\\|")
+            what = (told.get(name) or field.description or "").replace("|", "\\|")
             # A pattern is code: as text its brackets would be read as links.
             words = re.sub(r"matching (\S+)", r"matching `\1`", one.words.replace("|", "\\|"))
             lines.append(f"| `{name}` | {_default(field)} | {words} | {what} |")
@@ -55,6 +58,22 @@ def _section(heading: str, key: Key, model: type[BaseModel]) -> list[str]:
     if heading in EXAMPLES:
         lines += ["", "```toml", EXAMPLES[heading].strip(), "```"]
     return [*lines, *inner]
+
+
+def _told(model: type[BaseModel]) -> dict[str, str]:
+    """What the keys of a model are, by the docstrings under its fields and those of its bases."""
+    found: dict[str, str] = {}
+    for kind in reversed(model.__mro__):
+        try:
+            body = ast.parse(getsource(kind)).body[0]
+        except (OSError, TypeError):  # made while the program runs, or of a library in C
+            continue
+        inside = body.body if isinstance(body, ast.ClassDef) else []
+        for key, words in itertools.pairwise(inside):
+            if isinstance(key, ast.AnnAssign) and isinstance(words, ast.Expr):
+                assert isinstance(key.target, ast.Name)
+                found[key.target.id] = " ".join(ast.literal_eval(words.value).split())
+    return found
 
 
 def _default(field: FieldInfo) -> str:

@@ -260,10 +260,14 @@ Corners = Annotated[tuple[tuple[Coordinate, Coordinate], ...], Field(min_length=
 class FenceArea(Table):
     """A polygon or a circle; flights are inside all areas of one group, whichever."""
 
-    polygon_m: Corners | None = Field(None, description="its corners in area coordinates")
-    center_m: tuple[Coordinate, Coordinate] | None = Field(None, description="of a circle")
-    radius_m: Length | None = Field(None, description="of a circle")
-    group: int = Field(0, strict=True, ge=0, le=255, description="its group")
+    polygon_m: Corners | None = None
+    """its corners in area coordinates"""
+    center_m: tuple[Coordinate, Coordinate] | None = None
+    """of a circle"""
+    radius_m: Length | None = None
+    """of a circle"""
+    group: int = Field(0, strict=True, ge=0, le=255)
+    """its group"""
 
     @model_validator(mode="after")
     def _an_area(self) -> Self:

@@ -28,16 +28,14 @@ HEIGHT_MARGIN_M = 5.0  # above and below the altitude, where an area counts
 class NoFlyConfig(Table):
     """An area that must not be flown: paths lead around it, and the vehicle has it as its fence."""
 
-    name: str = Field(
-        "no-fly area", min_length=1, max_length=60, description="for maps and messages"
-    )
-    polygon_m: Corners = Field(description="its corners in area coordinates")
-    from_m: float = Field(
-        0.0, ge=-100, le=5000, description="height above home where it begins; lower may be flown"
-    )
-    to_m: float | None = Field(
-        None, ge=-100, le=5000, description="height above home where it ends; none: nowhere"
-    )
+    name: str = Field("no-fly area", min_length=1, max_length=60)
+    """for maps and messages"""
+    polygon_m: Corners
+    """its corners in area coordinates"""
+    from_m: float = Field(0.0, ge=-100, le=5000)
+    """height above home where it begins; lower may be flown"""
+    to_m: float | None = Field(None, ge=-100, le=5000)
+    """height above home where it ends; none: nowhere"""
 
     @model_validator(mode="after")
     def _an_area(self) -> Self:
@@ -56,15 +54,14 @@ class NoFlyConfig(Table):
 class BuildingConfig(Table):
     """A building: radio does not pass it, and flights as low as its roof keep out of it."""
 
-    polygon_m: Corners = Field(description="its corners in area coordinates")
-    holes_m: tuple[Corners, ...] = Field((), description="corners of each courtyard")
-    height_m: float = Field(gt=0, le=1000, description="of its roof above home")
-    from_m: float = Field(
-        0.0,
-        ge=0,
-        le=1000,
-        description="where it begins above home, as a bridge between houses does",
-    )
+    polygon_m: Corners
+    """its corners in area coordinates"""
+    holes_m: tuple[Corners, ...] = ()
+    """corners of each courtyard"""
+    height_m: float = Field(gt=0, le=1000)
+    """of its roof above home"""
+    from_m: float = Field(0.0, ge=0, le=1000)
+    """where it begins above home, as a bridge between houses does"""
 
     @model_validator(mode="after")
     def _an_area(self) -> Self:
@@ -83,47 +80,36 @@ class BuildingConfig(Table):
 class AreaConfig(Table):
     """The ground that the devices stand on. x points east, y north, from the south-west corner."""
 
-    size_m: tuple[Length, Length] = Field((800.0, 800.0), description="width (x) and height (y)")
-    home_m: tuple[Coordinate, Coordinate] = Field(
-        (400.0, 400.0), description="take-off point in area coordinates; it may lie outside"
-    )
-    home_lat_deg: float = Field(43.6145, ge=-85, le=85, description="latitude of the home point")
-    home_lon_deg: float = Field(7.0715, ge=-180, le=180, description="longitude of the home point")
-    home_alt_msl_m: float = Field(
-        130.0, ge=-400, le=5000, description="ground altitude above mean sea level"
-    )
-    no_fly: tuple[NoFlyConfig, ...] = Field((), description="areas that must not be flown")
-    no_fly_file: str | None = Field(
-        None,
-        description="the same as GeoJSON polygons, with properties name, from_m and to_m. Beside "
-        "the configuration, or an absolute path",
-    )
-    buildings: tuple[BuildingConfig, ...] = Field(
-        (), max_length=20_000, description="what stands on the ground"
-    )
-    buildings_file: str | None = Field(
-        None,
-        description="the same as GeoJSON polygons, as OpenStreetMap exports them, with properties "
-        "height and min_height (metres), or building:levels and building:min_level (3 m each)",
-    )
-    building_height_m: float | None = Field(
-        None, gt=0, le=1000, description="of those that say nothing; none: the file is refused"
-    )
-    fence_m: Corners | None = Field(
-        None, description="corners of the area that flights stay within, in area coordinates"
-    )
-    fences: tuple[FenceArea, ...] | None = Field(
-        None, description="more such areas, with groups; fence_m is one of group 0"
-    )
-    fence_file: str | None = Field(
-        None, description="the same as GeoJSON polygons, with property group"
-    )
-    margin_m: float = Field(
-        15.0,
-        ge=5,
-        le=500,
-        description="how far paths stay away from areas that must not be flown, and from the fence",
-    )
+    size_m: tuple[Length, Length] = (800.0, 800.0)
+    """width (x) and height (y)"""
+    home_m: tuple[Coordinate, Coordinate] = (400.0, 400.0)
+    """take-off point in area coordinates; it may lie outside"""
+    home_lat_deg: float = Field(43.6145, ge=-85, le=85)
+    """latitude of the home point"""
+    home_lon_deg: float = Field(7.0715, ge=-180, le=180)
+    """longitude of the home point"""
+    home_alt_msl_m: float = Field(130.0, ge=-400, le=5000)
+    """ground altitude above mean sea level"""
+    no_fly: tuple[NoFlyConfig, ...] = ()
+    """areas that must not be flown"""
+    no_fly_file: str | None = None
+    """the same as GeoJSON polygons, with properties name, from_m and to_m. Beside the
+    configuration, or an absolute path"""
+    buildings: tuple[BuildingConfig, ...] = Field((), max_length=20_000)
+    """what stands on the ground"""
+    buildings_file: str | None = None
+    """the same as GeoJSON polygons, as OpenStreetMap exports them, with properties height and
+    min_height (metres), or building:levels and building:min_level (3 m each)"""
+    building_height_m: float | None = Field(None, gt=0, le=1000)
+    """of those that say nothing; none: the file is refused"""
+    fence_m: Corners | None = None
+    """corners of the area that flights stay within, in area coordinates"""
+    fences: tuple[FenceArea, ...] | None = None
+    """more such areas, with groups; fence_m is one of group 0"""
+    fence_file: str | None = None
+    """the same as GeoJSON polygons, with property group"""
+    margin_m: float = Field(15.0, ge=5, le=500)
+    """how far paths stay away from areas that must not be flown, and from the fence"""
 
     @model_validator(mode="after")
     def _fenced(self) -> Self:

@@ -34,59 +34,34 @@ def checked_url(url: str) -> str:
 class LinkConfig(Table):
     """How MAVSDK talks to the vehicle, and how fast simulated time runs in flight."""
 
-    kind: Literal["in_process", "udp", "external"] = Field(
-        "in_process",
-        description="in_process needs no port; udp uses the loopback address; external flies "
-        "the autopilot at url instead of the simulated vehicle",
-    )
-    url: Annotated[str, AfterValidator(checked_url)] = Field(
-        "udpin://0.0.0.0:14540",
-        description=f"external: MAVSDK connection URL of the autopilot: {URL_FORMS}",
-    )
-    gcs: tuple[str, ...] = Field(
-        (),
-        description="ground stations that see the simulated vehicle while it is flown: "
-        f"{NETWORK_FORMS}",
-    )
-    signing_key: Path | None = Field(
-        None,
-        description="file with the pass phrase by which the links of gcs are signed (MAVLink 2), "
-        "both ways; unset: they are not",
-    )
-    udp_port: int = Field(14540, ge=1, le=65535, description="udp: where MAVSDK listens")
-    speed: Literal["max"] | Annotated[float, Field(gt=0, le=1000)] = Field(
-        "max", description='simulated seconds per second in flight, or "max"'
-    )
-    connect_timeout_s: float = Field(
-        60.0,
-        gt=0,
-        le=86_400,
-        description="external, firmware: wall seconds to wait for the first sign of the autopilot",
-    )
-    ready_timeout_s: float = Field(
-        300.0,
-        gt=0,
-        le=86_400,
-        description="external, firmware: wall seconds to wait until the autopilot knows where it "
-        "is and can be armed",
-    )
-    set_parameters: bool = Field(
-        False,
-        description="external: set the autopilot's parameters for the flight, where they keep it "
-        "from what the mission asks (speed, acceptance radius), and set them back at the end",
-    )
-    battery_timeout_s: float = Field(
-        600.0,
-        gt=0,
-        le=86_400,
-        description="external: wall seconds to wait on the ground for a charged battery",
-    )
-    stall_timeout_s: float = Field(
-        30.0,
-        gt=0,
-        le=3600,
-        description="wall seconds without any progress of the vehicle after which a run ends",
-    )
+    kind: Literal["in_process", "udp", "external"] = "in_process"
+    """in_process needs no port; udp uses the loopback address; external flies the autopilot at url
+    instead of the simulated vehicle"""
+    url: Annotated[str, AfterValidator(checked_url)] = "udpin://0.0.0.0:14540"
+    """external: MAVSDK connection URL of the autopilot: udpin://HOST:PORT or tcpin://HOST:PORT to
+    listen, udpout://HOST:PORT or tcpout://HOST:PORT to call, or serial:///DEVICE:BAUD"""
+    gcs: tuple[str, ...] = ()
+    """ground stations that see the simulated vehicle while it is flown: udpin://HOST:PORT or
+    tcpin://HOST:PORT to listen, udpout://HOST:PORT or tcpout://HOST:PORT to call"""
+    signing_key: Path | None = None
+    """file with the pass phrase by which the links of gcs are signed (MAVLink 2), both ways; unset:
+    they are not"""
+    udp_port: int = Field(14540, ge=1, le=65535)
+    """udp: where MAVSDK listens"""
+    speed: Literal["max"] | Annotated[float, Field(gt=0, le=1000)] = "max"
+    """simulated seconds per second in flight; "max": as fast as it can"""
+    connect_timeout_s: float = Field(60.0, gt=0, le=86_400)
+    """external, firmware: wall seconds to wait for the first sign of the autopilot"""
+    ready_timeout_s: float = Field(300.0, gt=0, le=86_400)
+    """external, firmware: wall seconds to wait until the autopilot knows where it is and can be
+    armed"""
+    set_parameters: bool = False
+    """external: set the autopilot's parameters for the flight, where they keep it from what the
+    mission asks (speed, acceptance radius), and set them back at the end"""
+    battery_timeout_s: float = Field(600.0, gt=0, le=86_400)
+    """external: wall seconds to wait on the ground for a charged battery"""
+    stall_timeout_s: float = Field(30.0, gt=0, le=3600)
+    """wall seconds without any progress of the vehicle after which a run ends"""
 
     @field_validator("gcs")
     @classmethod

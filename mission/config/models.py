@@ -41,100 +41,60 @@ _OF_ONE: tuple[tuple[str, tuple[object, ...], str], ...] = (
 class MissionConfig(Table):
     """What is flown: the paper's symbols stand in the descriptions."""
 
-    strategy: Annotated[str, one_of(STRATEGIES)] = Field(
-        "cov",
-        description="who is served where, round by round: one of cov, no_cov, barycenter, "
-        "rectangular, ideal, or one of your own as 'package.module:factory'; with 'LABEL=' before "
-        "it, tables and pictures call it LABEL",
-    )
-    flight: Literal["flown", "none"] = Field(
-        "flown",
-        description="'none': nothing is flown, every waypoint is met exactly at the planned speed, "
-        "as in the paper; an hour of rounds takes seconds",
-    )
-    replan: Literal["round", "stop"] = Field(
-        "round",
-        description="stop: the aircraft hovers wherever it serves until it knows who was heard; "
-        "where somebody was lost, the rest of the round is planned anew with the steps, metres, "
-        "seconds and joules left, and may serve the lost once more (strategies cov and no_cov)",
-    )
-    rounds: int = Field(50, ge=1, le=100_000, description="M, communication rounds at most")
-    altitude_m: Heights = Field(
-        60.0,
-        description="H, height above home; [lowest, highest]: each round is flown at the best "
-        "height between the two",
-    )
-    speed_mps: float = Field(20.0, ge=1, le=22, description="v, ground speed along the path")
-    path_budget_m: float = Field(800.0, gt=0, le=20_000, description="L_max, metres a round")
-    total_budget_m: float = Field(
-        40_000.0,
-        gt=0,
-        le=1e7,
-        description="L_total, metres to fly in rounds; a round costs what it flies, L_max at most; "
-        "a run ends when the rest pays for no whole round; only the first round may be shorter",
-    )
-    round_deadline_s: float | None = Field(
-        None, gt=0, le=3600, description="seconds a round takes at most; none: as its metres take"
-    )
-    total_deadline_s: float | None = Field(
-        None,
-        gt=0,
-        le=1e7,
-        description="seconds to fly in rounds; a run ends when the rest pays for no whole round",
-    )
-    round_energy_j: float | None = Field(
-        None,
-        gt=0,
-        le=1e8,
-        description="joules a round takes of the battery at most; not of an external vehicle, "
-        "whose power nobody knows",
-    )
-    total_energy_j: float | None = Field(
-        None,
-        gt=0,
-        le=1e10,
-        description="joules to fly with in rounds; a run ends when the rest pays for no whole "
-        "round",
-    )
-    steps: int = Field(10, ge=1, le=500, description="N, time steps a round")
-    devices_per_step: int = Field(3, ge=1, le=1000, description="K_bar, devices served a step")
-    acceptance_radius_m: float = Field(
-        5.0,
-        ge=0.5,
-        le=50,
-        description="how far a corner may be cut at most; less where that would cost the round 1 %",
-    )
-    separation_m: float | None = Field(
-        None,
-        ge=1,
-        le=1000,
-        description="several aircraft: the distance in space that each pair keeps in the air; a "
-        "round in which two come nearer is told",
-    )
-    when_lost: Literal["go on", "end"] = Field(
-        "go on",
-        description="several aircraft: where one is lost, the others go on with its devices in the "
-        "next plan, or the run ends",
-    )
-    battery_reserve: float = Field(
-        0.25,
-        ge=0,
-        le=0.9,
-        description="charge (0..1) that a round must leave: where what is left does not pay for as "
-        "dear a round as any before and this, the aircraft returns, gets a full battery and comes "
-        "back to where it was, outside the rounds; 0: never",
-    )
-    hover_s: float = Field(5.0, ge=1, le=600, description="barycenter: hover of a round")
-    hover_cost_m: float = Field(
-        100.0, gt=0, le=20_000, description="barycenter: metres of budget a round costs"
-    )
-    tour_inset: float = Field(
-        0.2,
-        ge=0,
-        lt=0.5,
-        description="rectangular: the tour's distance from the area's edge, "
-        "as a fraction of its size",
-    )
+    strategy: Annotated[str, one_of(STRATEGIES)] = "cov"
+    """who is served where, round by round: one of cov, no_cov, barycenter, rectangular, ideal, or
+    one of your own as 'package.module:factory'; with 'LABEL=' before it, tables and pictures call
+    it LABEL"""
+    flight: Literal["flown", "none"] = "flown"
+    """'none': nothing is flown, every waypoint is met exactly at the planned speed, as in the
+    paper; an hour of rounds takes seconds"""
+    replan: Literal["round", "stop"] = "round"
+    """stop: the aircraft hovers wherever it serves until it knows who was heard; where somebody was
+    lost, the rest of the round is planned anew with the steps, metres, seconds and joules left, and
+    may serve the lost once more (strategies cov and no_cov)"""
+    rounds: int = Field(50, ge=1, le=100_000)
+    """M, communication rounds at most"""
+    altitude_m: Heights = 60.0
+    """H, height above home; [lowest, highest]: each round is flown at the best height between the
+    two"""
+    speed_mps: float = Field(20.0, ge=1, le=22)
+    """v, ground speed along the path"""
+    path_budget_m: float = Field(800.0, gt=0, le=20_000)
+    """L_max, metres a round"""
+    total_budget_m: float = Field(40_000.0, gt=0, le=1e7)
+    """L_total, metres to fly in rounds; a round costs what it flies, L_max at most; a run ends when
+    the rest pays for no whole round; only the first round may be shorter"""
+    round_deadline_s: float | None = Field(None, gt=0, le=3600)
+    """seconds a round takes at most; none: as its metres take"""
+    total_deadline_s: float | None = Field(None, gt=0, le=1e7)
+    """seconds to fly in rounds; a run ends when the rest pays for no whole round"""
+    round_energy_j: float | None = Field(None, gt=0, le=1e8)
+    """joules a round takes of the battery at most; not of an external vehicle, whose power nobody
+    knows"""
+    total_energy_j: float | None = Field(None, gt=0, le=1e10)
+    """joules to fly with in rounds; a run ends when the rest pays for no whole round"""
+    steps: int = Field(10, ge=1, le=500)
+    """N, time steps a round"""
+    devices_per_step: int = Field(3, ge=1, le=1000)
+    """K_bar, devices served a step"""
+    acceptance_radius_m: float = Field(5.0, ge=0.5, le=50)
+    """how far a corner may be cut at most; less where that would cost the round 1 %"""
+    separation_m: float | None = Field(None, ge=1, le=1000)
+    """several aircraft: the distance in space that each pair keeps in the air; a round in which two
+    come nearer is told"""
+    when_lost: Literal["go on", "end"] = "go on"
+    """several aircraft: where one is lost, the others go on with its devices in the next plan, or
+    the run ends"""
+    battery_reserve: float = Field(0.25, ge=0, le=0.9)
+    """charge (0..1) that a round must leave: where what is left does not pay for as dear a round as
+    any before and this, the aircraft returns, gets a full battery and comes back to where it was,
+    outside the rounds; 0: never"""
+    hover_s: float = Field(5.0, ge=1, le=600)
+    """barycenter: hover of a round"""
+    hover_cost_m: float = Field(100.0, gt=0, le=20_000)
+    """barycenter: metres of budget a round costs"""
+    tour_inset: float = Field(0.2, ge=0, lt=0.5)
+    """rectangular: the tour's distance from the area's edge, as a fraction of its size"""
 
     @property
     def heights_m(self) -> tuple[float, float]:
@@ -163,10 +123,10 @@ class MissionConfig(Table):
 class RunConfig(Table):
     """Everything that a run depends on, apart from the data files."""
 
-    name: str = Field(
-        "run", pattern=r"^[A-Za-z0-9._-]{1,64}$", examples=["paper-2"], description="names the run"
-    )
-    seed: int = Field(1, ge=0, le=2**63 - 1, description="root of every random stream")
+    name: str = Field("run", pattern=r"^[A-Za-z0-9._-]{1,64}$", examples=["paper-2"])
+    """names the run"""
+    seed: int = Field(1, ge=0, le=2**63 - 1)
+    """root of every random stream"""
     area: AreaConfig = Field(default_factory=AreaConfig)
     mission: MissionConfig = Field(default_factory=MissionConfig)
     planner: PlannerConfig = Field(default_factory=PlannerConfig)
@@ -175,26 +135,16 @@ class RunConfig(Table):
     communities: tuple[CommunityConfig, ...] = Field(min_length=1, max_length=100)
     learning: LearningConfig = Field(default_factory=LearningConfig)
     vehicle: VehicleConfig = Field(default_factory=VehicleConfig)
-    vehicles: Vehicles | None = Field(
-        None,
-        examples=[3],
-        description="several aircraft: how many, alike and with homes 5 m apart; or a table "
-        "[[vehicles]] for each",
-    )
+    vehicles: Vehicles | None = Field(None, examples=[3])
+    """several aircraft: how many, alike and with homes 5 m apart; or a table [[vehicles]] for
+    each"""
     link: LinkConfig = Field(default_factory=LinkConfig)
-    callbacks: tuple[PluginName, ...] | None = Field(
-        None,
-        examples=[["my_package.my_module:make"]],
-        description="your own code that is told of every finished round, each as "
-        "'package.module:factory'",
-    )
+    callbacks: tuple[PluginName, ...] | None = Field(None, examples=[["my_package.my_module:make"]])
+    """your own code that is told of every finished round, each as 'package.module:factory'"""
 
-    limits: dict[str, float] | None = Field(
-        None,
-        examples=[{"cross_track_max_m": 3.0}],
-        description="numbers of `aerofed compare`, each with what it may be at most, or of what is "
-        "better the more, at least: a run or flight that does not meet one ends with exit code 6",
-    )
+    limits: dict[str, float] | None = Field(None, examples=[{"cross_track_max_m": 3.0}])
+    """numbers of `aerofed compare`, each with what it may be at most, or of what is better the
+    more, at least: a run or flight that does not meet one ends with exit code 6"""
 
     _blame: Blame = PrivateAttr(default_factory=lambda: Blame("configuration"))
 

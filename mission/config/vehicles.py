@@ -36,21 +36,16 @@ Heights = Annotated[Altitude | tuple[Altitude, Altitude], AfterValidator(_lower_
 class OneVehicleConfig(VehicleConfig):
     """One of several aircraft: any key of `vehicle`, whose values it has where it gives none."""
 
-    name: str | None = Field(
-        None,
-        pattern=r"^[A-Za-z0-9_-]{1,32}$",
-        description="for tables, pictures and the folder of its log; none: uav1, uav2, ... "
-        "by its place in the list",
-    )
-    home_m: Place | None = Field(
-        None,
-        description="its take-off point in area coordinates; none: area.home_m, and 5 m farther to "
-        "the east for each aircraft before it",
-    )
-    altitude_m: Heights | None = Field(None, description="none: mission.altitude_m")
-    path_budget_m: float | None = Field(
-        None, gt=0, le=20_000, description="metres a round; none: mission.path_budget_m"
-    )
+    name: str | None = Field(None, pattern=r"^[A-Za-z0-9_-]{1,32}$")
+    """for tables, pictures and the folder of its log; none: uav1, uav2, ... by its place in the
+    list"""
+    home_m: Place | None = None
+    """its take-off point in area coordinates; none: area.home_m, and 5 m farther to the east for
+    each aircraft before it"""
+    altitude_m: Heights | None = None
+    """none: mission.altitude_m"""
+    path_budget_m: float | None = Field(None, gt=0, le=20_000)
+    """metres a round; none: mission.path_budget_m"""
 
 
 Vehicles: TypeAlias = (

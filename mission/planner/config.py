@@ -17,32 +17,19 @@ PlannerKind = Literal["certified", "sqp", "paper", "paper_literal", "import"]
 class PlannerConfig(Table):
     """The planner of a run."""
 
-    kind: PlannerKind = Field(
-        "certified",
-        description="certified: the best plan and a proven bound; sqp: large instances, no bound; "
-        "paper: the paper's alternation with the exact cone; paper_literal: as printed, for "
-        "study; import: your own, which factory names",
-    )
-    gap: float = Field(
-        0.01,
-        ge=1e-4,
-        lt=1.0,
-        description="certified: relative gap between plan and bound that is enough; with more than "
-        "40 devices and more than 5 steps (6 where slots are fewer than devices) nothing is "
-        "searched for, and the gap is what it is",
-    )
-    max_nodes: int = Field(
-        60_000,
-        ge=0,
-        le=10_000_000,
-        description="certified: nodes of the search at most; it ends earlier where its pace says "
-        "that they would not do. Counted, not timed, so that plans are the same on every machine",
-    )
-    factory: PluginName | None = Field(
-        None,
-        examples=["my_package.my_module:make_planner"],
-        description="for kind = 'import': 'package.module:callable' that gives a planner",
-    )
+    kind: PlannerKind = "certified"
+    """certified: the best plan and a proven bound; sqp: large instances, no bound; paper: the
+    paper's alternation with the exact cone; paper_literal: as printed, for study; import: your own,
+    which factory names"""
+    gap: float = Field(0.01, ge=1e-4, lt=1.0)
+    """certified: relative gap between plan and bound that is enough; with more than 40 devices and
+    more than 5 steps (6 where slots are fewer than devices) nothing is searched for, and the gap is
+    what it is"""
+    max_nodes: int = Field(60_000, ge=0, le=10_000_000)
+    """certified: nodes of the search at most; it ends earlier where its pace says that they would
+    not do. Counted, not timed, so that plans are the same on every machine"""
+    factory: PluginName | None = Field(None, examples=["my_package.my_module:make_planner"])
+    """for kind = 'import': 'package.module:callable' that gives a planner"""
 
     @model_validator(mode="after")
     def _factory_with_import_only(self) -> Self:
