@@ -101,10 +101,8 @@ def completion(shell: Literal["bash", "zsh", "fish"]) -> int:
 
     Example: aerofed completion bash > ~/.local/share/bash-completion/completions/aerofed
 
-    Parameters
-    ----------
-    shell
-        bash, zsh or fish.
+    Args:
+        shell: bash, zsh or fish.
     """
     Terminal(**PLAIN).print(app.generate_completion(shell=shell), end="")
     return 0

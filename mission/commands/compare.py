@@ -39,41 +39,30 @@ def compare(
     Example: aerofed compare a.ulg b.ulg c.ulg --together --limit separation_min_m=5
     Example: aerofed compare 00000012.BIN --limit tracking_rms_m=1 --limit clips_max=0
 
-    Parameters
-    ----------
-    run
-        The folder of a run or of an `aerofed fly`, or a flight log: .mcap (also of `aerofed sitl
-        --logs`), PX4's .ulg, ArduPilot's .bin, a ground station's .tlog; or a folder of
-        such logs.
-    others
-        More folders or logs, shown beside the first.
-    plan
-        A .plan or waypoint file to compare with. Default: the mission in the log; without one,
-        what the vehicle was told.
-    believed
-        Compare where the autopilot believed to be, also where the log has the true position.
-    together
-        They flew at one time in one place: who came how near to whom. A folder of one world
-        (vehicle-1, vehicle-2, ...) is judged so by itself.
-    offset
-        LOG=SECONDS to add to the times of a log for those of the first, where it does not tell
-        UTC or GPS time, or not the right one.
-    limit
-        NAME=VALUE, once for each limit: a number of the comparison (as --json names it) and the
-        most that is allowed, or the least of battery_remaining, of what ends in _min and of what
-        arrives. Exit code 6 and a line for each that is not met.
-    limits
-        TOML file with a table [limits] of such numbers.
-    junit
-        Also write the verdict into this file, as JUnit's XML.
-    as_json
-        Print JSON, with every number at full precision, not tables: a list with one entry per run;
-        of flights together an object of such flights and of pairs.
-    figure
-        Also draw the comparison into this file (.png, .svg or .pdf): runs round by round, flights
-        of plan files along the plan, others over time; of flights together a map and distances.
-    rounds
-        Compare only the first rounds, as many as this, where runs differ in length.
+    Args:
+        run: The folder of a run or of an `aerofed fly`, or a flight log: .mcap (also of `aerofed
+            sitl --logs`), PX4's .ulg, ArduPilot's .bin, a ground station's .tlog; or a folder of
+            such logs.
+        others: More folders or logs, shown beside the first.
+        plan: A .plan or waypoint file to compare with. Default: the mission in the log; without
+            one, what the vehicle was told.
+        believed: Compare where the autopilot believed to be, also where the log has the true
+            position.
+        together: They flew at one time in one place: who came how near to whom. A folder of one
+            world (vehicle-1, vehicle-2, ...) is judged so by itself.
+        offset: LOG=SECONDS to add to the times of a log for those of the first, where it does not
+            tell UTC or GPS time, or not the right one.
+        limit: NAME=VALUE, once for each limit: a number of the comparison (as --json names it) and
+            the most that is allowed, or the least of battery_remaining, of what ends in _min and of
+            what arrives. Exit code 6 and a line for each that is not met.
+        limits: TOML file with a table [limits] of such numbers.
+        junit: Also write the verdict into this file, as JUnit's XML.
+        as_json: Print JSON, with every number at full precision, not tables: a list with one entry
+            per run; of flights together an object of such flights and of pairs.
+        figure: Also draw the comparison into this file (.png, .svg or .pdf): runs round by round,
+            flights of plan files along the plan, others over time; of flights together a map and
+            distances.
+        rounds: Compare only the first rounds, as many as this, where runs differ in length.
     """
     if rounds is not None and rounds < 1:
         raise InputError(f"--rounds {rounds}: must be at least 1")

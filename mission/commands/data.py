@@ -23,14 +23,10 @@ def fetch(folder: Path, *, task: Tasks = ("mnist", "cifar10"), as_json: Json = F
 
     Example: aerofed data fetch data --task mnist cifar10
 
-    Parameters
-    ----------
-    folder
-        Folder for the data; each data set gets a sub-folder of its own.
-    task
-        Data sets to download.
-    as_json
-        Print the files' paths as a JSON list.
+    Args:
+        folder: Folder for the data; each data set gets a sub-folder of its own.
+        task: Data sets to download.
+        as_json: Print the files' paths as a JSON list.
     """
     from fl.data.fetch import fetch as download
 
@@ -66,14 +62,10 @@ def check(folder: Path, *, task: Tasks | None = None, as_json: Json = False) -> 
 
     Example: aerofed data check data
 
-    Parameters
-    ----------
-    folder
-        The data folder.
-    task
-        Which data sets must be there. Default: those that are, and one at least.
-    as_json
-        Print what was found as a JSON list.
+    Args:
+        folder: The data folder.
+        task: Which data sets must be there. Default: those that are, and one at least.
+        as_json: Print what was found as a JSON list.
     """
     from fl.data.fetch import check as look
 

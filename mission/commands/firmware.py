@@ -31,19 +31,14 @@ def fetch(
 
     Example: aerofed firmware fetch arducopter --version 4.6.3
 
-    Parameters
-    ----------
-    firmware
-        arducopter. PX4 publishes no program that is known to fly on another's aircraft: build it.
-    version
-        Such as 4.6.3; stable, beta or latest for the newest of those.
-    sha256
-        Checksum that the file must have. Its project publishes none; without this, the one that the
-        first download of a numbered version had counts from then on.
-    site
-        Where it is published. Default: AEROFED_FIRMWARE_SITE, or the project's own server.
-    folder
-        Where to put it. Default: aerofed/firmware in XDG_CACHE_HOME, or in ~/.cache.
+    Args:
+        firmware: arducopter. PX4 publishes no program that is known to fly on another's aircraft:
+            build it.
+        version: Such as 4.6.3; stable, beta or latest for the newest of those.
+        sha256: Checksum that the file must have. Its project publishes none; without this, the one
+            that the first download of a numbered version had counts from then on.
+        site: Where it is published. Default: AEROFED_FIRMWARE_SITE, or the project's own server.
+        folder: Where to put it. Default: aerofed/firmware in XDG_CACHE_HOME, or in ~/.cache.
     """
     if not re.fullmatch(r"\d+(\.\d+)+|stable|beta|latest", version, re.ASCII):
         raise InputError(f"--version {one_line(version)}: such as 4.6.3, or stable, beta, latest")
@@ -74,10 +69,8 @@ def list_(*, folder: Path | None = None) -> int:
 
     Example: aerofed firmware list
 
-    Parameters
-    ----------
-    folder
-        Where it is. Default: as of aerofed firmware fetch.
+    Args:
+        folder: Where it is. Default: as of aerofed firmware fetch.
     """
     console = Terminal(**PLAIN)
     binaries = sorted(path for path in _folder(folder).glob("*/arducopter") if path.is_file())

@@ -14,16 +14,13 @@ def init(name: Shipped = "quickstart", *, out: Path = Path()) -> int:
     Example: aerofed init
     Example: aerofed init paper --out my-paper
 
-    Parameters
-    ----------
-    name
-        quickstart: two small communities, with data that come with Aerofed; paper: the paper's
-        experiment on MNIST and CIFAR-10; paper-sweep: the same for aerofed sweep; apart: two
-        communities in opposite corners; town: devices and no-fly areas from GeoJSON files; city:
-        buildings from one, which decide what reaches the aircraft; munich: a radio traced by
-        Sionna RT, an extra.
-    out
-        Folder for the files, made if it is missing. Existing files are not replaced.
+    Args:
+        name: quickstart: two small communities, with data that come with Aerofed; paper: the
+            paper's experiment on MNIST and CIFAR-10; paper-sweep: the same for aerofed sweep;
+            apart: two communities in opposite corners; town: devices and no-fly areas from GeoJSON
+            files; city: buildings from one, which decide what reaches the aircraft; munich: a radio
+            traced by Sionna RT, an extra.
+        out: Folder for the files, made if it is missing. Existing files are not replaced.
     """
     from mission.config.loading import shipped_files
 

@@ -21,14 +21,10 @@ def link_budget(config: Path | None = None, *, set_: Overrides = (), as_json: Js
 
     Example: aerofed link-budget paper --set channel.extra_gain_db=3
 
-    Parameters
-    ----------
-    config
-        TOML file whose channel is shown. Without one, the quick start's.
-    set_
-        Override any key: --set channel.preset=literal
-    as_json
-        Print JSON, with every number at full precision.
+    Args:
+        config: TOML file whose channel is shown. Without one, the quick start's.
+        set_: Override any key: --set channel.preset=literal
+        as_json: Print JSON, with every number at full precision.
     """
     resolved = load(config, set_)
     preset, limits = resolved.channel.preset, resolved.mission.altitudes_m

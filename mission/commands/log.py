@@ -21,14 +21,10 @@ def recover(log: Path, out: Path | None = None, *, as_json: Json = False) -> int
 
     Example: aerofed log recover killed/flight.mcap
 
-    Parameters
-    ----------
-    log
-        The log, or its run's folder; it stays as it is.
-    out
-        The new log. Default: beside the old one, named *.recovered.mcap.
-    as_json
-        Print what was saved and what was lost as JSON.
+    Args:
+        log: The log, or its run's folder; it stays as it is.
+        out: The new log. Default: beside the old one, named *.recovered.mcap.
+        as_json: Print what was saved and what was lost as JSON.
     """
     from mission.log.contents import recover as save
 
@@ -50,12 +46,9 @@ def info(log: Path, *, as_json: Json = False) -> int:
 
     Example: aerofed log info paper6/flight.mcap
 
-    Parameters
-    ----------
-    log
-        A complete, sound log, or its run's folder; anything else is refused.
-    as_json
-        Print it as JSON.
+    Args:
+        log: A complete, sound log, or its run's folder; anything else is refused.
+        as_json: Print it as JSON.
     """
     from mission.log.inspection import info as look
 
@@ -91,13 +84,10 @@ def check(log: Path, *, as_json: Json = False) -> int:
 
     Example: aerofed log check paper6/flight.mcap
 
-    Parameters
-    ----------
-    log
-        The log, or its run's folder. Exit code 0: sound; 2: damaged or not a log; 7: sound bytes,
-        but gaps.
-    as_json
-        Print the findings as JSON.
+    Args:
+        log: The log, or its run's folder. Exit code 0: sound; 2: damaged or not a log; 7: sound
+            bytes, but gaps.
+        as_json: Print the findings as JSON.
     """
     from mission.log.inspection import check as verify
 
@@ -124,23 +114,18 @@ def export(
 
     Example: aerofed log export paper6/flight.mcap --to csv
 
-    Parameters
-    ----------
-    log
-        The log, or its run's folder; for kml, geojson and mcap also a folder of flights of one
-        world, or of one time and place.
-    out
-        The new folder, or file for kml, geojson, mcap and ulog. Default: beside the log; of
-        flights together, together.kml, .geojson or .mcap in their folder.
-    to
-        csv or parquet: one table each of track, plans, devices, rounds, uplinks, learning, events,
-        battery, wind, control and innovations; kml: devices, planned and flown paths; geojson:
-        planned and flown paths in latitude and longitude, also of a .ulg, .bin or .tlog; mcap:
-        flights together, with where they came nearest, for Foxglove; ulog: the
-        flight as PX4 logs one, for Flight Review and PlotJuggler; attachments: the files inside the
-        log (configuration, a Foxglove layout).
-    as_json
-        Print the new files' paths as a JSON list.
+    Args:
+        log: The log, or its run's folder; for kml, geojson and mcap also a folder of flights of one
+            world, or of one time and place.
+        out: The new folder, or file for kml, geojson, mcap and ulog. Default: beside the log; of
+            flights together, together.kml, .geojson or .mcap in their folder.
+        to: csv or parquet: one table each of track, plans, devices, rounds, uplinks, learning,
+            events, battery, wind, control and innovations; kml: devices, planned and flown paths;
+            geojson: planned and flown paths in latitude and longitude, also of a .ulg, .bin or
+            .tlog; mcap: flights together, with where they came nearest, for Foxglove; ulog: the
+            flight as PX4 logs one, for Flight Review and PlotJuggler; attachments: the files inside
+            the log (configuration, a Foxglove layout).
+        as_json: Print the new files' paths as a JSON list.
     """
     written = _write(log, out, to)
     tell(written, written, as_json=as_json)
@@ -187,14 +172,10 @@ def diff(first: Path, second: Path, *, as_json: Json = False) -> int:
 
     Example: aerofed log diff a/flight.mcap b/flight.mcap
 
-    Parameters
-    ----------
-    first
-        A log, or its run's folder.
-    second
-        Another log, or its run's folder. Exit code 0: they say the same; 7: they differ.
-    as_json
-        Print the differences as JSON.
+    Args:
+        first: A log, or its run's folder.
+        second: Another log, or its run's folder. Exit code 0: they say the same; 7: they differ.
+        as_json: Print the differences as JSON.
     """
     from mission.log.inspection import diff as compare
 

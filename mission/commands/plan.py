@@ -25,29 +25,18 @@ def plan(
 
     Example: aerofed plan --problem problems.json --out plans.json --figure pictures
 
-    Parameters
-    ----------
-    config
-        TOML file whose first round is planned. Without one, that of the quick start.
-    problem
-        JSON file with a list of problems to plan instead; docs/planner.md describes it. Only
-        the table planner of the configuration is used then.
-    out
-        JSON file for the plans.
-    figure
-        Folder for a picture of each plan: path, devices by importance, links by PER.
-    qgc
-        File for a QGroundControl plan of the first round.
-    method
-        The planner; overrides planner.kind.
-    gap
-        Relative gap to the bound at which `certified` may stop; overrides planner.gap.
-    data_dir
-        Folder with the data sets' files, where the configuration's tasks need files.
-    set_
-        Override any key of the configuration: --set mission.steps=8
-    as_json
-        Print the plans as JSON, as --out writes them.
+    Args:
+        config: TOML file whose first round is planned. Without one, that of the quick start.
+        problem: JSON file with a list of problems to plan instead; docs/planner.md describes it.
+            Only the table planner of the configuration is used then.
+        out: JSON file for the plans.
+        figure: Folder for a picture of each plan: path, devices by importance, links by PER.
+        qgc: File for a QGroundControl plan of the first round.
+        method: The planner; overrides planner.kind.
+        gap: Relative gap to the bound at which `certified` may stop; overrides planner.gap.
+        data_dir: Folder with the data sets' files, where the configuration's tasks need files.
+        set_: Override any key of the configuration: --set mission.steps=8
+        as_json: Print the plans as JSON, as --out writes them.
     """
     _check_targets(out, qgc, figure)
     resolved = load(config, set_, {"planner.kind": method, "planner.gap": gap})

@@ -35,27 +35,18 @@ def radio_map(
 
     Example: aerofed radio-map quickstart --engine sionna --scene munich --out munich.nc
 
-    Parameters
-    ----------
-    config
-        TOML file whose devices are mapped, at the mission's altitude; of two, at heights 5 m apart
-        between them.
-    out
-        NetCDF file for the map: what radio.map_file takes, and xarray opens.
-    cell
-        Side of a cell in metres.
-    engine
-        buildings: those of the configuration; sionna: ray tracing, an extra.
-    scene
-        sionna: munich, florence, san_francisco, etoile and others that come with it, or FILE.xml.
-    middle
-        sionna: where in the scene the middle of the area lies, metres east and north.
-    figure
-        Also draw the gains of one device, at the lowest height: FILE.png, .svg or .pdf.
-    device
-        --figure: which one is drawn, from 0; the first by default.
-    set_
-        Override any key: --set radio.environment=UMa
+    Args:
+        config: TOML file whose devices are mapped, at the mission's altitude; of two, at heights 5
+            m apart between them.
+        out: NetCDF file for the map: what radio.map_file takes, and xarray opens.
+        cell: Side of a cell in metres.
+        engine: buildings: those of the configuration; sionna: ray tracing, an extra.
+        scene: sionna: munich, florence, san_francisco, etoile and others that come with it, or
+            FILE.xml.
+        middle: sionna: where in the scene the middle of the area lies, metres east and north.
+        figure: Also draw the gains of one device, at the lowest height: FILE.png, .svg or .pdf.
+        device: --figure: which one is drawn, from 0; the first by default.
+        set_: Override any key: --set radio.environment=UMa
     """
     if out.exists():
         raise InputError(f"{out}: exists already; give another name")

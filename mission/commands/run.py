@@ -48,47 +48,31 @@ def run(
     Example: aerofed run my.toml --vehicle udpin://0.0.0.0:14540
     Example: aerofed run --resume paper6 --rounds 20
 
-    Parameters
-    ----------
-    config
-        TOML file, or quickstart, paper, apart, town, city or munich. Without one, the quick-start
-        is flown.
-    out
-        Folder for the results; it must be new or empty. Default: a new one under runs/.
-    data_dir
-        Folder with the data sets' files, where the configuration's tasks need files.
-    seed
-        Root of all randomness; overrides the configuration.
-    rounds
-        Rounds at most; overrides mission.rounds. With --resume it lengthens a run, also one that is
-        finished: all files become those of a run that began with so many.
-    set_
-        Override any key: --set mission.strategy=no_cov --set vehicle.aircraft.wind.speed_mps=8
-    gcs
-        A ground station that sees the simulated vehicle in flight; give it once for each station.
-        udpout://127.0.0.1:14550 is QGroundControl on this machine; overrides link.gcs.
-    vehicle
-        Fly an external autopilot (PX4, ArduPilot, aerofed sitl) instead of the simulated vehicle:
-        a MAVSDK URL such as udpin://0.0.0.0:14540; overrides link.kind and link.url.
-    live
-        Show the run live in Foxglove, for programs on this machine only.
-    live_port
-        Port of the live view; 0 takes a free one.
-    resume
-        Go on with the run in this folder, from its last finished round; takes no other setting
-        than --rounds: the folder has them all, also --no-report. What judges it may be given again:
-        --limit and --junit.
-    limit
-        NAME=VALUE, once for each limit on a number of `aerofed compare`, beside those of the
-        table [limits]: exit code 6 and a line for each that is not met.
-    junit
-        Also write the verdict into this file, as JUnit's XML.
-    no_report
-        Leave out report.html, the page that is written into the folder at the end.
-    quiet
-        Print nothing but errors.
-    as_json
-        Print nothing but the run's summary as JSON, at the end.
+    Args:
+        config: TOML file, or quickstart, paper, apart, town, city or munich. Without one, the
+            quick-start is flown.
+        out: Folder for the results; it must be new or empty. Default: a new one under runs/.
+        data_dir: Folder with the data sets' files, where the configuration's tasks need files.
+        seed: Root of all randomness; overrides the configuration.
+        rounds: Rounds at most; overrides mission.rounds. With --resume it lengthens a run, also one
+            that is finished: all files become those of a run that began with so many.
+        set_: Override any key: --set mission.strategy=no_cov --set
+            vehicle.aircraft.wind.speed_mps=8
+        gcs: A ground station that sees the simulated vehicle in flight; give it once for each
+            station. udpout://127.0.0.1:14550 is QGroundControl on this machine; overrides link.gcs.
+        vehicle: Fly an external autopilot (PX4, ArduPilot, aerofed sitl) instead of the simulated
+            vehicle: a MAVSDK URL such as udpin://0.0.0.0:14540; overrides link.kind and link.url.
+        live: Show the run live in Foxglove, for programs on this machine only.
+        live_port: Port of the live view; 0 takes a free one.
+        resume: Go on with the run in this folder, from its last finished round; takes no other
+            setting than --rounds: the folder has them all, also --no-report. What judges it may be
+            given again: --limit and --junit.
+        limit: NAME=VALUE, once for each limit on a number of `aerofed compare`, beside those of the
+            table [limits]: exit code 6 and a line for each that is not met.
+        junit: Also write the verdict into this file, as JUnit's XML.
+        no_report: Leave out report.html, the page that is written into the folder at the end.
+        quiet: Print nothing but errors.
+        as_json: Print nothing but the run's summary as JSON, at the end.
     """
     watching = console(quiet=quiet or as_json, live=live, live_port=live_port)
     stopwatch = Stopwatch()

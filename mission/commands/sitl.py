@@ -35,33 +35,27 @@ def sitl(
 
     Example: aerofed sitl --udp 14540 --udp 14550 --speed 1
 
-    Parameters
-    ----------
-    config
-        TOML file, of which area.home_*, vehicle.* and link.* are used; it needs no others. Without
-        one, the vehicle stands where PX4's simulators do, so that scripts written for those work.
-    udp
-        Where MAVLink goes; give it once for each ground station: a port of this machine,
-        udpout:// or tcpout://HOST:PORT to call, udpin:// or tcpin://HOST:PORT to listen there.
-    speed
-        Simulated seconds per second, or "max". Default: 1, or what PX4_SIM_SPEED_FACTOR says.
-    home
-        LAT,LON,ALT in degrees and metres above mean sea level: where the vehicle stands. Without it
-        and without a file PX4_HOME_LAT, PX4_HOME_LON and PX4_HOME_ALT count, as with PX4.
-    count
-        Number of vehicles, side by side in one world, where they may collide, with system ids 1, 2,
-        ... Their ports count up from the first --udp (14540, 14541, ... up to 14549) and from those
-        that listen (over TCP 5760, 5770, ...); they share the other --udp.
-    instance
-        Number of the first vehicle, from 0, where others are served already: it has ports and
-        system id as if it were counted up to.
-    logs
-        Folder for a log of each flight, from arming to disarming; ground stations may list and
-        download the logs.
-    set_
-        Override a key of vehicle.*, area.* or link.*, or the seed:
-        --set vehicle.aircraft.wind.speed_mps=5; of one of several by its name:
-        --set vehicle-2:vehicle.aircraft.battery.initial=0.3
+    Args:
+        config: TOML file, of which area.home_*, vehicle.* and link.* are used; it needs no others.
+            Without one, the vehicle stands where PX4's simulators do, so that scripts written for
+            those work.
+        udp: Where MAVLink goes; give it once for each ground station: a port of this machine,
+            udpout:// or tcpout://HOST:PORT to call, udpin:// or tcpin://HOST:PORT to listen there.
+        speed: Simulated seconds per second, or "max". Default: 1, or what PX4_SIM_SPEED_FACTOR
+            says.
+        home: LAT,LON,ALT in degrees and metres above mean sea level: where the vehicle stands.
+            Without it and without a file PX4_HOME_LAT, PX4_HOME_LON and PX4_HOME_ALT count, as with
+            PX4.
+        count: Number of vehicles, side by side in one world, where they may collide, with system
+            ids 1, 2, ... Their ports count up from the first --udp (14540, 14541, ... up to 14549)
+            and from those that listen (over TCP 5760, 5770, ...); they share the other --udp.
+        instance: Number of the first vehicle, from 0, where others are served already: it has ports
+            and system id as if it were counted up to.
+        logs: Folder for a log of each flight, from arming to disarming; ground stations may list
+            and download the logs.
+        set_: Override a key of vehicle.*, area.* or link.*, or the seed: --set
+            vehicle.aircraft.wind.speed_mps=5; of one of several by its name: --set
+            vehicle-2:vehicle.aircraft.battery.initial=0.3
     """
     if speed is None:
         speed = _heard("PX4_SIM_SPEED_FACTOR", 1.0)

@@ -34,36 +34,24 @@ def sweep(
 
     Example: aerofed sweep paper --data-dir data --seeds 3 --set learning.mu=0,0.1
 
-    Parameters
-    ----------
-    config
-        TOML file, or quickstart, paper, paper-sweep, apart, town, city or munich.
-    strategies
-        Strategies to compare, separated by commas; package.module:factory is one of your own, and
-        mine=package.module:factory is called "mine" in tables and pictures.
-    seeds
-        Number of seeds, counting up from the seed of the configuration.
-    rounds
-        Rounds at most; overrides mission.rounds.
-    jobs
-        Runs at a time, one core each. Default: one for each core.
-    out
-        Folder for the runs and the results. Default: runs/sweep-NAME.
-    data_dir
-        Folder with the data sets' files, where the configuration's tasks need files.
-    set_
-        Override any key; values separated by commas are swept: --set channel.extra_gain_db=0,3
-    run_figures
-        Draw every run's own pictures too; they take a third of a run that is not flown.
-    engine
-        joblib: processes of this machine; ray: a Ray cluster (pip install 'aerofed[ray]').
-    address
-        HOST:PORT of a Ray cluster that this machine is part of; without it, Ray is started on this
-        machine. The machines of the cluster need not share a folder.
-    no_report
-        Leave out report.html, the page that is written into the folder at the end.
-    as_json
-        Print nothing but the results as JSON, one row per run, at the end.
+    Args:
+        config: TOML file, or quickstart, paper, paper-sweep, apart, town, city or munich.
+        strategies: Strategies to compare, separated by commas; package.module:factory is one of
+            your own, and mine=package.module:factory is called "mine" in tables and pictures.
+        seeds: Number of seeds, counting up from the seed of the configuration.
+        rounds: Rounds at most; overrides mission.rounds.
+        jobs: Runs at a time, one core each. Default: one for each core.
+        out: Folder for the runs and the results. Default: runs/sweep-NAME.
+        data_dir: Folder with the data sets' files, where the configuration's tasks need files.
+        set_: Override any key; values separated by commas are swept: --set
+            channel.extra_gain_db=0,3
+        run_figures: Draw every run's own pictures too; they take a third of a run that is not
+            flown.
+        engine: joblib: processes of this machine; ray: a Ray cluster (pip install 'aerofed[ray]').
+        address: HOST:PORT of a Ray cluster that this machine is part of; without it, Ray is started
+            on this machine. The machines of the cluster need not share a folder.
+        no_report: Leave out report.html, the page that is written into the folder at the end.
+        as_json: Print nothing but the results as JSON, one row per run, at the end.
     """
     from mission.sweep.execute.engine import EngineChoice
     from mission.sweep.grid import make_grid, parse_axis

@@ -41,37 +41,26 @@ def world(
     Example: aerofed world --px4 --set vehicle.aircraft.wind.speed_mps=8
     Example: aerofed world --px4 --px4 --ardupilot --logs crossing
 
-    Parameters
-    ----------
-    config
-        TOML file, of which area.home_* and vehicle.aircraft.* are used. Without one, the
-        quick-start configuration is used.
-    px4
-        For PX4: listen for its simulator link (TCP, 4560). Once for each of several: instance I,
-        from 0, comes to port 4560 + I.
-    ardupilot
-        For ArduPilot: answer its JSON interface (UDP, 9002). Once for each of several: -I I, from
-        0, asks at port 9002 + 10 I.
-    built_in
-        Beside them, an aircraft under the autopilot of Aerofed, served as by aerofed sitl. Once for
-        each.
-    port
-        Port to listen on, where it is not the usual one of the firmware; for one alone.
-    wind
-        Steady wind in m/s; vehicle.aircraft.wind.* has direction, turbulence and gusts.
-    speed
-        Simulated seconds per second, or "max".
-    logs
-        Folder for a log of each flight, from arming to disarming, with the true positions, and
-        what the firmware tells by MAVLink: its belief, modes, mission, fence and rally points. Of
-        several in a folder of each, beside separation.json: how near each pair came.
-    mavlink
-        Where that is heard, a MAVSDK URL that nobody else uses: udpin://0.0.0.0:14030 with PX4 (its
-        link to a camera; 14030 + I), tcpout://127.0.0.1:5762 with ArduPilot (5762 + 10 I). For one
-        alone.
-    set_
-        Override any key: --set vehicle.aircraft.wind.speed_mps=8; of one of several by its name:
-        --set vehicle-2:vehicle.aircraft.battery.initial=0.3
+    Args:
+        config: TOML file, of which area.home_* and vehicle.aircraft.* are used. Without one, the
+            quick-start configuration is used.
+        px4: For PX4: listen for its simulator link (TCP, 4560). Once for each of several: instance
+            I, from 0, comes to port 4560 + I.
+        ardupilot: For ArduPilot: answer its JSON interface (UDP, 9002). Once for each of several:
+            -I I, from 0, asks at port 9002 + 10 I.
+        built_in: Beside them, an aircraft under the autopilot of Aerofed, served as by aerofed
+            sitl. Once for each.
+        port: Port to listen on, where it is not the usual one of the firmware; for one alone.
+        wind: Steady wind in m/s; vehicle.aircraft.wind.* has direction, turbulence and gusts.
+        speed: Simulated seconds per second, or "max".
+        logs: Folder for a log of each flight, from arming to disarming, with the true positions,
+            and what the firmware tells by MAVLink: its belief, modes, mission, fence and rally
+            points. Of several in a folder of each, beside separation.json: how near each pair came.
+        mavlink: Where that is heard, a MAVSDK URL that nobody else uses: udpin://0.0.0.0:14030 with
+            PX4 (its link to a camera; 14030 + I), tcpout://127.0.0.1:5762 with ArduPilot (5762 + 10
+            I). For one alone.
+        set_: Override any key: --set vehicle.aircraft.wind.speed_mps=8; of one of several by its
+            name: --set vehicle-2:vehicle.aircraft.battery.initial=0.3
     """
     autopilots = ["px4"] * px4 + ["ardupilot"] * ardupilot
     if not autopilots:
