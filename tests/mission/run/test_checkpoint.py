@@ -17,6 +17,7 @@ from patience import until
 from small_runs import digests, refused, rows
 from test_run import SMALL, UNFLOWN, fly
 
+import aerofed
 from mission.base.run_folder import RunFolder
 from mission.cli import call
 from mission.run.resume import SEAL, sealed
@@ -64,36 +65,52 @@ def test_resume_after_a_kill_ends_the_same(whole: Path, tmp_path: Path, after_ro
     assert json.loads((out / "summary.json").read_text())["status"] == "finished"
 
 
+# One process for all, which loads the program once: a child of it for each kill.
 KILLED_WRITING = """
 import os, signal, sys
-nth, written = int(sys.argv[1]), os.fsync
-def fsync(number):
-    global nth
-    nth -= 1
-    if nth == 0:
-        os.kill(os.getpid(), signal.SIGKILL)
-    written(number)
-os.fsync = fsync
+import aerofed, mission.commands.run, mission.run.flown_experiment, mission.run.session
 from mission.cli import main
-main(sys.argv[2:])
+codes, words = [], sys.argv[1:]
+while words:
+    nth, count = int(words[0]), int(words[1])
+    command, words = words[2:2 + count], words[2 + count:]
+    child = os.fork()
+    if not child:
+        written = os.fsync
+        def fsync(number):
+            global nth
+            nth -= 1
+            if nth == 0:
+                os.kill(os.getpid(), signal.SIGKILL)
+            written(number)
+        os.fsync = fsync
+        main(command)
+    codes.append(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]))
+sys.exit(codes != [-signal.SIGKILL] * len(codes))
 """
+
+
+def kill_writing(*kills: tuple[int, list[str]]) -> None:
+    """Run commands, each killed when it is about to have the nth of its writes on the disk."""
+    words = [word for nth, command in kills for word in (str(nth), str(len(command)), *command)]
+    assert subprocess.run([sys.executable, "-c", KILLED_WRITING, *words]).returncode == 0
 
 
 # The configuration, the learning's state and the first checkpoint are what is written first.
 @pytest.mark.slow
-@pytest.mark.parametrize("nth", [1, 3])
 def test_the_same_command_begins_again_what_died_before_its_first_checkpoint(
-    unflown: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], nth: int
+    unflown: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    out = tmp_path / "killed"
-    command = ["run", "--out", str(out), "--rounds", str(ROUNDS), *SMALL, *UNFLOWN]
-    process = subprocess.run([sys.executable, "-c", KILLED_WRITING, str(nth), *command])
-    assert process.returncode == -signal.SIGKILL
-    assert out.exists()
-    assert call(["run", "--resume", str(out)]) == 2
-    refused(capsys, "ended before its first checkpoint; the command that began it begins it anew")
-    assert call(command) == 0
-    assert digests(out) == digests(unflown)
+    outs = {nth: tmp_path / f"killed{nth}" for nth in (1, 3)}
+    more = ("--rounds", str(ROUNDS), *SMALL, *UNFLOWN)
+    commands = {nth: ["run", "--out", str(out), *more] for nth, out in outs.items()}
+    kill_writing(*commands.items())
+    for nth, out in outs.items():
+        assert out.exists()
+        assert call(["run", "--resume", str(out)]) == 2
+        refused(capsys, "ended before its first checkpoint; the command that began it begins it ")
+        assert call(commands[nth]) == 0
+        assert digests(out) == digests(unflown)
 
 
 def test_a_folder_of_somebody_elses_is_not_taken_for_a_run_that_died(
@@ -148,30 +165,26 @@ def test_a_finished_run_is_lengthened_as_if_it_had_begun_so(
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("nth", range(1, 7))
-def test_killed_while_it_is_lengthened_it_goes_on(unflown: Path, tmp_path: Path, nth: int) -> None:
-    out = tmp_path / "short"
-    assert fly(out, *UNFLOWN, rounds=1) == 0
-    longer = ["run", "--resume", str(out), "--rounds", str(ROUNDS), "--quiet"]
-    process = subprocess.run([sys.executable, "-c", KILLED_WRITING, str(nth), *longer])
-    assert process.returncode == -signal.SIGKILL
-    assert call(longer) == 0
-    of_so_many(out, unflown)
+def test_killed_while_it_is_lengthened_it_goes_on(unflown: Path, tmp_path: Path) -> None:
+    short = tmp_path / "short"
+    assert fly(short, *UNFLOWN, rounds=1) == 0
+    longer = {}
+    for nth in range(1, 7):
+        shutil.copytree(short, out := tmp_path / f"short{nth}")
+        longer[nth] = ["run", "--resume", str(out), "--rounds", str(ROUNDS), "--quiet"]
+    kill_writing(*longer.items())
+    for nth, command in longer.items():
+        assert call(command) == 0
+        of_so_many(tmp_path / f"short{nth}", unflown)
 
 
 @pytest.mark.slow
 def test_python_lengthens_a_run_that_was_begun_with_more(unflown: Path, tmp_path: Path) -> None:
     out = tmp_path / "long"
-    code = "import sys, aerofed; print(aerofed.resume(sys.argv[1], rounds=2).status)"
-    process = subprocess.run(
-        [sys.executable, "-c", KILLED_WRITING, "9", "run", "--out", str(out), "--rounds", "50",
-         *SMALL, *UNFLOWN]
-    )  # fmt: skip
-    assert process.returncode == -signal.SIGKILL
+    kill_writing((9, ["run", "--out", str(out), "--rounds", "50", *SMALL, *UNFLOWN]))
     done = len(json.loads((out / "checkpoint" / "rounds.json").read_text())["rounds"])
     assert done <= ROUNDS
-    said = subprocess.run([sys.executable, "-c", code, str(out)], check=True, capture_output=True)
-    assert said.stdout == b"finished\n"
+    assert aerofed.resume(out, rounds=2).status == "finished"
     of_so_many(out, unflown)
 
 
