@@ -573,16 +573,18 @@ class Radio:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("command", ["run", "sweep"])
-def test_what_code_of_ones_own_prints_goes_to_standard_error(command: str) -> None:
+def test_what_code_of_ones_own_prints_goes_to_standard_error(
+    command: str, capfd: pytest.CaptureFixture[str]
+) -> None:
     Path("talks.py").write_text(TALKS)
     own = {**SMALL, "radio.truth": "talks:Radio"}
     sets = [f"--set={key}={value}" for key, value in own.items() if key != "mission.rounds"]
     sweep = ["quickstart", "--strategies=cov", "--seeds=1", "--jobs=1", "--no-run-figures"]
     more = sweep if command == "sweep" else []
-    program = [*UNDRAWN, command, *more, "--json", "--no-report", "--rounds=1", "--out=out", *sets]
-    done = subprocess.run(program, capture_output=True, text=True, check=True)
-    assert json.loads(done.stdout)["folder"] == "out"
-    assert {"imported", "in a round"} <= {*done.stderr.splitlines()}
+    assert call([command, *more, "--json", "--no-report", "--rounds=1", "--out=out", *sets]) == 0
+    printed = capfd.readouterr()
+    assert json.loads(printed.out)["folder"] == "out"
+    assert {"imported", "in a round"} <= {*printed.err.splitlines()}
 
 
 def test_code_that_was_edited_runs_as_it_is_now(tmp_path: Path) -> None:

@@ -64,15 +64,18 @@ def test_two_rounds_in_ardupilot_s_dialect(tmp_path: Path) -> None:
         assert min(starts) - plan.t_ns < 10e9
 
 
-def test_a_vehicle_that_does_not_know_where_it_is_is_waited_for(
+def test_a_vehicle_is_waited_for_until_it_knows_where_it_is_and_set_where_it_may_be(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = tmp_path / "out"
     talking = [word for word in SMALL if word != "--quiet"]
-    with flying(located_s=60.0) as (double, url):
-        assert call(["run", "--vehicle", url, "--out", str(out), "--rounds", "1", *talking]) == 0
+    words = ["run", "--vehicle", "", "--out", str(out), "--rounds", "1", *talking]
+    with flying(located_s=60.0) as (double, words[2]):
+        assert call([*words, "--set", "link.set_parameters=true"]) == 0
     assert double.armed_in == [GUIDED]
     assert "waiting for the vehicle's position (no 3D GPS fix" in capsys.readouterr().out
+    # It cuts corners by 10 m where 5 are allowed.
+    assert double.set_to == [("WPNAV_RADIUS", 500.0), ("WPNAV_RADIUS", 1000.0)]
 
 
 def test_a_vehicle_that_never_knows_is_given_up(
@@ -95,17 +98,6 @@ def test_a_vehicle_that_never_knows_is_given_up(
     assert not double.armed_in
     refused(capsys, "link.ready_timeout_s", "no 3D GPS fix, estimator without")
     assert not out.exists()
-
-
-def test_parameters_are_set_for_the_flight_where_allowed(tmp_path: Path) -> None:
-    out = tmp_path / "out"
-    may = ("--set", "link.set_parameters=true")
-    with flying() as (double, url):
-        assert (
-            call(["run", "--vehicle", url, "--out", str(out), "--rounds", "1", *SMALL, *may]) == 0
-        )
-    # It cuts corners by 10 m where 5 are allowed.
-    assert double.set_to == [("WPNAV_RADIUS", 500.0), ("WPNAV_RADIUS", 1000.0)]
 
 
 def test_the_reserve_is_kept_and_the_battery_waited_for(

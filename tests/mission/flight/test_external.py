@@ -5,6 +5,7 @@ import json
 import math
 import signal
 import subprocess
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -23,6 +24,28 @@ pytestmark = pytest.mark.slow
 
 QUICKSTART = str(Path(__file__).parents[3] / "configs" / "quickstart.toml")  # where a run flies
 SMALL = (*small_runs.SMALL, "--set", "planner.gap=0.1")
+
+
+@pytest.fixture(scope="module")
+def slow_vehicle() -> Iterator[str]:
+    """The URL of one that flies 8 m/s at most, for tests one after another."""
+    port = free_port()
+    slow = ("--set", "vehicle.parameters={MPC_XY_VEL_MAX=8}")
+    with served(QUICKSTART, "--udp", str(port), "--speed", "16", *slow):
+        yield f"udpin://127.0.0.1:{port}"
+
+
+def test_an_autopilot_elsewhere_is_named(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], slow_vehicle: str
+) -> None:
+    out = tmp_path / "out"
+    elsewhere = ("--set", "area.home_lat_deg=47.4")
+    assert call(["run", "--vehicle", slow_vehicle, "--out", str(out), *SMALL, *elsewhere]) == 2
+    error = capsys.readouterr().err
+    assert "421 km" in error
+    assert "area.home_lat_deg" in error
+    assert "43.6145" in error
+    assert not out.exists()
 
 
 def test_two_rounds_on_an_autopilot_in_another_process(tmp_path: Path) -> None:
@@ -65,14 +88,12 @@ def test_two_rounds_on_an_autopilot_in_another_process(tmp_path: Path) -> None:
 
 
 def test_what_the_vehicle_cannot_do_is_said_and_timed(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], slow_vehicle: str
 ) -> None:
-    port, out = free_port(), tmp_path / "out"
-    url = f"udpin://127.0.0.1:{port}"
-    slow = ("--set", "vehicle.parameters={MPC_XY_VEL_MAX=8}")
+    out = tmp_path / "out"
     talking = [word for word in SMALL if word != "--quiet"]
-    with served(QUICKSTART, "--udp", str(port), "--speed", "8", *slow):
-        assert call(["run", "--vehicle", url, "--out", str(out), "--rounds", "1", *talking]) == 0
+    command = ["run", "--vehicle", slow_vehicle, "--out", str(out), "--rounds", "1"]
+    assert call([*command, *talking]) == 0
     said = [line for line in capsys.readouterr().out.splitlines() if "will not fly" in line]
     assert len(said) == 1
     assert "8 m/s at most (MPC_XY_VEL_MAX = 8), 20 asked; link.set_parameters" in said[0]
@@ -82,20 +103,17 @@ def test_what_the_vehicle_cannot_do_is_said_and_timed(
     assert plan.path_m / 8.0 - 0.5 < plan.slot_s[-1] < 1.15 * plan.path_m / 8.0
 
 
-def test_parameters_are_set_back_after_an_interruption(tmp_path: Path) -> None:
-    port, out = free_port(), tmp_path / "out"
-    url = f"udpin://127.0.0.1:{port}"
-    slow = ("--set", "vehicle.parameters={MPC_XY_VEL_MAX=8}")
+def test_parameters_are_set_back_after_an_interruption(tmp_path: Path, slow_vehicle: str) -> None:
+    out = tmp_path / "out"
     may = ("--set", "link.set_parameters=true")
-    command = [*UNDRAWN, "run", "--vehicle", url, "--out", str(out)]
-    with served(QUICKSTART, "--udp", str(port), "--speed", "2", *slow):
-        process = subprocess.Popen([*command, *SMALL, *may])
-        plan = out / "plans" / "round-001.plan"
-        until(lambda: plan.exists() or process.poll() is not None, "no round began")
-        assert plan.exists()
-        process.send_signal(signal.SIGINT)
-        assert process.wait(timeout=HANG_S) == 130
-        assert asyncio.run(_parameter(url, "MPC_XY_VEL_MAX")) == 8.0
+    command = [*UNDRAWN, "run", "--vehicle", slow_vehicle, "--out", str(out)]
+    process = subprocess.Popen([*command, *SMALL, *may])
+    plan = out / "plans" / "round-001.plan"
+    until(lambda: plan.exists() or process.poll() is not None, "no round began")
+    assert plan.exists()
+    process.send_signal(signal.SIGINT)
+    assert process.wait(timeout=HANG_S) == 130
+    assert asyncio.run(_parameter(slow_vehicle, "MPC_XY_VEL_MAX")) == 8.0
     texts = [event.text for event in load_run(out).data.events]
     assert "parameter MPC_XY_VEL_MAX: 8 -> 20 for the flight" in texts
 
@@ -103,20 +121,6 @@ def test_parameters_are_set_back_after_an_interruption(tmp_path: Path) -> None:
 async def _parameter(url: str, name: str) -> float | None:
     async with connect(url) as pilot:
         return await pilot.parameters.get(name)
-
-
-def test_an_autopilot_elsewhere_is_named(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    port, out = free_port(), tmp_path / "out"
-    url = f"udpin://127.0.0.1:{port}"
-    with served(QUICKSTART, "--udp", str(port), "--set", "area.home_lat_deg=47.4"):
-        assert call(["run", "--vehicle", url, "--out", str(out), *SMALL]) == 2
-    error = capsys.readouterr().err
-    assert "421 km" in error
-    assert "area.home_lat_deg" in error
-    assert "47.4000" in error
-    assert not out.exists()
 
 
 def test_nobody_there_is_a_lost_link(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
