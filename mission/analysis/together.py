@@ -19,7 +19,7 @@ from mission.base.arrays import Bools, Floats
 from mission.base.errors import InputError
 from mission.base.gaps import inside
 from mission.base.palette import community_colour
-from mission.log.values import LOCAL, NS_PER_S, OURS, FlightData, PlanRecord, Track
+from mission.log.values import NS_PER_S, OURS, FlightData, PlanRecord, Track
 from mission.log.world_files import Met, Seen
 
 # Which axes (east, north, up) each distance has; by the name of its limit.
@@ -235,7 +235,7 @@ def together(
     given = _given(flights, names, offsets or {})
     first = flights[0].run.data
     for name, flight in zip(names, flights, strict=True):
-        if flight.run.data.source.only == LOCAL:
+        if not flight.run.data.source.on_globe:
             raise InputError(
                 f"{name}: the log has no places on the globe, so nobody knows where it flew among "
                 "others; leave --together out to see them side by side"

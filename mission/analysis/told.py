@@ -17,7 +17,7 @@ from mission.base import polyline
 from mission.base.arrays import Floats
 from mission.base.gaps import HOLE, gaps
 from mission.log.signals import Signal
-from mission.log.values import LOCAL, NS_PER_S, PLANE, ROVER, FlightData, Modes
+from mission.log.values import HEIGHTS, LOCAL, NS_PER_S, PLANE, ROVER, FlightData, Modes
 
 MISSION, POSITION, TARGET = "mission", "position", "target"
 # By which signal of what was told a stretch has its reference, the best first.
@@ -125,6 +125,7 @@ _HELD = {  # what a log may not hold, and the signals of which one is enough
 def missing(data: FlightData) -> list[str]:
     """What the log of a flight does not hold, in words."""
     lacks = [] if any(m.kind == "mission" and m.items for m in data.missions) else ["a mission"]
+    lacks += ["positions"] * (data.source.only == HEIGHTS)
     lacks += ["places on the globe"] * (data.source.only == LOCAL)
     lacks += [what for what, of in _HELD.items() if not set(of.split()) & set(data.signals)]
     return lacks + ["battery"] * (not len(data.battery.t_ns) and "voltage_v" not in data.signals)
@@ -373,10 +374,15 @@ def _steps(signals: Mapping[str, Signal], start_s: float, end_s: float) -> Itera
             if t_s[last - 1] - t_s[at + 1] < _HELD_S:
                 continue
             share = (actual[at + 1 : last] - wanted[at]) @ way / size**2
-            reached_s = [
-                float(t_s[at + 1 :][here.argmax()]) if here.any() else math.nan
-                for here in (share >= 0.1, share >= 0.9)
-            ]
-            rise_s = reached_s[1] - reached_s[0]
+            rise_s = _reached_s(t_s[at + 1 :], share, 0.9) - _reached_s(t_s[at + 1 :], share, 0.1)
             over = math.nan if math.isnan(rise_s) else max(0.0, float(np.nanmax(share)) - 1.0)
             yield Step(name, float(t_s[at + 1]), size, rise_s, over)
+
+
+def _reached_s(t_s: Floats, share: Floats, bound: float) -> float:
+    """When a share (n,) first reaches a bound, straight between samples; NaN if it never does."""
+    here = share >= bound
+    at = int(here.argmax()) if len(here) else 0
+    if not here.any() or at == 0 or math.isnan(share[at - 1]):
+        return float(t_s[at]) if here.any() else math.nan
+    return float(np.interp(bound, share[at - 1 : at + 1], t_s[at - 1 : at + 1]))

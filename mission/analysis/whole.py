@@ -17,7 +17,7 @@ from mission.base import polyline
 from mission.base.arrays import greatest, mean, rms
 from mission.base.errors import InputError
 from mission.base.gaps import inside
-from mission.log.values import NS_PER_S
+from mission.log.values import HEIGHTS, NS_PER_S
 
 
 def whole_flight(
@@ -40,6 +40,7 @@ def whole_flight(
     track, lost = data.truth.between(start_ns, end_ns), position_gaps(data, start_ns, end_ns)
     t_s, xy = track.t_ns / NS_PER_S, track.pos_m[:, :2]
     speed = np.linalg.norm(np.gradient(xy, t_s, axis=0), axis=1) if len(t_s) > 1 else 0.0 * t_s
+    heights_only = data.source.only == HEIGHTS
     off = data.belief.at(track.t_ns).pos_m - track.pos_m
     known = ~inside(t_s, lost) & (data.source.only is None)
     off = np.where(known[:, None], off, math.nan)
@@ -51,11 +52,11 @@ def whole_flight(
     named = (replace(h, mode=modes_at(modes, np.array([h.start_s]))[0]) for h in where)
     return replace(errors, holes=tuple(named)), {
         **happened(data, start_ns - NS_PER_S, end_ns + NS_PER_S),
-        "flown_path_m": polyline.length(xy),
+        "flown_path_m": math.nan if heights_only else polyline.length(xy),
         "duration_s": float(t_s[-1] - t_s[0]),
         "energy_j": data.battery.energy_j(start_ns, end_ns),
         "battery_remaining": float(left[-1]) if len(left) else math.nan,
-        "speed_max_mps": greatest(np.where(inside(t_s, lost), math.nan, speed)),
+        "speed_max_mps": greatest(np.where(inside(t_s, lost) | heights_only, math.nan, speed)),
         "wind_mean_mps": mean(wind_mps),
         "wind_max_mps": greatest(wind_mps),
         "estimate_rms_m": rms(np.hypot(*off[:, :2].T)),

@@ -25,7 +25,6 @@ from mission.log.messages import feature, geojson
 from mission.log.reader import read_log
 from mission.log.records import flat
 from mission.log.values import (
-    LOCAL,
     BatteryTrack,
     ControlTrack,
     FlightData,
@@ -269,7 +268,7 @@ def export_geojson(data: FlightData, target: Path) -> Path:
     if target.exists():
         raise InputError(f"{target}: exists already; give another name")
     only = data.source.only
-    if only == LOCAL:
+    if not data.source.on_globe:
         raise InputError(f"{target}: not written: the log has no places on the globe")
     flown = [("true", data.truth), ("believed", data.belief)]
     features = [

@@ -30,6 +30,7 @@ AXES: Mapping[str, tuple[str, ...]] = {
 }
 _MOTORS = (*range(33, 41), *range(82, 86))  # SERVOn_FUNCTION of motors 1 to 12
 _MOST = 1e10  # beyond is damage
+_STANDS_S = 1.0
 _AROUND_S, _LAST_S = 600.0, 9e9
 
 
@@ -90,6 +91,30 @@ def gathered(tables: Mapping[str, Columns], sources: Iterable[Source]) -> dict[s
         if np.isfinite(values).any():
             parts.setdefault(source.signal, {})[source.axis] = t_s, values
     return {name: _joined(each) for name, each in parts.items()}
+
+
+def while_controlled(signals: Mapping[str, Signal]) -> dict[str, Signal]:
+    """Without the targets of a position controller in times in which it does not run, as in a
+    VTOL's forward flight: the velocity that it asks for, which follows from where the vehicle is,
+    is then the same to the last bit for more than a second, in north and east or in down."""
+    found = dict(signals)
+    asked = found.get("wanted_velocity_mps")
+    if asked is None or not len(asked.t_s):
+        return found
+    for name in ("wanted_velocity_mps", "wanted_position_m"):
+        for axes in (slice(0, 2), slice(2, 3)):
+            of = asked.values[:, axes]
+            if name not in found or not of.shape[1]:
+                continue
+            new = np.any(np.diff(of, axis=0, prepend=np.nan) != 0, axis=1)
+            lasts_s = np.diff(asked.t_s[new], append=asked.t_s[-1])
+            stands = (lasts_s > _STANDS_S)[np.cumsum(new) - 1] & ~new
+            told = found[name]
+            at = np.searchsorted(asked.t_s, told.t_s, side="right") - 1
+            values = told.values.copy()
+            values[stands[at] & (at >= 0), axes] = np.nan
+            found[name] = Signal(told.t_s, values)
+    return found
 
 
 def _joined(parts: Mapping[int, tuple[Floats, Floats]]) -> Signal:

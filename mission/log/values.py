@@ -366,9 +366,15 @@ class Source:
     skipped: Mapping[str, int] = field(default_factory=dict)  # what was not read, and how often
     utc_ns: int | None = None  # since 1970, where its clock is zero; None: not told
 
+    @property
+    def on_globe(self) -> bool:
+        """Whether its positions are places on the globe."""
+        return self.only not in (LOCAL, HEIGHTS)
+
 
 COPTER, PLANE, ROVER = "copter", "plane", "rover"
-LOCAL = "local"  # of `Source.only`: around where the vehicle began, for which 0/0 stands
+# Of `Source.only`: around where the vehicle began, for which 0/0 stands; or all above there.
+LOCAL, HEIGHTS = "local", "heights"
 OURS = Source("MCAP", "simulated time")
 _NONE: Ints = np.zeros(0, dtype=np.int64)
 NO_MODES = Modes(_NONE, ())

@@ -30,7 +30,7 @@ from mission.figures.render import card
 from mission.figures.timetable import timetable
 from mission.figures.together import separation_chart, together_film, together_map
 from mission.figures.told import flight_map, health_charts, side_by_side_charts, told_charts
-from mission.log.values import NS_PER_S, FlightData
+from mission.log.values import HEIGHTS, NS_PER_S, FlightData
 from mission.report.about import about
 from mission.report.html import page
 
@@ -85,7 +85,9 @@ def report_html(loaded: LoadedRun) -> str:
         plans = [plan for plan in run.plans if plan.round in numbers]
         chart = round_map(run, plans) if plans else flight_map(comparison)
         shown = film([Actor(run, run.truth)], _spans_s(comparison))
-        flown |= {"map": card(with_film(chart), is_map=True), "film": shown, "rounds": numbers}
+        flown["rounds"] = numbers
+        if run.source.only != HEIGHTS:
+            flown |= {"map": card(with_film(chart), is_map=True), "film": shown}
         if run.planned is None:
             columns = [(head.replace("\n", " "), cell) for head, cell in COLUMNS]
             flown |= {
@@ -238,7 +240,8 @@ def _tiles(run: FlightData, comparison: RunComparison | None) -> list[tuple[str,
         where = "flown"
     if comparison is not None:
         total = comparison.total
-        tiles.append((f"{total.flown_path_m / 1000:.2f} km", where))
+        if math.isfinite(total.flown_path_m):
+            tiles.append((f"{total.flown_path_m / 1000:.2f} km", where))
         known = [(total.straight_rms_m, "cross-track rms on straights")]
         if not run.plans:
             known = [(total.tracking_rms_m, "off its setpoint, rms")]

@@ -18,9 +18,9 @@ from flightdyn.frames import LocalFrame
 from flightdyn.state import GeodeticPoint
 from mission.base.errors import InputError
 from mission.base.user_files import read_bytes
-from mission.flight.logs.flight import MOST_BYTES, LogRows, ardupilot_mode
+from mission.flight.logs.flight import MOST_BYTES, LogRows, ardupilot_mode, longest
 from mission.flight.logs.sources import DATAFLASH
-from mission.log.signals import Columns, Signal, gathered, motors
+from mission.log.signals import Columns, Signal, gathered, motors, while_controlled
 from mission.log.values import COPTER, PLANE, ROVER, FlightData
 from sitl.autopilot.codec.orders import MissionItem
 
@@ -34,24 +34,12 @@ _LETTERS = {  # of a format: the number in Python's `struct`, and what it is div
     "c": ("h", 1e2), "C": ("H", 1e2), "e": ("i", 1e2), "E": ("I", 1e2),
 }  # fmt: skip
 _MISSION, _RELATIVE = mav.MAV_MISSION_TYPE_MISSION, mav.MAV_FRAME_GLOBAL_RELATIVE_ALT
-_READ = (
-    *(
-        "POS",
-        "MODE",
-        "MSG",
-        "ORGN",
-        "CMD",
-        "MISE",
-        "GPS",
-        "BAT",
-        "CURR",
-        "XKF2",
-        "ERR",
-        "ARM",
-        "EV",
-    ),
-    *("FNCE", "RALY", "PARM", "FMTU", "MULT"),
-)
+_DECLARED = ("FMT", "PARM", "FMTU", "MULT")  # of all of a log, whichever part of it is read
+_READ = {
+    *("POS", "MODE", "MSG", "ORGN", "CMD", "MISE", "GPS", "BAT", "CURR", "XKF2", "ERR", "ARM"),
+    *("EV", "FNCE", "RALY", *_DECLARED),
+}
+_REGULAR = ("POS", "GPS", "ATT")  # kinds of rows by which the clock is known, the best first
 _SIGNALS = {source.message.split()[0] for source in DATAFLASH} | {"RCOU"}
 _INSTANCE = ("I", "C", "IMU", "Inst", "Instance")  # columns that number the sensors of a kind
 _FENCE = {  # FNCE.Type: AC_PolyFenceType
@@ -66,6 +54,7 @@ _VEHICLES = {  # by what the firmware calls itself
     **dict.fromkeys(("ArduRover", "Rover"), ROVER),
     "ArduPlane": PLANE,
 }
+_VERSION = re.compile(r"ArduCopter V(\d+)\.(\d+)")
 # Multipliers by id, in logs that lack the rows that tell them: log_Multipliers of ArduPilot.
 _MULTIPLIERS = {ord(letter): 10.0**-n for n, letter in enumerate("0ABCDEFG")}
 _FIX_3D, _GUIDED = 3, 4
@@ -90,18 +79,29 @@ def read_dataflash(path: Path) -> FlightData:
     content = read_bytes(path, most=MOST_BYTES)
     if not content.startswith(_MAGIC):
         raise InputError(f"{path}: not a DataFlash log: it does not begin as one")
-    reader = _Reader(LogRows(path, "DataFlash of ArduPilot", "seconds since ArduPilot started"))
-    raw: dict[_Format, list[bytes]] = {}
-    for kind, row in _rows(content, reader.found, raw):
-        reader.take(kind, row)
-    reader.close()
-    tables = dict[str, Columns]()
-    for form, rows in raw.items():
-        tables |= form.tables(b"".join(rows), reader.multipliers(form))
-    reader.found.signals = gathered(tables, DATAFLASH)
-    reader.found.signals |= motors(reader.params, tables.get("RCOU", {}), "C{}")
-    reader.hold_goals()
-    return reader.found.flight()
+
+    def read(part: range) -> tuple[LogRows, Sequence[str]]:
+        found = LogRows(path, "DataFlash of ArduPilot", "seconds since ArduPilot started", part)
+        reader, raw = _Reader(found), dict[_Format, list[bytes]]()
+        for kind, t_ns, row in _rows(content, found, raw):
+            reader.take(kind, t_ns, row)
+        reader.close()
+        tables = dict[str, Columns]()
+        for form, rows in raw.items():
+            tables |= form.tables(b"".join(rows), reader.multipliers(form))
+        if reader.before_3_4 and "RATE" in tables:  # in hundredths of a degree
+            rates = tables["RATE"]
+            tables["RATE"] = {key: rates[key] * (1.0 if key == "t_s" else 0.01) for key in rates}
+        if any(form.clock != "TimeUS" for form in raw):
+            found.clock += (
+                ", in whole milliseconds; rows without a time have that of the row before"
+            )
+        found.signals = while_controlled(gathered(tables, DATAFLASH))
+        found.signals |= motors(reader.params, tables.get("RCOU", {}), "C{}")
+        reader.hold_goals()
+        return found, _REGULAR
+
+    return longest(read)
 
 
 class _Format:
@@ -114,6 +114,20 @@ class _Format:
         self._columns = list(zip(columns.split(","), (scale for _, scale in known), strict=False))
         self.sound = self._packed.size == length and columns.count(",") == len(letters) - 1
         self._codes = [re.sub(r"(\d+)s", r"S\1", code) for code, _ in known]
+        # Until 3.3 milliseconds; a receiver's own are those of the week.
+        names = [name for name, _ in self._columns]
+        clocks = ("TimeUS",) if "TimeMS" not in names else ("T", "TimeMS")
+        self.clock = next((name for name in clocks if name in names), "")
+        self._clock_at = names.index(self.clock) if self.clock else 0
+        ahead = "<3x" + "".join(code for code, _ in known[: self._clock_at + 1])
+        self._until_clock = struct.Struct(ahead)
+
+    def t_ns(self, content: bytes, at: int) -> int | None:
+        """The time of the row that begins at a byte; None where its kind has none."""
+        if not self.clock:
+            return None
+        t = self._until_clock.unpack_from(content, at)[-1]
+        return int(t) * (1000 if self.clock == "TimeUS" else 1_000_000)
 
     def row(self, content: bytes, at: int) -> SimpleNamespace:
         """The row that begins at a byte, its columns as attributes."""
@@ -137,9 +151,9 @@ class _Format:
             for at, (name, scale) in enumerate(self._columns)
             if table[str(at)].dtype.kind != "S"
         }
-        if self._columns[0][0] != "TimeUS":
+        if not self.clock:
             return
-        columns["t_s"] = table["0"] / 1e6
+        columns["t_s"] = table[str(self._clock_at)] / (1e6 if self.clock == "TimeUS" else 1e3)
         instance = next((columns[name] for name in _INSTANCE if name in columns), np.zeros(1))
         for number in np.unique(instance).astype(int).tolist():
             chosen = np.broadcast_to(instance == number, len(table))
@@ -149,21 +163,28 @@ class _Format:
 
 def _rows(
     content: bytes, found: LogRows, raw: dict[_Format, list[bytes]]
-) -> Iterator[tuple[str, SimpleNamespace]]:
-    """Yield kind and row of those that are read; rows of signals go to `raw`."""
+) -> Iterator[tuple[str, int, SimpleNamespace]]:
+    """Yield kind, time and row of those that are read; rows of signals go to `raw`. A row without a
+    time has that of the row before."""
     formats = {_FMT: _Format(_FMT, "FMT", 89, "Type,Length,Name,Format,Columns", "BBnNZ")}
 
     def end_of(at: int) -> int:
         form = formats.get(content[at + 2]) if _MARK.match(content, at) else None
         return at + form.length if form else at
 
+    now_ns = 0
     for at, _ in found.messages(content, _MARK, end_of):
         form = formats[content[at + 2]]
-        if form.name in _SIGNALS:
+        if form.name not in _SIGNALS and form.name not in _READ:
+            continue
+        if (own_ns := form.t_ns(content, at)) is not None:
+            now_ns = own_ns
+        counts = found.counts(at, form.name, now_ns)
+        if form.name in _SIGNALS and counts:
             raw.setdefault(form, []).append(content[at : at + form.length])
-        if form.name in _READ:
-            yield form.name, form.row(content, at)
-        elif form.name == "FMT":
+        if form.name in _READ and (counts or form.name in _DECLARED):
+            yield form.name, now_ns, form.row(content, at)
+        if form.name == "FMT":
             told = form.row(content, at)
             form = _Format(told.Type, told.Name, told.Length, told.Columns, told.Format)
             if form.sound:
@@ -177,8 +198,9 @@ class _Reader:
         self.found = found
         # By MAV_MISSION_TYPE: since when, how many there are, and those that came.
         self._lists: dict[int, tuple[int, int, dict[int, MissionItem]]] = {}
-        self._vehicle = "ArduCopter"
+        self._vehicle, self.before_3_4 = "ArduCopter", False
         self._modes: list[tuple[int, int]] = []
+        self._received: list[tuple[float, ...]] = []  # places by the receiver
         self._origin: GeodeticPoint | None = None  # of the filter's frame
         self.params: dict[str, float] = {}
         self._units: dict[int, str] = {}  # ids of a kind's multipliers
@@ -189,15 +211,9 @@ class _Reader:
         ids = self._units.get(form.number, "")
         return [self._multipliers.get(ord(each), 1.0) or 1.0 for each in ids]
 
-    def take(self, kind: str, row: Any) -> None:
+    def take(self, kind: str, t_ns: int, row: Any) -> None:
         """Keep what a row of a kind says."""
         found = self.found
-        if not hasattr(row, "TimeUS"):
-            old = (
-                "its rows have no times in microseconds: logs of ArduPilot before 3.3 are not read"
-            )
-            raise InputError(f"{found.path}: {old}")
-        t_ns = int(row.TimeUS) * 1000
         match kind:
             case "POS":
                 found.places.append((t_ns, row.Lat, row.Lng, row.Alt))
@@ -229,13 +245,16 @@ class _Reader:
                 self._listed(t_ns, mav.MAV_MISSION_TYPE_RALLY, row.Tot, item)
             case "GPS" if row.Status >= _FIX_3D and getattr(row, "I", 0) == 0:
                 found.fixes.append(t_ns)
+                if hasattr(row, "Lat"):
+                    self._received.append((t_ns, row.Lat, row.Lng, row.Alt))
                 if hasattr(row, "GWk"):
                     gps_ns = (row.GWk * _WEEK_MS + row.GMS) * 1_000_000 + _GPS_NS
                     found.utc_ns.append((t_ns, round(gps_ns)))
             case "BAT" | "CURR" if getattr(row, "Inst", getattr(row, "Instance", 0)) == 0:
                 left = getattr(row, "RemPct", float("nan")) / 100
                 unit = 0.01 if isinstance(row.Volt, int) else 1.0  # before 3.4
-                found.battery.append((t_ns, row.Volt * unit, row.Curr * unit, row.CurrTot, left))
+                drawn = getattr(row, "CurrTot", float("nan"))
+                found.battery.append((t_ns, row.Volt * unit, row.Curr * unit, drawn, left))
             case "XKF2" if getattr(row, "C", 0) == 0:
                 # The wind that the filter estimates is where the air moves to.
                 found.wind.append((t_ns, row.VWE, row.VWN))
@@ -252,6 +271,8 @@ class _Reader:
 
     def _text(self, t_ns: int, text: str) -> None:
         self._vehicle = next((n for n in _VEHICLES if text.startswith(f"{n} ")), self._vehicle)
+        if version := _VERSION.match(text):
+            self.before_3_4 = tuple(map(int, version.groups())) < (3, 4)
         if text == "New mission":
             self._close_mission()
         self.found.event(t_ns, "status", text)
@@ -278,8 +299,10 @@ class _Reader:
             self.found.add_list(t_ns, items, kind)
 
     def close(self) -> None:
-        """Take what is known only at the end: whose modes they are, a mission not listed."""
+        """Take what is known only at the end: whose modes they are, a mission not listed; places by
+        the receiver where no others are."""
         self._close_mission()
+        self.found.places = self.found.places or self._received
         self.found.vehicle = _VEHICLES[self._vehicle]
         for t_ns, number in self._modes:
             self.found.mode(t_ns, ardupilot_mode(self.found.vehicle, number))

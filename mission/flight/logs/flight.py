@@ -2,13 +2,16 @@
 
 import math
 import re
+from array import array
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from pymavlink.dialects.v20 import common as mav
 from pymavlink.mavutil import mode_mapping_acm, mode_mapping_apm, mode_mapping_rover
 
@@ -21,6 +24,7 @@ from mission.flight.missions.mission_path import record_of
 from mission.log.signals import Signal
 from mission.log.values import (
     COPTER,
+    HEIGHTS,
     LOCAL,
     NS_PER_S,
     PLANE,
@@ -37,9 +41,14 @@ from mission.log.values import (
 from sitl.autopilot.codec.orders import MissionItem
 
 MOST_BYTES = 1 << 30
+ALL = range(MOST_BYTES)
 DAMAGE = "byte with damage"
 _CLOSEST_NS = 20_000_000  # samples of positions that are kept
 _STANDS_M = 1.0  # from where the log begins: on the ground
+_OTHER = "stretch of {:.1f} to {:.1f} s, on whose other side the clock goes back,"
+_LONGEST_S = 86_400.0  # of a log by heights or local places alone: beyond is damage
+_FEW = 5  # messages of a stretch: fewer are damage
+_LATEST_NS = 9 * 10**18  # what is later is damage
 _HELD_NS = 1_000_000_000  # at most the true place is held before its first and after its last one
 _UTC_SPREAD_NS = 500_000_000  # at most, of most of the instants that tell UTC
 _MISSION = mav.MAV_MISSION_TYPE_MISSION
@@ -63,6 +72,7 @@ class LogRows:
     path: Path
     kind: str
     clock: str
+    part: range = ALL  # the bytes of the file whose messages count
     places: list[tuple[float, ...]] = field(default_factory=list)  # lat, lon, alt msl
     truth: list[tuple[float, ...]] = field(default_factory=list)
     homes: list[tuple[float, ...]] = field(default_factory=list)
@@ -78,6 +88,8 @@ class LogRows:
     dropouts_s: list[tuple[float, float]] = field(default_factory=list)  # told: when, how long
     utc_ns: list[tuple[int, int]] = field(default_factory=list)  # since 1970
     vehicle: str = COPTER
+    # By kind of message: the byte at which each begins and its time, in the order of the file.
+    times: dict[str, "array[int]"] = field(default_factory=dict)
     _in_force: set[str] = field(default_factory=set)
 
     def messages(
@@ -107,6 +119,35 @@ class LogRows:
             self.skipped["message that the end cut off"] += 1
         else:
             self.skipped[DAMAGE] += at - sound
+
+    def counts(self, at: int, kind: str, t_ns: int) -> bool:
+        """Note the time of the message that begins at a byte; whether it is of the part to read."""
+        self.times.setdefault(kind, array("q")).extend((at, min(t_ns, _LATEST_NS)))
+        return at in self.part
+
+    def cuts(self, regular: Sequence[str]) -> list[int]:
+        """The bytes from which on the clock is back, as where the vehicle started anew, by the
+        first kind of message of some `regular` ones that the log has: behind the last message of
+        before, since what has no time, as heads of logs, belongs to what follows."""
+        kinds = [kind for kind in regular if kind in self.times]
+        if not kinds:
+            return []
+        at, t_ns = _in_file(self.times[kinds[0]])
+        for _ in range(2):  # two after one another do not stand alone
+            at, t_ns = (of[~alone(t_ns)] for of in (at, t_ns))
+            starts = np.cumsum(np.diff(t_ns, prepend=t_ns[:1]) < 0)
+            some = np.bincount(starts, minlength=1)[starts] >= _FEW
+            at, t_ns = at[some], t_ns[some]
+        every = np.hstack([_in_file(of) for of in self.times.values()])
+        every = every[:, every[0].argsort()]
+        found = []
+        for index in np.flatnonzero(np.diff(t_ns) < 0).tolist():
+            # Of what lies between, the clock is back where it is nearer to the later message's.
+            middle = t_ns[index] / 2 + t_ns[index + 1] / 2
+            first, last = np.searchsorted(every[0], at[index : index + 2])
+            back = every[1, first : last + 1] <= middle
+            found.append(int(every[0, first + back.argmax() - 1]) + 1)
+        return found
 
     def event(
         self, t_ns: int, kind: str, text: str, *, seq: int | None = None, severity: int = 6
@@ -154,7 +195,7 @@ class LogRows:
         """Convert all of it to a flight.
 
         Raises:
-            InputError: there are fewer than two positions, or the clock of the log goes back.
+            InputError: there are fewer than two positions or heights, or their clock goes back.
         """
         timed: tuple[list[Any], ...] = (
             self.modes,
@@ -170,8 +211,8 @@ class LogRows:
         places, true = (self._of_one_clock(rows) for rows in (self.places, self.truth))
         only, home = "believed", _ORIGIN
         if len(places) < 2:
-            only, true = LOCAL, true[:0]
-            t_ns, ned = self._around_origin()
+            true = true[:0]
+            only, t_ns, ned = self._around_origin()
         else:
             # Home may be set anew on the ground: that of the flight is the last before its top.
             top_ns = places[places[:, 3].argmax(), 0]
@@ -230,20 +271,27 @@ class LogRows:
             ),
         )
 
-    def _around_origin(self) -> tuple[Ints, Floats]:
-        """Times (n,) and places (n, 3) in NED around where the vehicle's filter began, of a log
-        that names none on the globe, as without GNSS. InputError: it has no positions."""
-        signal = self.signals.get("position_m", Signal(np.zeros(0), np.zeros((0, 3))))
-        known = np.isfinite(signal.values).all(axis=1) & (signal.values.shape[1] == len("NED"))
-        t_ns, ned = (signal.t_s[known] * NS_PER_S).astype(np.int64), signal.values[known]
-        _, kept = np.unique(np.round(t_ns / _CLOSEST_NS), return_index=True)
-        if len(kept) < 2:
-            damage = self.skipped[DAMAGE]
-            why = f" ({damage} bytes of it are damage)" if damage else ""
-            raise InputError(
-                f"{self.path}: the log has no positions, so there is no flight in it{why}"
-            )
-        return t_ns[kept], ned[kept]
+    def _around_origin(self) -> tuple[str, Ints, Floats]:
+        """Which positions they are, times (n,) and places (n, 3) in NED around where the vehicle's
+        filter began, of a log that names none on the globe, as without GNSS; of one that has only
+        heights, all above that place. InputError: it has neither."""
+        none = Signal(np.zeros(0), np.zeros((0, 3)))
+        place, height = (self.signals.get(name, none) for name in ("position_m", "height_m"))
+        found = [(LOCAL, place.t_s, place.values)]
+        found += [
+            (HEIGHTS, of.t_s, np.pad(down[:, None], ((0, 0), (2, 0))))
+            for of, down in ((place, place.values[:, -1]), (height, -height.values[:, -1]))
+        ]
+        for only, t_s, ned in found:
+            known = np.isfinite(ned).all(axis=1) & (ned.shape[1] == len("NED"))
+            known &= np.abs(t_s - np.median(t_s)) < _LONGEST_S if len(t_s) else known
+            t_ns, ned = (t_s[known] * NS_PER_S).astype(np.int64), ned[known]
+            _, kept = np.unique(np.round(t_ns / _CLOSEST_NS), return_index=True)
+            if len(kept) > 1:
+                return only, t_ns[kept], ned[kept]
+        damage = self.skipped[DAMAGE]
+        why = f" ({damage} bytes of it are damage)" if damage else ""
+        raise InputError(f"{self.path}: the log has no positions, so there is no flight in it{why}")
 
     def _utc_ns(self) -> int | None:
         """The time since 1970 at which the log's clock is zero: by most of the instants, as first
@@ -259,24 +307,67 @@ class LogRows:
         """Return valid rows in time order, thinned to 20 ms; InputError: the clock goes back."""
         table = _places(rows)
         self.skipped["position without a value"] += len(rows) - len(table)
-        # Later than the two that follow, or earlier than the two before, which agree: it is damage.
-        t_ns = table[:, 0]
-        first = np.concatenate((t_ns[:1], t_ns[:1], t_ns))[: len(t_ns)]
-        last = np.concatenate((t_ns, t_ns[-1:], t_ns[-1:]))[-len(t_ns) :]
-        before, after = np.append(-math.inf, t_ns)[:-1], np.append(t_ns, math.inf)[1:]
-        early, late = t_ns < np.minimum(first, before), t_ns > np.maximum(after, last)
-        alone: Bools = (early | late) & (before <= after)
-        self.skipped["position at a time that cannot be"] += int(alone.sum())
-        table = table[~alone]
+        wrong = alone(table[:, 0])
+        self.skipped["position at a time that cannot be"] += int(wrong.sum())
+        table = table[~wrong]
         back = np.flatnonzero(np.diff(table[:, 0]) < 0)
         if len(back):
             last_s, back_s = table[back[0], 0] / 1e9, table[back[0] + 1, 0] / 1e9
             raise InputError(
-                f"{self.path}: its clock goes back from {last_s:.2f} to {back_s:.2f} s: the "
-                "vehicle started anew or set it, or two logs were joined; cut it there"
+                f"{self.path}: the clock of its positions goes back from {last_s:.2f} to "
+                f"{back_s:.2f} s; cut it there"
             )
         _, kept = np.unique(np.round(table[:, 0] / _CLOSEST_NS), return_index=True)
         return table[kept]
+
+
+def longest(read: Callable[[range], tuple[LogRows, Sequence[str]]]) -> FlightData:
+    """The flight of a log, of which `read` reads a part and says which kinds of messages are
+    regular. Where its clock goes back, as the vehicle started anew or logs were joined, that of the
+    stretch in which it was longest armed and away from where it began; the others are said.
+
+    Raises:
+        InputError: as `LogRows.flight`.
+    """
+    rows, regular = read(ALL)
+    if not (cuts := rows.cuts(regular)):
+        return rows.flight()
+    found, errors = list[FlightData](), list[InputError]()
+    for begin, end in pairwise([0, *cuts, MOST_BYTES]):
+        try:
+            found.append(read(range(begin, end))[0].flight())
+        except InputError as error:
+            errors.append(error)
+    if not found:
+        raise errors[0]
+    best = max(found, key=_flown)
+    spans_s = (of.truth.t_ns[[0, -1]] / NS_PER_S for of in found if of is not best)
+    others = {_OTHER.format(*span_s): 1 for span_s in spans_s}
+    return replace(best, source=replace(best.source, skipped={**best.source.skipped, **others}))
+
+
+def _flown(data: FlightData) -> tuple[bool, int]:
+    """Whether it is said to be armed, and how long (ns) it was that and away from its begin."""
+    t_ns, pos_m = data.truth.t_ns, data.truth.pos_m
+    away = np.linalg.norm(pos_m - pos_m[0], axis=1) > _STANDS_M
+    away &= np.any([(t_ns >= since) & (t_ns < until) for since, until in data.armed_ns], axis=0)
+    told = any(event.kind == "armed" for event in data.events)
+    return told, int(np.diff(t_ns)[away[1:]].sum())
+
+
+def _in_file(times: "array[int]") -> Ints:
+    """(2, n) bytes and times."""
+    return np.frombuffer(times, dtype=np.int64).reshape(-1, 2).T
+
+
+def alone(t_ns: NDArray[Any]) -> Bools:
+    """(n,) which times are damage: later than the two that follow, or earlier than the two before,
+    which agree."""
+    first = np.concatenate((t_ns[:1], t_ns[:1], t_ns))[: len(t_ns)]
+    last = np.concatenate((t_ns, t_ns[-1:], t_ns[-1:]))[-len(t_ns) :]
+    before, after = np.append(-math.inf, t_ns)[:-1], np.append(t_ns, math.inf)[1:]
+    early, late = t_ns < np.minimum(first, before), t_ns > np.maximum(after, last)
+    return np.asarray((early | late) & (before <= after))
 
 
 def _places(rows: Sequence[tuple[float, ...]]) -> Floats:

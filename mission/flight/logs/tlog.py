@@ -1,7 +1,7 @@
 """A ground station's telemetry log (.tlog) as a flight: MAVLink, each message after its time."""
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +11,7 @@ from pymavlink.dialects.v20 import common as mav
 from pymavlink.mavutil import interpret_px4_mode
 
 from mission.base.user_files import read_bytes
-from mission.flight.logs.flight import DAMAGE, MOST_BYTES, LogRows, ardupilot_mode
+from mission.flight.logs.flight import DAMAGE, MOST_BYTES, LogRows, ardupilot_mode, longest
 from mission.flight.logs.sources import OF_ARDUPILOT, OF_PX4, TLOG
 from mission.flight.missions.mission_path import KINDS
 from mission.log.signals import Columns, Signal, gathered, motors
@@ -26,6 +26,7 @@ _NO_VEHICLES = frozenset({5, 6, 18, *range(26, 29), *range(30, 35), *range(37, 4
 _NO_AUTOPILOT = mav.MAV_AUTOPILOT_INVALID
 _FIX_3D = 3
 _MOST_LATE_MS = 5000  # of a packet on its way; what is later comes from another start
+_REGULAR = ("GLOBAL_POSITION_INT", "ATTITUDE")  # by which the clock is known, the best first
 _TRANSFERS = ("MISSION_COUNT", "MISSION_ITEM_INT", "MISSION_ITEM")  # they go both ways
 _TOLD = frozenset(  # of the autopilot; of another component it is counted
     {"GLOBAL_POSITION_INT", "HOME_POSITION", "GPS_RAW_INT", "SYS_STATUS", "WIND_COV", "STATUSTEXT"}
@@ -40,37 +41,27 @@ _FIELDS["SERVO_OUTPUT_RAW"] = [_OUTPUT.format(number) for number in range(1, 17)
 
 
 def read_tlog(path: Path) -> FlightData:
-    """The flight in a telemetry log: of the first autopilot that speaks in it, and of its starts,
-    since a ground station may hear several, of that in which it was armed longest.
+    """The flight in a telemetry log: of the first autopilot that speaks in it.
 
     Raises:
-        InputError: it cannot be read, has no positions, or the clock of the vehicle goes back.
+        InputError: it cannot be read, or has no positions.
     """
-    starts = [_Reader(LogRows(path, "telemetry log", "seconds since the autopilot started"))]
-    for wall_us, message in _messages(read_bytes(path, most=MOST_BYTES), starts[0].found):
-        if starts[-1].is_anew(message):
-            starts.append(starts[-1].anew())
-        starts[-1].take(wall_us, message)
-    reader = max(starts, key=lambda each: each.armed)
-    found = reader.found
-    others = sum(len(each.found.places) for each in starts if each is not reader)
-    found.skipped["position of another start of the vehicle"] += others
-    if not reader.clock:
-        return found.flight()  # which says so
-    wall_us, boot_ms = np.array(reader.clock, dtype=np.float64).T
-    order = np.argsort(wall_us, kind="stable")
-    wall_us, boot_ms = wall_us[order], np.maximum.accumulate(boot_ms[order])
-    for at_us, message in reader.later:  # without a time of the vehicle's own: its neighbours'
-        after_ms = max(0.0, at_us - wall_us[-1]) / 1e3
-        reader.take_at(int((np.interp(at_us, wall_us, boot_ms) + after_ms) * 1e6), message)
-    found.signals = reader.signals()
-    # Without its own word for it, the ground station's clock, which hears it late.
-    found.utc_ns = found.utc_ns or [(ms * 1_000_000, us * 1000) for us, ms in reader.clock]
-    return found.flight()
+    content = read_bytes(path, most=MOST_BYTES)
+
+    def read(part: range) -> tuple[LogRows, Sequence[str]]:
+        found = LogRows(path, "telemetry log", "seconds since the autopilot started", part)
+        reader = _Reader(found)
+        for at, wall_us, message in _messages(content, found):
+            reader.take(at, wall_us, message)
+        reader.close()
+        return found, _REGULAR
+
+    return longest(read)
 
 
-def _messages(content: bytes, found: LogRows) -> Iterator[tuple[int, Any]]:
-    """Yield time (us since 1970) and message of each readable packet; count the rest as skipped."""
+def _messages(content: bytes, found: LogRows) -> Iterator[tuple[int, int, Any]]:
+    """Yield byte, time (us since 1970) and message of each readable packet of the part to read, and
+    of each heartbeat; count the rest as skipped."""
     parser, more = mav.MAVLink(None), ardupilotmega.MAVLink(None)
 
     def end_of(at: int) -> int:
@@ -81,6 +72,10 @@ def _messages(content: bytes, found: LogRows) -> Iterator[tuple[int, Any]]:
         return at + _HEAD + frame[0][1] + more  # with checksum and signature
 
     for at, end in found.messages(content, _FRAME, end_of, head=_HEAD):
+        first = content[at + _HEAD] == mav.PROTOCOL_MARKER_V1
+        number = content[at + _HEAD + 5 : at + _HEAD + 6] if first else content[at + 15 : at + 18]
+        if at not in found.part and any(number):  # no heartbeat
+            continue
         try:
             message: Any = parser.decode(bytearray(content[at + _HEAD : end]))
             if message.get_msgId() not in mav.mavlink_map:
@@ -89,7 +84,7 @@ def _messages(content: bytes, found: LogRows) -> Iterator[tuple[int, Any]]:
             found.skipped[DAMAGE] += end - at
             continue
         if message.get_msgId() in ardupilotmega.mavlink_map:
-            yield int.from_bytes(content[at : at + _HEAD], "big"), message
+            yield at, int.from_bytes(content[at : at + _HEAD], "big"), message
         else:
             found.skipped["message of another dialect"] += 1
 
@@ -112,11 +107,9 @@ class _Reader:
 
     def __init__(self, found: LogRows) -> None:
         self.found = found
-        self.armed = 0  # positions at which it was
         self._autopilot: tuple[int, ...] = ()  # its system and component, once it spoke
         self._ardupilot = False
         self._number = 0  # of the last position
-        self._is_armed = False
         # By MAV_MISSION_TYPE and the system that sends: how many it transfers, and those that came.
         self._lists: dict[tuple[int, int], tuple[int, dict[int, MissionItem]]] = {}
         self.clock: list[tuple[int, int]] = []  # the recorder's (us), the vehicle's (ms)
@@ -124,25 +117,25 @@ class _Reader:
         self._rows: dict[str, list[tuple[float, ...]]] = {}  # of signals, by message
         self._params: dict[str, float] = {}
 
-    def is_anew(self, message: Any) -> bool:
-        """Whether a message comes after the vehicle started anew: its clock did."""
-        if message.get_type() != "GLOBAL_POSITION_INT" or not self.clock:
-            return False
-        sender = message.get_srcSystem(), message.get_srcComponent()
-        return sender == self._autopilot and self._late_ms(message) >= _MOST_LATE_MS
-
-    def anew(self) -> "_Reader":
-        """What takes the messages of the same vehicle after that."""
-        found = self.found
-        other = _Reader(LogRows(found.path, found.kind, found.clock, vehicle=found.vehicle))
-        other.found.skipped = found.skipped
-        other._autopilot, other._ardupilot = self._autopilot, self._ardupilot
-        return other
+    def close(self) -> None:
+        """Take what waits for the clock of all of the log."""
+        if not self.clock:
+            return
+        wall_us, boot_ms = np.array(self.clock, dtype=np.float64).T
+        order = np.argsort(wall_us, kind="stable")
+        wall_us, boot_ms = wall_us[order], np.maximum.accumulate(boot_ms[order])
+        for at_us, message in self.later:  # without a time of the vehicle's own: its neighbours'
+            after_ms = max(0.0, at_us - wall_us[-1]) / 1e3
+            self.take_at(int((np.interp(at_us, wall_us, boot_ms) + after_ms) * 1e6), message)
+        self.found.signals = self.signals()
+        # Without its own word for it, the ground station's clock, which hears it late.
+        heard = [(ms * 1_000_000, us * 1000) for us, ms in self.clock]
+        self.found.utc_ns = self.found.utc_ns or heard
 
     def _late_ms(self, message: Any) -> int:
         return int(self.clock[-1][1] - message.time_boot_ms) if self.clock else 0
 
-    def take(self, wall_us: int, message: Any) -> None:
+    def take(self, at: int, wall_us: int, message: Any) -> None:
         """Keep what a message says."""
         kind, found = message.get_type(), self.found
         sender = message.get_srcSystem(), message.get_srcComponent()
@@ -153,8 +146,9 @@ class _Reader:
             found.vehicle = ROVER if message.type in _ROVERS else found.vehicle
             self._ardupilot = message.autopilot == mav.MAV_AUTOPILOT_ARDUPILOTMEGA
             found.kind += " of ArduPilot" * self._ardupilot
-        if speaks and sender == self._autopilot:
-            self._is_armed = bool(message.base_mode & mav.MAV_MODE_FLAG_SAFETY_ARMED)
+        if at not in found.part:
+            return
+        own_ms = getattr(message, "time_boot_ms", 0) if sender == self._autopilot else 0
         if kind in _TRANSFERS:
             self.later.append((wall_us, message))
         elif sender != self._autopilot:
@@ -170,12 +164,14 @@ class _Reader:
                 found.skipped["position that came late"] += 1
                 return
             self._number = message.get_seq()
-            self.armed += self._is_armed
+            found.counts(at, kind, own_ms * 1_000_000)
             self.clock.append((wall_us, message.time_boot_ms))
             self._keep(message.time_boot_ms * 1_000_000, message)
             where = message.lat / 1e7, message.lon / 1e7, message.alt / 1e3
             found.places.append((message.time_boot_ms * 1_000_000, *where))
         else:
+            if own_ms:
+                found.counts(at, kind, own_ms * 1_000_000)
             self.later.append((wall_us, message))
 
     def take_at(self, t_ns: int, message: Any) -> None:

@@ -7,7 +7,7 @@ setpoints in the mission mode are taken for the items, as far as they were flown
 import json
 import math
 from bisect import bisect
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import pairwise
 from pathlib import Path
 
@@ -17,7 +17,7 @@ from pymavlink.dialects.v20 import common as mav
 from flightdyn.frames import LocalFrame
 from flightdyn.state import GeodeticPoint
 from mission.base.user_files import read_bytes
-from mission.flight.logs.flight import MOST_BYTES, LogRows
+from mission.flight.logs.flight import MOST_BYTES, LogRows, longest
 from mission.flight.logs.sources import ULOG
 from mission.flight.logs.ulog_file import Columns, decoded
 from mission.log.records import from_json
@@ -47,6 +47,10 @@ _JUMP = mav.MAV_CMD_DO_JUMP
 _SETTLED_NS = 100_000_000
 _FIX_3D = 3
 _UNKNOWN = -1.0  # number of a battery
+_REGULAR = (  # topics by which the clock is known, the best first
+    *("vehicle_global_position", "vehicle_gps_position", "vehicle_local_position"),
+    "vehicle_attitude",
+)
 
 
 def read_ulog(path: Path) -> FlightData:
@@ -55,8 +59,18 @@ def read_ulog(path: Path) -> FlightData:
     Raises:
         InputError: it cannot be read, or has no positions.
     """
-    rows = LogRows(path, "ULog of PX4", "seconds since PX4 started")
-    topics, told = decoded(read_bytes(path, most=MOST_BYTES), rows)
+    content = read_bytes(path, most=MOST_BYTES)
+
+    def read(part: range) -> tuple[LogRows, Sequence[str]]:
+        rows = LogRows(path, "ULog of PX4", "seconds since PX4 started", part)
+        _take(rows, *decoded(content, rows))
+        return rows, _REGULAR
+
+    return longest(read)
+
+
+def _take(rows: LogRows, topics: dict[str, Columns], told: Mapping[str, list[list[str]]]) -> None:
+    """Keep what the topics of a ULog, and its texts by name, say."""
     rows.places = list(_places(topics, ("vehicle_global_position", "vehicle_gps_position")))
     if not rows.places:
         rows.places = list(_local(topics.get("vehicle_local_position")))
@@ -85,7 +99,6 @@ def read_ulog(path: Path) -> FlightData:
     )
     timed = {name: {**of, "t_s": of["timestamp"] / 1e6} for name, of in topics.items()}
     rows.signals = gathered(timed, ULOG)
-    return rows.flight()
 
 
 def _ns(timestamp_us: float) -> int:

@@ -134,6 +134,7 @@ _Kind: TypeAlias = "tuple[np.dtype[Any], range]"
 
 @dataclass(frozen=True)
 class _Topic:
+    name: str
     kind: "np.dtype[Any]"
     sizes: range
     rows: bytearray
@@ -175,9 +176,10 @@ def decoded(
         try:
             match chr(content[at + 2]):
                 case "D":
-                    topic = topics[body[:2]]
-                    last = body
-                    topic.rows.extend(body[2 : 2 + topic.sizes[0]])
+                    topic, last = topics[body[:2]], body
+                    t_ns = since_start(int.from_bytes(body[2:10], "little")) * 1000
+                    if firsts.get(topic.name) is topic and found.counts(at, topic.name, t_ns):
+                        topic.rows.extend(body[2 : 2 + topic.sizes[0]])
                 case "F":
                     name, _, fields = body.decode().partition(":")
                     formats[name] = fields
@@ -186,10 +188,10 @@ def decoded(
                     if name not in kinds:
                         kinds[name] = _kind(name, formats, room)
                         room -= len(kinds[name][0].names or ())
-                    topic = topics[body[1:3]] = _Topic(*kinds[name], bytearray())
+                    topic = topics[body[1:3]] = _Topic(name, *kinds[name], bytearray())
                     if body[0] == 0:
                         firsts.setdefault(name, topic)
-                case "L":
+                case "L" if at in found.part:
                     level, t_us = struct.unpack_from("<BQ", body)
                     text = body[9:].decode(errors="ignore").strip()
                     found.event(since_start(t_us) * 1000, "status", text, severity=level - ord("0"))
@@ -202,7 +204,7 @@ def decoded(
                     if not continued:
                         parts.append([])
                     parts[-1].append(body[2 + length :].decode(errors="ignore"))
-                case "O":
+                case "O" if at in found.part:
                     found.skipped["dropout"] += 1
                     at_us, lost_ms = (int.from_bytes(b, "little") for b in (last[2:10], body[:2]))
                     found.dropouts_s.append((since_start(at_us) / 1e6, lost_ms / 1e3))

@@ -1,5 +1,6 @@
-"""Clocks of logs that go back, be it by less than a second."""
+"""Clocks of logs: that go back, be it by less than a second; of old versions."""
 
+import json
 import re
 from collections.abc import Callable
 from dataclasses import replace
@@ -11,6 +12,8 @@ import pytest
 from made_up_logs import Sample, write_dataflash, write_tlog, write_ulog
 from pymavlink.dialects.v20 import common as mav
 from test_who_tells import split
+from told_logs import WRITERS, made, write_bin, write_ulg
+from told_logs import write_tlog as write_told_tlog
 
 from mission.analysis.compare import compare_run
 from mission.analysis.load import load_run
@@ -21,8 +24,8 @@ KINDS: dict[str, Write] = {".ulg": write_ulog, ".bin": write_dataflash, ".tlog":
 
 
 @pytest.mark.parametrize("end", KINDS)
-@pytest.mark.parametrize("by_s", [0.13, 0.4, 0.9])
-def test_a_clock_that_goes_back_by_less_than_a_second_is_said_to(
+@pytest.mark.parametrize("by_s", [0.13, 0.9, 7.5])
+def test_of_a_clock_that_goes_back_the_longer_flight_counts(
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
@@ -33,14 +36,37 @@ def test_a_clock_that_goes_back_by_less_than_a_second_is_said_to(
     whole = made_up_logs.samples
 
     def set_back(**how: Any) -> list[Sample]:
-        return [replace(s, t_s=s.t_s - by_s * (s.t_s > 40.05)) for s in whole(**how)]
+        return [replace(s, t_s=s.t_s - by_s * (s.t_s > 50.05)) for s in whole(**how)]
 
     monkeypatch.setattr(made_up_logs, "samples", set_back)
     log = KINDS[end](tmp_path / f"x{end}")
-    assert call(["compare", str(log)]) == 2
-    (line,) = capsys.readouterr().err.splitlines()
-    assert "clock" in line
-    assert f" back from 40.00 to {40.1 - by_s:.2f} s: the vehicle started anew or set it" in line
+    found = compare_run(load_run(log))
+    assert found.run.data.truth.t_ns[-1] == round(50e9)
+    assert found.total.speed_max_mps < 8.2
+    assert call(["compare", str(log)]) == 0
+    said = f"1 stretch of {50.1 - by_s:.1f} to "
+    (line,) = (line for line in capsys.readouterr().out.splitlines() if line.startswith(said))
+    assert line.endswith(" s, on whose other side the clock goes back, not read")
+
+
+@pytest.mark.parametrize("end", KINDS)
+def test_each_start_of_the_vehicle_is_a_flight_of_its_own(tmp_path: Path, end: str) -> None:
+    """Of two logs in one file, the longer flight counts, with its own modes and signals only."""
+    write = WRITERS[end]
+    short = write(tmp_path / f"short{end}", made(until_s=15.0))
+    long = write(tmp_path / f"long{end}", made(off_m=3.0, when=(20.0, 25.0), until_s=40.0))
+    told = compare_run(load_run(long))
+    for first, second in ((short, long), (long, short)):
+        content = second.read_bytes()
+        if end == ".ulg":  # which has one head
+            content = content[content.index(b"\x00D") - 1 :]
+        log = tmp_path / f"both{end}"
+        log.write_bytes(first.read_bytes() + content)
+        found = compare_run(load_run(log))
+        (said,) = found.run.data.source.skipped
+        assert said.startswith("stretch of 0.0 to 14.9")
+        assert found.run.data.modes.names == told.run.data.modes.names
+        assert repr(found.stretches) == repr(told.stretches)
 
 
 def test_a_clock_since_1970_counts_from_the_logs_begin(tmp_path: Path) -> None:
@@ -108,3 +134,44 @@ def test_a_position_that_was_overtaken_on_its_way_is_no_clock_that_goes_back(
     swaps = sum(at + 1 in positions for at in positions[100::50]) + 14
     assert found.data.source.skipped == {"position that came late": swaps}
     assert compare_run(found).total.speed_max_mps < 8.2
+
+
+def test_old_logs_count_milliseconds(tmp_path: Path) -> None:
+    """Before 3.3; rows of modes and arming have no times, and only a receiver tells places."""
+    flight = made(off_m=3.0, tilt_deg=8.0, when=(20.0, 25.0), until_s=30.0)
+    now = compare_run(load_run(write_bin(tmp_path / "now.bin", flight, version="NTUN")))
+    old = compare_run(load_run(write_bin(tmp_path / "old.bin", flight, version="NTUN", old=True)))
+    assert old.flown is not None
+    assert [(s.mode, s.reference) for s in old.flown.stretches] == [("GUIDED", "position")]
+    for name in ("tracking_max_m", "height_tracking_max_m", "attitude_tracking_max_deg"):
+        assert getattr(old.total, name) == pytest.approx(getattr(now.total, name), abs=1e-6)
+    assert old.total.satellites_min == 12
+    assert old.total.flown_path_m == pytest.approx(now.total.flown_path_m, abs=0.5)
+    assert old.run.data.truth.t_ns[-1] == now.run.data.truth.t_ns[-1]
+
+
+@pytest.mark.parametrize("end", [".bin", ".ulg", ".tlog"])
+def test_heights_alone_are_a_flight_without_a_map(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], end: str
+) -> None:
+    flight = made(down_m=-2.0, tilt_deg=8.0, when=(20.0, 25.0), until_s=30.0)
+    log = tmp_path / f"x{end}"
+    if end == ".bin":
+        write_bin(log, flight, version="none", places_at=False)
+    elif end == ".ulg":
+        write_ulg(log, flight, xy_valid=False)
+    else:
+        write_told_tlog(log, flight, places_at=False)
+    assert call(["compare", str(log), "--json"]) == 0
+    (found,) = json.loads(capsys.readouterr().out)
+    total = found["total"]
+    assert total["height_tracking_max_m"] == pytest.approx(2.0, abs=0.1)
+    assert total["attitude_tracking_max_deg"] == pytest.approx(8.0, abs=0.1)
+    assert "positions" in found["not_in_the_log"]
+    unknown = ("flown_path_m", "speed_max_mps", "tracking_max_m", "cross_track_max_m")
+    assert [total[name] for name in unknown] == [None] * 4
+    page = tmp_path / "x.html"
+    assert call(["report", str(log), "--out", str(page)]) == 0
+    assert 'id="map"' not in page.read_text()
+    assert call(["compare", str(log), str(log), "--together"]) == 2
+    assert "no places on the globe" in capsys.readouterr().err

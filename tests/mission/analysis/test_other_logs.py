@@ -317,31 +317,6 @@ def test_an_offset_is_at_the_right_leg(tmp_path: Path, end: str, off_m: float) -
     assert max(row.cross_track_max_m for row in (*rows[:2], rows[3])) < 0.05
 
 
-def test_of_several_starts_the_one_that_was_armed_longest_counts(tmp_path: Path) -> None:
-    """A ground station goes on while vehicles start anew."""
-    whole = load_run(write_tlog(tmp_path / "one.tlog")).data.truth
-    log = write_tlog(tmp_path / "x.tlog", reboot=True)
-    found = load_run(log).data
-    assert len(found.truth.t_ns) == 400
-    rest = len(whole.t_ns) - 400
-    assert found.source.skipped == {"position of another start of the vehicle": rest}
-    before = (tmp_path / "one.tlog").read_bytes()
-    log.write_bytes(before + before)
-    twice = load_run(log).data
-    assert len(twice.truth.t_ns) == len(whole.t_ns)
-    assert set(twice.source.skipped.values()) == {len(whole.t_ns)}
-
-
-def test_a_clock_that_goes_back_a_little_is_refused(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    log = write_tlog(tmp_path / "x.tlog", reboot=True, back_s=3.0)
-    assert call(["compare", str(log)]) == 2
-    (line,) = capsys.readouterr().err.splitlines()
-    said = "its clock goes back from 39.90 to 37.00 s: the vehicle start"
-    assert line.startswith(f"aerofed: {log}: {said}")
-
-
 @pytest.mark.parametrize(
     ("end", "other"), [(".ulg", {"kind": 2}), (".ulg", {"kind": 3}), (".tlog", {"kind": 10})]
 )

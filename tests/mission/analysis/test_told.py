@@ -91,12 +91,6 @@ def test_a_flight_without_gnss_is_around_where_it_began(
     assert "hall.ulg: the log has no places on the globe" in capsys.readouterr().err
 
 
-def test_heights_alone_are_no_positions(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    log = write_ulg(tmp_path / "x.ulg", made(), xy_valid=False)
-    assert call(["compare", str(log)]) == 2
-    assert "x.ulg: the log has no positions" in capsys.readouterr().err
-
-
 def test_a_log_that_pauses_between_two_flights_has_no_hole(tmp_path: Path) -> None:
     """ArduCopter logs only while it is armed, as it comes, and goes on in the same file."""
     pause_s = 30.0, 60.0
@@ -150,16 +144,6 @@ def test_targets_of_guided_hold_until_the_next_one(
     of_target = [row for row in found.stretches if row["reference"] == "target"]
     times_s = [row[end] for row in of_target for end in ("start_s", "end_s")]
     assert times_s == pytest.approx([10.0, 20.0, 30.0, t_s[-1]], abs=0.1)
-
-
-def test_logs_without_times_in_microseconds_are_refused_as_old(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    log = write_bin(
-        tmp_path / "x.bin", made(), more=[("CURR", "IHH", "TimeMS,Volt,Curr", [(1, 2, 3)])]
-    )
-    assert call(["compare", str(log)]) == 2
-    assert "logs of ArduPilot before 3.3 are not read" in capsys.readouterr().err
 
 
 _BAT = "QBfff", "TimeUS,Inst,Volt,Curr,CurrTot"
@@ -401,6 +385,27 @@ def test_stretches_in_json_have_their_mode_and_reference(
     assert middle["tracking_rms_m"] is None
     lacks = "a mission, velocity setpoints, wanted body rates, innovation ratios, accuracy of GNSS"
     assert ", ".join(found["not_in_the_log"]) == f"{lacks}, motors, battery"
+
+
+def test_targets_of_a_controller_that_does_not_run_are_none(tmp_path: Path) -> None:
+    """As of a VTOL in forward flight, whose rows go on: what it asks for stands still."""
+    flight = made(delay_s=0.2)
+    runs = (flight.t_s < 40.0) | (flight.t_s > 60.0)
+    last = int(np.flatnonzero(~runs)[0])
+    told = np.where(runs[:, None], flight.wanted, flight.wanted[last])
+    asked = np.where(runs, np.sin(flight.t_s), 0.25)
+    rows = [
+        (round(t * 1e6), *told[n, :2], *flight.actual[n, :2], asked[n], -asked[n], 0.0, 0.0)
+        for n, t in enumerate(flight.t_s)
+    ]
+    columns = "TimeUS,TPX,TPY,PX,PY,TVX,TVY,VX,VY"
+    more = [("PSC", "Qffffffff", columns, rows)]
+    found = compared(write_bin(tmp_path / "x.bin", flight, version="none", more=more))
+    assert found.flown is not None
+    stretches = [(s.reference, s.start_s, s.end_s) for s in found.flown.stretches]
+    assert [reference for reference, *_ in stretches] == ["position", "attitude", "position"]
+    assert stretches[1][1:] == pytest.approx((40.0, 60.0), abs=2 * STEP_S)
+    assert found.total.tracking_max_m < 3.0
 
 
 @KINDS

@@ -83,7 +83,8 @@ def places(flight: Made) -> list[tuple[float, float, float]]:
 
 
 _CODES = {"Q": "Q", "L": "i", "f": "f", "B": "B", "H": "H", "h": "h", "n": "4s", "N": "16s",
-          "Z": "64s", "d": "d", "b": "b", "I": "I", "c": "h", "C": "H"}  # fmt: skip
+          "Z": "64s", "d": "d", "b": "b", "I": "I", "c": "h", "C": "H", "e": "i",
+          "E": "I"}  # fmt: skip
 _TARGETS: Mapping[str, Any] = {
     # Before 4.0: centimetres, and no word of units.
     "NTUN": ("Qffff", "TimeUS,DPosX,DPosY,PosX,PosY", 100.0),
@@ -95,6 +96,9 @@ _TARGETS: Mapping[str, Any] = {
 }
 
 
+_TIMELESS = ("MODE", "EV", "MSG", "PARM")  # rows without a time, in old logs
+
+
 def write_bin(
     path: Path,
     flight: Made,
@@ -102,19 +106,33 @@ def write_bin(
     version: str = "PSCN",
     motors: bool = True,
     multipliers: bool = True,
+    old: bool = False,
+    places_at: bool = True,
     more: Sequence[tuple[str, str, str, Sequence[Sequence[Any]]]] = (),
 ) -> Path:
     """As ArduCopter writes it; `version` is the kind of row that holds positions. Logs may lack the
-    rows of `multipliers`. `more`: name, format and columns of kinds of the test's own, and rows."""
+    rows of `multipliers`. `old`: as before 3.3, in milliseconds, where some rows have no time and
+    a receiver tells the only places; logs without `places_at` tell none. `more`: name, format and
+    columns of kinds of the test's own, and rows."""
     out = bytearray()
     formats: dict[str, tuple[int, str]] = {}
 
     def row(name: str, *values: Any) -> None:
+        if not places_at and name == "POS":
+            return
         number, form = formats[name]
+        if old and values and form[:1] == "I" and name not in ("FMT", "GPS"):
+            values = (values[0] // 1000, *values[1:])
+        elif old and name in _TIMELESS:
+            values = values[1:]
         packed = "<" + "".join(_CODES[letter] for letter in form)
         out.extend(b"\xa3\x95" + bytes([number]) + struct.pack(packed, *values))
 
     def declare(name: str, form: str, columns: str) -> None:
+        if old and columns.startswith("TimeUS,"):
+            form, columns = form[1:], columns[7:]
+            if name not in _TIMELESS:
+                form, columns = f"I{form}", f"TimeMS,{columns}"
         formats[name] = (len(formats) + 1 if formats else 0x80, form)
         size = 3 + struct.calcsize("<" + "".join(_CODES[letter] for letter in form))
         row("FMT", formats[name][0], size, name.encode(), form.encode(), columns.encode())
@@ -143,7 +161,10 @@ def write_bin(
     declare("CTUN", "Qff", "TimeUS,DAlt,Alt")
     declare("ATT", "Qffffff", "TimeUS,DesRoll,Roll,DesPitch,Pitch,DesYaw,Yaw")
     declare("VIBE", "QBfffI", "TimeUS,IMU,VibeX,VibeY,VibeZ,Clip")
-    if flight.utc_s is None:
+    if old:
+        columns = "Status,TimeMS,Week,NSats,HDop,Lat,Lng,RelAlt,Alt,Spd,GCrs,VZ,T"
+        declare("GPS", "BIHBcLLeeEefI", columns)
+    elif flight.utc_s is None:
         declare("GPS", "QBBBC", "TimeUS,I,Status,NSats,HDop")
     else:
         declare("GPS", "QBBBCIH", "TimeUS,I,Status,NSats,HDop,GMS,GWk")
@@ -173,9 +194,14 @@ def write_bin(
             row("VIBE", t_us, imu, 0.5, 0.6, flight.vibration[n], round(flight.clips[n]) * imu)
         gps_ms = round(1e3 * ((flight.utc_s or 0.0) + flight.t_s[n] - GPS_BEGINS_S + LEAP_S))
         told = [] if flight.utc_s is None else [gps_ms % WEEK_MS, gps_ms // WEEK_MS]
-        row("GPS", t_us, 0, 3, round(flight.satellites[n]), 120, *told)
+        if old and places_at:
+            where = round(lat * 1e7), round(lon * 1e7), 0, round(alt * 100)
+            row("GPS", 3, 1000 * n, 1811, 12, 120, *where, 0, 0, 0.0, t_us // 1000)
+        elif not old:
+            row("GPS", t_us, 0, 3, round(flight.satellites[n]), 120, *told)
         row("RCOU", t_us, 1500, 1500, 1600, 1400)
-        row("POS", t_us, round(lat * 1e7), round(lon * 1e7), alt)
+        if not old:
+            row("POS", t_us, round(lat * 1e7), round(lon * 1e7), alt)
     row("EV", round(flight.t_s[-1] * 1e6) + 1, 11)
     for name, form, columns, rows in more:
         if name not in formats:
@@ -238,8 +264,11 @@ def write_ulg(
     return path
 
 
-def write_tlog(path: Path, flight: Made, *, more: Sequence[tuple[float, Any]] = ()) -> Path:
-    """As a ground station of PX4 writes it, in OFFBOARD; `more`: messages, each with its time."""
+def write_tlog(
+    path: Path, flight: Made, *, places_at: bool = True, more: Sequence[tuple[float, Any]] = ()
+) -> Path:
+    """As a ground station of PX4 writes it, in OFFBOARD; without `places_at` only heights are
+    known. `more`: messages, each with its time."""
     out, vehicle = bytearray(), mav.MAVLink(None, 1, 1)
 
     def told(t_s: float, message: Any) -> None:
@@ -256,10 +285,16 @@ def write_tlog(path: Path, flight: Made, *, more: Sequence[tuple[float, Any]] = 
         )
         if flight.utc_s is not None:
             told(t_s, mav.MAVLink_system_time_message(round((flight.utc_s + t_s) * 1e6), ms))
-        told(t_s, mav.MAVLink_global_position_int_message(ms, *where, 0, 0, 0, 0, 0))
-        told(t_s, mav.MAVLink_local_position_ned_message(ms, *actual, 0, 0, 0))
-        told(t_s, mav.MAVLink_position_target_local_ned_message(
-            ms, 1, 0b111000, *wanted, 9, 9, 9, 0, 0, 0, 0, 0))  # fmt: skip
+        up_mm = round(-1e3 * actual[2])
+        at = where if places_at else (0, 0, up_mm)
+        told(t_s, mav.MAVLink_global_position_int_message(ms, *at, up_mm, 0, 0, 0, 0))
+        if places_at:
+            told(t_s, mav.MAVLink_local_position_ned_message(ms, *actual, 0, 0, 0))
+            told(t_s, mav.MAVLink_position_target_local_ned_message(
+                ms, 1, 0b111000, *wanted, 9, 9, 9, 0, 0, 0, 0, 0))  # fmt: skip
+        else:
+            off_m = actual[2] - wanted[2]
+            told(t_s, mav.MAVLink_nav_controller_output_message(0, 0, 0, 0, 0, off_m, 0, 0))
         told(t_s, mav.MAVLink_attitude_target_message(ms, 0, turns[n].tolist(), 0, 0, 0, 0.5))
         told(t_s, mav.MAVLink_attitude_message(ms, *rolled, 0, 0, 0))
         count = round(flight.clips[n])
