@@ -12,7 +12,7 @@ from rich.table import Table
 from mission.analysis.compare import RunComparison, names_of
 from mission.analysis.legs import Leg
 from mission.analysis.measure import CORNER_M
-from mission.analysis.numbers import Comparison, Label
+from mission.analysis.numbers import Comparison, Number
 from mission.analysis.spikes import spikes
 from mission.analysis.told import MISSION, TARGET, missing
 from mission.base.console import TABLE_WIDTH
@@ -303,7 +303,8 @@ def labelled(numbers: Sequence[Comparison]) -> list[tuple[str, int, list[float]]
     """Label, digits and values of every number that has a label, and a value in any of them."""
     rows = [
         (name, label.text, label.digits, [float(getattr(item, name)) for item in numbers])
-        for name, label in annotated(Comparison, Label)
+        for name, label in annotated(Comparison, Number)
+        if label.text
     ]
     return [
         (text, digits, values)

@@ -82,10 +82,7 @@ def tables(data: FlightData) -> Tables:
         "battery": _timed(data.battery),
         "wind": {
             "t_s": data.wind.t_ns / 1e9,
-            **{
-                f"{name}_mps": data.wind.vel_mps[:, axis]
-                for axis, name in enumerate(("east", "north", "up"))
-            },
+            **dict(zip(("east_mps", "north_mps", "up_mps"), data.wind.vel_mps.T, strict=True)),
         },
         "control": _control(data.control),
         "innovations": _columns(
@@ -230,9 +227,7 @@ def export_kml(path: Path, target: Path) -> Path:
     document = ET.SubElement(root, "Document")
     text(document, "name", path.stem)
     for kind, (colour, width) in _LINES.items():
-        look = ET.SubElement(ET.SubElement(document, "Style", id=kind), "LineStyle")
-        text(look, "color", kml_colour(colour))
-        text(look, "width", str(width))
+        style(document, kind, colour, width)
     folder = named(document, "Folder", "devices")
     for k, (x, y) in enumerate(data.devices.pos_m.tolist()):
         colour = community_colour(int(data.devices.community_of[k]))
@@ -321,6 +316,13 @@ def _places(area: Area, points_m: Floats) -> list[tuple[float, float, float]]:
 def text(parent: ET.Element, tag: str, words: str) -> None:
     """Add an element of text."""
     ET.SubElement(parent, tag).text = words
+
+
+def style(document: ET.Element, name: str, colour: str, width: int) -> None:
+    """Add a style of lines: a `#rrggbb` colour, and a width in pixels."""
+    look = ET.SubElement(ET.SubElement(document, "Style", id=name), "LineStyle")
+    text(look, "color", kml_colour(colour))
+    text(look, "width", str(width))
 
 
 def named(parent: ET.Element, tag: str, name: str) -> ET.Element:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from mcap.records import Message
 
-from mission.log.contents import load
+from mission.log.contents import Contents, load
 from mission.log.values import NS_PER_S
 
 _SHOWN = 5  # differences or findings of one kind that are spelled out
@@ -60,8 +60,7 @@ def info(path: Path) -> LogInfo:
     Raises:
         LogError: it cannot be read, is no log of ours, or is damaged.
     """
-    contents = load(path)
-    _ = contents.area  # refuses what is not ours
+    contents = _ours(path)
     topics = [
         TopicInfo(
             name,
@@ -83,14 +82,19 @@ def info(path: Path) -> LogInfo:
     )
 
 
+def _ours(path: Path) -> Contents:
+    contents = load(path)
+    _ = contents.area  # refuses what is not ours
+    return contents
+
+
 def check(path: Path) -> tuple[str, ...]:
     """Verify checksums and message numbering; return a line for each topic with gaps or disorder.
 
     Raises:
         LogError: it cannot be read, is no log of ours, or is damaged.
     """
-    contents = load(path)
-    _ = contents.area
+    contents = _ours(path)
     findings = []
     for name, messages in sorted(contents.messages.items()):
         missing = sum(
@@ -111,9 +115,7 @@ def diff(first: Path, second: Path) -> tuple[str, ...]:
     Raises:
         LogError: one of them cannot be read, is no log of ours, or is damaged.
     """
-    a, b = load(first), load(second)
-    for contents in (a, b):
-        _ = contents.area
+    a, b = _ours(first), _ours(second)
     lines = [
         *_keys("metadata", a.metadata, b.metadata),
         *_keys("attachment", a.attachments, b.attachments),
@@ -132,11 +134,8 @@ def _keys(kind: str, a: Mapping[str, object], b: Mapping[str, object]) -> list[s
 
 def _messages(name: str, a: Sequence[Message], b: Sequence[Message]) -> list[str]:
     lines = []
-    different = [
-        earlier.log_time
-        for earlier, later in zip(a, b, strict=False)
-        if (earlier.log_time, earlier.data) != (later.log_time, later.data)
-    ]
+    told = zip(a, b, strict=False)
+    different = [x.log_time for x, y in told if (x.log_time, x.data) != (y.log_time, y.data)]
     if different:
         first = ", ".join(f"{t / NS_PER_S:.3f}" for t in different[:_SHOWN])
         more = ", ..." if len(different) > _SHOWN else ""

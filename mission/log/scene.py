@@ -26,8 +26,8 @@ _OCTAGON = np.column_stack((np.cos(_TURN), np.sin(_TURN)))  # (8, 2) what a disc
 def ground(t_ns: int, area: Area, fence: Sequence[Zone]) -> bytes:
     """SceneUpdate of the area's edge, the take-off point and the fence."""
     width, height = area.size_m
-    corners = [(0.0, 0.0), (width, 0.0), (width, height), (0.0, height)]
-    edge = _loop(corners, palette.PLANNED, thickness=2.0)
+    corners = np.array([(0.0, 0.0), (width, 0.0), (width, height), (0.0, height)])
+    edge = _line(corners, palette.PLANNED, 2.0, closed=True)
     home = fox.CylinderPrimitive(
         pose=_at(*area.home_m, 0.1),
         size=fox.Vector3(x=12.0, y=12.0, z=0.2),
@@ -46,12 +46,11 @@ def ground(t_ns: int, area: Area, fence: Sequence[Zone]) -> bytes:
 
 def _zone(t_ns: int, name: str, zone: Zone) -> object:
     """Scene entity of a fence zone: its outline on the ground, and a label at its first corner."""
-    corners = zone.outline_m.tolist()
-    x, y = corners[0]
+    x, y = zone.outline_m[0].tolist()
     return _entity(
         t_ns,
         name,
-        lines=[_loop(corners, palette.FENCE, thickness=3.0)],
+        lines=[_line(zone.outline_m, palette.FENCE, 3.0, closed=True)],
         texts=[_label(x, y, 8.0, "fence" if zone.keep_in else "no-fly area")],
         metadata=[fox.KeyValuePair(key="keep", value="in" if zone.keep_in else "out")],
     )
@@ -171,7 +170,7 @@ def world(
     is called like it, a body of each; crosses with what they say."""
     entities = []
     for name, colour in dict.fromkeys((name, colour) for name, colour, _, _ in paths):
-        lines = [_strip(points, colour, width) for of, _, width, points in paths if of == name]
+        lines = [_line(points, colour, width) for of, _, width, points in paths if of == name]
         entities.append(_entity(t_ns, f"paths of {name}", lines=lines))
         body = fox.SpherePrimitive(
             pose=_at(0.0, 0.0, 0.0),
@@ -182,22 +181,12 @@ def world(
         entities.append(_entity(t_ns, name, frame=name, spheres=[body], texts=[label]))
     for (x, y, z), words in crosses:
         arms = [
-            _strip(np.array([[x, y, z - _BODY_M], [x, y, z + _BODY_M]]) + turn, palette.FENCE, 3.0)
+            _line(np.array([[x, y, z - _BODY_M], [x, y, z + _BODY_M]]) + turn, palette.FENCE, 3.0)
             for side in (-_BODY_M, _BODY_M)
             for turn in (np.array([[side, 0.0, 0.0], [-side, 0.0, 0.0]]),)
         ]
         entities.append(_entity(t_ns, words, lines=arms, texts=[_label(x, y, z + _LABEL_M, words)]))
     return _update(entities)
-
-
-def _strip(points: Floats, colour: str, width: float) -> object:
-    return fox.LinePrimitive(
-        type=fox.LinePrimitiveLineType.LineStrip,
-        thickness=width,
-        scale_invariant=True,
-        points=[fox.Point3(x=x, y=y, z=z) for x, y, z in points.tolist()],
-        color=_colour(palette.rgb(colour), 0.9),
-    )
 
 
 def _ring(area: Area, corners_m: Floats) -> list[tuple[float, float]]:
@@ -215,12 +204,15 @@ def _at(x: float, y: float, z: float) -> object:
     return fox.Pose(position=fox.Vector3(x=x, y=y, z=z), orientation=fox.Quaternion(w=1.0))
 
 
-def _loop(corners: Sequence[Sequence[float]], colour: str, *, thickness: float) -> object:
+def _line(points_m: Floats, colour: str, width: float, *, closed: bool = False) -> object:
+    """A line through (n, 2 or 3) points; those of two numbers lie on the ground."""
+    kinds, flat = fox.LinePrimitiveLineType, 3 - points_m.shape[1]
+    points_m = np.pad(points_m, ((0, 0), (0, flat)))
     return fox.LinePrimitive(
-        type=fox.LinePrimitiveLineType.LineLoop,
-        thickness=thickness,
+        type=kinds.LineLoop if closed else kinds.LineStrip,
+        thickness=width,
         scale_invariant=True,
-        points=[fox.Point3(x=x, y=y, z=0.0) for x, y in corners],
+        points=[fox.Point3(x=x, y=y, z=z) for x, y, z in points_m.tolist()],
         color=_colour(palette.rgb(colour), 0.9),
     )
 

@@ -17,7 +17,7 @@ from mission.base.errors import InputError
 from mission.base.record_file import RecordFile
 from mission.base.run_folder import write_atomically
 from mission.log import scene
-from mission.log.export import KML, coordinates, feature_of, kml_colour, line, named, text
+from mission.log.export import KML, coordinates, feature_of, line, named, style, text
 from mission.log.messages import encoded, geojson, timestamp, to_bytes
 from mission.log.topics import FRAME
 from mission.log.values import NS_PER_S, Track
@@ -87,10 +87,8 @@ def _kml(area: Area, seen: Sequence[Seen], met: Sequence[Met]) -> bytes:
     root = ET.Element("kml", xmlns=KML)
     document = ET.SubElement(root, "Document")
     for n, one in enumerate(seen):
-        for style, width in ((f"flown{n}", "2"), (f"planned{n}", "5")):
-            look = ET.SubElement(ET.SubElement(document, "Style", id=style), "LineStyle")
-            text(look, "color", kml_colour(one.colour))
-            text(look, "width", width)
+        style(document, f"flown{n}", one.colour, 2)
+        style(document, f"planned{n}", one.colour, 5)
         folder = named(document, "Folder", one.name)
         for points in one.plans:
             line(folder, "planned", f"planned{n}", coordinates(area, points))
