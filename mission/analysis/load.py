@@ -13,7 +13,7 @@ from mission.log import DamagedLogError, ForeignLogError
 from mission.log.contents import load_damaged
 from mission.log.reader import decode, read_log
 from mission.log.records import RoundRecord
-from mission.log.values import FlightData, PlannedPlaces, Track
+from mission.log.values import HEIGHTS, FlightData, PlannedPlaces, Track
 
 if TYPE_CHECKING:
     from mission.analysis.passes import Judged
@@ -47,7 +47,8 @@ class LoadedRun:
         facts = [f"{key} {label_of(str(known[key]))}" for key in keys if key in known]
         source = [f"plan {planned.source}"] if planned is not None and planned.source else []
         if planned is not None and self.data.source.only is not None:
-            source.append(f"{self.data.source.only} positions only")
+            kind = self.data.source.only
+            source.append("heights only" if kind == HEIGHTS else f"{kind} positions only")
         return " · ".join([self.name, *facts, *source])
 
     @property

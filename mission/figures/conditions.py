@@ -96,7 +96,7 @@ def along_chart(comparison: RunComparison) -> Chart:
 def condition_charts(run: FlightData) -> list[Chart]:
     """Battery charge over time, and the true wind where there was any."""
     return [
-        *([_battery(run)] if len(run.battery.t_ns) else []),
+        *([_battery(run)] if np.isfinite(run.battery.remaining).any() else []),
         *([_wind(run.wind)] if np.any(run.wind.vel_mps) else []),
     ]
 

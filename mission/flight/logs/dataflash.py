@@ -6,7 +6,7 @@ https://ardupilot.org/dev/docs/code-overview-adding-a-new-log-message.html
 
 import re
 import struct
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -54,10 +54,10 @@ _VEHICLES = {  # by what the firmware calls itself
     **dict.fromkeys(("ArduRover", "Rover"), ROVER),
     "ArduPlane": PLANE,
 }
-_VERSION = re.compile(r"ArduCopter V(\d+)\.(\d+)")
 # Multipliers by id, in logs that lack the rows that tell them: log_Multipliers of ArduPilot.
 _MULTIPLIERS = {ord(letter): 10.0**-n for n, letter in enumerate("0ABCDEFG")}
 _FIX_3D, _GUIDED = 3, 4
+_HUNDREDTHS = 20.0  # times what attitude turns by are no degrees
 _WEEK_MS = 7 * 86_400_000
 # The begin of GPS time in UTC, less the leap seconds since: 18 from 2017 on, when 3.5 came.
 _GPS_NS = (315_964_800 - 18) * 1_000_000_000
@@ -89,19 +89,34 @@ def read_dataflash(path: Path) -> FlightData:
         tables = dict[str, Columns]()
         for form, rows in raw.items():
             tables |= form.tables(b"".join(rows), reader.multipliers(form))
-        if reader.before_3_4 and "RATE" in tables:  # in hundredths of a degree
-            rates = tables["RATE"]
-            tables["RATE"] = {key: rates[key] * (1.0 if key == "t_s" else 0.01) for key in rates}
         if any(form.clock != "TimeUS" for form in raw):
             found.clock += (
                 ", in whole milliseconds; rows without a time have that of the row before"
             )
         found.signals = while_controlled(gathered(tables, DATAFLASH))
+        if "units" not in tables.get("RATE", {"units": None}):
+            found.signals |= _in_degrees(found.signals)
         found.signals |= motors(reader.params, tables.get("RCOU", {}), "C{}")
         reader.hold_goals()
         return found, _REGULAR
 
     return longest(read)
+
+
+def _in_degrees(signals: Mapping[str, Signal]) -> dict[str, Signal]:
+    """Body rates of a log that tells no units: before 3.4 they are in hundredths of a degree, as
+    shows beside how roll and pitch change."""
+    rates, attitude = signals.get("rates_degps"), signals.get("attitude_deg")
+    if rates is None or attitude is None or len(attitude.t_s) < 2:
+        return {}
+    turns = np.diff(attitude.values[:, :2], axis=0) / np.diff(attitude.t_s)[:, None]
+    usual, turned = (float(np.nanmedian(np.abs(each))) for each in (rates.values[:, :2], turns))
+    if not usual > _HUNDREDTHS * turned > 0.0:
+        return {}
+    both = {
+        name: signals[name] for name in ("rates_degps", "wanted_rates_degps") if name in signals
+    }
+    return {name: Signal(of.t_s, of.values / 100.0) for name, of in both.items()}
 
 
 class _Format:
@@ -198,7 +213,7 @@ class _Reader:
         self.found = found
         # By MAV_MISSION_TYPE: since when, how many there are, and those that came.
         self._lists: dict[int, tuple[int, int, dict[int, MissionItem]]] = {}
-        self._vehicle, self.before_3_4 = "ArduCopter", False
+        self._vehicle = "ArduCopter"
         self._modes: list[tuple[int, int]] = []
         self._received: list[tuple[float, ...]] = []  # places by the receiver
         self._origin: GeodeticPoint | None = None  # of the filter's frame
@@ -271,8 +286,6 @@ class _Reader:
 
     def _text(self, t_ns: int, text: str) -> None:
         self._vehicle = next((n for n in _VEHICLES if text.startswith(f"{n} ")), self._vehicle)
-        if version := _VERSION.match(text):
-            self.before_3_4 = tuple(map(int, version.groups())) < (3, 4)
         if text == "New mission":
             self._close_mission()
         self.found.event(t_ns, "status", text)

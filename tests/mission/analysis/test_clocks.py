@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import made_up_logs
+import numpy as np
 import pytest
 from made_up_logs import Sample, write_dataflash, write_tlog, write_ulog
 from pymavlink.dialects.v20 import common as mav
@@ -139,13 +140,22 @@ def test_a_position_that_was_overtaken_on_its_way_is_no_clock_that_goes_back(
 def test_old_logs_count_milliseconds(tmp_path: Path) -> None:
     """Before 3.3; rows of modes and arming have no times, and only a receiver tells places."""
     flight = made(off_m=3.0, tilt_deg=8.0, when=(20.0, 25.0), until_s=30.0)
+    roll = 5.0 * np.sin(flight.t_s)
+    swayed = np.column_stack((roll, roll, 0 * roll))
+    flight = replace(flight, attitude=tuple(of + swayed for of in flight.attitude))
+    rate = 500.0 * np.cos(flight.t_s)  # hundredths of a degree
+    rows = [(round(t * 1e6), 0, r, 0, r, 0, 0) for t, r in zip(flight.t_s, rate, strict=True)]
+    more = [("RATE", "Qffffff", "TimeUS,RDes,R,PDes,P,YDes,Y", rows)]
     now = compare_run(load_run(write_bin(tmp_path / "now.bin", flight, version="NTUN")))
-    old = compare_run(load_run(write_bin(tmp_path / "old.bin", flight, version="NTUN", old=True)))
+    old = compare_run(
+        load_run(write_bin(tmp_path / "old.bin", flight, version="NTUN", old=True, more=more))
+    )
     assert old.flown is not None
     assert [(s.mode, s.reference) for s in old.flown.stretches] == [("GUIDED", "position")]
     for name in ("tracking_max_m", "height_tracking_max_m", "attitude_tracking_max_deg"):
         assert getattr(old.total, name) == pytest.approx(getattr(now.total, name), abs=1e-6)
     assert old.total.satellites_min == 12
+    assert old.total.rates_tracking_rms_degps == pytest.approx(5.0, abs=0.3)
     assert old.total.flown_path_m == pytest.approx(now.total.flown_path_m, abs=0.5)
     assert old.run.data.truth.t_ns[-1] == now.run.data.truth.t_ns[-1]
 
@@ -173,5 +183,7 @@ def test_heights_alone_are_a_flight_without_a_map(
     page = tmp_path / "x.html"
     assert call(["report", str(log), "--out", str(page)]) == 0
     assert 'id="map"' not in page.read_text()
+    assert "heights only" in page.read_text()
+    assert "height off max" in page.read_text()
     assert call(["compare", str(log), str(log), "--together"]) == 2
     assert "no places on the globe" in capsys.readouterr().err
