@@ -13,6 +13,7 @@ from mission.planner.problem import RoundProblem
 
 # Between instants, ways are taken for straight: at 10 m/s2 of two that turn, 3 mm.
 STEP_S = 0.05
+_LATE_STEPS = 5  # between delays that are looked at
 TOLERANCE_M = 0.01
 LAYER_M = 10.0  # between altitudes of aircraft that are parted by height, at least
 
@@ -21,18 +22,16 @@ LAYER_M = 10.0  # between altitudes of aircraft that are parted by height, at le
 class Nearest:
     """Where two aircraft of a round are nearest to each other, as foreseen."""
 
-    pair: tuple[int, int]
+    pair: tuple[str, str]
     away_m: float
     t_s: float  # into the round
+    short_m: float  # of what the two are to keep, 0 or less where they keep it
 
     @property
     def words(self) -> str:
         """For people."""
-        first, second = self.pair
-        return (
-            f"aircraft {first} and {second} come within {self.away_m:.1f} m of each other at "
-            f"{self.t_s:.1f} s"
-        )
+        pair = " and ".join(self.pair)
+        return f"{pair} come within {self.away_m:.1f} m of each other at {self.t_s:.1f} s"
 
 
 def height_of(problem: RoundProblem, plan: RoundPlan) -> float:
@@ -64,12 +63,26 @@ def tracks_of(problem: RoundProblem, plan: RoundPlan, *, hold_s: float = 0.0) ->
     return [flown(*one, count, hold_s=hold_s) for one in each]
 
 
-def nearest_of(first: Floats, second: Floats, apart_m: float) -> tuple[float, float]:
-    """Return how near two aircraft on tracks (T, 3) come, in metres, and when, in seconds.
+def nearest_of(
+    first: Floats, second: Floats, apart_m: float, *, late_s: float = 0.0
+) -> tuple[float, float]:
+    """Return how near two aircraft on tracks (T, 3) come, in metres, and when, in seconds: at the
+    least, where one may be up to `late_s` later than the other.
 
     A pair that starts nearer than `apart_m` counts from when it is so far apart, or one of them so
     far from where the other started; infinity where it never is.
     """
+    most = round(late_s / STEP_S)
+    delays = sorted({0, most, -most, *range(-most, most, _LATE_STEPS)}, key=abs)
+    return min(_nearest_of(_later(first, -by), _later(second, by), apart_m) for by in delays)
+
+
+def _later(track: Floats, steps: int) -> Floats:
+    """Return the track of an aircraft that stays so many steps before it leaves."""
+    return np.concatenate((np.repeat(track[:1], max(0, steps), axis=0), track))
+
+
+def _nearest_of(first: Floats, second: Floats, apart_m: float) -> tuple[float, float]:
     count = max(len(first), len(second))  # the one that has finished stays where it is
     first, second = (
         np.concatenate((track, np.repeat(track[-1:], count - len(track), axis=0)))
@@ -91,24 +104,38 @@ def nearest_of(first: Floats, second: Floats, apart_m: float) -> tuple[float, fl
     return float(distance[at]), (begin + at + float(share[at])) * STEP_S
 
 
-def nearest(problem: RoundProblem, plan: RoundPlan, *, hold_s: float = 0.0) -> Nearest | None:
-    """Return where aircraft of a plan are nearest to each other; None where no pair counts."""
+def pair_of(problem: RoundProblem, first: Floats, second: Floats) -> tuple[float, float, float]:
+    """Return how near two aircraft of a round come, when, and how many metres less than they are
+    to keep that is: 0 or less where they keep apart."""
+    kept, least = problem.separation_m, problem.least_m
+    if least is not None:
+        kept = min(kept, max(least, float(np.linalg.norm(first[0] - second[0]))))
+    away_m, t_s = nearest_of(first, second, kept if least is None else 0.0, late_s=problem.late_s)
+    return away_m, t_s, kept - TOLERANCE_M - away_m
+
+
+def _pairs(problem: RoundProblem, plan: RoundPlan, hold_s: float) -> list[Nearest]:
+    """Return each pair of a plan that counts."""
     tracks = tracks_of(problem, plan, hold_s=hold_s)
     found = [
-        Nearest((a, b), *nearest_of(tracks[a], tracks[b], problem.separation_m))
+        Nearest((problem.name_of(a), problem.name_of(b)), *pair_of(problem, tracks[a], tracks[b]))
         for a, b in combinations(range(len(tracks)), 2)
     ]
-    counted = [one for one in found if one.away_m < math.inf]
-    return min(counted, key=lambda one: one.away_m, default=None)
+    return [one for one in found if one.away_m < math.inf]
+
+
+def nearest(problem: RoundProblem, plan: RoundPlan, *, hold_s: float = 0.0) -> Nearest | None:
+    """Return where aircraft of a plan are nearest to each other; None where no pair counts."""
+    return min(_pairs(problem, plan, hold_s), key=lambda one: one.away_m, default=None)
 
 
 def too_near(problem: RoundProblem, plan: RoundPlan, *, hold_s: float = 0.0) -> Nearest | None:
     """Return where aircraft come too near to each other; None where they keep apart."""
     if not problem.separation_m or len(problem.starts) < 2:
         return None
-    found = nearest(problem, plan, hold_s=hold_s)
-    near = found is not None and found.away_m < problem.separation_m - TOLERANCE_M
-    return found if near else None
+    pairs = _pairs(problem, plan, hold_s)
+    worst = max(pairs, key=lambda one: one.short_m, default=None)
+    return worst if worst is not None and worst.short_m > 0.0 else None
 
 
 def layer_m(problem: RoundProblem) -> float:

@@ -36,7 +36,7 @@ def check_plan(problem: RoundProblem, plan: RoundPlan, *, hold_s: float = 0.0) -
         except InfeasiblePlanError as error:
             if count == 1:
                 raise
-            raise InfeasiblePlanError(f"aircraft {aircraft}: {error}") from None
+            raise InfeasiblePlanError(f"{problem.name_of(aircraft)}: {error}") from None
     times = plan.schedule.sum(axis=(0, 1))
     if times.max(initial=0) > 1:
         raise InfeasiblePlanError(

@@ -302,8 +302,10 @@ def check_problem(problem: RoundProblem) -> None:
             raise PlanInputError(
                 "separation_m needs limits of each, whose performance says how fast is flown"
             )
-    apart = isinstance(problem.separation_m, Real) and 0.0 <= problem.separation_m < math.inf
-    _must(apart, "separation_m", problem.separation_m, "a number of metres, 0 or more")
+    for name, unit in (("separation_m", "metres"), ("late_s", "seconds")):
+        value = getattr(problem, name)
+        right = isinstance(value, Real) and 0.0 <= float(value) < math.inf
+        _must(right, name, value, f"a number of {unit}, 0 or more")
     for name, count in (("steps", problem.steps), ("per_step", problem.per_step)):
         if not 1 <= count <= MOST_COUNT:
             raise PlanInputError(

@@ -44,6 +44,7 @@ class Start:
     # height, `altitude_m`.
     altitudes_m: tuple[float, float] | None = None
     altitude_m: float | None = None  # None: the channel's
+    name: str = ""  # for people; empty: aircraft are counted from 0
 
     def __post_init__(self) -> None:
         make_arrays(self, "start_m")
@@ -79,10 +80,13 @@ class RoundProblem:
     # altitude, the channel's.
     per_grid: PerGrid | None = None
     # Metres that aircraft keep from each other, up and down included, at all times of their flights
-    # as foreseen; 0: not looked at. It needs `limits`, which know how fast is flown. A pair that
-    # starts nearer counts from when it is so far apart, or one of the two so far from where the
-    # other started.
+    # as foreseen; 0: not looked at. It needs `limits`, which know how fast is flown.
     separation_m: float = 0.0
+    late_s: float = 0.0  # kept also where one is by up to so many seconds later than another
+    # Of a pair that starts nearer: it keeps as much as it starts with, and no less than `least_m`.
+    # None: it counts from when it is so far apart, or one of the two so far from where the other
+    # started.
+    least_m: float | None = None
 
     __getstate__ = given_alone
 
@@ -105,6 +109,10 @@ class RoundProblem:
         if len(self.starts) == 1 and aircraft == 0:
             return self
         return replace(self, starts=(self.starts[aircraft],))
+
+    def name_of(self, aircraft: int) -> str:
+        """What people call an aircraft."""
+        return self.starts[aircraft].name or f"aircraft {aircraft}"
 
     def with_own(self, **own: Any) -> Self:
         """The problem of one aircraft with other fields of its `Start`."""

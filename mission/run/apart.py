@@ -10,6 +10,7 @@ import numpy as np
 from mission.analysis.together import Apart, Near
 from mission.log.records import AircraftRecord, RoundRecord
 from mission.log.values import NS_PER_S, Track
+from mission.planner.apart import STEP_S
 from mission.run.outing import Outing, alone
 
 _XYZ = (0, 1, 2)
@@ -38,24 +39,6 @@ def pairs_of(outings: Sequence[Outing], *, leaving_m: float | None) -> list[Pair
     for (one, its), (other, others) in combinations(zip(outings, tracks, strict=True), 2):
         flown, planned = (_near(*both, leaving_m) for both in zip(its, others, strict=True))
         found.append(PairApart((one.aircraft.name, other.aircraft.name), flown, planned))
-    return found
-
-
-def planned_pairs(
-    outings: Sequence[Outing], *, leaving_m: float | None, off_s: float = 0.0
-) -> list[tuple[tuple[str, str], Near]]:
-    """Measure each pair as planned, in outings that are ordered and not flown yet: the least of
-    both in time, and of one by `off_s` later than the other."""
-    end_ns = max(round(one.foreseen.duration_s * NS_PER_S) for one in outings)
-    tracks = [_planned(one, 0, end_ns) for one in outings]
-    found = []
-    for (one, its), (other, others) in combinations(zip(outings, tracks, strict=True), 2):
-        late = [
-            replace(others, t_ns=others.t_ns + round(by_s * NS_PER_S))
-            for by_s in sorted({-off_s, 0.0, off_s})
-        ]
-        near = min((_near(its, each, leaving_m) for each in late), key=lambda near: near.away_m)
-        found.append(((one.aircraft.name, other.aircraft.name), near))
     return found
 
 
@@ -114,15 +97,17 @@ def _flown(one: Outing) -> Track:
 
 
 def _planned(one: Outing, start_ns: int, end_ns: int) -> Track:
-    """Where its plan leads when, and where it waits then."""
-    stops = one.ordered.stops
-    begin_s = np.array([float(arrived) for arrived in one.foreseen.arrived_s])
-    t_s = np.column_stack((begin_s, begin_s + [stop.hold_s for stop in stops])).ravel()
-    t_ns = start_ns + np.round(t_s * NS_PER_S).astype(np.int64)
-    xy = np.repeat([stop.xy_m for stop in stops], 2, axis=0)
-    pos_m = np.column_stack((xy, np.full(len(xy), one.ordered.alt_rel_m)))
-    t_ns, at = np.unique(np.append(t_ns, max(end_ns, int(t_ns[-1]))), return_index=True)
-    return Track(t_ns, np.vstack((pos_m, pos_m[-1:]))[at])
+    """Where it is when by its plan, as its flight is foreseen."""
+    flight, count = one.ordered, math.ceil((end_ns - start_ns) / NS_PER_S / STEP_S) + 2
+    at_m = one.flyer.performance.follow(
+        flight.points_m,
+        [stop.hold_s for stop in flight.stops],
+        flight.acceptance_m,
+        step_s=STEP_S,
+        count=count,
+    )
+    t_ns = start_ns + np.arange(count) * round(STEP_S * NS_PER_S)
+    return Track(t_ns, np.column_stack((at_m, np.full(count, flight.alt_rel_m))))
 
 
 def _near(first: Track, second: Track, leaving_m: float | None) -> Near:

@@ -130,6 +130,7 @@ def _plain_path(path: PlannedPath, schedule: Bools) -> dict[str, object]:
         "via_m": [corners.tolist() for corners in path.via_m],
         "schedule": np.argwhere(schedule).tolist(),
         **({} if path.altitude_m is None else {"altitude_m": path.altitude_m}),
+        **({"wait_s": path.wait_s} if path.wait_s else {}),
     }
 
 
@@ -151,6 +152,7 @@ def _sortie(plan: dict[str, Any], devices: int) -> Sortie:
             np.array(path["waypoints_m"], dtype=np.float64).reshape(-1, 2),
             tuple(np.array(c, dtype=np.float64).reshape(-1, 2) for c in path["via_m"]),
             path.get("altitude_m"),
+            wait_s=path.get("wait_s", 0.0),
         )
         for path in each
     )

@@ -4,7 +4,6 @@ import math
 from collections.abc import Awaitable, Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
-from functools import partial
 
 import numpy as np
 
@@ -20,6 +19,7 @@ from mission.flight.missions.geofence import airspace_rings, fence_items
 from mission.flight.missions.round_mission import FlightPlan
 from mission.flight.track import FlownTrack
 from mission.log.records import LATE, UNKNOWN_ROUND
+from mission.planner.apart import too_near
 from mission.planner.flyable import share_of
 from mission.planner.performance import Performance
 from mission.planner.plan import RoundPlan
@@ -28,7 +28,6 @@ from mission.run.checkpoint import RoundMemory
 from mission.run.course import ahead_of_all, is_better
 from mission.run.experiment import Experiment
 from mission.run.gate import listened, served_in
-from mission.run.keeping_apart import MARGIN_M, OFF_S, kept_apart
 from mission.run.outing import Outing, outings_of, round_record, success
 from mission.scenario.limits import Amount
 from mission.scenario.strategies import Sortie, Strategy
@@ -129,7 +128,6 @@ class FlownExperiment(Experiment):
         problem = self._problem(fleet, recalled)
         sortie = await self._sortie(problem, recalled)
         if recalled is None:
-            sortie = self._apart(fleet, problem, sortie)
             self._show("flying")
         early = None
         if recalled is None and self.workers > 1:
@@ -192,6 +190,7 @@ class FlownExperiment(Experiment):
             left=self.totals.left(self.budget),
             work=self.work.round_begins(self.totals.next_round, t_ns),
             t_ns=t_ns,
+            leaving=self.totals.next_round == 1,
         )
         return self._as_heard(problem)
 
@@ -221,26 +220,9 @@ class FlownExperiment(Experiment):
         with self.stopwatch("plan"):
             # Heartbeats go on; simulated time stands still.
             sortie = await in_background(self.strategy.sortie, self.totals.rounds_done, problem)
+        if sortie.plan.mended:
+            self.recorder.notice(f"{self._stage}: {sortie.plan.mended}")
         return sortie if sortie.plan.schedule.any() else _waiting(problem, sortie)
-
-    def _apart(self, fleet: Fleet, problem: RoundProblem, sortie: Sortie) -> Sortie:
-        """Return the sortie with a plan that keeps the wanted separation; say what that took."""
-        mission = self.scenario.config.mission
-        if mission.separation_m is None or len(fleet.aloft) < 2:
-            return sortie
-        flown = mission.flight != "none"
-        with self.stopwatch("plan"):
-            sortie, said = kept_apart(
-                problem,
-                sortie,
-                partial(outings_of, self.scenario.fleet, fleet.aloft, problem),
-                least_m=mission.separation_m + flown * MARGIN_M,
-                off_s=flown * OFF_S,
-                leaves=self.totals.next_round == 1,
-            )
-        if said:
-            self.recorder.notice(f"{self._stage}: {said}")
-        return sortie
 
     async def _fly(
         self, fleet: Fleet, outings: Sequence[Outing], recalled: RoundMemory | None
@@ -377,7 +359,7 @@ def _waiting(problem: RoundProblem, sortie: Sortie) -> Sortie:
     if problem.ready_in_s is None or not counting.any():
         return sortie
     hold_s = max(sortie.hold_s, float(problem.ready_in_s[counting].min()))
-    fits = all(
+    fits = too_near(problem, sortie.plan, hold_s=hold_s) is None and all(
         share_of(problem.alone(a), sortie.plan.alone(a), hold_s=hold_s) <= 1.0
         for a in range(len(problem.starts))
     )

@@ -1,6 +1,6 @@
 """A researcher's own strategy: what it is told, and how its answers are checked."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol, runtime_checkable
 
 import numpy as np
@@ -12,6 +12,7 @@ from mission.base.errors import InfeasiblePlanError, PlanError, PlanInputError
 from mission.base.explain import shown
 from mission.config.models import MissionConfig
 from mission.planner.check import check_plan
+from mission.planner.fleet.mending import kept_apart
 from mission.planner.plan import Planner
 from mission.planner.problem import RoundProblem
 from mission.scenario.strategies import Sortie
@@ -92,7 +93,8 @@ class CustomStrategy(PlugIn):
         return self.array(importance, what, shape=info.delta.shape, low=0.0)
 
     def sortie(self, round_index: int, problem: RoundProblem) -> Sortie:
-        """The strategy's sortie, if its plan keeps the round's constraints.
+        """The strategy's sortie, if its plan keeps the round's constraints; where aircraft come too
+        near to each other, mended.
 
         Raises:
             UsersCodeError: no `Sortie`.
@@ -104,10 +106,11 @@ class CustomStrategy(PlugIn):
                 self.ask("sortie", round_index, problem, of=of), Sortie, f"sortie(){of}"
             )
             with self.guarded("its plan"):
-                check_plan(problem, sortie.plan, hold_s=sortie.hold_s)
+                near = replace(problem, separation_m=0.0)  # what is too near is mended
+                check_plan(near, sortie.plan, hold_s=sortie.hold_s)
         except PlanInputError as error:  # which knows no strategy
             self.refuse(f"round {round_index + 1}: {error}")
         except InfeasiblePlanError as error:
             reason = f"round {round_index + 1}: {error}"
             raise PlanError(f"{self.key} = {self.name!r}: {reason}") from None
-        return sortie
+        return replace(sortie, plan=kept_apart(problem, sortie.plan, hold_s=sortie.hold_s))

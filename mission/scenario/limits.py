@@ -4,7 +4,7 @@ what a round takes of them; of each aircraft of a run and of all."""
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from flightdyn.config import LimitsConfig, WindConfig
 from flightdyn.foresight import STOPPING_S
@@ -39,6 +39,9 @@ _KEYS = tuple(
     for kind in LIMITS
     for span in ("round", *(["total"] if kind.budget else []))
 )
+# What flying adds to a separation that is planned: errors of estimate and track, and by how much
+# one aircraft may be later than another.
+MARGIN_M, LATE_S = 3.0, 1.0
 _WITHIN_ROUNDING = 1.0 - 1e-9  # 800.1 m pay for 3 rounds of 266.7 m, also in binary fractions
 # Share of a whole round's metres, seconds and joules that is enough to begin one: flights take some
 # more or less than planned, so that a little less may be left for the last of them.
@@ -140,6 +143,20 @@ def round_limits(
         if kind.budget:
             most[kind.name] = min(most.get(kind.name, math.inf), getattr(left, kind.budget))
     return RoundLimits(performance, **most)
+
+
+def separation(mission: MissionConfig, *, leaving: bool) -> dict[str, Any]:
+    """Return what a round of several aircraft is planned with, by the names in `RoundProblem`: the
+    separation that is wanted, and what flying adds to it. Those that are not `leaving` their homes
+    begin where a round has left them, which may be nearer by what was added."""
+    wanted_m, flown = mission.separation_m, mission.flight != "none"
+    if wanted_m is None:
+        return {}
+    return {
+        "separation_m": wanted_m + flown * MARGIN_M,
+        "late_s": flown * LATE_S,
+        "least_m": None if leaving else wanted_m,
+    }
 
 
 def unflyable(config: RunConfig, performance: Performance) -> Iterator[WrongKey]:

@@ -46,6 +46,7 @@ from mission.scenario.limits import (
     budget_of_all,
     by,
     round_limits,
+    separation,
     unflyable,
 )
 from mission.scenario.radio_maps import with_traced_map
@@ -122,6 +123,7 @@ class Scenario:
             left=self.budget.total,
             work=self.work_before().round_begins(1, 0),
             t_ns=0,
+            leaving=True,
         )
 
     def problem(
@@ -132,13 +134,17 @@ class Scenario:
         left: Amount,
         work: DeviceWork,
         t_ns: int,
+        leaving: bool,
     ) -> RoundProblem:
         """The planning problem of a round that begins at `t_ns`: of each aircraft (None: it is
         lost) `begins` has the place (2,), and how it flies.
 
-        `left` is what remains of the run's budgets, `work` the devices' work as the round begins.
+        `left` is what remains of the run's budgets, `work` the devices' work as the round begins;
+        `leaving`, where they begin at their homes.
         """
         ready_in_s = np.maximum(work.ready_ns - t_ns, 0) / 1e9
+        several = sum(begin is not None for begin in begins) > 1
+        apart = separation(self.config.mission, leaving=leaving) if several else {}
         timed = bool(ready_in_s.any())
         starts = []
         for one, begin in zip(self.fleet, begins, strict=True):
@@ -150,9 +156,12 @@ class Scenario:
                 Start(
                     start_m=start_m,
                     path_budget_m=min(mission.path_budget_m, left.metres),
-                    limits=round_limits(mission, performance, left=left, timed=timed),
+                    limits=round_limits(
+                        mission, performance, left=left, timed=timed or bool(apart)
+                    ),
                     altitudes_m=chosen,
                     altitude_m=None if chosen or height_m == self.channel.altitude_m else height_m,
+                    name=one.name,
                 )
             )
         mission = self.config.mission
@@ -167,6 +176,7 @@ class Scenario:
             upload_s=self._turn_s,
             ready_in_s=ready_in_s if timed else None,
             per_grid=self.per_grid,
+            **apart,
         )
 
     def importance(
@@ -259,6 +269,13 @@ class Scenario:
         budget = min(self._overhead, key=lambda at: at.per)
         if budget.per > 0.5:
             lines.append(f"the channel hardly reaches anybody; {budget}")
+        apart = separation(self.config.mission, leaving=True) if len(self.fleet) > 1 else {}
+        if apart.get("late_s"):
+            lines.append(
+                f"mission.separation_m = {self.config.mission.separation_m:g}: as flying adds "
+                f"errors, rounds are planned with {apart['separation_m']:g} m, and for one "
+                f"aircraft up to {apart['late_s']:g} s later than another"
+            )
         for index, community in enumerate(self.federation.communities):
             source = community.dataset.provenance
             if not source.official and community.config.task in FETCHED:

@@ -1,8 +1,8 @@
-"""Joint plans whose aircraft come too near to each other, mended.
+"""Plans of several aircraft that come too near to each other, mended.
 
 Paths are exchanged between aircraft, or flown the other way round; where that costs much, or does
 not do, aircraft are put into layers of altitude; else they wait before they leave, and whom no wait
-helps stays where it is.
+helps stays where it is. Whoever made the plan, it is mended here.
 """
 # ruff: noqa: ARG001 - a way need not know all that another asks for.
 
@@ -14,17 +14,19 @@ from itertools import permutations, product
 import numpy as np
 
 from mission.base.arrays import Floats
+from mission.base.errors import InfeasiblePlanError
 from mission.planner.apart import (
-    TOLERANCE_M,
+    STEP_S,
     flown,
     height_of,
     layer_m,
     layered_by,
-    nearest_of,
+    pair_of,
     too_near,
 )
+from mission.planner.check import check_plan
 from mission.planner.evaluate import objective
-from mission.planner.fleet.parts import Parts, masked, part_along, served, total
+from mission.planner.fleet.parts import Parts, alone_of, masked, part_along, served
 from mission.planner.fleet.within import completed
 from mission.planner.flyable import foresee_round
 from mission.planner.improving import fitted
@@ -32,6 +34,7 @@ from mission.planner.plan import RoundPlan
 from mission.planner.problem import RoundProblem
 
 Again = Callable[[RoundProblem], RoundPlan]
+Tried = Iterator[tuple[RoundPlan, str]]
 
 LITTLE = 0.01  # of the value: what one way may cost before the next is tried, too
 _ORDERS = 24  # in which paths are exchanged, and aircraft have way, at most
@@ -40,35 +43,49 @@ _WAITS_S = tuple(range(0, 61, 2))
 
 
 def kept_apart(
-    problem: RoundProblem,
-    alone: Sequence[RoundProblem],
-    plan: RoundPlan,
-    again: Again,
+    problem: RoundProblem, plan: RoundPlan, again: Again | None = None, *, hold_s: float = 0.0
 ) -> RoundPlan:
-    """Return the plan if its aircraft keep apart, else a mended one that says what it cost.
+    """Return the plan if its aircraft keep apart, else a mended one that says what it cost; where
+    nothing mends it, the plan itself says so.
 
-    `again` plans a round without looking at distances: layers are planned anew.
+    `again` plans a round without looking at distances: layers are planned anew. Without it they are
+    flown on the paths that there are. Each aircraft hovers `hold_s` at every stop (`stops_of`).
     """
-    found = too_near(problem, plan)
+    found = too_near(problem, plan, hold_s=hold_s)
     if found is None:
         return plan
-    enough, made = plan.value * (1.0 - LITTLE), list[tuple[RoundPlan, str]]()
+    alone, made = alone_of(problem), list[tuple[RoundPlan, str]]()
     for way in (_exchanged, _layered, _in_turn):
-        mended = way(problem, alone, plan, again)
+        tried = sorted(way(problem, alone, plan, again, hold_s), key=lambda one: -one[0].value)
+        mended = next((one for one in tried if _keeps(problem, one[0], hold_s)), None)
         if mended is not None:
             made.append(mended)
-            if mended[0].value >= enough:
+            if mended[0].value >= plan.value * (1.0 - LITTLE):
                 break
+    said = f"{found.words}, {problem.separation_m:g} m are kept"
+    if not made:
+        return replace(plan, mended=f"{said}: no other paths, heights or waits do that")
     best, how = max(made, key=lambda one: one[0].value)
     change = best.value / plan.value - 1.0 if plan.value else 0.0
-    return replace(best, mended=f"{found.words}: {how}; the value changes by {100 * change:+.2f} %")
+    return replace(best, mended=f"{said}: {how}; the value changes by {100 * change:+.2f} %")
+
+
+def _keeps(problem: RoundProblem, plan: RoundPlan, hold_s: float) -> bool:
+    try:
+        check_plan(problem, plan, hold_s=hold_s)
+    except InfeasiblePlanError:
+        return False
+    return True
 
 
 def _exchanged(
-    problem: RoundProblem, alone: Sequence[RoundProblem], plan: RoundPlan, again: Again
-) -> tuple[RoundPlan, str] | None:
-    """Return the best plan in which aircraft have each other's paths and keep apart."""
-    tried = []
+    problem: RoundProblem,
+    alone: Sequence[RoundProblem],
+    plan: RoundPlan,
+    again: Again | None,
+    hold_s: float,
+) -> Tried:
+    """Yield plans in which aircraft have each other's paths."""
     for ways, whose in _swapped(problem, plan):
         parts = [
             part_along(
@@ -78,12 +95,7 @@ def _exchanged(
         ]
         made = [part for part in parts if part is not None]
         if len(made) == len(alone):
-            made = completed(alone, made)
-            tried.append(_whole(alone, made, plan))
-    for one in sorted(tried, key=lambda one: -one.value):
-        if too_near(problem, one) is None:
-            return one, "paths are exchanged"
-    return None
+            yield _whole(alone, completed(alone, made), plan), "paths are exchanged"
 
 
 def _swapped(
@@ -121,10 +133,14 @@ def _whole(alone: Sequence[RoundProblem], parts: Parts, plan: RoundPlan) -> Roun
 
 
 def _layered(
-    problem: RoundProblem, alone: Sequence[RoundProblem], plan: RoundPlan, again: Again
-) -> tuple[RoundPlan, str] | None:
-    """Return a plan of aircraft at altitudes that are a layer apart, about the planned ones, with
-    the bound of plans at these; None where they have no such altitudes."""
+    problem: RoundProblem,
+    alone: Sequence[RoundProblem],
+    plan: RoundPlan,
+    again: Again | None,
+    hold_s: float,
+) -> Tried:
+    """Yield a plan of aircraft at altitudes that are a layer apart, about the planned ones, with
+    the bound of plans at these; none where they have no such altitudes."""
     spare_m = layered_by(problem)
     each = [(problem.alone(a), plan.alone(a)) for a in range(len(plan.paths))]
     ranges = []
@@ -136,7 +152,7 @@ def _layered(
     gap, count = layer_m(problem), len(each)
     room = (count - 1) * gap
     if room > highest - lowest:
-        return None
+        return
     middle = float(np.mean([height_of(*one) for one in each]))
     bottom = min(max(middle - room / 2.0, lowest), highest - room)
     heights = [bottom + gap * rank for rank in range(count)]
@@ -152,35 +168,54 @@ def _layered(
         replace(start, altitudes_m=None, altitude_m=heights[rank])
         for start, rank in zip(problem.starts, order, strict=True)
     )
-    made = again(replace(problem, starts=starts, separation_m=0.0))
+    at = replace(problem, starts=starts, separation_m=0.0)
+    made = _same_paths(at, plan) if again is None else again(at)
     paths = tuple(
-        replace(path, altitude_m=heights[rank])
-        for path, rank in zip(made.paths, order, strict=True)
+        replace(path, altitude_m=start.altitude_m)
+        for path, start in zip(made.paths, starts, strict=True)
     )
-    made = replace(made, paths=paths)
-    told = ", ".join(f"{path.altitude_m:g}" for path in paths)
-    return None if too_near(problem, made) else (made, f"flown at {told} m")
+    yield (
+        replace(made, paths=paths),
+        f"flown at {', '.join(f'{path.altitude_m:g}' for path in paths)} m",
+    )
+
+
+def _same_paths(problem: RoundProblem, plan: RoundPlan) -> RoundPlan:
+    """Return the plan as it is flown at other altitudes, whose bound nobody knows."""
+    alone = alone_of(problem)
+    paths = tuple(replace(path, altitude_m=None) for path in plan.paths)
+    made = replace(plan, paths=paths, upper_bound=math.nan)
+    fitting = [
+        part_along(each, path.waypoints_m, served(plan.alone(a)))
+        for a, (each, path) in enumerate(zip(alone, plan.paths, strict=True))
+    ]
+    parts = [part for part in fitting if part is not None]
+    return _whole(alone, parts, made) if len(parts) == len(alone) else made
 
 
 def _in_turn(
-    problem: RoundProblem, alone: Sequence[RoundProblem], plan: RoundPlan, again: Again
-) -> tuple[RoundPlan, str]:
-    """Return the best plan in which aircraft leave after waits, or stay where they are."""
-    best: tuple[Parts, list[float]] | None = None
-    for order in list(permutations(range(len(alone))))[:_ORDERS]:
-        found = _waiting(problem, alone, plan, order)
-        if found is not None and (best is None or total(found[0]) > total(best[0])):
-            best = found
-    if best is None:  # all stay, which is no nearer than they start
-        stay = [_with_wait(alone, plan, a, math.inf) for a in range(len(alone))]
-        best = [part for part in stay if part is not None], [math.inf] * len(alone)
-    parts, waits = best
-    told = [
-        f"aircraft {a} stays" if math.isinf(wait) else f"aircraft {a} waits for {wait:g} s"
-        for a, wait in enumerate(waits)
-        if wait
+    problem: RoundProblem,
+    alone: Sequence[RoundProblem],
+    plan: RoundPlan,
+    again: Again | None,
+    hold_s: float,
+) -> Tried:
+    """Yield plans in which aircraft leave after waits, or stay where they are."""
+    tried = [
+        found
+        for order in list(permutations(range(len(alone))))[:_ORDERS]
+        if (found := _waiting(problem, alone, plan, order, hold_s)) is not None
     ]
-    return _whole(alone, parts, plan), ", ".join(told)
+    if not tried:  # all stay, which is no nearer than they start
+        stay = [_with_wait(alone, plan, a, math.inf) for a in range(len(alone))]
+        tried = [([part for part in stay if part is not None], [math.inf] * len(alone))]
+    for parts, waits in tried:
+        told = [
+            f"{problem.name_of(a)} {'stays' if math.isinf(wait) else f'waits for {wait:g} s'}"
+            for a, wait in enumerate(waits)
+            if wait
+        ]
+        yield _whole(alone, parts, plan), ", ".join(told)
 
 
 def _waiting(
@@ -188,6 +223,7 @@ def _waiting(
     alone: Sequence[RoundProblem],
     plan: RoundPlan,
     order: Sequence[int],
+    hold_s: float,
 ) -> tuple[Parts, list[float]] | None:
     """Let each aircraft of an order wait until it keeps apart from those before it, or stay."""
     parts, waits = list[RoundPlan | None]([None] * len(alone)), [0.0] * len(alone)
@@ -197,10 +233,10 @@ def _waiting(
             part = _with_wait(alone, plan, a, wait_s)
             if part is None:
                 continue
-            count = math.ceil(foresee_round(alone[a], part).duration_s * 20.0) + 2
-            track = flown(alone[a], part, count)
-            least = problem.separation_m - TOLERANCE_M
-            if all(nearest_of(track, other, problem.separation_m)[0] >= least for other in tracks):
+            duration_s = foresee_round(alone[a], part, hold_s=hold_s).duration_s
+            count = math.ceil(duration_s / STEP_S) + 2
+            track = flown(alone[a], part, count, hold_s=hold_s)
+            if all(pair_of(problem, track, other)[-1] <= 0.0 for other in tracks):
                 parts[a], waits[a] = part, wait_s
                 tracks.append(track)
                 break

@@ -8,6 +8,7 @@ import numpy as np
 from mission.base.arrays import Bools, Floats
 from mission.planner.evaluate import success
 from mission.planner.improving import fitted, varied
+from mission.planner.limited import servable
 from mission.planner.plan import RoundPlan
 from mission.planner.problem import RoundProblem
 
@@ -15,6 +16,14 @@ Parts = list[RoundPlan]
 # What changes may lose at first, by turn of all aircraft; they share the changes.
 TOLERANCES = (0.02, 0.01, 0.01, 0.005, 0.0)
 _GAIN = 1e-9  # of the value: less is no improvement
+
+
+def alone_of(problem: RoundProblem) -> list[RoundProblem]:
+    """Return the problem of each aircraft, with the metres and devices that its limits allow."""
+    alone = [problem.alone(a) for a in range(len(problem.starts))]
+    alone = [each.with_own(path_budget_m=each.most_m) for each in alone]
+    importance = np.max([servable(each) for each in alone], axis=0)
+    return [replace(each, importance=importance) for each in alone]
 
 
 def total(parts: Parts) -> float:

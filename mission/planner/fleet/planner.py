@@ -10,12 +10,19 @@ from mission.planner.certified import Goal, in_usual_size
 from mission.planner.evaluate import bounded, check_problem, success_bounds
 from mission.planner.fleet.joint import Joint, first_plans, parts_along, plan_jointly
 from mission.planner.fleet.mending import kept_apart
-from mission.planner.fleet.parts import Parts, brought, improved_in_turn, part_along, total
+from mission.planner.fleet.parts import (
+    Parts,
+    alone_of,
+    brought,
+    improved_in_turn,
+    part_along,
+    total,
+)
 from mission.planner.fleet.prices import CALL_NODES, SLACK, bound_at
 from mission.planner.fleet.team import LEAST_M, team_of
 from mission.planner.fleet.within import completed, drawn_plans, planned_within, shared_out
 from mission.planner.flyable import foresee_round
-from mission.planner.limited import near_of, servable
+from mission.planner.limited import near_of
 from mission.planner.native.library import assign
 from mission.planner.plan import Planner, RoundPlan, relative_gap
 from mission.planner.problem import RoundProblem
@@ -54,14 +61,11 @@ class FleetPlanner:
         check_problem(problem)
         if (plan := in_usual_size(self, problem)) is not None:
             return plan
-        made = self._planned(problem)
-        if not problem.separation_m:
-            return made
-        return kept_apart(problem, _alone(problem), made, self._planned)
+        return kept_apart(problem, self._planned(problem), self._planned)
 
     def _planned(self, problem: RoundProblem) -> RoundPlan:
         """Plan for several aircraft, however near they come to each other."""
-        alone = _alone(problem)
+        alone = alone_of(problem)
         moving = problem.steps > 1 and any(each.most_m > 0.0 for each in alone)
         if not moving or not alone[0].importance.any():
             (parts, bound), nodes, ended = _at_rest(alone), 0, ""
@@ -110,14 +114,6 @@ class FleetPlanner:
             summed, more = _summed(alone, joint, parts, goal)
             bound, nodes = min(bound, summed), nodes + more
         return parts, bound, nodes, SUMMED
-
-
-def _alone(problem: RoundProblem) -> list[RoundProblem]:
-    """Return the problem of each aircraft, with the metres and devices that its limits allow."""
-    alone = [problem.alone(a) for a in range(len(problem.starts))]
-    alone = [each.with_own(path_budget_m=each.most_m) for each in alone]
-    importance = np.max([servable(each) for each in alone], axis=0)
-    return [replace(each, importance=importance) for each in alone]
 
 
 def _free(alone: Sequence[RoundProblem]) -> list[RoundProblem]:

@@ -18,6 +18,7 @@ from mission.planner.config import PlannerConfig
 from mission.planner.evaluate import check_problem
 from mission.planner.factory import make_planner
 from mission.planner.files import NamedPlan, plans_as_json, problems_of
+from mission.planner.fleet.mending import kept_apart
 from mission.planner.flyable import foresee_round, stops_of
 from mission.planner.limits import RoundLimits
 from mission.planner.performance import Performance
@@ -80,10 +81,68 @@ def test_the_least_distance_is_that_of_closed_form(behind_m: float) -> None:
     assert (too_near(problem, plan) is None) == (behind_m == 40.0)
 
 
+@pytest.mark.parametrize(("behind_m", "least_m"), [(40.0, 20.0), (10.0, 0.0), (-30.0, 10.0)])
+def test_one_may_be_later_than_the_other(behind_m: float, least_m: float) -> None:
+    """By up to a second at 20 m/s: 20 m of what one is behind the other are not relied on."""
+    problem = crossing(late_s=1.0)
+    begin, end = [0.0, -200.0 - behind_m], [0.0, 200.0 - behind_m]
+    starts = (problem.starts[0], dataclasses.replace(problem.starts[1], start_m=np.array(begin)))
+    found = nearest(
+        dataclasses.replace(problem, starts=starts),
+        along(problem, [[-200, 0], [200, 0]], [begin, end]),
+    )
+    assert found is not None
+    assert found.away_m == pytest.approx(least_m / math.sqrt(2.0), abs=1e-6)
+
+
+@pytest.mark.parametrize(("apart_m", "least_m", "kept"), [
+    (12.0, None, False), (12.0, 10.0, True), (12.0, 15.0, False), (8.0, 10.0, False),
+])  # fmt: skip
+def test_who_starts_nearer_keeps_as_much_as_it_has(
+    apart_m: float, least_m: float | None, kept: bool
+) -> None:
+    """Beside each other all the way; None: it counts once one has left."""
+    problem = crossing(
+        starts=tuple(
+            Start(np.array([-200.0, y]), 500.0, RoundLimits(RIGID), name=name)
+            for y, name in ((0.0, "north"), (apart_m, "south"))
+        ),
+        least_m=least_m,
+    )
+    plan = along(problem, [[-200, 0], [0, 0]], [[-200, apart_m], [0, apart_m]])
+    found = too_near(problem, plan)
+    assert (found is None) == kept
+    if found is not None:
+        assert found.words.startswith(f"north and south come within {apart_m:.1f} m")
+
+
+@pytest.mark.parametrize("hold_s", [0.0, 3.0])
+def test_a_plan_of_anybody_is_mended(hold_s: float) -> None:
+    """Beside each other to the same place, on the paths that there are."""
+    problem = crossing(
+        starts=tuple(Start(np.array([-200.0, y]), 500.0, RoundLimits(GUIDED)) for y in (0.0, 5.0)),
+        least_m=1.0, importance=np.ones(1),
+    )  # fmt: skip
+    plan = along(problem, [[-200, 0], [0, 0]], [[-200, 5], [0, 5]])
+    problem = dataclasses.replace(problem, separation_m=5.0)
+    assert kept_apart(problem, plan, hold_s=hold_s) is plan
+    wider = dataclasses.replace(problem, separation_m=20.0, least_m=13.0)
+    made = kept_apart(wider, plan, hold_s=hold_s)
+    check_plan(wider, made, hold_s=hold_s)
+    assert re.search(r"within 5\.0 m of each other .*, 20 m are kept: flown at ", made.mended)
+    assert sorted(path.altitude_m or 0.0 for path in made.paths) == [50.0, 70.0]
+    narrow = tuple(dataclasses.replace(start, altitudes_m=(59.0, 61.0)) for start in problem.starts)
+    made = kept_apart(dataclasses.replace(wider, starts=narrow), plan, hold_s=hold_s)
+    assert made.mended.endswith("20 m are kept: no other paths, heights or waits do that")
+    assert made.paths == plan.paths
+
+
 def test_a_wait_and_a_height_part_what_crosses() -> None:
     problem = crossing(GUIDED)
     plan = along(problem, [[-200, 0], [200, 0]], [[0, -200], [0, 200]])
-    with pytest.raises(InfeasiblePlanError, match=r"aircraft 0 and 1 come within 0\.\d m .* is 20"):
+    with pytest.raises(
+        InfeasiblePlanError, match=r"aircraft 0 and aircraft 1 come within 0\.\d m .* is 20"
+    ):
         check_plan(problem, plan)
     first, second = plan.paths
     later = dataclasses.replace(second, wait_s=5.0)

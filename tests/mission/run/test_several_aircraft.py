@@ -234,6 +234,23 @@ def test_lines_tell_each_aircraft_and_the_closest_pair(
     assert "closest" not in printed  # from homes 5 m apart none ever left the other by 1000 m
 
 
+def test_plans_of_a_strategy_of_one_s_own_keep_apart(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """From homes side by side, one after another to the same device; resumed, they wait again."""
+    out, words = tmp_path / "run", [word for word in BESIDE if word != "--quiet"]
+    assert play(out, *words, "--set", "mission.separation_m=30") == 0
+    said = [line for line in capsys.readouterr().out.splitlines() if "30 m are kept: " in line]
+    assert said
+    assert all(" the value changes by " in line for line in said)
+    for row in rows(out / "aircraft.csv"):
+        assert float(row["plan_nearest_m"]) >= 29.9
+        assert float(row["nearest_m"]) >= 29.9
+    before = digests(out)
+    assert call(["run", "--resume", str(out), "--rounds", "2", "--quiet"]) == 0
+    assert digests(out) == before
+
+
 def test_one_vehicle_in_a_table_is_one_aircraft(tmp_path: Path) -> None:
     out, table = tmp_path / "one", 'vehicles=[{name="solo", home_m=[100, 100], altitude_m=80}]'
     assert play(out, *BESIDE, "--set", table, rounds=1) == 0
