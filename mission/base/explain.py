@@ -158,7 +158,9 @@ def _line(
     if kind.startswith("union_tag"):
         value = value.get("kind", PydanticUndefined)
     reasons = [_reason(item, notation) for item in items]
-    reason = " or ".join([reasons[0], *(one.removeprefix("must ") for one in reasons[1:])])
+    said = "must be " if reasons[0].startswith("must be ") else "must "
+    others = (one.removeprefix(said).removeprefix("must ") for one in reasons[1:])
+    reason = ", or ".join([reasons[0], *others])
     if kind == "missing" or value is PydanticUndefined:
         return f"{blame.on(name)}: {name}: {reason}"
     if isinstance(value, dict) and kind == "value_error":

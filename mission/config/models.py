@@ -33,7 +33,11 @@ from sitl.config import VehicleConfig
 
 # What only one aircraft can do: a key, its values, and what several need instead.
 _OF_ONE: tuple[tuple[str, tuple[object, ...], str], ...] = (
-    ("mission.strategy", ("barycenter", "rectangular"), "cov, no_cov, ideal, or one of your own"),
+    (
+        "mission.strategy",
+        ("barycenter", "rectangular"),
+        "cov, no_cov, ideal, or one of your own (in a sweep: --strategies cov,no_cov,ideal)",
+    ),
     ("link.kind", ("udp", "external"), "'in_process'"),
 )
 

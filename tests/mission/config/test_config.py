@@ -76,7 +76,7 @@ def test_overrides(text: str, parsed: tuple[str, object]) -> None:
         ("[mission]\nsteps = true", "mission.steps = true: must be a whole number"),
         (
             "[mission]\naltitude_m = nan",
-            "mission.altitude_m = nan: must be less than or equal to 500 or be a list",
+            "mission.altitude_m = nan: must be less than or equal to 500, or a list",
         ),
         (
             "[mission]\naltitude_m = [60]",
@@ -112,7 +112,7 @@ def test_overrides(text: str, parsed: tuple[str, object]) -> None:
             "[area]\nhome_m = [inf, 0.0]",
             "area.home_m.0 = inf: must be less than or equal to 100000",
         ),
-        ("[link]\nspeed = 0", "link.speed = 0: must be 'max' or be greater than 0"),
+        ("[link]\nspeed = 0", "link.speed = 0: must be 'max', or greater than 0"),
         (
             "[planner]\nkind = 'certifed'",
             "planner.kind = 'certifed': must be 'certified', 'sqp', 'paper', "
@@ -325,7 +325,7 @@ def test_an_override_without_key_or_value_is_refused(text: str) -> None:
         ("seed.x=1", "seed is 1, and has nothing in it"),
         ("mission.steps.x=1", "mission.steps is 3, and has nothing in it"),
         ("vehicle.parameters.GF_ACTION=true", "must be a number"),
-        ("link.speed=true", "must be 'max' or be a number"),
+        ("link.speed=true", "must be 'max', or a number"),
         ("mission=3", "must be a table"),
     ],
 )

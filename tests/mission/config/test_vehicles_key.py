@@ -61,9 +61,9 @@ def test_without_the_key_there_is_one() -> None:
 @pytest.mark.parametrize(
     ("vehicles", "said"),
     [
-        (0, "vehicles = 0: must be greater than or equal to 1 or be a list"),
-        ("three", "vehicles = 'three': must be a whole number or be a list"),
-        ([], "vehicles = []: must be a whole number or have at least 1 item, not 0"),
+        (0, "vehicles = 0: must be greater than or equal to 1, or a list"),
+        ("three", "vehicles = 'three': must be a whole number, or a list"),
+        ([], "vehicles = []: must be a whole number, or have at least 1 item, not 0"),
         ([{"name": "a"}, {"name": "a"}], "2 have the name 'a': names must differ"),
         ([{"name": "uav2"}, {}], "2 have the name 'uav2'"),
         ([{"name": "a/b"}], "vehicles.0.name = 'a/b'"),

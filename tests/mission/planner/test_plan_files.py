@@ -187,8 +187,8 @@ def test_no_devices_and_no_problems_are_fine(tmp_path):
         ),
         ([{**GOOD, "flight": {"guidance": {"tilt": 3}}}], "flight.guidance.tilt: unknown key"),
         ([GOOD, GOOD], "[1].id = 'a': already used by [0]"),
-        ([{**GOOD, "id": ""}], "id = '': must have at least 1 character or be a whole number"),
-        ([{**GOOD, "id": True}], "id = true: must be a string or be a whole number"),
+        ([{**GOOD, "id": ""}], "id = '': must have at least 1 character, or be a whole number"),
+        ([{**GOOD, "id": True}], "id = true: must be a string, or a whole number"),
         (json.dumps([GOOD]).replace("[500.0, 700", "[NaN, 700"), "devices.2.0 = nan: must be a"),
         (
             json.dumps([GOOD]).replace("2.5", "Infinity"),
