@@ -14,6 +14,7 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import closing, contextmanager, suppress
+from dataclasses import dataclass
 from typing import Any
 from urllib.parse import urlsplit
 
@@ -23,8 +24,8 @@ from foxglove.websocket import Capability, ServerListener
 from mission.base.console import RunConsole
 from mission.base.errors import LinkLostError
 from mission.log import topics
-from mission.log.sink import channels
-from mission.log.topics import Topic
+from mission.log.sink import Sink, channel, channels
+from mission.log.topics import Topic, of_vehicle
 
 # Foxglove's and Lichtblick's web and desktop applications; pages of this machine and programs
 # that are no browser (which send no Origin) are let in, too.
@@ -83,13 +84,22 @@ class LiveView:
 
     def write(self, topic: Topic, t_ns: int, data: bytes) -> None:
         """Send a message to the viewers that have subscribed to its topic."""
-        channel = self._channels[topic.name]
+        if topic.name not in self._channels:
+            self._channels[topic.name] = channel(self._context, topic)
         if topic.latched:
             self._latched.keep(topic.name, t_ns, data)
         if topic is topics.TF:
-            self._server.broadcast_time(t_ns)
-        if channel.has_sinks():
-            channel.log(data, log_time=t_ns)
+            self.tell_time(t_ns)
+        if self._channels[topic.name].has_sinks():
+            self._channels[topic.name].log(data, log_time=t_ns)
+
+    def tell_time(self, t_ns: int) -> None:
+        """Tell viewers the simulated time."""
+        self._server.broadcast_time(t_ns)
+
+    def of(self, name: str) -> Sink:
+        """The `Sink` of one of several aircraft, whose topics carry its name."""
+        return _OfOne(self, name)
 
     def flush(self) -> None:
         """Do nothing: messages are sent as they are written."""
@@ -98,6 +108,26 @@ class LiveView:
         """Stop serving. Closing twice is fine."""
         self._gate.close()
         self._server.stop()
+
+
+@dataclass(frozen=True)
+class _OfOne:
+    """One of several aircraft in a live view."""
+
+    view: LiveView
+    name: str
+
+    def write(self, topic: Topic, t_ns: int, data: bytes) -> None:
+        if topic is topics.TF:  # of a frame that the others have, too; poses say the same
+            self.view.tell_time(t_ns)
+        else:
+            self.view.write(of_vehicle(topic, self.name), t_ns, data)
+
+    def flush(self) -> None:
+        self.view.flush()
+
+    def close(self) -> None:
+        self.view.close()
 
 
 def _hidden_address() -> str:

@@ -22,20 +22,19 @@ class Sink(Protocol):
 
 
 def channels(context: foxglove.Context) -> dict[str, Any]:
-    """Create a Foxglove channel for each topic of a flight log; returns them by topic name.
+    """Create a Foxglove channel for each topic of a flight log; returns them by topic name."""
+    return {topic.name: channel(context, topic) for topic in TOPICS}
+
+
+def channel(context: foxglove.Context, topic: Topic) -> Any:
+    """Create a topic's Foxglove channel.
 
     The library's constructor is not used: it keeps every channel ever made, 55 KB for a log.
     """
-    return {
-        topic.name: context._create_channel(
-            topic.name,
-            message_encoding=topic.encoding,
-            schema=foxglove.Schema(
-                name=topic.schema_name, encoding=topic.schema_encoding, data=topic.schema
-            ),
-        )
-        for topic in TOPICS
-    }
+    schema = foxglove.Schema(
+        name=topic.schema_name, encoding=topic.schema_encoding, data=topic.schema
+    )
+    return context._create_channel(topic.name, message_encoding=topic.encoding, schema=schema)
 
 
 class McapSink:

@@ -77,8 +77,8 @@ def _json(name: str, title: str, record: type, *, latched: bool = False) -> Topi
 
 @cache
 def of_vehicle(topic: Topic, name: str) -> Topic:
-    """Return the topic of one of several vehicles: `/north/true/pose`; of one alone, as it is."""
-    return replace(topic, name=f"/{name}{topic.name}") if name else topic
+    """Return the topic of one of several vehicles: `/north/true/pose`; what is of all, as it is."""
+    return topic if topic in OF_ALL else replace(topic, name=f"/{name}{topic.name}")
 
 
 def _is_plain(field: Mapping[str, Any]) -> bool:
@@ -171,4 +171,8 @@ FENCE = _json("/fence", "aerofed.Fence", FenceRecord, latched=True)
 MISSION = _json("/mission", "aerofed.Mission", MissionRecord, latched=True)
 SETPOINT = _json("/setpoint", "aerofed.Setpoint", SetpointRecord)
 
+# Of several vehicles alike: the place, the devices, the radio, what was learnt.
+OF_ALL = frozenset({
+    SCENE_BUILDINGS, SCENE_DEVICES, DEVICES, FENCE, RADIO_BELIEVED, RADIO_TRUE, LEARNING,
+})  # fmt: skip
 TOPICS = tuple(topic for topic in list(globals().values()) if isinstance(topic, Topic))

@@ -10,7 +10,7 @@ from flightdyn.state import Innovation, Kinematics
 from mission.base.area import Area
 from mission.base.arrays import Floats
 from mission.log import control, messages, topics
-from mission.log.topics import Topic, of_vehicle
+from mission.log.topics import Topic
 from mission.log.values import NS_PER_S, XYZ, EventRecord, ModeRecord
 from sitl.observer import VehicleEvent, VehicleSample
 
@@ -55,13 +55,12 @@ class Every:
 
 
 class VehicleTopics:
-    """Writes what the vehicle tells, each kind of message at its rate; of several each under its
-    `name`."""
+    """Writes what the vehicle tells, each kind of message at its rate."""
 
-    def __init__(self, area: Area, write: Write, name: str = "") -> None:
+    def __init__(self, area: Area, write: Write) -> None:
         self._area = area
         self._frame = area.frame
-        self._write: Write = lambda topic, *message: write(of_vehicle(topic, name), *message)
+        self._write = write
         self._mode: ModeRecord | None = None
         self._every = {name: Every(rate_hz) for name, rate_hz in RATES_HZ.items()}
         self._samples: list[VehicleSample] = []  # since they were written last

@@ -166,11 +166,11 @@ def recording(run: Ready, console: RunConsole, stopwatch: Stopwatch) -> Iterator
                     area=one.area,
                     devices=devices,
                     fence=backend.fence(),
-                    mirrors=run.live if number == 0 else (),  # a view has topics of one
+                    mirrors=[view.of(one.name) for view in run.live] if several else run.live,
                 )
             )
-            for number, (one, backend) in enumerate(
-                zip(scenario.fleet[: None if several else 1], run.backend.each, strict=False)
+            for one, backend in zip(
+                scenario.fleet[: None if several else 1], run.backend.each, strict=False
             )
         )
         names = scenario.federation.names

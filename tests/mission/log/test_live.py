@@ -18,6 +18,7 @@ from mission.base.errors import LinkLostError
 from mission.log import topics
 from mission.log.contents import load
 from mission.log.live import LiveView
+from mission.log.sink import Sink
 from mission.log.topics import TOPICS, Topic
 
 
@@ -76,6 +77,23 @@ def test_viewers_are_told_simulated_time(tmp_path: Path) -> None:
         live.close()
     assert times == sorted(times)
     assert set(times) <= {sample.t_ns for sample in made.samples}
+
+
+def test_several_aircraft_are_seen_each_under_its_name(tmp_path: Path) -> None:
+    live = LiveView(port=0)
+    try:
+        for name in ("north", "south"):
+            (tmp_path / name).mkdir()
+            fly(tmp_path / name, rounds=1, mirrors=[_NotClosing(live.of(name))])
+        with FoxgloveClient(live.port) as viewer:
+            channels = viewer.channels()
+    finally:
+        live.close()
+    for name in ("north", "south"):
+        for topic in ("/true/pose", "/flown/path", "/plan/path", "/scene/links", "/rounds"):
+            assert channels[f"/{name}{topic}"]["schemaName"] == channels[topic]["schemaName"]
+        for topic in ("/scene/devices", "/learning", "/tf"):
+            assert f"/{name}{topic}" not in channels
 
 
 def test_a_used_port_is_named() -> None:
@@ -206,7 +224,7 @@ class _Watched:
 class _NotClosing:
     """Lets the log write to the live view, and leaves it open for the test."""
 
-    def __init__(self, live: LiveView) -> None:
+    def __init__(self, live: Sink) -> None:
         self.write = live.write
         self.flush = live.flush
 
