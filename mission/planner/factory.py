@@ -1,7 +1,10 @@
 """Factory of planners: the one that the configuration's `kind` names."""
 
+from dataclasses import replace
+
 from fl.plugins import PlugIn
 from mission.base.errors import InfeasiblePlanError, PlanError
+from mission.base.explain import shown
 from mission.planner.altitudes import CertifiedAltitudes, SampledAltitudes
 from mission.planner.certified import CertifiedPlanner, ExploringPlanner, Goal
 from mission.planner.check import check_plan
@@ -24,8 +27,10 @@ def make_planner(config: PlannerConfig) -> Planner:
         UsersCodeError: a planner of the user's own cannot be imported or is none.
     """
     if config.kind != "certified":
-        planner = SampledAltitudes(_of_kind(config))
-        return FleetPlanner(LimitedPlanner(planner, planner))
+        own = _of_kind(config)
+        planner = SampledAltitudes(own)
+        joint = own if getattr(own, "several", False) else None
+        return FleetPlanner(LimitedPlanner(planner, planner), joint=joint)
     certified = CertifiedPlanner(gap=config.gap, max_nodes=config.max_nodes)
     drawing = ExploringPlanner(starts=_STARTS, tries=_TRIES)
     few = CertifiedPlanner(gap=config.gap, max_nodes=min(config.max_nodes, _FEW_NODES))
@@ -54,8 +59,17 @@ class CustomPlanner(PlugIn):
     setting = "planner.factory"
     members = ("plan",)
 
+    @property
+    def several(self) -> bool:
+        """Whether it plans for several aircraft at once."""
+        several = getattr(self.inner, "several", False)
+        if not isinstance(several, bool):
+            self.refuse(f"several is {shown(several)}: must be True or False")
+        return several
+
     def plan(self, problem: RoundProblem) -> RoundPlan:
-        """Plan one round with the researcher's planner, and check the plan.
+        """Plan one round with the researcher's planner, and check the plan, but for distances of
+        aircraft: those that come too near are mended.
 
         Raises:
             PlanError: the plan breaks a constraint, or claims a value that it has not.
@@ -63,7 +77,7 @@ class CustomPlanner(PlugIn):
         plan = self.of_kind(self.ask("plan", problem), RoundPlan, "plan()")
         try:
             with self.guarded("its plan"):
-                check_plan(problem, plan)
+                check_plan(replace(problem, separation_m=0.0), plan)
         except InfeasiblePlanError as error:
             raise PlanError(f"{self.key} = {self.name!r}: {error}") from None
         return plan

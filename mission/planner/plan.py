@@ -231,11 +231,16 @@ class BoundError(PlanError):
 class Planner(Protocol):
     """Anything that turns a round's problem into a plan: for all aircraft, or for one.
 
+    Of several aircraft a planner that a configuration names is asked for one after another, each
+    for devices that are left to it; with `several = True` for all at once.
+
     A planner of one's own, which leaves each aircraft where it is:
 
     >>> from dataclasses import replace
     >>> import aerofed, numpy as np
     >>> class Staying:
+    ...     several = True
+    ...
     ...     def plan(self, problem):
     ...         plans = []
     ...         for a, start in enumerate(problem.starts):

@@ -42,12 +42,14 @@ class FleetPlanner:
     """Planner that plans for several aircraft jointly, and hands rounds of one to `inner`.
 
     With a goal it proves a bound; without one, shares of first plans are planned by `inner`.
-    `sharing`, which proves little, plans them in its place where there is a goal.
+    `sharing`, which proves little, plans them in its place where there is a goal. A `joint` planner
+    of users' own plans for all at once in place of both.
     """
 
     inner: Planner
     goal: Goal | None = None
     sharing: Planner | None = None
+    joint: Planner | None = None
 
     def plan(self, problem: RoundProblem) -> RoundPlan:
         """Plan one round.
@@ -65,6 +67,8 @@ class FleetPlanner:
 
     def _planned(self, problem: RoundProblem) -> RoundPlan:
         """Plan for several aircraft, however near they come to each other."""
+        if self.joint is not None:
+            return self.joint.plan(problem)
         alone = alone_of(problem)
         moving = problem.steps > 1 and any(each.most_m > 0.0 for each in alone)
         if not moving or not alone[0].importance.any():

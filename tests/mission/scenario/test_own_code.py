@@ -13,6 +13,11 @@ import aerofed
 from mission.base.errors import AerofedError, SolverError
 from mission.cli import call
 from mission.log import LogError
+from mission.planner.check import check_plan
+from mission.planner.config import PlannerConfig
+from mission.planner.factory import make_planner
+from mission.planner.limits import RoundLimits
+from mission.planner.performance import Performance
 from mission.run.recorder import FolderRecorder
 from mission.scenario.custom_strategies import RoundInfo
 
@@ -75,6 +80,22 @@ class FailsPlanning:
     def plan(self, problem):
         raise KeyError("no such thing")
 
+class Together:
+    several = True
+    def plan(self, problem):
+        plans = []
+        for a, one in enumerate(problem.starts):
+            free = np.arange(len(problem.devices_m)) % len(problem.starts) == a
+            mine = replace(problem.alone(a), importance=np.where(free, problem.importance, 0.0))
+            plans.append(finish(mine, np.vstack((one.start_m, problem.devices_m[a]))))
+        return RoundPlan.together(plans)
+
+class Apart(Together):
+    several = False
+
+class Unsure(Together):
+    several = "yes"
+
 class PlansNothing:
     def plan(self, problem):
         return None
@@ -111,6 +132,37 @@ def own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 def test_a_plan_has_the_strategy_s_own_importance() -> None:
     problem = aerofed.first_problem("quickstart", {"mission.strategy": "own_code:seventh"})
     assert problem.importance.tolist() == [0.0] * 7 + [1.0] + [0.0] * 4
+
+
+def of_two(factory: str) -> aerofed.RoundPlan:
+    problem = aerofed.RoundProblem(
+        devices_m=np.array([(150.0, 0.0), (150.0, 5.0)]), importance=np.ones(2),
+        starts=tuple(
+            aerofed.Start(np.array([0.0, y]), 400.0, RoundLimits(Performance(20.0, 5.0, None)))
+            for y in (0.0, 5.0)
+        ),
+        steps=2, per_step=1, channel=aerofed.channel("suburban"), separation_m=12.0,
+    )  # fmt: skip
+    planner = make_planner(PlannerConfig(kind="import", factory=f"own_code:{factory}"))
+    made = planner.plan(problem)
+    check_plan(problem, made)
+    return made
+
+
+@pytest.mark.usefixtures("own")
+def test_a_planner_of_several_is_given_all_aircraft() -> None:
+    """And what comes too near is mended all the same."""
+    made = of_two("Together")
+    assert made.schedule.any(axis=1).tolist() == [[True, False], [False, True]]
+    assert "12 m are kept: flown at " in made.mended
+
+
+@pytest.mark.usefixtures("own")
+def test_another_planner_is_asked_for_each() -> None:
+    """Which it plans for as if it were the only one."""
+    assert of_two("Apart").schedule.any(axis=(1, 2)).all()
+    with pytest.raises(AerofedError, match="several is 'yes': must be True or False"):
+        of_two("Unsure")
 
 
 @pytest.mark.slow
