@@ -142,7 +142,8 @@ def test_old_logs_count_milliseconds(tmp_path: Path) -> None:
     flight = made(off_m=3.0, tilt_deg=8.0, when=(20.0, 25.0), until_s=30.0)
     roll = 5.0 * np.sin(flight.t_s)
     swayed = np.column_stack((roll, roll, 0 * roll))
-    flight = replace(flight, attitude=tuple(of + swayed for of in flight.attitude))
+    true, believed = flight.attitude
+    flight = replace(flight, attitude=(true + swayed, believed + swayed))
     rate = 500.0 * np.cos(flight.t_s)  # hundredths of a degree
     rows = [(round(t * 1e6), 0, r, 0, r, 0, 0) for t, r in zip(flight.t_s, rate, strict=True)]
     more = [("RATE", "Qffffff", "TimeUS,RDes,R,PDes,P,YDes,Y", rows)]
