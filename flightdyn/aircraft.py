@@ -16,13 +16,7 @@ from flightdyn.navigation.source import TrueNavigation
 from flightdyn.obstacles import Obstacles
 from flightdyn.plant import Plant
 from flightdyn.random import RandomStreams
-from flightdyn.state import (
-    GeodeticPoint,
-    GnssFix,
-    Innovation,
-    Kinematics,
-    Vector,
-)
+from flightdyn.state import GeodeticPoint, GnssFix, Innovation, Kinematics, Vector
 from native.errors import InputError
 
 

@@ -48,8 +48,7 @@ def ecef_to_geodetic(x: float, y: float, z: float) -> Triple:
     lat, before = 0.0, math.inf
     for _ in range(4):
         lat = math.atan2(
-            z + _EP2 * _B_M * math.sin(beta) ** 3,
-            ring - _E2 * WGS84_A_M * math.cos(beta) ** 3,
+            z + _EP2 * _B_M * math.sin(beta) ** 3, ring - _E2 * WGS84_A_M * math.cos(beta) ** 3
         )
         if lat == before:
             break

@@ -56,11 +56,7 @@ def read_archive(path: Path) -> dict[str, bytes]:
     """
     batches: dict[str, bytes] = {}
     damage = tarfile.TarError, EOFError, zlib.error, lzma.LZMAError
-    with (
-        reading(path, "archive", *damage),
-        path.open("rb") as raw,
-        _unpacked(raw) as unpacked,
-    ):
+    with reading(path, "archive", *damage), path.open("rb") as raw, _unpacked(raw) as unpacked:
         stream = Bounded(unpacked, path=path)
         with tarfile.open(fileobj=cast(IO[bytes], stream), mode="r:") as archive:
             for member in archive:

@@ -74,10 +74,7 @@ def read_up_to(stream: IO[bytes], count: int, *, path: Path | str) -> bytes:
 
 @contextmanager
 def reading(
-    path: Path,
-    what: str = "",
-    *damage: type[Exception],
-    how: Callable[[Exception], str] = str,
+    path: Path, what: str = "", *damage: type[Exception], how: Callable[[Exception], str] = str
 ) -> Iterator[None]:
     """Context manager: raise DataDamagedError for errors in the block; `damage` are the format's.
 

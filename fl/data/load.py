@@ -44,11 +44,7 @@ def bring(datasets: Mapping[Source, Dataset]) -> None:
 
 
 def load(
-    task: str,
-    *,
-    data_dir: Path | None,
-    data_file: str | None = None,
-    community: int | None = None,
+    task: str, *, data_dir: Path | None, data_file: str | None = None, community: int | None = None
 ) -> Dataset:
     """The data set of `task`, from `data_dir` unless it is bundled or generated.
 

@@ -181,9 +181,7 @@ def count_correct(network: Network, images: Images, weights: Floats) -> Indices:
 
 
 def average_per(
-    constants: NDArray[np.float64],
-    distance_m: NDArray[np.float64],
-    height_m: NDArray[np.float64],
+    constants: NDArray[np.float64], distance_m: NDArray[np.float64], height_m: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """The average packet error rate at distances and heights, 0 or more, of one shape.
 

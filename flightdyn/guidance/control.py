@@ -59,12 +59,7 @@ def attitude_along(thrust: Sequence[float], *, yaw: float) -> Quaternion:
 
 
 def outer_loop(
-    inner: Inner,
-    airframe: Airframe,
-    limits: LimitsConfig,
-    *,
-    dt_s: float,
-    gravity_mps2: float,
+    inner: Inner, airframe: Airframe, limits: LimitsConfig, *, dt_s: float, gravity_mps2: float
 ) -> Guide:
     """Make guidance and outer loop in C, run every `dt_s`, whose orders go to `inner`."""
     full = 4 * airframe.rotor_max_thrust_n / airframe.mass_kg  # m/s2 at collective 1

@@ -26,14 +26,7 @@ _POSITION_STD_M, _TILT_STD_RAD, _HEADING_STD_RAD = 5.0, math.radians(5), math.ra
 class InertialNavigation:
     """The filter, and the sensors that feed it, sampled tick by tick."""
 
-    def __init__(
-        self,
-        plant: Plant,
-        sensors: SensorSuite,
-        inner: Inner,
-        *,
-        earth: Earth,
-    ) -> None:
+    def __init__(self, plant: Plant, sensors: SensorSuite, inner: Inner, *, earth: Earth) -> None:
         """Align at rest: run the clock from before zero up to zero."""
         self.sensors = sensors
         self._config = config = sensors.config

@@ -246,12 +246,7 @@ def _position(where: str, coordinates: object) -> Pair:
 
 
 def _rings(
-    where: str,
-    kind: object,
-    coordinates: object,
-    properties: Mapping[str, object],
-    *,
-    holes: bool,
+    where: str, kind: object, coordinates: object, properties: Mapping[str, object], *, holes: bool
 ) -> Iterator[Ring]:
     if kind not in _POLYGONS:
         raise InputError(f"{where}: geometry is {shown(kind)}: must be 'Polygon' or 'MultiPolygon'")

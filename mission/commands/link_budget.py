@@ -29,11 +29,7 @@ def link_budget(config: Path | None = None, *, set_: Overrides = (), as_json: Js
     resolved = load(config, set_)
     preset, limits = resolved.channel.preset, resolved.mission.altitudes_m
     found = [
-        {
-            "preset": preset,
-            "altitude_m": height_m,
-            **_numbers(resolved.channel, height_m),
-        }
+        {"preset": preset, "altitude_m": height_m, **_numbers(resolved.channel, height_m)}
         for height_m in limits or resolved.mission.heights_m[:1]
     ]
     if as_json:

@@ -103,13 +103,7 @@ def check(log: Path, *, as_json: Json = False) -> int:
     return DIFFERENT if findings else 0
 
 
-def export(
-    log: Path,
-    out: Path | None = None,
-    *,
-    to: Form,
-    as_json: Json = False,
-) -> int:
+def export(log: Path, out: Path | None = None, *, to: Form, as_json: Json = False) -> int:
     """Write a log's contents as tables, or its paths for a map.
 
     Example: aerofed log export paper6/flight.mcap --to csv

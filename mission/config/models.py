@@ -4,13 +4,7 @@ from collections.abc import Sequence
 from typing import Annotated, Literal, Self
 
 import tomli_w
-from pydantic import (
-    Field,
-    PrivateAttr,
-    ValidationInfo,
-    field_validator,
-    model_validator,
-)
+from pydantic import Field, PrivateAttr, ValidationInfo, field_validator, model_validator
 
 from fl.config import (
     ChannelConfig,

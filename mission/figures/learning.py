@@ -11,18 +11,7 @@ from mission.analysis.compare import DeviceComparison, RunComparison
 from mission.analysis.load import LoadedRun, vehicles_of
 from mission.base.palette import community_colour
 from mission.figures.charts import Series, bar_chart, finished, line_chart, ticks
-from mission.figures.style import (
-    COOL,
-    GOOD,
-    GRID,
-    PLANNED,
-    SOFT,
-    WARM,
-    Chart,
-    keys,
-    named,
-    table,
-)
+from mission.figures.style import COOL, GOOD, GRID, PLANNED, SOFT, WARM, Chart, keys, named, table
 from mission.log.records import LATE, OUTCOMES
 from mission.log.values import FlightData
 

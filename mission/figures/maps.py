@@ -8,14 +8,7 @@ import numpy as np
 
 from mission.base import polyline
 from mission.base.arrays import Floats
-from mission.figures.frame import (
-    MapFrame,
-    buildings_of,
-    line_table,
-    run_frame,
-    run_lines,
-    zones_of,
-)
+from mission.figures.frame import MapFrame, buildings_of, line_table, run_frame, run_lines, zones_of
 from mission.figures.marks import NOT_SERVED, RoundMarks, Scene, Sent, layers
 from mission.figures.style import (
     FENCE,

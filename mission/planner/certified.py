@@ -6,13 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mission.base.arrays import Floats
-from mission.planner.evaluate import (
-    bounded,
-    check_problem,
-    finish,
-    fit_budget,
-    plan_without_moving,
-)
+from mission.planner.evaluate import bounded, check_problem, finish, fit_budget, plan_without_moving
 from mission.planner.improving import improved
 from mission.planner.native.library import (
     MOST_DEVICES,

@@ -44,11 +44,7 @@ def fitted(
         plan = fitted(problem.at(altitude_m), waypoints_m, above=above, wait_s=wait_s)
         return plan and plan.with_own(altitude_m=altitude_m)
     candidate = problem.as_judged.fitted(
-        waypoints_m,
-        problem.most_m,
-        above=above,
-        limited=problem.limits is not None,
-        wait_s=wait_s,
+        waypoints_m, problem.most_m, above=above, limited=problem.limits is not None, wait_s=wait_s
     )
     return None if candidate is None else planned(problem, candidate)
 

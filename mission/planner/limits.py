@@ -93,12 +93,7 @@ class Limit:
         return math.inf
 
     def allowance(
-        self,
-        upload_s: Floats,
-        time: PathAllowance,
-        *,
-        legs: float,
-        hovers: bool,
+        self, upload_s: Floats, time: PathAllowance, *, legs: float, hovers: bool
     ) -> PathAllowance | None:
         """Return it in metres of a path of up to `legs` straight legs, for the bound of rounds in
         which devices send for `upload_s` (K,), all of them if it `hovers`, and given what the

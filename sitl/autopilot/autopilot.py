@@ -30,12 +30,7 @@ from sitl.autopilot.pilots.follow import Follower
 from sitl.autopilot.pilots.offboard import Offboard
 from sitl.autopilot.pilots.sticks import Sticks
 from sitl.autopilot.pilots.stream import Cockpit
-from sitl.autopilot.protocol.commands import (
-    CommandServer,
-    NoPayload,
-    RefusedError,
-    demand,
-)
+from sitl.autopilot.protocol.commands import CommandServer, NoPayload, RefusedError, demand
 from sitl.autopilot.protocol.ftp import FtpServer
 from sitl.autopilot.protocol.log_server import LogServer
 from sitl.autopilot.protocol.order_rules import absent, check_item

@@ -71,8 +71,7 @@ RULES: Mapping[Cause, Rule] = {
     Cause.GNSS_LOST: _rule("COM_POSLOSS_ACT", "nothing warn hold land terminate"),
     Cause.GROUND_STATION_LOST: _rule("NAV_DLL_ACT", "nothing hold return land warn terminate"),
     Cause.SETPOINTS_LOST: _rule(
-        "COM_OBL_RC_ACT",
-        "position altitude stabilized return land hold terminate terminate",
+        "COM_OBL_RC_ACT", "position altitude stabilized return land hold terminate terminate"
     ),
     Cause.STICKS_LOST: _rule("NAV_RCL_ACT", "nothing hold return land warn terminate terminate"),
 }

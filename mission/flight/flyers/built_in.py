@@ -180,8 +180,7 @@ class BuiltInBackend(Backend):
         async with (
             Simulation(vehicle, link, *station_links(config.link), speed=speed),
             connect(
-                raw_link or f"udpin://127.0.0.1:{port}",
-                stall_timeout_s=config.link.stall_timeout_s,
+                raw_link or f"udpin://127.0.0.1:{port}", stall_timeout_s=config.link.stall_timeout_s
             ) as pilot,
         ):
             flyer = self.flyer(pilot, recorder)

@@ -7,13 +7,7 @@ from contextlib import AsyncExitStack, asynccontextmanager, suppress
 from dataclasses import dataclass
 
 from mission.base.errors import AerofedError, FlightError
-from mission.flight.flyers.base import (
-    HOLD_TIMEOUT_S,
-    Attached,
-    Fleet,
-    FleetBackend,
-    Flights,
-)
+from mission.flight.flyers.base import HOLD_TIMEOUT_S, Attached, Fleet, FleetBackend, Flights
 from mission.flight.flyers.built_in import BuiltInBackend, BuiltInFlyer
 from mission.flight.missions.round_mission import FlightPlan
 from mission.flight.pilot.connection import connect

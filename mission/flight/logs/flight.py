@@ -263,11 +263,7 @@ class LogRows:
             dropouts_s=_rows(self.dropouts_s, 2),
             vehicle=self.vehicle,
             source=Source(
-                self.kind,
-                self.clock,
-                None if spans else only,
-                dict(+self.skipped),
-                self._utc_ns(),
+                self.kind, self.clock, None if spans else only, dict(+self.skipped), self._utc_ns()
             ),
         )
 

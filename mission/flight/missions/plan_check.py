@@ -26,12 +26,7 @@ from sitl.autopilot.codec.orders import GLOBAL_FRAMES, MissionItem, command_name
 from sitl.autopilot.fence import breach_of, compile_fence
 from sitl.autopilot.flying import route
 from sitl.autopilot.parameters import Parameters
-from sitl.autopilot.protocol.order_rules import (
-    COMMANDS,
-    NAVIGATION,
-    PLACES,
-    check_item,
-)
+from sitl.autopilot.protocol.order_rules import COMMANDS, NAVIGATION, PLACES, check_item
 
 MAX_HEIGHT_M = 500.0
 MAX_WAIT_S = 3600.0

@@ -103,12 +103,7 @@ def flight_of_round(
 
 
 def direct_flight(
-    start_m: Floats,
-    end_m: Floats,
-    *,
-    altitude_m: float,
-    mission: MissionConfig,
-    airspace: Airspace,
+    start_m: Floats, end_m: Floats, *, altitude_m: float, mission: MissionConfig, airspace: Airspace
 ) -> FlightPlan:
     """The shortest way from one point (2,) of the area to another, serving nobody."""
     stops = tuple(Stop(point, ()) for point in airspace.way(start_m, end_m))

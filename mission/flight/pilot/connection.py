@@ -38,10 +38,7 @@ class NoVehicleError(LinkLostError):
 
 @asynccontextmanager
 async def connect(
-    at: str | RawLink,
-    *,
-    stall_timeout_s: float = 30.0,
-    timeout_s: float = CONNECT_TIMEOUT_S,
+    at: str | RawLink, *, stall_timeout_s: float = 30.0, timeout_s: float = CONNECT_TIMEOUT_S
 ) -> AsyncIterator[Pilot]:
     """Open a MAVSDK connection and yield a pilot for the first autopilot on it.
 
@@ -120,9 +117,7 @@ async def located(
         InputError: it is farther than `FARTHEST_M` from the area's home.
     """
     async with connect(
-        raw_link or link.url,
-        stall_timeout_s=link.stall_timeout_s,
-        timeout_s=link.connect_timeout_s,
+        raw_link or link.url, stall_timeout_s=link.stall_timeout_s, timeout_s=link.connect_timeout_s
     ) as pilot:
         feed = TelemetryFeed(pilot, area=area, observers=observers, known=known)
         pilot.clock = lambda: feed.now_s

@@ -19,13 +19,7 @@ from mission.flight.flyers.base import Say, station_links
 from mission.flight.pilot.connection import until
 from mission.flight.serve.flight_logs import FlightLogs
 from mission.flight.serve.separation import in_words, write_separation
-from mission.flight.serve.vehicle import (
-    Served,
-    area_of,
-    check_free,
-    make_vehicles,
-    names_of,
-)
+from mission.flight.serve.vehicle import Served, area_of, check_free, make_vehicles, names_of
 from mission.flight.serve.world import Recorder, bridge_to, where
 from sitl.block import following
 from sitl.firmware import ardupilot, px4

@@ -150,13 +150,7 @@ async def _watch(
 
 
 def bridge_to(
-    config: RunConfig,
-    autopilot: str,
-    port: int,
-    *,
-    told: bool,
-    area: Area,
-    streams: RandomStreams,
+    config: RunConfig, autopilot: str, port: int, *, told: bool, area: Area, streams: RandomStreams
 ) -> Bridge:
     """Make a bridge to a firmware that comes to `port`, with the configured aircraft at the area's
     home; `told`: whether the firmware is heard by MAVLink.

@@ -22,13 +22,7 @@ from mission.base.errors import InputError, LinkLostError
 from mission.base.run_folder import library_versions
 from mission.config.models import RunConfig
 from mission.config.preflight import code_digests
-from mission.sweep.execute.worker import (
-    ENVIRONMENT,
-    RunEnd,
-    RunOrder,
-    execute,
-    failed,
-)
+from mission.sweep.execute.worker import ENVIRONMENT, RunEnd, RunOrder, execute, failed
 from native.errors import first_line
 
 # Not sent with the working directory, where plug-ins are found in it: no code of the user's.

@@ -47,11 +47,7 @@ class FlightCommands:
     """Handlers of the commands that arm, fly and land."""
 
     def __init__(
-        self,
-        aircraft: Aircraft,
-        flight: Flight,
-        *,
-        pilots: Mapping[Mode, Callable[[], str | None]],
+        self, aircraft: Aircraft, flight: Flight, *, pilots: Mapping[Mode, Callable[[], str | None]]
     ) -> None:
         """`pilots`: functions that enter the modes flown from outside, and return why if not."""
         self._aircraft = aircraft

@@ -8,13 +8,7 @@ from pymavlink.dialects.v20 import common as mav
 
 from native.errors import InputError
 from sitl.autopilot.codec.orders import CommandOrder, Handlers, Outbox, Peer
-from sitl.autopilot.parameters import (
-    SPECS,
-    TABLE,
-    Parameters,
-    load_parameters,
-    save_parameters,
-)
+from sitl.autopilot.parameters import SPECS, TABLE, Parameters, load_parameters, save_parameters
 from sitl.autopilot.protocol.commands import Commands, RefusedError, UnsupportedError
 from sitl.autopilot.protocol.streams import Burst
 
