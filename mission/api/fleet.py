@@ -1,25 +1,27 @@
 """The vehicles of `aerofed.vehicles`: several in one world, on one clock."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, Self, SupportsIndex, overload
+from typing import Any, SupportsIndex, overload
 
 import pandas as pd
 
-from mission.api.life import Life
-from mission.api.simulated_vehicle import NotInTimeError, SimulatedVehicle, is_time
+from mission.api.life import Life, Simulated, is_time
+from mission.api.simulated_vehicle import SimulatedVehicle
 from mission.base.errors import InputError
 from mission.flight.serve.hosted_firmware import FirmwareHost
-from mission.flight.serve.hosts import LOOK_S, BuiltIn, BuiltInWorld
+from mission.flight.serve.hosts import BuiltIn, BuiltInWorld
 from mission.flight.serve.separation import pairs_of
 
 
-class Fleet(Sequence[SimulatedVehicle]):
+class Fleet(Simulated, Sequence[SimulatedVehicle]):
     """Simulated vehicles that share time, wind and ground, as a context manager. A sequence of
     them: `fleet[0]`, `fleet["vehicle-1"]`, `first, second = fleet`.
 
     Where time is ordered it passes for all, in `step`, `until` and `fly` of the fleet or of one.
     """
+
+    KIND = "fleet"
 
     def __init__(
         self, hosts: Sequence[BuiltIn | FirmwareHost], life: Life, world: BuiltInWorld | None
@@ -28,31 +30,6 @@ class Fleet(Sequence[SimulatedVehicle]):
         self._world, self._life = world, life
         self._hosts = {host.name: host for host in hosts}
         self._vehicles = {name: SimulatedVehicle(host, life) for name, host in self._hosts.items()}
-
-    def __enter__(self) -> Self:
-        """Open the links.
-
-        Raises:
-            LinkLostError: one cannot be opened.
-            InputError: they were opened before.
-        """
-        self._life.open()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        """Close links and clients, and complete the logs.
-
-        Raises:
-            FlightError: an aircraft had left the range of its physics.
-        """
-        if self._life.here:
-            for vehicle in self:
-                vehicle.let_go()
-            try:
-                self._life.close()
-            finally:
-                for vehicle in self:
-                    vehicle.complete()
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -71,10 +48,11 @@ class Fleet(Sequence[SimulatedVehicle]):
     def __getitem__(
         self, key: SupportsIndex | str | slice
     ) -> SimulatedVehicle | list[SimulatedVehicle]:
-        return self._vehicles[self._named(key)] if isinstance(key, str) else [*self._all()][key]
-
-    def _all(self) -> list[SimulatedVehicle]:
-        return list(self._vehicles.values())
+        return (
+            self._vehicles[self._named(key)]
+            if isinstance(key, str)
+            else [*self._vehicles.values()][key]
+        )
 
     def _named(self, key: object) -> str:
         if isinstance(key, int) and not isinstance(key, bool) and -len(self) <= key < len(self):
@@ -93,29 +71,11 @@ class Fleet(Sequence[SimulatedVehicle]):
         """Let simulated time pass for all; arguments and errors are those of a vehicle's `step`."""
         self[0].step(seconds)
 
-    def until(self, met: Callable[[Self], object], *, timeout_s: float = 60.0) -> None:
-        """Let simulated time pass until `met(fleet)` is true; it is asked each 0.1 s.
-
-        Raises:
-            NotInTimeError: `timeout_s` of simulated time were not enough.
-            InputError: `met` is no function, or `timeout_s` no time.
-            FlightError: an aircraft left the range of its physics.
-        """
-        if not callable(met) or not is_time(timeout_s):
-            raise InputError(
-                f"until({met!r}, timeout_s={timeout_s!r}): a function of the fleet, and "
-                "simulated seconds, less than a million"
-            )
-        __tracebackhide__ = True  # from pytest, where `met` raises
-        began_s = self.t_s
-        while not met(self):
-            if self.t_s - began_s >= timeout_s:
-                where = "; ".join(
-                    f"{name} in mode {each.mode} at height {each.height_m:.1f} m"
-                    for name, each in self._vehicles.items()
-                )
-                raise NotInTimeError(f"not within {timeout_s:g} s of simulated time: {where}")
-            self.step(LOOK_S)
+    def _where(self) -> str:
+        return ": " + "; ".join(
+            f"{name} in mode {each.mode} at height {each.height_m:.1f} m"
+            for name, each in self._vehicles.items()
+        )
 
     def fly(
         self,

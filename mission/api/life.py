@@ -1,13 +1,17 @@
-"""The thread of simulated vehicles."""
+"""The thread of simulated vehicles, and what one of them and several do in it alike."""
 
 import asyncio
 import os
 import threading
-from collections.abc import Callable, Coroutine
-from contextlib import AbstractAsyncContextManager
-from typing import Any, TypeVar
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Coroutine, Sequence
+from contextlib import AbstractAsyncContextManager, ExitStack
+from numbers import Real
+from typing import Any, ClassVar, Self, TypeVar
 
-from mission.base.errors import InputError
+from mission.base.errors import AerofedError, InputError
+from mission.flight.serve.hosted_firmware import FirmwareHost
+from mission.flight.serve.hosts import LOOK_S, BuiltIn
 
 T = TypeVar("T")
 
@@ -15,8 +19,13 @@ T = TypeVar("T")
 class Life:
     """The thread in which vehicles of one clock live, from `open` to `close`."""
 
-    def __init__(self, alive: Callable[[], AbstractAsyncContextManager[None]]) -> None:
-        self._alive = alive
+    def __init__(
+        self,
+        hosts: Sequence[BuiltIn | FirmwareHost],
+        alive: Callable[[], AbstractAsyncContextManager[None]],
+    ) -> None:
+        self._hosts, self._alive = hosts, alive
+        self.clients = ExitStack()
         self._pid = 0  # of the process that opened it
 
     def open(self) -> None:
@@ -46,7 +55,8 @@ class Life:
         return os.getpid() == self._pid and not self._loop.is_closed()
 
     def close(self, *, cancel: bool = False) -> None:
-        """Let the vehicle's life come to its end, or cancel it, and with it its thread."""
+        """Close the clients, let the vehicles' life come to its end, or cancel it, and with it its
+        thread, and complete the logs."""
 
         async def end() -> None:
             self._ended.set()
@@ -56,12 +66,16 @@ class Life:
             else:
                 await self._life
 
+        self.clients.close()
         try:
             self._in_thread(end())
         finally:
             self._loop.call_soon_threadsafe(self._loop.stop)
             self._thread.join()
             self._loop.close()
+            for host in self._hosts:
+                if host.logs is not None:
+                    host.logs.close()
 
     async def _live(self, opened: "asyncio.Future[None]") -> None:
         async with self._alive():
@@ -123,3 +137,71 @@ class Life:
 
 async def _result(future: "asyncio.Future[T]") -> T:
     return await future
+
+
+class NotInTimeError(AerofedError, TimeoutError):
+    """A condition was not met within the simulated time that it was given."""
+
+
+class Simulated(ABC):
+    """A vehicle or a fleet, as a context manager."""
+
+    KIND: ClassVar[str]
+    _life: Life
+
+    def __enter__(self) -> Self:
+        """Open the links.
+
+        Raises:
+            LinkLostError: one cannot be opened.
+            InputError: they were opened before.
+        """
+        self._life.open()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Close links and clients, and complete the logs; nothing in a process that was forked.
+
+        Raises:
+            FlightError: an aircraft had left the range of its physics.
+        """
+        if self._life.here:
+            self._life.close()
+
+    @property
+    @abstractmethod
+    def t_s(self) -> float:
+        """Simulated seconds since all were switched on."""
+
+    @abstractmethod
+    def step(self, seconds: float) -> None:
+        """Let simulated time pass for all."""
+
+    @abstractmethod
+    def _where(self) -> str:
+        """Where all are, for an error's text."""
+
+    def until(self, met: Callable[[Self], object], *, timeout_s: float = 60.0) -> None:
+        """Let simulated time pass until `met` of this is true; it is asked each 0.1 s.
+
+        Raises:
+            NotInTimeError: `timeout_s` of simulated time were not enough.
+            InputError: `met` is no function, or `timeout_s` no time.
+            FlightError: an aircraft left the range of its physics.
+        """
+        if not callable(met) or not is_time(timeout_s):
+            raise InputError(
+                f"until({met!r}, timeout_s={timeout_s!r}): a function of the {self.KIND}, and "
+                "simulated seconds, less than a million"
+            )
+        __tracebackhide__ = True  # from pytest, where `met` raises
+        began_s = self.t_s
+        while not met(self):
+            if self.t_s - began_s >= timeout_s:
+                raise NotInTimeError(f"not within {timeout_s:g} s of simulated time{self._where()}")
+            self.step(LOOK_S)
+
+
+def is_time(seconds: Any) -> bool:
+    number = isinstance(seconds, Real) and not isinstance(seconds, bool)
+    return number and bool(0 <= seconds < 1e6)

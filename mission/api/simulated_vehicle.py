@@ -1,12 +1,11 @@
 """The vehicle of `aerofed.vehicle`: simulated time passes in it as its user says."""
 
 import math
-from collections.abc import AsyncIterator, Callable
-from contextlib import ExitStack, asynccontextmanager, closing
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager, closing
 from dataclasses import replace
-from numbers import Real
 from pathlib import Path
-from typing import Any, Self
+from typing import Any
 
 import pandas as pd
 
@@ -14,21 +13,17 @@ from flightdyn.state import GeodeticPoint
 from mission.api.comparing import compare
 from mission.api.comparison import Comparison
 from mission.api.configuring import as_path
-from mission.api.life import Life
+from mission.api.life import Life, Simulated, is_time
 from mission.base.arrays import Floats
-from mission.base.errors import AerofedError, InputError
+from mission.base.errors import InputError
 from mission.flight.missions.plan_check import CheckedPath, checked_path, placed
 from mission.flight.missions.plan_file import PlanFile, read_plan_file
 from mission.flight.pilot.connection import connect
 from mission.flight.serve.hosted_firmware import FirmwareHost
-from mission.flight.serve.hosts import LOOK_S, BuiltIn, State, enu, pymavlink_client
+from mission.flight.serve.hosts import BuiltIn, State, enu, pymavlink_client
 
 
-class NotInTimeError(AerofedError, TimeoutError):
-    """A condition was not met within the simulated time that it was given."""
-
-
-class SimulatedVehicle:
+class SimulatedVehicle(Simulated):
     """A simulated vehicle, as a context manager; inside, it is to be used from one thread.
 
     It is heard and answered at `url` at any time. Where its host's time is ordered, simulated time
@@ -37,41 +32,10 @@ class SimulatedVehicle:
     before it. Positions are metres: x east and y north of home, height above home.
     """
 
+    KIND = "vehicle"
+
     def __init__(self, host: BuiltIn | FirmwareHost, life: Life) -> None:
         self._host, self._life = host, life
-        self._clients = ExitStack()
-
-    def __enter__(self) -> Self:
-        """Open the links.
-
-        Raises:
-            LinkLostError: one cannot be opened.
-            InputError: it was opened before.
-        """
-        self._life.open()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        """Close links and clients, and complete the log; nothing in a process that was forked.
-
-        Raises:
-            FlightError: the aircraft had left the range of its physics.
-        """
-        if self._life.here:
-            self.let_go()
-            try:
-                self._life.close()
-            finally:
-                self.complete()
-
-    def let_go(self) -> None:
-        """Close its clients."""
-        self._clients.close()
-
-    def complete(self) -> None:
-        """Complete the log."""
-        if self._host.logs is not None:
-            self._host.logs.close()
 
     @property
     def url(self) -> str:
@@ -134,30 +98,12 @@ class SimulatedVehicle:
             raise InputError("step: time passes by itself here; it waits with pace='steps' only")
         self._life.do(lambda: self._host.run_for(float(seconds)))
 
-    def until(self, met: Callable[[Self], object], *, timeout_s: float = 60.0) -> None:
-        """Let simulated time pass until `met(vehicle)` is true; it is asked each 0.1 s.
-
-        Raises:
-            NotInTimeError: `timeout_s` of simulated time were not enough.
-            InputError: `met` is no function, or `timeout_s` no time.
-            FlightError: the aircraft left the range of its physics.
-        """
-        if not callable(met) or not is_time(timeout_s):
-            raise InputError(
-                f"until({met!r}, timeout_s={timeout_s!r}): a function of the vehicle, and "
-                "simulated seconds, less than a million"
-            )
-        __tracebackhide__ = True  # from pytest, where `met` raises
-        began_s = self.t_s
-        while not met(self):
-            if self.t_s - began_s >= timeout_s:
-                x, y, height = self.position_m
-                raise NotInTimeError(
-                    f"not within {timeout_s:g} s of simulated time; the vehicle is in mode "
-                    f"{self.mode}, {'armed' if self.armed else 'disarmed'}, at x = {x:.1f} m, "
-                    f"y = {y:.1f} m, height {height:.1f} m"
-                )
-            self.step(LOOK_S)
+    def _where(self) -> str:
+        x, y, height = self.position_m
+        return (
+            f"; the vehicle is in mode {self.mode}, {'armed' if self.armed else 'disarmed'}, at "
+            f"x = {x:.1f} m, y = {y:.1f} m, height {height:.1f} m"
+        )
 
     def fly(self, plan: Path | str) -> None:
         """Fly a plan file from the ground to the ground, by MAVSDK, as `aerofed fly` does.
@@ -202,7 +148,7 @@ class SimulatedVehicle:
             LinkLostError: it does not answer.
         """
         self._life.check_open()
-        return self._clients.enter_context(closing(pymavlink_client(self.url)))
+        return self._life.clients.enter_context(closing(pymavlink_client(self.url)))
 
     @asynccontextmanager
     async def mavsdk(self) -> AsyncIterator[Any]:
@@ -244,8 +190,3 @@ class SimulatedVehicle:
                 "no flight is logged: a log goes from arming to disarming, and needs logs=FOLDER"
             )
         return logs[-1]
-
-
-def is_time(seconds: Any) -> bool:
-    number = isinstance(seconds, Real) and not isinstance(seconds, bool)
-    return number and bool(0 <= seconds < 1e6)

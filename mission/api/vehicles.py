@@ -146,12 +146,12 @@ def _made(
             resolved, count=count, each=own, udp=(), logs=folder, in_step=pace == "steps"
         )
         world = BuiltInWorld(made, speed=speed, runs=runs)
-        return Fleet(world.hosts, Life(world.alive), world)
+        return Fleet(world.hosts, Life(world.hosts, world.alive), world)
     names = names_of(count)
     if len(names) > 1:
         raise InputError(f"count = {len(names)}: a firmware flies one vehicle")
     host = FirmwareHost(own.get(names[0], resolved), logs=folder, speed=speed, runs=runs)
-    return Fleet([host], Life(host.alive), None)
+    return Fleet([host], Life([host], host.alive), None)
 
 
 def checked_keys(name: str, keys: object) -> Mapping[str, object]:
