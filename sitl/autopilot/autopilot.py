@@ -108,25 +108,25 @@ class Autopilot:
             self._outbox,
             report,
             {
-                **self._flight_commands.commands(),
-                **self._streams.commands(),
-                **self._orbits.commands(),
-                **Injector(aircraft, parameters, monitor=self.monitor).commands(),
-                **parameter_server.commands(),
+                **self._flight_commands.commands,
+                **self._streams.commands,
+                **self._orbits.commands,
+                **Injector(aircraft, parameters, monitor=self.monitor).commands,
+                **parameter_server.commands,
                 mav.MAV_CMD_DO_FENCE_ENABLE: self._enable_fence,
                 mav.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN: self._order_reboot,
             },
         )
         self._handlers: Handlers = {
-            **self.commands.handlers(),
-            **self.transfer.handlers(),
-            **parameter_server.handlers(),
-            **log_server.handlers(),
-            **ftp_server.handlers(),
-            **self._offboard.handlers(),
-            **self._sticks.handlers(),
-            **follower.handlers(),
-            **NoPayload(self._outbox, report).handlers(),
+            **self.commands.handlers,
+            **self.transfer.handlers,
+            **parameter_server.handlers,
+            **log_server.handlers,
+            **ftp_server.handlers,
+            **self._offboard.handlers,
+            **self._sticks.handlers,
+            **follower.handlers,
+            **NoPayload(self._outbox, report).handlers,
             mav.MAVLink_mission_set_current_message: self._set_current,
             mav.MAVLink_set_mode_message: self._set_mode,
             mav.MAVLink_ping_message: self._pong,
@@ -197,14 +197,14 @@ class Autopilot:
                 failed = partial(self._not_handled, peer, message)
                 with self._report.contain(message.get_type(), failed):
                     handler(peer, message, now)
-                    if self._orders is not None and type(message) in self._offboard.handlers():
+                    if self._orders is not None and type(message) in self._offboard.handlers:
                         self._orders.heard(self._aircraft.t_ns, message)
 
     def _not_handled(self, peer: Peer, message: mav.MAVLink_message) -> None:
         """Answer what was asked by a message whose handling failed."""
-        if type(message) in self.transfer.handlers():
+        if type(message) in self.transfer.handlers:
             self.transfer.give_up(peer, message)
-        elif type(message) in self.commands.handlers():
+        elif type(message) in self.commands.handlers:
             self.commands.give_up(peer, message)
 
     def greet(self) -> None:

@@ -65,10 +65,7 @@ class Injector:
         self._aircraft = aircraft
         self._parameters = parameters
         self._monitor = monitor
-
-    def commands(self) -> Commands:
-        """The handler of each MAV_CMD that is carried out."""
-        return {mav.MAV_CMD_INJECT_FAILURE: self._command}
+        self.commands: Commands = {mav.MAV_CMD_INJECT_FAILURE: self._command}
 
     def _command(self, order: CommandOrder) -> None:
         """Begin a failure, or with the type OK end those of the unit."""

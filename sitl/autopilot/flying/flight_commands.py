@@ -53,11 +53,7 @@ class FlightCommands:
         self._aircraft = aircraft
         self._flight = flight
         self._pilots = pilots
-
-    def commands(self) -> Commands:
-        """The handler of each MAV_CMD that is carried out."""
-        flight = self._flight
-        return {
+        self.commands: Commands = {
             mav.MAV_CMD_COMPONENT_ARM_DISARM: self._arm,
             mav.MAV_CMD_NAV_TAKEOFF: self._take_off,
             mav.MAV_CMD_NAV_LAND: self._land,
@@ -66,7 +62,7 @@ class FlightCommands:
             mav.MAV_CMD_DO_REPOSITION: self._reposition,
             mav.MAV_CMD_DO_CHANGE_ALTITUDE: self._change_altitude,
             mav.MAV_CMD_DO_SET_ROI_LOCATION: self._look_at,
-            mav.MAV_CMD_DO_SET_ROI_NONE: lambda _: self._aircraft.look_at(None),
+            mav.MAV_CMD_DO_SET_ROI_NONE: lambda _: aircraft.look_at(None),
             mav.MAV_CMD_DO_SET_ROI: self._look_at_or_ahead,
             mav.MAV_CMD_DO_CHANGE_SPEED: self._change_speed,
             mav.MAV_CMD_CONDITION_YAW: lambda order: demand(flight.turn(order.params)),
@@ -245,15 +241,12 @@ class Orbits:
         self._aircraft = aircraft
         self._flight = flight
         self._orbit: Orbit | None = None
+        self.commands: Commands = {mav.MAV_CMD_DO_ORBIT: self._command}
 
     @property
     def current(self) -> Orbit | None:
         """The circle being flown, or None."""
         return self._orbit if self._flight.mode is Mode.ORBIT else None
-
-    def commands(self) -> Commands:
-        """The handler of each MAV_CMD that is carried out."""
-        return {mav.MAV_CMD_DO_ORBIT: self._command}
 
     def _command(self, order: CommandOrder) -> None:
         orbit, flight = self._asked(order), self._flight

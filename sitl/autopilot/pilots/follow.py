@@ -29,10 +29,7 @@ class Follower:
         self._pos: Triple = (0.0, 0.0, 0.0)
         self._vel: Triple = (0.0, 0.0, 0.0)
         self._course_rad = 0.0
-
-    def handlers(self) -> Handlers:
-        """The handler of each message class that is taken."""
-        return {mav.MAVLink_follow_target_message: self._receive}
+        self.handlers: Handlers = {mav.MAVLink_follow_target_message: self._receive}
 
     def _receive(self, _peer: Peer, msg: mav.MAVLink_follow_target_message, _now: float) -> None:
         """Take a position of the target; an impossible one is dropped."""

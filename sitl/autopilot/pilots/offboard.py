@@ -48,10 +48,7 @@ class Offboard(StreamPilot):
         self._order: Target | AttitudeOrder = Target()
         self._complaint = ""
         self._flight.needs[Need.SETPOINTS] = self._flyable
-
-    def handlers(self) -> Handlers:
-        """The handler of each message class that is taken."""
-        return {
+        self.handlers: Handlers = {
             _LocalTarget: self._receive,
             _GlobalTarget: self._receive,
             _AttitudeTarget: self._receive,

@@ -50,10 +50,7 @@ class Sticks(StreamPilot):
         self._channels_us = [0] * 4  # 0: channel not overridden
         self._yaw_rad = 0.0  # heading ordered
         self._flight.needs[Need.STICKS] = lambda: self._alive
-
-    def handlers(self) -> Handlers:
-        """The handler of each message class that is taken."""
-        return {
+        self.handlers: Handlers = {
             mav.MAVLink_manual_control_message: self._manual_control,
             mav.MAVLink_rc_channels_override_message: self._override,
         }

@@ -96,18 +96,15 @@ class CommandServer:
         self._report = reporter
         self._last: dict[Peer, _Done] = {}  # who was silent for longest first
         self._commands = commands
+        self.handlers: Handlers = {
+            mav.MAVLink_command_long_message: self._receive,
+            mav.MAVLink_command_int_message: self._receive,
+        }
 
     @property
     def known(self) -> frozenset[int]:
         """The commands that are not answered UNSUPPORTED."""
         return frozenset(self._commands)
-
-    def handlers(self) -> Handlers:
-        """The handler of each message class that is taken."""
-        return {
-            mav.MAVLink_command_long_message: self._receive,
-            mav.MAVLink_command_int_message: self._receive,
-        }
 
     def give_up(self, peer: Peer, msg: Any) -> None:
         """Answer FAILED to a command whose handling raised an error."""
@@ -165,10 +162,7 @@ class NoPayload:
         self._outbox = outbox
         self._report = reporter
         self._said: set[str] = set()
-
-    def handlers(self) -> Handlers:
-        """The handler of each message class that is taken."""
-        return dict.fromkeys(_DROPPED, self._drop) | {
+        self.handlers: Handlers = dict.fromkeys(_DROPPED, self._drop) | {
             mav.MAVLink_serial_control_message: self._shell,
             mav.MAVLink_param_ext_set_message: self._refuse_parameter,
         }

@@ -84,10 +84,7 @@ class FtpServer:
             mav.MAV_FTP_OPCODE_READFILE: self._read,
             **dict.fromkeys(_PROTECTED, _protected),
         }
-
-    def handlers(self) -> Handlers:
-        """The handler of each message class that is taken."""
-        return {mav.MAVLink_file_transfer_protocol_message: self._receive}
+        self.handlers: Handlers = {mav.MAVLink_file_transfer_protocol_message: self._receive}
 
     def _receive(
         self, peer: Peer, msg: mav.MAVLink_file_transfer_protocol_message, now: float

@@ -25,10 +25,7 @@ class LogServer:
         self._armed = armed
         self._logs: Sequence[LogFile] = ()  # as listed last: numbers stay what they were
         self.burst = Burst(outbox, at_once=_AT_ONCE, every_s=0.005)
-
-    def handlers(self) -> Handlers:
-        """The handler of each message class that is taken."""
-        return {
+        self.handlers: Handlers = {
             mav.MAVLink_log_request_list_message: self._list,
             mav.MAVLink_log_request_data_message: self._begin,
             mav.MAVLink_log_request_end_message: self._end,

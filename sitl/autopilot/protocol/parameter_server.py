@@ -36,18 +36,12 @@ class ParameterServer:
         self._parameters = parameters
         self._file = file
         self.burst = Burst(outbox, at_once=20, every_s=0.01)
-
-    def handlers(self) -> Handlers:
-        """The handler of each message class that is taken."""
-        return {
+        self.handlers: Handlers = {
             mav.MAVLink_param_request_list_message: self._list,
             mav.MAVLink_param_request_read_message: self._read,
             mav.MAVLink_param_set_message: self._set,
         }
-
-    def commands(self) -> Commands:
-        """The handler of each MAV_CMD that is carried out."""
-        return {mav.MAV_CMD_PREFLIGHT_STORAGE: self._store}
+        self.commands: Commands = {mav.MAV_CMD_PREFLIGHT_STORAGE: self._store}
 
     def _store(self, order: CommandOrder) -> None:
         what = order.params[0]

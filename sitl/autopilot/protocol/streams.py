@@ -57,11 +57,8 @@ class Streams:
         self._interval_s = {kind: 1.0 / rate for kind, rate in rates_hz.items()}
         self._next = dict.fromkeys(self._interval_s, 0.0)
         self._asked: set[int] = set()  # to be sent once
-
-    def commands(self) -> Commands:
-        """The handler of each MAV_CMD that is carried out."""
         home, version = mav.MAVLINK_MSG_ID_HOME_POSITION, mav.MAVLINK_MSG_ID_AUTOPILOT_VERSION
-        return {
+        self.commands: Commands = {
             mav.MAV_CMD_GET_HOME_POSITION: lambda _: self._asked.add(home),
             mav.MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES: lambda order: self._asked.update(
                 () if order.params[0] == 0.0 else (version,)

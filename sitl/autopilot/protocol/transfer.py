@@ -83,15 +83,7 @@ class MissionTransfer:
         self._downloads: dict[tuple[Peer, int], _Download] = {}
         self._completed: _Upload | None = None
         self._repeated: dict[Peer, _Repeated] = {}  # the newest answer to each, on a bad link
-
-    def restore(self, lists: Lists) -> None:
-        """Take lists that were accepted before."""
-        for kind, items in lists.items():
-            self._take(kind, items)
-
-    def handlers(self) -> Handlers:
-        """The handler of each message class; one about an unknown list is refused."""
-        handlers: Handlers = {
+        self._by_type: Handlers = {
             mav.MAVLink_mission_count_message: self._count,
             mav.MAVLink_mission_item_message: self._item,
             mav.MAVLink_mission_item_int_message: self._item,
@@ -103,17 +95,22 @@ class MissionTransfer:
             mav.MAVLink_mission_request_partial_list_message: self._refuse_partial,
             mav.MAVLink_mission_write_partial_list_message: self._refuse_partial,
         }
+        self.handlers: Handlers = dict.fromkeys(self._by_type, self._handle)
 
-        def handle(peer: Peer, msg: Any, now: float) -> None:
-            # Whatever the peer waits for now, it is not the answer before.
-            self._repeated.pop(peer, None)
-            cleared = isinstance(msg, mav.MAVLink_mission_clear_all_message)
-            if msg.mission_type in self.lists or (cleared and msg.mission_type == ALL):
-                handlers[type(msg)](peer, msg, now)
-            elif not isinstance(msg, mav.MAVLink_mission_ack_message):
-                self._ack(peer, msg.mission_type, mav.MAV_MISSION_UNSUPPORTED)
+    def restore(self, lists: Lists) -> None:
+        """Take lists that were accepted before."""
+        for kind, items in lists.items():
+            self._take(kind, items)
 
-        return dict.fromkeys(handlers, handle)
+    def _handle(self, peer: Peer, msg: Any, now: float) -> None:
+        """Handle a message; one about an unknown list is refused."""
+        # Whatever the peer waits for now, it is not the answer before.
+        self._repeated.pop(peer, None)
+        cleared = isinstance(msg, mav.MAVLink_mission_clear_all_message)
+        if msg.mission_type in self.lists or (cleared and msg.mission_type == ALL):
+            self._by_type[type(msg)](peer, msg, now)
+        elif not isinstance(msg, mav.MAVLink_mission_ack_message):
+            self._ack(peer, msg.mission_type, mav.MAV_MISSION_UNSUPPORTED)
 
     def give_up(self, peer: Peer, msg: Any) -> None:
         """End the upload of a peer whose `msg` could not be handled, and answer with an error."""

@@ -82,7 +82,7 @@ class Vehicle:
         self.transfer = MissionTransfer(
             self.outbox, reporter, check=lambda item: check_item(item)[0], store=self.store
         )
-        self._handlers = self.transfer.handlers()
+        self._handlers = self.transfer.handlers
 
     def store(self, kind: int, items: tuple[MissionItem, ...]) -> int:
         if self.verdict == ACCEPTED:

@@ -142,7 +142,7 @@ def test_a_parameter_is_the_number_that_was_meant_or_stays(kind: int, data: byte
     parameters = Parameters()
     outbox: list[Any] = []
     server = ParameterServer(outbox, parameters, None)
-    handle = server.handlers()[mav.MAVLink_param_set_message]
+    handle = server.handlers[mav.MAVLink_param_set_message]
     value = in_the_field(data)
     handle(Peer(255, 190), mav.MAVLink_param_set_message(1, 1, b"GF_ACTION", value, kind), 0.0)
     meant = None
