@@ -3,7 +3,7 @@
 import asyncio
 import math
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import AsyncExitStack
 from types import MappingProxyType
 from typing import Literal, Self, TypeAlias
@@ -36,16 +36,16 @@ class Simulation:
         flown: Vehicle | Mapping[str, tuple[Vehicle, Sequence[Link]]],
         *links: Link,
         beside: Mapping[str, Flown] = MappingProxyType({}),
-        speed: float = math.inf,
+        speed: float | Callable[[], float] = math.inf,
         runs: Runs = "moving",
     ) -> None:
         """`flown`: a vehicle with its `links`, or several by name, each with its own; `beside`:
-        what else is in their world, before them.
+        what else is in their world, before them; `speed`: a number, or what gives it.
 
         Raises:
             InputError: two stand so near to each other that they touch.
         """
-        if not speed > 0:
+        if not callable(speed) and not speed > 0:
             raise ValueError(f"speed = {speed}: must be positive")
         if not isinstance(flown, Mapping):
             flown = {"vehicle": (flown, links)}
@@ -55,7 +55,7 @@ class Simulation:
         self.piloted: set[Vehicle] = set()  # ordered time stands still while one does not move
         outside = not all(isinstance(link, RawLink) for link in self._links)
         self._most_ns = _OUTSIDE_NS if outside else math.inf
-        self._speed = speed
+        self._pace = speed if callable(speed) else lambda: speed
         self.runs: Runs = runs
         self._ordered_ns: float = self.world.t_ns
         self._wake = asyncio.Event()
@@ -84,6 +84,10 @@ class Simulation:
     def go_on(self) -> None:
         """Let simulated time run from now on."""
         self.runs = "always"
+        self.wake()
+
+    def wake(self) -> None:
+        """Look at once whether time is to run."""
         self._wake.set()
 
     async def run_to(self, t_ns: float) -> None:
@@ -160,14 +164,14 @@ class Simulation:
 
     async def _advance(self) -> None:
         """Run a stretch of simulated time, then pause as the pace asks."""
-        began = time.monotonic()
-        if math.isinf(self._speed):
+        began, speed = time.monotonic(), self._pace()
+        if math.isinf(speed):
             self._run_until(began + _FLAT_OUT_S)
             await asyncio.sleep(_BREATH_S if self._goes_on else 0.0)
         else:
             # No more than until telemetry is due. A machine that falls behind does not rush later.
-            sim_s = self._run_for(min(_STRETCH_S, self._due() - began) * self._speed)
-            self._on_time = max(self._on_time, began - _STRETCH_S) + sim_s / self._speed
+            sim_s = self._run_for(min(_STRETCH_S, self._due() - began) * speed)
+            self._on_time = max(self._on_time, began - _STRETCH_S) + sim_s / speed
             await asyncio.sleep(max(0.0, self._on_time - time.monotonic()))
 
     def _run_until(self, wall_s: float) -> None:

@@ -69,7 +69,8 @@ class RunFolder:
         """Context manager: make the folder, or take one that is empty or `stillborn`, and keep
         others out of it while the block runs.
 
-        Where the block fails and left nothing in it, the lock goes, and a folder that is new.
+        The lock goes at its end, unless it is beside a checkpoint. Where the block fails it goes
+        only if nothing else was left, as does a folder that is new.
 
         Raises:
             InputError: see `check` and `lock`.
@@ -83,6 +84,8 @@ class RunFolder:
                 if set(self.path.rglob("*")) == {self.checkpoint, self.checkpoint / _LOCK}:
                     shutil.rmtree(self.checkpoint, ignore_errors=True)
                 raise
+            if list(self.checkpoint.iterdir()) == [self.checkpoint / _LOCK]:
+                shutil.rmtree(self.checkpoint, ignore_errors=True)
 
     def check(self) -> None:
         """Refuse a folder that is used or no folder, without making anything.

@@ -32,7 +32,11 @@ _OF_ONE: tuple[tuple[str, tuple[object, ...], str], ...] = (
         ("barycenter", "rectangular"),
         "cov, no_cov, ideal, or one of your own (in a sweep: --strategies cov,no_cov,ideal)",
     ),
-    ("link.kind", ("udp", "external"), "'in_process'"),
+    (
+        "link.kind",
+        ("udp", "external"),
+        "'in_process', which flies our own autopilot, and PX4 and ArduPilot (vehicle.autopilot)",
+    ),
 )
 
 
@@ -288,13 +292,11 @@ class RunConfig(Table):
 
     @model_validator(mode="after")
     def _one_flyer(self) -> Self:
-        other = (
-            "link.kind = 'external'"
-            if self.link.kind == "external"
-            else f"vehicle.autopilot = '{self.vehicle.autopilot}'"
-            if self.vehicle.autopilot != "built-in"
-            else None
-        )
+        flown = [self.vehicle.autopilot, *(one.vehicle.autopilot for one in self.aircraft)]
+        firmware = next((name for name in flown if name != "built-in"), None)
+        other = None if firmware is None else f"vehicle.autopilot = {firmware!r}"
+        if self.link.kind == "external":
+            other = "link.kind = 'external'"
         if self.mission.flight == "none" and other is not None:
             raise ValueError(f"mission.flight = 'none' flies nothing, and so needs no {other}")
         autopilot = self.vehicle.autopilot

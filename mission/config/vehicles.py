@@ -15,6 +15,8 @@ MOST = 20
 NEAREST_M = 1.0  # between homes: nearer aircraft touch
 LAST_ID = 250
 
+_OF_AUTOPILOT = "firmware", "parameters", "parameter_file"
+
 LOWEST_M, HIGHEST_M = 10.0, 500.0
 Altitude = Annotated[float, Field(ge=LOWEST_M, le=HIGHEST_M)]
 Place: TypeAlias = tuple[Coordinate, Coordinate]
@@ -128,10 +130,11 @@ def unable(aircraft: Sequence[Aircraft]) -> Iterator[str]:
     if len({one.vehicle.aircraft.wind.model_dump_json() for one in aircraft}) > 1:
         yield "vehicles: the wind is of the place, the same for all: vehicle.aircraft.wind has it"
     for one in aircraft:
-        if (autopilot := one.vehicle.autopilot) != "built-in":
+        if (autopilot := one.vehicle.autopilot) != "built-in" and one.vehicle.traffic != "off":
             yield (
-                f"vehicles: {one.name} has autopilot = {autopilot!r}, a firmware, which flies one "
-                "aircraft alone: several are flown by the built-in autopilot"
+                f"vehicles: {one.name} has traffic = {one.vehicle.traffic!r} and autopilot = "
+                f"{autopilot!r}, a firmware, which cannot be told of others: give it traffic = "
+                "'off'"
             )
         if one.vehicle.parameter_file is not None:
             yield (
@@ -143,10 +146,18 @@ def unable(aircraft: Sequence[Aircraft]) -> Iterator[str]:
 
 
 def shared_with(vehicles: object, vehicle: dict[str, Any]) -> object:
-    """The tables of `vehicles`, as a file has them, with what `vehicle` has beneath them."""
+    """The tables of `vehicles`, as a file has them, with what `vehicle` has beneath them; what is
+    of an autopilot, where they have that."""
     if not isinstance(vehicles, list):
         return vehicles
-    return [_over(vehicle, one) if isinstance(one, dict) else one for one in vehicles]
+    shared = {key: value for key, value in vehicle.items() if key not in _OF_AUTOPILOT}
+    all_have = vehicle.get("autopilot", "built-in")
+    return [
+        _over(vehicle if one.get("autopilot", all_have) == all_have else shared, one)
+        if isinstance(one, dict)
+        else one
+        for one in vehicles
+    ]
 
 
 def _over(beneath: dict[str, Any], table: dict[str, Any]) -> dict[str, Any]:

@@ -85,7 +85,8 @@ def told(
             if separation_m is not None and near < separation_m
             else ""
         )
-        since_s = least.flown.t_s - int(outings[0].flight.t_ns[0]) / NS_PER_S
+        begun_s = min(int(one.flight.t_ns[0]) for one in outings) / NS_PER_S
+        since_s = least.flown.t_s - begun_s
         yield (
             f"  closest: {'-'.join(least.names)} {near:.1f} m (planned {least.planned.away_m:.1f}) "
             f"at {since_s:.1f} s{broken}"

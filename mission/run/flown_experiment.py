@@ -14,7 +14,7 @@ from fl.radio.learned import Heard
 from mission.base.arrays import Bools, Floats
 from mission.base.errors import FlightError, LinkLostError
 from mission.base.interrupts import BACKGROUND, in_background
-from mission.flight.flyers.base import CHARGED, Attached, Fleet, Flyer
+from mission.flight.flyers.base import CHARGED, Fleet, Flyer
 from mission.flight.missions.geofence import airspace_rings, fence_items
 from mission.flight.missions.round_mission import FlightPlan
 from mission.flight.track import FlownTrack
@@ -52,10 +52,8 @@ class FlownExperiment(Experiment):
         self._trainer = ThreadPoolExecutor(1, thread_name_prefix=BACKGROUND)
 
     async def _run(self) -> None:
-        run, recorder = self.recorder.run, self.recorder
-        attached = [Attached((log,), run.folder.path, recorder.notice) for log in recorder.logs]
         try:
-            async with run.backend.fleet(attached) as fleet:
+            async with self.recorder.run.backend.fleet(self.recorder.attached()) as fleet:
                 try:
                     await self._rounds(fleet)
                 finally:

@@ -3,12 +3,13 @@
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
+from functools import partial
 
 from fl.federation.rounds import RoundLearning
 from fl.federation.state import FederationState
 from mission.base.console import RunConsole, Stopwatch
 from mission.base.run_folder import RunFolder, library_versions
-from mission.flight.flyers.base import Backend
+from mission.flight.flyers.base import Attached, Backend
 from mission.flight.missions.plan_file import write_round_plan
 from mission.log.live import LiveView
 from mission.log.records import (
@@ -59,6 +60,18 @@ class FolderRecorder:
     # Up to the end of the last round: simulated seconds, and wall seconds spent on flying them.
     _flown_s: float = field(default=0.0, init=False)
     _wall_s: float = field(default=0.0, init=False)
+
+    def attached(self) -> list[Attached]:
+        """Log, folder and messages of each aircraft."""
+        if len(self.logs) == 1:
+            return [Attached(self.logs, self.run.folder.path, self.notice)]
+        return [
+            Attached((log,), self.run.folder.of_vehicle(name).path, partial(self._said_by, name))
+            for name, log in zip(self.run.scenario.aircraft, self.logs, strict=True)
+        ]
+
+    def _said_by(self, name: str, text: str) -> None:
+        self.notice(f"{name}: {text}")
 
     def planned(self, t_ns: int, round_number: int, one: Outing) -> None:
         """Log a plan of an aircraft before it is flown, and write it as a plan file."""

@@ -22,7 +22,7 @@ _BATTERY_EVERY = 5  # guidance intervals
 _PAUSE_S = 0.25  # wall time that an ordered pace may run ahead by
 _MOST = 1000  # ticks at once, where there is no pace to keep
 _AHEAD_NS = 500_000_000  # of the newest telemetry that was heard: five of its intervals
-_LISTEN_S = 0.001  # wall time between looks whether it was
+LISTEN_S = 0.001  # wall time between looks whether it was
 
 
 class TruthHistory:
@@ -87,51 +87,18 @@ class TruthHistory:
         return Moment(kinematics, battery, frozen(nearer[12 : native.TRUTHS]))
 
 
-class FirmwareClock:
-    """Runs an open bridge in a thread of its own, at a given pace, and keeps recent true states.
+class TimeGiven:
+    """What simulated time is given by whoever orders a flight: whether it goes on, up to which
+    instant, and how fast. It stands still unless `run` was called last; any thread may call all."""
 
-    Time stands still unless `run` was called last, or `answers` is set and a station is answered.
-    `cap_at_wall_pace`, `heard` and `truth` may be used at any time from any thread.
-    """
-
-    def __init__(
-        self,
-        bridge: Bridge,
-        *,
-        speed: float,
-        patience_s: float = STALL_S,
-        processor: int | None = None,
-    ) -> None:
-        """`speed` is in simulated seconds per second; infinite: as fast as the firmware asks.
-
-        A firmware that has come and then asks for nothing for `patience_s` of wall time is stuck.
-        The thread keeps to one `processor`, if told.
-        """
-        self.plant: Plant = bridge.plant
-        self._bridge = bridge
-        self._speed, self._patience_s = speed, patience_s
-        self._processor = processor
+    def __init__(self, speed: float = math.inf) -> None:
+        """`speed` is in simulated seconds per second; infinite: as fast as the firmware asks."""
+        self._speed = speed
         self._slow_until = -math.inf  # wall time up to which the pace is that of wall time
         self._heard_ns: int | None = None  # time stamp of the newest telemetry
-        self.truth = TruthHistory(bridge.plant, bridge.truths)
         self._may_run = threading.Event()
-        self._stopped = False
-        self._thread = threading.Thread(target=self._turn, name="firmware clock", daemon=True)
         self._until_ns: float = math.inf
-        self.answers = False  # whether time goes on at wall pace while somebody is answered
         self.error: BaseException | None = None
-
-    def start(self) -> None:
-        """Start the thread; simulated time stands still until `run`."""
-        self._thread.start()
-
-    def stop(self) -> None:
-        """End the thread and close the bridge."""
-        self._stopped = True
-        self._may_run.set()
-        if self._thread.ident is not None:
-            self._thread.join()
-        self._bridge.close()
 
     def run(self, until_ns: float = math.inf) -> None:
         """Let simulated time go on, up to an instant."""
@@ -166,6 +133,63 @@ class FirmwareClock:
         """
         self._heard_ns = max(t_ns, self._heard_ns or 0)
 
+    def pace(self, now_s: float) -> float:
+        """The speed at a wall time."""
+        return self._speed if now_s >= self._slow_until else min(self._speed, 1.0)
+
+    def _ahead(self, t_ns: int) -> bool:
+        """Whether telemetry is to be read before time goes on from an instant."""
+        return self._heard_ns is not None and t_ns > self._heard_ns + _AHEAD_NS
+
+    def _unheard(self, t_ns: int, patience_s: float) -> FirmwareSilentError:
+        return FirmwareSilentError(
+            f"no telemetry for {patience_s:g} s: the newest is of t "
+            f"{(self._heard_ns or 0) / 1e9:.2f} s, and time waits for more at {t_ns / 1e9:.2f} s"
+        )
+
+
+class FirmwareClock(TimeGiven):
+    """Runs an open bridge in a thread of its own, at a given pace, and keeps recent true states.
+
+    Time goes on as it is given, and while `answers` is set and a station is answered. `truth` may
+    be used at any time from any thread.
+    """
+
+    def __init__(
+        self,
+        bridge: Bridge,
+        *,
+        speed: float,
+        patience_s: float = STALL_S,
+        processor: int | None = None,
+    ) -> None:
+        """`speed` as for `TimeGiven`.
+
+        A firmware that has come and then asks for nothing for `patience_s` of wall time is stuck.
+        The thread keeps to one `processor`, if told.
+        """
+        super().__init__(speed)
+        self.plant: Plant = bridge.plant
+        self._bridge = bridge
+        self._patience_s = patience_s
+        self._processor = processor
+        self.truth = TruthHistory(bridge.plant, bridge.truths)
+        self._stopped = False
+        self._thread = threading.Thread(target=self._turn, name="firmware clock", daemon=True)
+        self.answers = False  # whether time goes on at wall pace while somebody is answered
+
+    def start(self) -> None:
+        """Start the thread; simulated time stands still until `run`."""
+        self._thread.start()
+
+    def stop(self) -> None:
+        """End the thread and close the bridge."""
+        self._stopped = True
+        self._may_run.set()
+        if self._thread.ident is not None:
+            self._thread.join()
+        self._bridge.close()
+
     def exchange_battery(self) -> None:
         """Put in a fresh battery, while time stands still."""
         self.plant.exchange_battery()
@@ -189,19 +213,14 @@ class FirmwareClock:
                 bridge.rest()
                 asked_s = paced_s = heard_s = time.monotonic()
                 continue
-            heard_ns = self._heard_ns
-            if heard_ns is not None and plant.t_ns > heard_ns + _AHEAD_NS:
+            if self._ahead(plant.t_ns):
                 if time.monotonic() - heard_s > self._patience_s:
-                    raise FirmwareSilentError(
-                        f"no telemetry for {self._patience_s:g} s: the newest is of t "
-                        f"{heard_ns / 1e9:.2f} s, and time waits for more at "
-                        f"{plant.t_ns / 1e9:.2f} s"
-                    )
-                time.sleep(_LISTEN_S)
+                    raise self._unheard(plant.t_ns, self._patience_s)
+                time.sleep(LISTEN_S)
                 asked_s = time.monotonic()
                 continue
             heard_s = time.monotonic()
-            speed = self._speed if asked_s >= self._slow_until else min(self._speed, 1.0)
+            speed = self.pace(asked_s)
             most = _MOST if math.isinf(speed) else plant.interval
             if not answers and left_ns < most * plant.dt_ns:
                 most = math.ceil(left_ns / plant.dt_ns)

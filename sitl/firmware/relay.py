@@ -196,7 +196,8 @@ class Relay:
             with suppress(BlockingIOError, ConnectionError):
                 self._socket.sendto(data, self._firmware)
 
-    def _from_firmware(self) -> None:
+    def listen(self) -> None:
+        """Take what the firmware has sent."""
         at_once = []
         while True:
             try:
@@ -256,7 +257,7 @@ class Relay:
         loop, due = asyncio.get_running_loop(), 0.0
         while True:
             self.take_orders()
-            self._from_firmware()
+            self.listen()
             now = loop.time()
             answers = now < self._answer_until
             if answers or now >= due:

@@ -5,10 +5,11 @@ import time
 from collections.abc import Callable
 
 from flightdyn.plant import Plant
-from native.errors import FirmwareRestartedError
+from flightdyn.state import Vector
+from native.errors import FirmwareRestartedError, FirmwareSilentError
 from sitl.autopilot.codec.traffic import Transponder
 from sitl.firmware.bridge import STALL_S, Bridge
-from sitl.firmware.clock import TruthHistory
+from sitl.firmware.clock import LISTEN_S, TimeGiven, TruthHistory
 
 _AIRBORNE_M = 0.2  # above home
 
@@ -22,7 +23,6 @@ class Bridged:
 
     waited_for = True
     traffic = "off"  # a firmware cannot be told of others
-    moving = True
 
     def __init__(
         self,
@@ -32,7 +32,7 @@ class Bridged:
         near_m: float,
         say: Callable[[str], None],
     ) -> None:
-        """`number`: of the vehicle, from 1; `bridge` makes one to a firmware that is still to come,
+        """`number`: of the vehicle, from 1; `bridge` opens one to a firmware that is still to come,
         with an aircraft at home.
 
         Raises:
@@ -42,9 +42,10 @@ class Bridged:
         self.near_m = near_m
         self._number, self._make, self._say = number, bridge, say
         self._bridge: Bridge | None = None
-        self._awaited = self._listening()
+        self._awaited = bridge()
         self.plant: Plant = self._awaited.plant
         self.truth = TruthHistory(self.plant, self._awaited.truths)
+        self.began_ns = 0  # time of the world at which that of this firmware began
         self._silent_since: float | None = None  # wall time
 
     @property
@@ -52,10 +53,10 @@ class Bridged:
         """The port on which a firmware is awaited, or is."""
         return (self._bridge or self._awaited).port
 
-    def _listening(self) -> Bridge:
-        bridge = self._make()
-        bridge.open()
-        return bridge
+    @property
+    def moving(self) -> bool:
+        """Whether time is to go on for it."""
+        return True
 
     @property
     def aircraft(self) -> Plant:
@@ -77,6 +78,7 @@ class Bridged:
         if self._bridge is None and self._awaited.called():
             self._awaited.rest()
             if self._awaited.connected:
+                self.began_ns += self.t_ns
                 self.plant = self._awaited.plant
                 self.truth = TruthHistory(self.plant, self._awaited.truths)
                 self._bridge, self._silent_since = self._awaited, None
@@ -108,7 +110,7 @@ class Bridged:
         try:
             done = bridge.run(ticks)
         except FirmwareRestartedError as error:
-            self._leave(str(error))
+            self._leave(error)
             return
         now_s = time.monotonic()
         if done:
@@ -117,16 +119,21 @@ class Bridged:
         elif self._silent_since is None:
             self._silent_since = now_s
         if not done and bridge.deserted():
-            self._leave("its firmware has ended")
+            self._leave(FirmwareRestartedError("its firmware has ended"))
         elif self._silent_since is not None and now_s - self._silent_since > STALL_S:
-            self._leave(f"its firmware has asked for nothing for {STALL_S:g} s")
+            self._leave(
+                FirmwareSilentError(f"its firmware has asked for nothing for {STALL_S:g} s")
+            )
 
-    def _leave(self, why: str) -> None:
+    def _leave(self, why: FirmwareSilentError) -> None:
         """Go on without the firmware, and wait for another one."""
         self._say(f"{why} after {self.t_ns * 1e-9:.1f} s: its motors are off until one comes again")
+        self._stand_alone()
+        self._awaited = self._make()
+
+    def _stand_alone(self) -> None:
         self.close()
         self.plant.vehicle.drive((0.0,) * 4)
-        self._awaited = self._listening()
 
     def close(self) -> None:
         """Stop; may be called twice."""
@@ -150,3 +157,75 @@ class Bridged:
 
     def overhear(self, said: Transponder) -> None:
         """Nothing: a firmware cannot be told of others."""
+
+
+class SharedClock(TimeGiven, Bridged):
+    """The clock of one firmware of several that we started ourselves, which is that of their world.
+
+    Time goes on for all while it is given to one. All are called in one thread. A firmware that
+    has ended is not followed by another one; `error` says how.
+    """
+
+    def __init__(
+        self,
+        bridge: Bridge,
+        listen: Callable[[], None],
+        *,
+        number: int,
+        near_m: float,
+        say: Callable[[str], None],
+    ) -> None:
+        """`bridge` is open; `listen` reads the telemetry that has come."""
+        TimeGiven.__init__(self)
+        Bridged.__init__(self, number, lambda: bridge, near_m=near_m, say=say)
+        self._listen = listen
+        self.fall: list[tuple[int, Vector]] = []  # when and where it was without its firmware
+        self.wake: Callable[[], None] = lambda: None  # of the world, which may be at rest
+
+    def start(self) -> None:
+        """Nothing: the world steps it."""
+
+    def stop(self) -> None:
+        """Close the bridge; may be called twice."""
+        self.close()
+
+    def run(self, until_ns: float = math.inf) -> None:
+        super().run(until_ns)
+        self.wake()
+
+    @property
+    def moving(self) -> bool:
+        return self._may_run.is_set() and self.error is None and self.t_ns < self._until_ns
+
+    def exchange_battery(self) -> None:
+        """Put in a fresh battery."""
+        self.plant.exchange_battery()
+        self.truth.keep_battery(exchanged=True)
+
+    def look(self) -> bool:
+        """Take the firmware when it comes, and what it says while time stands still."""
+        if self.error is not None:
+            return False
+        if self._bridge is not None and self._bridge.called():
+            try:
+                self._bridge.rest()
+            except FirmwareRestartedError as error:
+                self._leave(error)
+        return super().look()
+
+    def stride(self, until_ns: float = math.inf) -> bool:
+        since_s = time.monotonic()
+        while self._ahead(self.t_ns) and self.there:
+            self._listen()
+            if time.monotonic() - since_s > STALL_S:
+                self._leave(self._unheard(self.t_ns, STALL_S))
+            time.sleep(LISTEN_S)
+        moving = super().stride(until_ns)
+        if self.error is not None and not self.plant.crashed:
+            self.fall.append((self.t_ns, self.plant.truth.pos_ned_m))
+        return moving
+
+    def _leave(self, why: FirmwareSilentError) -> None:
+        """Go on without the firmware: its motors are off."""
+        self.error = why
+        self._stand_alone()

@@ -1,12 +1,13 @@
 """Our aircraft under a firmware: its process, the bridge, simulated time and the relay together."""
 
 import asyncio
+import math
 import os
 import socket
-from collections.abc import Sequence
-from contextlib import AsyncExitStack
+from collections.abc import AsyncIterator, Callable, Sequence
+from contextlib import AsyncExitStack, asynccontextmanager
 from pathlib import Path
-from typing import Self
+from typing import Self, TypeAlias
 
 from flightdyn.config import ImuConfig
 from flightdyn.faults import LinkOff
@@ -19,12 +20,16 @@ from sitl.autopilot.codec.orders import Fields
 from sitl.block import following
 from sitl.config import VehicleConfig
 from sitl.firmware.ardupilot import LOOPS_HZ, ardupilot_launch, check_arducopter, slowest_rate_hz
-from sitl.firmware.bridge import bound
+from sitl.firmware.bridge import Bridge, bound
 from sitl.firmware.clock import FirmwareClock
 from sitl.firmware.launch import FirmwareProcess, LaunchOptions
 from sitl.firmware.px4 import etc_of, px4_launch
 from sitl.firmware.relay import Hear, Relay, Writer
+from sitl.firmware.together import SharedClock
 from sitl.links import Link
+
+# Makes the clock of a firmware in a world with others, from its bridge and what reads telemetry.
+ShareClock: TypeAlias = Callable[[Bridge, Callable[[], None]], SharedClock]
 
 _LOOK_S = 0.05  # wall time between looks whether all is well
 # PX4 refuses to arm, and complains in flight, where its filter finds a bias of the accelerometer
@@ -89,10 +94,11 @@ class FirmwareVehicle:
     """A firmware that flies a plant: an asynchronous context manager.
 
     Time stands still in it until `clock.run`. Whatever goes wrong with the firmware ends the
-    block: it is cancelled, and leaving it raises what was wrong.
+    block, or that of `going` where it is one of several: it is cancelled, and leaving it raises
+    what was wrong.
     """
 
-    clock: FirmwareClock
+    clock: FirmwareClock | SharedClock
     relay: Relay
     process: FirmwareProcess
 
@@ -107,12 +113,14 @@ class FirmwareVehicle:
         speed: float,
         hear: Hear,
         heard: frozenset[int],
+        shared: ShareClock | None = None,
     ) -> None:
         """Nothing is opened yet.
 
         `folder` is created as the firmware's working folder. `links` lead to ground stations;
         `hear` gets the vehicle's messages whose numbers are in `heard`; time waits for those with
-        a time stamp. `speed`: simulated seconds per second at most; infinite: no limit.
+        a time stamp. `speed`: simulated seconds per second at most; infinite: no limit. `shared`:
+        for one of several, whose world has the speed and steps its plant.
         """
         self.plant = plant
         self._vehicle = vehicle
@@ -121,6 +129,8 @@ class FirmwareVehicle:
         self._mission_speed_mps = mission_speed_mps
         self._speed = speed
         self._hear, self._heard = hear, heard
+        self._shared = shared
+        self._followed = shared is None  # that something may go wrong is looked for
         self._writer = Writer(vehicle.system_id)
         self._gnss_on = True
         self._open = AsyncExitStack()
@@ -140,8 +150,12 @@ class FirmwareVehicle:
             options = LaunchOptions(self._vehicle, *ports, self._mission_speed_mps)
             prepare = px4_launch if self._vehicle.autopilot == "px4" else ardupilot_launch
             launch = prepare(options, self.plant)
-            processor = _shared_processor()
-            self.clock = FirmwareClock(launch.bridge, speed=self._speed, processor=processor)
+            processor = None
+            if self._shared is None:
+                processor = _shared_processor()
+                self.clock = FirmwareClock(launch.bridge, speed=self._speed, processor=processor)
+            else:
+                self.clock = self._shared(launch.bridge, lambda: self.relay.listen())
             opened.callback(self.clock.stop)
             self.relay = Relay(
                 sock,
@@ -155,12 +169,31 @@ class FirmwareVehicle:
             self.process = launch.start(self._folder, processor=processor)
             opened.callback(self.process.stop)
             self.clock.start()
-            await opened.enter_async_context(following(self._watch(), name="firmware watch"))
+            if self._followed:
+                await opened.enter_async_context(following(self._watch(), name="firmware watch"))
             self._open = opened.pop_all()
         return self
 
     async def __aexit__(self, *_: object) -> None:
         await self._open.aclose()
+
+    @asynccontextmanager
+    async def going(self, until_ns: float = math.inf) -> AsyncIterator[None]:
+        """Context manager: time goes on inside the block, up to an instant.
+
+        Raises:
+            FirmwareError: of one of several: what went wrong with it.
+        """
+        with self.clock.going(until_ns):
+            if self._followed:
+                yield
+                return
+            self._followed = True
+            try:
+                async with following(self._watch(), name="firmware watch"):
+                    yield
+            finally:
+                self._followed = False
 
     def _take_heard(self, name: str, fields: Fields) -> None:
         """Hand on a message; one with a time stamp lets time go on."""
@@ -174,7 +207,7 @@ class FirmwareVehicle:
         """Raise what goes wrong with the firmware."""
         while True:
             await asyncio.sleep(_LOOK_S)
-            error = self._failure()
+            error = self.failure()
             if error is not None:
                 raise error
 
@@ -192,19 +225,19 @@ class FirmwareVehicle:
             self._gnss_on = sensors.receiver.on
             self.relay.to_firmware(self._writer.parameter(_GNSS_SWITCH, float(self._gnss_on)))
 
-    def _failure(self) -> BaseException | None:
+    def failure(self) -> BaseException | None:
         """Return what has gone wrong with firmware or aircraft; None if nothing."""
         error, died = self.clock.error, self.process.died
         if error is not None and not isinstance(error, FirmwareError):
             return error
+        if died:  # its aircraft may have fallen since
+            return FirmwareSilentError(self.with_last_words(died))
+        if error is not None:
+            return type(error)(self.with_last_words(str(error)))
         if self.plant.impact_mps is not None:
             return FirmwareError(
                 f"the aircraft is lost: it hit {self.plant.hit} at {self.plant.impact_mps:.1f} m/s"
             )
-        if died:
-            return FirmwareSilentError(self.with_last_words(died))
-        if error is not None:
-            return type(error)(self.with_last_words(str(error)))
         return None
 
     def with_last_words(self, text: str) -> str:

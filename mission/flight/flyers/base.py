@@ -303,7 +303,12 @@ class FleetBackend(Backend):
 
     @property
     def position_source(self) -> str:
-        return self.several[0].position_source
+        return "; ".join(dict.fromkeys(one.position_source for one in self.several))
+
+    @property
+    def no_resume(self) -> str:
+        reasons = dict.fromkeys(one.no_resume for one in self.several)
+        return "; ".join(reason for reason in reasons if reason)
 
     @property
     def each(self) -> tuple[Backend, ...]:

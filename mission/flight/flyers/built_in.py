@@ -10,7 +10,7 @@ from typing import Self
 from flightdyn.config import LimitsConfig
 from flightdyn.random import RandomStreams
 from mission.base.area import Area
-from mission.base.errors import AerofedError, InputError
+from mission.base.errors import AerofedError, FlightError, InputError
 from mission.config.models import MissionConfig
 from mission.flight.flyers.base import HOLD_TIMEOUT_S, Attached, Backend, Flyer, Task, station_links
 from mission.flight.missions.geofence import fence_of
@@ -88,13 +88,24 @@ class BuiltInFlyer(Flyer):
         if plan.stands:
             return FlownTrack.standing(self.here(), self.battery_remaining)
         self.begin(plan)
-        await self.pilot.fly()
+        await self.order(plan)
         return self.end(plan)
 
     def begin(self, plan: FlightPlan) -> None:
         """Record the flight of a plan from now on."""
         self._begun = self.here()
         self.recorder.start(self._begun, goes_on=plan.goes_on)
+
+    async def order(self, plan: FlightPlan) -> None:
+        """Fly what was uploaded."""
+        if not plan.stands:
+            await self.pilot.fly()
+
+    @property
+    def lost(self) -> BaseException | None:
+        """What has gone wrong with it; None: nothing."""
+        crashed = self.vehicle.aircraft.crashed
+        return FlightError("the aircraft is lost: it crashed as it waited") if crashed else None
 
     def end(self, plan: FlightPlan) -> FlownTrack:
         """Return the flight of a plan, which ends now; of one that stands it is a wait."""

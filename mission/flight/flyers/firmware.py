@@ -7,26 +7,29 @@ takes orders, whose answers take it some of its own time.
 
 import math
 from collections.abc import AsyncIterator, Callable, Sequence
-from contextlib import asynccontextmanager
-from dataclasses import dataclass
+from contextlib import AsyncExitStack, asynccontextmanager
+from dataclasses import dataclass, replace
 from functools import partial
-from typing import Self
+from typing import NamedTuple, Self
+
+import numpy as np
 
 from flightdyn.plant import Plant
-from mission.base.errors import FlightError, InputError, LinkLostError
+from mission.base.errors import FlightError, InputError
 from mission.config.models import RunConfig
 from mission.flight.flyers.base import Attached, Backend, Flyer, Task, station_links
 from mission.flight.flyers.external import ExternalFlyer, limits_of
 from mission.flight.missions.plan_check import CheckedPath
 from mission.flight.missions.plan_file import PlanFile
-from mission.flight.missions.round_mission import FlightPlan
+from mission.flight.missions.round_mission import FlightPlan, stop_items
 from mission.flight.pilot.connection import NoVehicleError, located
 from mission.flight.pilot.feed import Known, Takers
 from mission.flight.pilot.pilot import Pilot
-from mission.flight.track import FlightRecorder, FlownTrack
+from mission.flight.track import FlightRecorder, FlownTrack, reported_in_turn
 from native.errors import FirmwareError, FirmwareSilentError
 from sitl.autopilot.codec.orders import MissionItem
-from sitl.firmware.vehicle import FirmwareVehicle, check_firmware, plant_for
+from sitl.firmware.together import SharedClock
+from sitl.firmware.vehicle import FirmwareVehicle, ShareClock, check_firmware, plant_for
 from sitl.links import RawLink
 from sitl.observer import VehicleEvent, VehicleSample
 
@@ -66,34 +69,80 @@ class FirmwareFlyer(ExternalFlyer):
         return self.vehicle.plant.t_ns
 
     async def set_fence(self, items: Sequence[MissionItem]) -> None:
-        with self.vehicle.clock.going():
+        async with self.vehicle.going():
             await super().set_fence(items)
 
     async def take_off(self) -> None:
-        with self.vehicle.clock.going():
+        async with self.vehicle.going():
             await super().take_off()
 
     async def upload(self, plan: FlightPlan) -> None:
         """Give the firmware the stops; it needs some of its time for that, and hovers."""
-        with self.vehicle.clock.going():
+        async with self.vehicle.going():
             await super().upload(plan)
 
     async def fly(self, plan: FlightPlan) -> FlownTrack:
-        with self.vehicle.clock.going():
+        async with self.vehicle.going():
             return await super().fly(plan)
 
+    def begin(self, plan: FlightPlan) -> None:
+        """Begin the flight of a plan among others, from now on."""
+        self._own: FlownTrack | None = None
+        self.feed.reached_ns.clear()
+        self.recorder.start(self.here(), goes_on=plan.goes_on)
+
+    async def order(self, plan: FlightPlan) -> None:
+        """Fly it to its end, and record how it waits for the others."""
+        self._own = await self.fly(plan)
+        self.recorder.start(self.here(), goes_on=not plan.stands or plan.goes_on)
+
+    def end(self, plan: FlightPlan) -> FlownTrack:
+        """Return the flight of a plan, which ends now, with the wait after it; of one that was lost
+        what it had passed by its own word, and how it went on without a brain."""
+        rest, own = self.recorder.finish(self.here(), self.battery_remaining), self._own
+        if self.lost is not None:
+            rest = self._fallen(rest)
+        if own is not None:
+            return replace(FlownTrack.joined([own, rest]), passages=own.passages)
+        items = stop_items(plan)
+        told = reported_in_turn(self.feed.reached_ns, items)
+        count = max((n for n, t_ns in enumerate(told, 1) if t_ns is not None), default=0)
+        stops = self.area.to_ned(plan.points_m, plan.alt_rel_m)
+        hold_s = [stop.hold_s for stop in plan.stops]
+        passed = self.find_passages(rest, stops[:count], items=items[:count], hold_s=hold_s[:count])
+        missed = [None] * (len(items) - count)
+        return replace(rest, passages=(*passed, *missed))
+
+    def _fallen(self, flight: FlownTrack) -> FlownTrack:
+        """A flight with the fall of the aircraft behind it, of which nobody believes anything."""
+        clock = self.vehicle.clock
+        assert isinstance(clock, SharedClock)
+        t_ns = [t_ns for t_ns, _ in clock.fall]
+        places = [place for _, place in clock.fall]
+        return replace(
+            flight,
+            t_ns=np.append(flight.t_ns, np.array(t_ns, dtype=np.int64)),
+            true_ned_m=np.vstack((flight.true_ned_m, *places)),
+            est_ned_m=np.vstack((flight.est_ned_m, *places)),
+        )
+
+    @property
+    def lost(self) -> BaseException | None:
+        """What has gone wrong with it; None: nothing."""
+        return self.vehicle.failure()
+
     async def wait(self, until_ns: int) -> None:
-        with self.vehicle.clock.going(until_ns + _TOLD_NS):
+        async with self.vehicle.going(until_ns + _TOLD_NS):
             await super().wait(until_ns)
 
     async def carry_out(
         self, plan: PlanFile, path: CheckedPath, *, begins: Callable[[], None]
     ) -> None:
-        with self.vehicle.clock.going():
+        async with self.vehicle.going():
             await super().carry_out(plan, path, begins=begins)
 
     async def land(self) -> None:
-        with self.vehicle.clock.going():
+        async with self.vehicle.going():
             await super().land()
 
     @property
@@ -128,14 +177,18 @@ class FirmwareBackend(Backend):
         return cls(task, plant)
 
     @property
+    def name(self) -> str:
+        """Of the firmware."""
+        return NAMES[self.task.config.vehicle.autopilot]
+
+    @property
     def position_source(self) -> str:
-        name = NAMES[self.task.config.vehicle.autopilot]
+        name = self.name
         return f"simulated aircraft flown by {name}: truth from its physics, belief from {name}"
 
     @property
     def no_resume(self) -> str:
-        name = NAMES[self.task.config.vehicle.autopilot]
-        return f"flights of {name} do not repeat to the last bit"
+        return f"flights of {self.name} do not repeat to the last bit"
 
     def check(self) -> None:
         """Refuse a binary that cannot be started or is another's, and ports that are taken."""
@@ -145,19 +198,10 @@ class FirmwareBackend(Backend):
             raise InputError(str(error)) from None
         super().check()
 
-    @asynccontextmanager
-    async def open(self, attached: Attached) -> AsyncIterator[FirmwareFlyer]:
-        """Start the firmware in a folder of its own below the run's, and connect a pilot to it.
-
-        Ground stations of `link.gcs` see the vehicle too. The firmware ends with the block.
-
-        Raises:
-            LinkLostError: a port cannot be had; the firmware cannot be started, dies or falls
-                silent.
-            FlightError: it cannot be flown: not ready in time, another program, a parameter of the
-                configuration that it does not know.
-        """
-        config, recorder, raw_link = self.task.config, FlightRecorder(), RawLink()
+    def wired(self, attached: Attached, *, shared: ShareClock | None = None) -> "Wired":
+        """The firmware, not started yet, in a folder of its own below the run's; `shared` as for
+        `FirmwareVehicle`. Ground stations of `link.gcs` see it too."""
+        config, raw_link = self.task.config, RawLink()
         takers: Takers = {}
         vehicle = FirmwareVehicle(
             config.vehicle,
@@ -168,52 +212,86 @@ class FirmwareBackend(Backend):
             speed=math.inf if config.link.speed == "max" else config.link.speed,
             hear=lambda name, fields: takers[name](fields) if name in takers else None,
             heard=_HEARD,
+            shared=shared,
         )
-        name, when = NAMES[config.vehicle.autopilot], " at its start"
+        return Wired(vehicle, raw_link, takers)
+
+    @asynccontextmanager
+    async def open(self, attached: Attached) -> AsyncIterator[FirmwareFlyer]:
+        """Start the firmware, which ends with the block, and connect a pilot to it.
+
+        Raises:
+            LinkLostError: a port cannot be had; the firmware cannot be started, dies or falls
+                silent.
+            FlightError: it cannot be flown: not ready in time, another program, a parameter of the
+                configuration that it does not know.
+        """
+        wired, when = self.wired(attached), " at its start"
         try:
-            async with vehicle:
-                vehicle.clock.run()
-                async with located(
-                    config.link,
-                    area=self.task.area,
-                    observers=(recorder, Milestones(self.plant), *attached.observers),
-                    say=attached.say,
-                    raw_link=raw_link,
-                    known=Known(
-                        vehicle.clock.truth.at,
-                        self.plant.fault_news,
-                        takers,
-                        vehicle.clock.truth.motors,
-                        config.vehicle.control_rate_hz,
-                    ),
-                ) as (pilot, feed):
-                    pilot.giving = partial(vehicle.clock.going, speed=1.0)
-                    await _check_program(pilot, config)
-                    limits = await limits_of(
-                        pilot, feed, self.task.demand, adjusted=False, say=attached.say
-                    )
-                    speed_mps = min(config.mission.speed_mps, limits.speed_mps)
-                    flyer = FirmwareFlyer(
-                        pilot,
-                        feed,
-                        recorder,
-                        self.task.area,
-                        config.mission.model_copy(update={"speed_mps": speed_mps}),
-                        limits.guidance,
-                        config.link,
-                        attached.say,
-                        vehicle=vehicle,
-                    )
-                    flyer.wind = config.vehicle.aircraft.wind
-                    vehicle.clock.rest()
-                    when = ""
-                    yield flyer
-        except NoVehicleError:
-            waited = f"it has not answered in {config.link.connect_timeout_s:g} s"
-            said = vehicle.with_last_words(f"{waited} (link.connect_timeout_s)")
-            raise LinkLostError(f"{name}{when}: {said}") from None
+            async with wired.vehicle, self.flyer(wired, attached) as flyer:
+                when = ""
+                yield flyer
         except FirmwareError as error:
-            raise error.in_words(f"{name}{when}: {error}") from None
+            raise error.in_words(f"{self.name}{when}: {error}") from None
+
+    @asynccontextmanager
+    async def flyer(self, wired: "Wired", attached: Attached) -> AsyncIterator[FirmwareFlyer]:
+        """Connect a pilot to the firmware that was started; raises as `open`."""
+        config, recorder, (vehicle, raw_link, takers) = self.task.config, FlightRecorder(), wired
+        async with AsyncExitStack() as opened:
+            async with vehicle.going():
+                try:
+                    pilot, feed = await opened.enter_async_context(
+                        located(
+                            config.link,
+                            area=self.task.area,
+                            observers=(recorder, Milestones(self.plant), *attached.observers),
+                            say=attached.say,
+                            raw_link=raw_link,
+                            known=Known(
+                                vehicle.clock.truth.at,
+                                self.plant.fault_news,
+                                takers,
+                                vehicle.clock.truth.motors,
+                                config.vehicle.control_rate_hz,
+                            ),
+                        )
+                    )
+                except NoVehicleError:
+                    raise silent(wired, config) from None
+                pilot.giving = partial(vehicle.clock.going, speed=1.0)
+                await _check_program(pilot, config)
+                limits = await limits_of(
+                    pilot, feed, self.task.demand, adjusted=False, say=attached.say
+                )
+                speed_mps = min(config.mission.speed_mps, limits.speed_mps)
+                flyer = FirmwareFlyer(
+                    pilot,
+                    feed,
+                    recorder,
+                    self.task.area,
+                    config.mission.model_copy(update={"speed_mps": speed_mps}),
+                    limits.guidance,
+                    config.link,
+                    attached.say,
+                    vehicle=vehicle,
+                )
+                flyer.wind = config.vehicle.aircraft.wind
+            yield flyer
+
+
+class Wired(NamedTuple):
+    """A firmware, the link of its pilot, and who takes the messages that are heard beside it."""
+
+    vehicle: FirmwareVehicle
+    link: RawLink
+    takers: Takers
+
+
+def silent(wired: Wired, config: RunConfig) -> FirmwareSilentError:
+    """The error of a firmware that has not answered in time."""
+    waited = f"it has not answered in {config.link.connect_timeout_s:g} s"
+    return FirmwareSilentError(wired.vehicle.with_last_words(f"{waited} (link.connect_timeout_s)"))
 
 
 async def _check_program(pilot: Pilot, config: RunConfig) -> None:

@@ -1,20 +1,27 @@
-"""Several aircraft, each under our own autopilot and with a pilot of its own, in one world."""
+"""Several aircraft in one world, each with a pilot of its own: under our own autopilot, or under
+firmwares that are started for them."""
 
 import asyncio
 import math
-from collections.abc import AsyncIterator, Callable, Mapping, Sequence
-from contextlib import AsyncExitStack, asynccontextmanager, suppress
+import time
+from collections.abc import AsyncIterator, Callable, Iterator, Mapping, Sequence
+from contextlib import AsyncExitStack, asynccontextmanager, contextmanager, suppress
 from dataclasses import dataclass
+from functools import partial
 
-from mission.base.errors import AerofedError, FlightError
-from mission.flight.flyers.base import HOLD_TIMEOUT_S, Attached, Fleet, FleetBackend, Flights
+from mission.base.errors import AerofedError, FlightError, LinkLostError
+from mission.flight.flyers.base import HOLD_TIMEOUT_S, Attached, Fleet, FleetBackend, Flights, Flyer
 from mission.flight.flyers.built_in import BuiltInBackend, BuiltInFlyer
+from mission.flight.flyers.firmware import FirmwareBackend, FirmwareFlyer, silent
 from mission.flight.missions.round_mission import FlightPlan
 from mission.flight.pilot.connection import connect
+from sitl.block import following
+from sitl.firmware.together import SharedClock
 from sitl.links import RawLink
 from sitl.pace import Simulation
 
 _POLL_S = 0.002  # wall time
+_LOOK_S = 0.05  # wall time between looks at firmwares while time stands still
 
 
 @dataclass
@@ -28,15 +35,23 @@ class WorldFleet(Fleet):
         flyers = {number: self._flyer(number) for number in plans}
         for number, flyer in flyers.items():
             flyer.begin(plans[number])
-        going = {n: flyer for n, flyer in flyers.items() if not plans[n].stands}
-        # Time stands still until all have their orders, whoever is the first to get them.
+        # Time stands still until all of ours have their orders, whoever is the first to get them;
+        # firmwares take some of it for theirs.
         self.simulation.runs = "ordered"
-        tasks = {n: asyncio.ensure_future(flyer.pilot.fly()) for n, flyer in going.items()}
+        ours = {
+            number: flyer
+            for number, flyer in flyers.items()
+            if isinstance(flyer, BuiltInFlyer) and not plans[number].stands
+        }
+        tasks = {n: asyncio.ensure_future(flyer.order(plans[n])) for n, flyer in ours.items()}
         try:
             await _until(
-                lambda: all(going[n].vehicle.moving or task.done() for n, task in tasks.items())
+                lambda: all(ours[n].vehicle.moving or task.done() for n, task in tasks.items())
             )
             self.simulation.runs = "moving"
+            for n, flyer in flyers.items():
+                if isinstance(flyer, FirmwareFlyer):
+                    tasks[n] = asyncio.ensure_future(flyer.order(plans[n]))
             await asyncio.gather(*tasks.values(), return_exceptions=True)
             # Who is lost may still be on its way down, and a failsafe may have begun.
             await _until(lambda: not self.simulation.world.moving)
@@ -48,17 +63,16 @@ class WorldFleet(Fleet):
         lost = {}
         for number, flyer in flyers.items():
             error = tasks[number].exception() if number in tasks else None
+            error = error or flyer.lost  # while it waited for the others
             if isinstance(error, FlightError):
                 lost[number] = error
             elif error is not None:
                 raise error
-            elif flyer.vehicle.aircraft.crashed:  # while it waited for the others
-                lost[number] = FlightError("the aircraft is lost: it crashed as it waited")
         return Flights({n: flyer.end(plans[n]) for n, flyer in flyers.items()}, lost)
 
-    def _flyer(self, number: int) -> BuiltInFlyer:
+    def _flyer(self, number: int) -> BuiltInFlyer | FirmwareFlyer:
         flyer = self.aloft[number]
-        assert isinstance(flyer, BuiltInFlyer)
+        assert isinstance(flyer, BuiltInFlyer | FirmwareFlyer)
         return flyer
 
 
@@ -73,35 +87,128 @@ class WorldBackend(FleetBackend):
 
     @asynccontextmanager
     async def fleet(self, attached: Sequence[Attached]) -> AsyncIterator[Fleet]:
-        """Connect a pilot to each vehicle; an interrupted flight is ended by orders to hold.
+        """Start the firmwares, and connect a pilot to each vehicle; an interrupted flight is ended
+        by orders to hold.
 
         Raises:
             InputError: two stand so near to each other that they touch.
-            LinkLostError: a vehicle does not answer.
+            LinkLostError: a vehicle does not answer, a firmware cannot be started, or dies.
+            FlightError: a firmware cannot be flown.
         """
-        config = self.task.config
-        speed = math.inf if config.link.speed == "max" else config.link.speed
-        several = [one for one in self.several if isinstance(one, BuiltInBackend)]
-        recorders = [one.observed(to) for one, to in zip(several, attached, strict=True)]
-        links = [RawLink() for _ in several]
-        vehicles = zip(self.names, several, links, strict=True)
-        flown = {name: (one.vehicle, [link]) for name, one, link in vehicles}
+        link = self.task.config.link
+        most = math.inf if link.speed == "max" else link.speed
         async with AsyncExitStack() as opened:
-            simulation = await opened.enter_async_context(Simulation(flown, speed=speed))
-            flyers = {}
-            for number, (one, link, recorder) in enumerate(
-                zip(several, links, recorders, strict=True)
-            ):
-                pilot = await opened.enter_async_context(
-                    connect(link, stall_timeout_s=config.link.stall_timeout_s)
+            firmwares = await self._started(attached, opened)
+            clocks = {name: one.clock for name, one in firmwares.items()}
+            ours = {
+                name: (one, one.observed(to), RawLink())
+                for name, one, to in zip(self.names, self.several, attached, strict=True)
+                if isinstance(one, BuiltInBackend)
+            }
+            simulation = await opened.enter_async_context(
+                Simulation(
+                    {name: (one.vehicle, [raw]) for name, (one, _, raw) in ours.items()},
+                    beside=clocks,
+                    speed=partial(_pace, most, tuple(clocks.values())),
                 )
-                flyers[number] = one.flyer(pilot, recorder)
+            )
+            flyers = dict[int, Flyer]()
+            for number, name in enumerate(self.names):
+                if name in firmwares:
+                    clocks[name].wake = simulation.wake
+                    flyers[number] = await firmwares[name].connected(opened)
+                else:
+                    one, recorder, raw = ours[name]
+                    pilot = await opened.enter_async_context(
+                        connect(raw, stall_timeout_s=link.stall_timeout_s)
+                    )
+                    flyers[number] = one.flyer(pilot, recorder)
             try:
                 yield WorldFleet(dict(flyers), simulation)
             except asyncio.CancelledError:
                 for flyer in flyers.values():
-                    if flyer.vehicle.moving:
+                    if isinstance(flyer, BuiltInFlyer) and flyer.vehicle.moving:
                         with suppress(AerofedError, TimeoutError):
                             async with asyncio.timeout(HOLD_TIMEOUT_S):
                                 await flyer.pilot.hold()
                 raise
+
+    async def _started(
+        self, attached: Sequence[Attached], opened: AsyncExitStack
+    ) -> dict[str, "_Started"]:
+        """Start each firmware, by the names of aircraft, and wait until all have come."""
+        each = zip(self.names, self.several, attached, strict=True)
+        firmwares = {
+            name: _Started(name, number, one, to)
+            for number, (name, one, to) in enumerate(each, 1)
+            if isinstance(one, FirmwareBackend)
+        }
+        for one in firmwares.values():
+            await one.start(opened)
+        if firmwares:
+            await opened.enter_async_context(following(_look(firmwares), name="firmwares"))
+        for one in firmwares.values():
+            await one.come()
+        return firmwares
+
+
+class _Started:
+    """A firmware of several, from its start to its flyer; what goes wrong has both their names."""
+
+    def __init__(
+        self, name: str, number: int, backend: FirmwareBackend, attached: Attached
+    ) -> None:
+        near_m = backend.task.config.vehicle.near_m
+        share = partial(SharedClock, number=number, near_m=near_m, say=attached.say)
+        self._words = f"{name}: {backend.name} at its start"
+        self._backend, self._attached = backend, attached
+        self._wired = backend.wired(attached, shared=share)
+
+    @property
+    def clock(self) -> SharedClock:
+        clock = self._wired.vehicle.clock
+        assert isinstance(clock, SharedClock)
+        return clock
+
+    async def start(self, opened: AsyncExitStack) -> None:
+        with self._named():
+            await opened.enter_async_context(self._wired.vehicle)
+
+    async def come(self) -> None:
+        """Wait until it asks for the first tick."""
+        config = self._backend.task.config
+        with self._named():
+            try:
+                async with asyncio.timeout(config.link.connect_timeout_s):
+                    while not self.clock.there:
+                        if (error := self._wired.vehicle.failure()) is not None:
+                            raise error
+                        await asyncio.sleep(_POLL_S)
+            except TimeoutError:
+                raise silent(self._wired, config) from None
+
+    async def connected(self, opened: AsyncExitStack) -> FirmwareFlyer:
+        with self._named():
+            flyer = self._backend.flyer(self._wired, self._attached)
+            return await opened.enter_async_context(flyer)
+
+    @contextmanager
+    def _named(self) -> Iterator[None]:
+        try:
+            yield
+        except (FlightError, LinkLostError) as error:
+            raise error.in_words(f"{self._words}: {error}") from error.__cause__
+
+
+async def _look(firmwares: Mapping[str, _Started]) -> None:
+    """Take what firmwares say while time stands still, and them when they come."""
+    while True:
+        for one in firmwares.values():
+            one.clock.look()
+        await asyncio.sleep(_LOOK_S)
+
+
+def _pace(most: float, clocks: Sequence[SharedClock]) -> float:
+    """The speed of a world, in which somebody may be answered."""
+    now_s = time.monotonic()
+    return min([most, *(clock.pace(now_s) for clock in clocks)])

@@ -132,7 +132,10 @@ async def _locate(
 ) -> None:
     """Wait for the first valid position; refuse one beyond `FARTHEST_M` from the area's home."""
     said = asyncio.get_running_loop().call_later(
-        PATIENT_S, lambda: say(f"waiting for the vehicle's position ({feed.readiness.missing})")
+        PATIENT_S,
+        lambda: say(
+            f"waiting for the vehicle's position ({feed.readiness.missing or 'not told yet'})"
+        ),
     )
     try:
         async with asyncio.timeout(timeout_s):

@@ -8,6 +8,7 @@ from contextlib import AsyncExitStack, ExitStack, contextmanager
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 from flightdyn.plant import Plant
 from flightdyn.random import RandomStreams
@@ -23,6 +24,7 @@ from mission.flight.serve.vehicle import Served, area_of, check_free, make_vehic
 from mission.flight.serve.world import Recorder, bridge_to, where
 from sitl.block import following
 from sitl.firmware import ardupilot, px4
+from sitl.firmware.bridge import Bridge
 from sitl.firmware.together import Bridged
 from sitl.pace import Simulation
 
@@ -50,6 +52,7 @@ class Seat:
         assert self.recorder is not None
         while True:
             await until(lambda: self.bridged.there)
+            self.recorder.logs.began_ns = self.bridged.began_ns
             ended = partial(self._ended, self.bridged.plant)
             try:
                 async with following(self.recorder.follow(self.bridged, say), name="recorder"):
@@ -128,7 +131,7 @@ def _seats(
         first, step = _PORTS[autopilot]
         port = first + step * instance
         make = partial(
-            bridge_to, own, autopilot, port, told=logs is not None, area=area,
+            _opened, own, autopilot, port, told=logs is not None, area=area,
             streams=place.of_one(f"vehicle/{number}") if number else place,
         )  # fmt: skip
         bridged = Bridged(number + 1, make, near_m=own.vehicle.near_m, say=said)
@@ -139,6 +142,12 @@ def _seats(
             recorder = Recorder(area, own.link, _heard_at(autopilot, instance), written)
         seats.append(Seat(name, autopilot, port, area, bridged, recorder))
     return seats
+
+
+def _opened(*where: Any, **how: Any) -> Bridge:
+    bridge = bridge_to(*where, **how)
+    bridge.open()
+    return bridge
 
 
 def _heard_at(autopilot: str, instance: int) -> str:

@@ -43,23 +43,24 @@ class FlightLogs:
         self._log: FlightLog | None = None
         self._lists: dict[int, tuple[MissionItem, ...]] = {}
         self._autopilot: VehicleEvent | None = None  # what named it
+        self.began_ns = 0  # when the clock of a vehicle that has started anew did, by the logs'
         self.being_written: Path | None = None
         self.written: list[Path] = []
 
     def sampled(self, sample: VehicleSample) -> None:
         with self._kept():
             if self._log is not None:
-                self._log.sampled(sample)
+                self._log.sampled(sample._replace(t_ns=sample.t_ns + self.began_ns))
 
     def happened(self, event: VehicleEvent) -> None:
         with self._kept():
-            self._happened(event)
+            self._happened(replace(event, t_ns=event.t_ns + self.began_ns))
 
     def took(self, t_ns: int, kind: int, items: tuple[MissionItem, ...]) -> None:
         self._lists[kind] = items
         with self._kept():
             if self._log is not None:
-                self._log.mission(record_of(t_ns, kind, items))
+                self._log.mission(record_of(t_ns + self.began_ns, kind, items))
 
     def heard(self, t_ns: int, setpoint: Setpoint) -> None:
         with self._kept():

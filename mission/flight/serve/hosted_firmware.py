@@ -22,6 +22,7 @@ from mission.flight.serve.hosts import Host, State
 from mission.flight.serve.vehicle import FIRST
 from mission.scenario.limits import guidance_of
 from sitl.autopilot.parameters import parameters_of
+from sitl.firmware.clock import FirmwareClock
 from sitl.pace import Runs
 
 _POLL_S = 0.001  # wall time
@@ -68,6 +69,7 @@ class FirmwareHost(Host):
             attached = Attached(observers, Path(home), said.append, (self.port,))
             async with self._backend.open(attached) as self._flyer:
                 clock = self._flyer.vehicle.clock
+                assert isinstance(clock, FirmwareClock)
                 with clock.going():
                     await self._flyer.ready()
                 clock.answers = self.runs == "ordered"

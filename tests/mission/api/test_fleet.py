@@ -44,7 +44,10 @@ def test_who_is_hit_is_lost_and_the_third_flies_on(tmp_path: Path) -> None:
         plan(tmp_path / "b.plan", (0, 60, 20), home=(5, 0)),
     ]
     overrides = {"vehicle.aircraft.sensors.kind": "perfect"}
-    with aerofed.vehicles(("north", "south", "third"), overrides, logs=tmp_path / "l") as fleet:
+    burst = {"kind": "wind_burst", "after": "take-off", "duration_s": 3, "north_mps": 5}
+    each = {"third": {"vehicle.aircraft.faults": [burst]}}
+    names = "north", "south", "third"
+    with aerofed.vehicles(names, overrides, each=each, logs=tmp_path / "l") as fleet:
         with pytest.raises(aerofed.AerofedError, match=r"north: .*lost.*south: .*lost") as failed:
             fleet.fly({"north": head_on[0], "south": head_on[1], "third": third})
         assert "third" not in str(failed.value)
@@ -53,12 +56,19 @@ def test_who_is_hit_is_lost_and_the_third_flies_on(tmp_path: Path) -> None:
         assert not fleet["third"].armed
         least = fleet.separation().set_index(["one", "two"]).least_m
         assert least["north", "south"] < 0.76
-        assert fleet.names == ("north", "south", "third")
+        assert fleet.names == names
+    for name in names:
+        log = read_log(tmp_path / "l" / name / "flight-0001.mcap")
+        felt = [event.text for event in log.events if event.kind == "fault"]
+        assert felt == ["Fault begins: wind_burst", "Fault ends: wind_burst"] * (name == "third")
 
 
-def test_one_has_a_fault_and_hears_the_others() -> None:
+@pytest.mark.parametrize(
+    ("traffic", "said"), [("adsb", "ADSB_VEHICLE"), ("utm", "UTM_GLOBAL_POSITION")]
+)
+def test_one_has_a_fault_and_hears_the_others(traffic: str, said: str) -> None:
     own = {"vehicle-2": {"vehicle.aircraft.faults": [{"kind": "gnss_off"}],
-                         "vehicle.traffic": "adsb", "area.home_m": [430, 400]}}  # fmt: skip
+                         "vehicle.traffic": traffic, "area.home_m": [430, 400]}}  # fmt: skip
     with aerofed.vehicles(2, each=own) as fleet:
         first, second = fleet
         assert len(fleet) == 2
@@ -66,10 +76,10 @@ def test_one_has_a_fault_and_hears_the_others() -> None:
         hears = second.mavlink()
         silent = first.mavlink()
         fleet.until(lambda all_: all_.t_s > 3.0)
-        heard = hears.recv_match(type="ADSB_VEHICLE", blocking=True, timeout=5)
-        assert heard.ICAO_address == 0xF00001
+        heard = hears.recv_match(type=said, blocking=True, timeout=5)
+        assert traffic == "utm" or heard.ICAO_address == 0xF00001
         assert heard.lat * 1e-7 == pytest.approx(HOME.lat_deg, abs=1e-4)
-        assert silent.recv_match(type="ADSB_VEHICLE", blocking=True, timeout=0.5) is None
+        assert silent.recv_match(type=said, blocking=True, timeout=0.5) is None
         fixes = (hears.recv_match(type="GPS_RAW_INT", blocking=True).fix_type for _ in range(99))
         assert any(fix <= 1 for fix in fixes)  # the first are of before the fault
         assert silent.recv_match(type="GPS_RAW_INT", blocking=True).fix_type >= 3

@@ -47,6 +47,29 @@ def test_a_table_has_its_own_over_what_all_have() -> None:
     assert found.heights_m == (40, 90)
 
 
+def test_what_is_of_an_autopilot_is_shared_by_those_that_have_it(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setenv("AEROFED_ARDUCOPTER", "/built/arducopter")
+    px4 = {"path": "/built/px4", "parameters": {"MPC_XY_ERR_MAX": 5.0}}
+    found = config(
+        [{}, {"firmware": {"arguments": ["-x"]}}, {"autopilot": "ardupilot"},
+         {"autopilot": "built-in", "parameters": {"MPC_XY_VEL_MAX": 9.0}}],
+        vehicle__autopilot="px4", vehicle__firmware=px4,
+    )  # fmt: skip
+    one, two, three, ours = (each.vehicle for each in found.aircraft)
+    assert [v.autopilot for v in (one, two, three, ours)] == [
+        "px4", "px4", "ardupilot", "built-in",
+    ]  # fmt: skip
+    assert str(one.firmware.path) == str(two.firmware.path) == "/built/px4"
+    assert (one.firmware.arguments, two.firmware.arguments) == ((), ("-x",))
+    assert two.firmware.parameters == {"MPC_XY_ERR_MAX": 5.0}
+    assert str(three.firmware.path) == "/built/arducopter"
+    assert three.firmware.parameters == {}
+    assert ours.firmware.path is None
+    assert [v.system_id for v in (one, two, three, ours)] == [1, 2, 3, 4]
+
+
 def test_the_resolved_configuration_reads_back_equal() -> None:
     for vehicles in (2, [{"name": "a"}, {"name": "b", "parameters": {"MPC_XY_VEL_MAX": 9.0}}]):
         found = config(vehicles)
@@ -75,7 +98,14 @@ def test_without_the_key_there_is_one() -> None:
         ([{"nam": "a"}], "vehicles.0.nam: unknown key; did you mean name?"),
         ([{}, {"altitude": 50}], "vehicles.1.altitude: unknown key; did you mean altitude_m?"),
         ([{"altitude_m": [60, 50]}], "vehicles.0.altitude_m = [60, 50]: the lowest altitude"),
-        ([{}, {"autopilot": "px4", "firmware": {"path": "px4"}}], "uav2 has autopilot = 'px4'"),
+        (
+            [{}, {"autopilot": "px4", "firmware": {"path": "px4"}, "traffic": "adsb"}],
+            "uav2 has traffic = 'adsb' and autopilot = 'px4', a firmware, which cannot be told",
+        ),
+        (
+            [{}, {"autopilot": "ardupilot", "firmware": {"path": "x"}, "parameters": {"A": 1}}],
+            "parameters and parameter_file are the built-in autopilot's",
+        ),
         ([{"aircraft": {"wind": {"speed_mps": 3}}}, {}], "the wind is of the place"),
     ],
 )
@@ -94,6 +124,7 @@ def test_what_is_wrong_is_one_line(vehicles: Any, said: str) -> None:
         ("mission.strategy", "barycenter", "cov, no_cov, ideal, or one of your own"),
         ("mission.strategy", "rectangular", "several need cov, no_cov"),
         ("link.kind", "udp", "'in_process'"),
+        ("link.kind", "external", "which flies our own autopilot, and PX4 and ArduPilot"),
         ("link.gcs", ["udpout://127.0.0.1:14550"], "leave it out"),
     ],
 )

@@ -28,6 +28,16 @@ def test_a_later_flight_is_as_long_as_it_was(tmp_path: Path) -> None:
         assert found.megabytes_per_hour == pytest.approx(found.size_bytes / 1e6 / hours)
 
 
+def test_the_clock_of_a_vehicle_that_starts_anew_goes_on_from_where_it_did(tmp_path: Path) -> None:
+    logs, still = FlightLogs(tmp_path, area=AREA), BatteryState(22.0, 1.0, 0.0, 1.0)
+    logs.began_ns = 60_000_000_000
+    for t_s, text in ((2, "armed"), (9, "disarmed")):
+        logs.sampled(VehicleSample(t_s * 10**9, STILL, STILL, None, still, "hold", armed=True))
+        logs.happened(VehicleEvent(t_s * 10**9, "armed", text, STILL, STILL))
+    found = info(tmp_path / "flight-0001.mcap")
+    assert (found.start_s, found.end_s) == (62.0, 69.0)
+
+
 @pytest.mark.skipif(not Path("/proc/self").exists(), reason="needs /proc")
 def test_a_folder_that_takes_no_files_is_refused_in_one_line() -> None:
     with pytest.raises(InputError, match=r"^--logs /proc/self: cannot be written to: [^\n]+$"):

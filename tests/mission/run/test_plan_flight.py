@@ -79,6 +79,7 @@ def square(tmp_path_factory: pytest.TempPathFactory) -> Square:
 def test_a_plan_is_flown_and_compared(square: Square) -> None:
     plan, out, printed = square.plan, square.out, square.printed
     assert "cross-track" in printed
+    assert not (out / "checkpoint").exists()  # which is of runs that go on
     assert re.search(r"t \d+\.\d s: item 4 \(4 of 4\), 60 m high, battery \d+ %", printed)
     found = summary(out)["planned_and_flown"]
     assert found["plan_path_m"] == pytest.approx(800, abs=1.0)

@@ -192,7 +192,7 @@ def test_an_error_nobody_foresaw_ends_the_flight(
         hear=lambda *_: None,
         heard=frozenset(),
     )
-    monkeypatch.setattr(FirmwareVehicle, "_failure", broken)
+    monkeypatch.setattr(FirmwareVehicle, "failure", broken)
 
     async def run() -> None:
         async with asyncio.timeout(HANG_S), vehicle:

@@ -20,7 +20,7 @@ from sitl.firmware import together
 from sitl.firmware.ardupilot import RATE_HZ, ArduPilotBridge
 from sitl.firmware.bridge import Bridge
 from sitl.firmware.px4 import Px4Bridge
-from sitl.firmware.together import Bridged
+from sitl.firmware.together import Bridged, SharedClock
 from sitl.world import World
 
 INTERVAL_S = 0.02
@@ -37,6 +37,7 @@ def seat(
 
     def make() -> Bridge:
         bridge: Bridge = kind(Plant(config, home=home, streams=RandomStreams(1)), port=port)
+        bridge.open()
         return bridge
 
     made = Bridged(number, make, near_m=3.0, say=said.append)
@@ -110,6 +111,7 @@ def test_one_whose_firmware_ends_is_left_behind_and_the_next_one_finds_it_at_hom
         run(world, 0.5)
         assert goes.plant is not left
         assert goes.t_ns == world.t_ns - began_ns
+        assert goes.began_ns == began_ns
         assert stays.t_ns == world.t_ns
         assert said == [line]
         again.end()
@@ -188,3 +190,73 @@ def test_the_place_of_a_new_aircraft_is_no_way_that_was_flown() -> None:
         assert not world.collisions
         again.end()
         stands.end()
+
+
+def shared(said: list[str], listen: Callable[[], None] = lambda: None) -> SharedClock:
+    """The clock of one of several, whose firmware we start."""
+    bridge = ArduPilotBridge(
+        Plant(AircraftConfig(physics_hz=RATE_HZ), home=HOME, streams=RandomStreams(1)), port=0
+    )
+    bridge.open()
+    return SharedClock(bridge, listen, number=1, near_m=3.0, say=said.append)
+
+
+def test_time_is_given_to_all_by_one_and_no_firmware_follows_one_that_has_ended() -> None:
+    clock, other = shared([]), seat(ArduPilotBridge, [], east_m=5.0)
+    with closed(clock, other):
+        one, two = ArduPilot(clock.port, CLIMB), ArduPilot(other.port)
+        come(clock, other)
+        world = World({"one": clock, "two": other})
+        assert not clock.moving
+        with clock.going(100_000_000):
+            assert clock.moving
+            run(world, 0.2)
+            assert not clock.moving  # so far only
+        with clock.going(speed=2.0):
+            assert clock.pace(0.0) == 2.0
+            run(world, 2.0)
+            one.end()
+            run(world, 0.2)
+            assert not clock.moving
+        assert str(clock.error) == "its firmware has ended"
+        assert not clock.look()
+        run(world, 6.0)
+        assert clock.plant.hit == "the ground"
+        heights = [-place[2] for _, place in clock.fall]
+        assert heights[0] > 4.0 > 1.0 > heights[-1]
+        assert clock.t_ns == other.t_ns == world.t_ns
+        two.end()
+
+
+def test_time_waits_until_telemetry_of_half_a_second_ago_is_read() -> None:
+    read: list[int] = []
+
+    def listen() -> None:
+        read.append(clock.t_ns)
+        if len(read) % 3 == 0:  # it comes late
+            clock.heard(clock.t_ns)
+
+    clock = shared([], listen)
+    with closed(clock):
+        firmware = ArduPilot(clock.port)
+        come(clock)
+        clock.heard(0)
+        until_ns = 2_000_000_000
+        while clock.t_ns < until_ns:
+            clock.stride(until_ns)
+        assert read[0] == 520_000_000
+        assert len(read) == 9
+        firmware.end()
+
+
+def test_a_firmware_of_several_that_tells_nothing_is_left(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(together, "STALL_S", 0.1)
+    clock = shared([])
+    with closed(clock):
+        firmware = ArduPilot(clock.port)
+        come(clock)
+        clock.heard(0)
+        while clock.error is None:
+            clock.step()
+        assert str(clock.error).startswith("no telemetry for 0.1 s: the newest is of t 0.00 s")
+        firmware.end()
