@@ -216,7 +216,7 @@ def observe(seed: int, seconds: float) -> Errors:
 
 @pytest.fixture(scope="module")
 def flights() -> list[Errors]:
-    return [observe(seed, 40.0) for seed in range(20)]
+    return [observe(seed, 26.0) for seed in range(20)]
 
 
 @pytest.mark.slow

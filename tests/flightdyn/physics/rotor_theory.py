@@ -74,7 +74,7 @@ def glauert(known: Tables) -> Tables:
         def gap(inflow: float) -> float:
             return inflow - climb - lift(inflow) / (2 * math.hypot(mu, inflow))
 
-        falling = np.linspace(0.5, -0.4, 3600)
+        falling = np.linspace(0.5, -0.4, 240)
         below = next(i for i, tried in enumerate(falling) if gap(tried) <= 0.0)
         found = brentq(gap, falling[below], falling[below - 1])
         induced = climb + KAPPA * (found - climb)

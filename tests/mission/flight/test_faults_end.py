@@ -55,7 +55,9 @@ def test_it_ends_with_a_reason(
     )
     code = call(
         ["run", "--out", str(out), "--rounds", "1", *SMALL,
-         "--set", f"vehicle.aircraft.faults=[{{{table}}}]", "--set", "link.stall_timeout_s=2"]
+         "--set", f"vehicle.aircraft.faults=[{{{table}}}]", "--set", "link.stall_timeout_s=2",
+         # For what never gets anywhere in such a wind.
+         "--set", "vehicle.aircraft.battery.capacity_mah=500"]
     )  # fmt: skip
     summary = json.loads((out / "summary.json").read_text())
     said = capsys.readouterr().err

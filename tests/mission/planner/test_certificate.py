@@ -87,7 +87,7 @@ def exhaustively(problem):
 
 
 @pytest.mark.slow
-@SLOW
+@settings(SLOW, max_examples=8)
 @given(
     SEEDS, st.sampled_from(PRESETS), st.integers(2, 4), st.integers(1, 2), st.floats(50.0, 900.0)
 )

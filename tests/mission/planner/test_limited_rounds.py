@@ -40,9 +40,14 @@ def problem(seed: int = 1, *, given: RoundLimits | None, **more):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("kind", ["certified", "sqp", "paper"])
 @pytest.mark.parametrize(
-    "given", [limits(30.0), limits(45.0), limits(energy_j=7000.0), limits(40.0, 9000.0)]
+    ("kind", "given"),
+    [
+        ("certified", limits(30.0)),
+        ("certified", limits(40.0, 9000.0)),
+        ("sqp", limits(energy_j=7000.0)),
+        ("paper", limits(45.0)),
+    ],
 )
 def test_every_planner_keeps_to_limits(kind: str, given: RoundLimits) -> None:
     made = plan(problem(given=given), kind)
@@ -326,23 +331,22 @@ def hopes(given: RoundProblem, made: RoundPlan) -> np.ndarray:
     return success(given.at(made.altitude_m), made.waypoints_m)[made.schedule[0]]
 
 
-@pytest.mark.parametrize("kind", ["certified", "sqp", "paper"])
 @pytest.mark.parametrize(
-    "more",
+    ("kind", "more"),
     [
-        {"given": None},
-        {"given": limits(40.0)},
-        {"given": limits(energy_j=7000.0)},
-        {"given": limits(45.0), "ready_in_s": np.linspace(0.0, 40.0, 12)},
-        {"given": None, "path_budget_m": 0.0},
-        {"given": None, "altitudes_m": (40.0, 120.0)},
+        *[(kind, {"given": None}) for kind in ("certified", "sqp", "paper")],
+        *[(kind, {"given": limits(40.0)}) for kind in ("certified", "paper")],
+        ("certified", {"given": limits(energy_j=7000.0)}),
+        ("sqp", {"given": limits(45.0), "ready_in_s": np.linspace(0.0, 40.0, 12)}),
+        ("certified", {"given": None, "path_budget_m": 0.0}),
+        ("certified", {"given": None, "altitudes_m": (40.0, 120.0)}),
     ],
 )
 def test_nobody_without_hope_is_scheduled(kind: str, more: dict[str, Any]) -> None:
     preset = CHANNEL_PRESETS["dense-urban"]
-    for seed in range(3):
+    for seed in range(1 if kind == "paper" else 2):
         given = problem(
-            seed, devices=12, steps=8, channel=preset, **{"path_budget_m": 600.0, **more}
+            seed, devices=12, steps=6, channel=preset, **{"path_budget_m": 600.0, **more}
         )
         made = plan(given, kind)
         assert hopes(given, made).min() >= 0.01

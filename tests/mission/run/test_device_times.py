@@ -138,9 +138,8 @@ def test_what_is_still_to_come_is_resumed_to_the_same_bytes(
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("flight", ["none", "flown"])
-def test_whom_the_planner_serves_is_ready(tmp_path: Path, flight: str) -> None:
-    run = fly(tmp_path / "run", {"mission.flight": flight})
+def test_whom_the_planner_serves_is_ready(tmp_path: Path) -> None:
+    run = fly(tmp_path / "run", UNFLOWN)
     assert len(run.uplinks) > 8
     assert not run.uplinks["late"].any()
 
