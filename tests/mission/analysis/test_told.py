@@ -415,7 +415,7 @@ def test_cut_and_altered_logs_end_in_a_line_at_most(
     """Whatever damage leaves of setpoints and of health."""
     log = WRITERS[end](tmp_path / f"x{end}", made(until_s=30.0, off_m=3.0))
     whole, random = log.read_bytes(), np.random.default_rng(5)
-    for _ in range(15):
+    for _ in range(6):
         spoilt = bytearray(whole[: int(random.integers(len(whole) // 2, len(whole)))])
         for at in random.integers(0, len(spoilt), 60):
             spoilt[at] = random.integers(256)

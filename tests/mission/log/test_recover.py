@@ -37,7 +37,7 @@ from mission.log.inspection import check, diff, info
 from mission.log.reader import read_log
 from mission.log.writer import FlightLog
 
-KILLS = 25
+KILLS = 12
 
 
 @pytest.fixture(scope="module")
@@ -355,4 +355,4 @@ def test_killed_at_random_moments(tmp_path: Path) -> None:
         poses = load(saved).messages.get("/true/pose", [])
         newest = poses[-1].log_time if poses else 0
         assert newest > sampled_ns - 1_000_000_000
-    assert len({sampled_ns for _, sampled_ns in reports}) > KILLS // 10  # not always the same
+    assert len({sampled_ns for _, sampled_ns in reports}) > KILLS // 6  # not always the same

@@ -84,8 +84,6 @@ def test_an_aircraft_that_listens_is_sent_better_from_round_to_round(tmp_path: P
 @pytest.mark.parametrize(
     ("belief", "more"),
     [
-        ("learned", {}),
-        ("learned", {"mission.replan": "stop"}),
         ("learned", {"radio.pilots": "scheduled", "mission.devices_per_step": 1}),
         ("examples.mean_gain:make", {"mission.replan": "stop"}),
     ],
@@ -97,7 +95,7 @@ def test_what_was_learned_is_learned_again_on_resuming(
 
 
 @pytest.mark.parametrize("replan", ["round", "stop"])
-@pytest.mark.parametrize("pilots", [None, "all", "scheduled"])
+@pytest.mark.parametrize("pilots", [None, "scheduled"])
 def test_pilots_are_those_of_all_or_of_the_scheduled(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, pilots: str | None, replan: str
 ) -> None:

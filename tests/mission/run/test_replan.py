@@ -141,12 +141,6 @@ def test_a_round_keeps_its_limits_with_all_that_is_planned_anew(
 
 
 @pytest.mark.slow
-def test_a_flown_run_repeats_to_the_last_byte(run: Path, tmp_path: Path) -> None:
-    assert fly(tmp_path / "again", rounds=2) == 0
-    assert digests(tmp_path / "again") == digests(run)
-
-
-@pytest.mark.slow
 def test_a_resumed_run_has_the_same_bytes(
     run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
