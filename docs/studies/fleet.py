@@ -1,6 +1,7 @@
 """What a second aircraft brings: runs of one to four, and the tables of docs/fleet.md.
 
     python docs/studies/fleet.py runs RUNS --jobs 2            # a table for each seed, not flown
+    python docs/studies/fleet.py cells RUNS --jobs 2           # one to four aircraft, flown
     python docs/studies/fleet.py flown RUNS --jobs 2           # three aircraft in wind, flown
     python docs/studies/fleet.py tables RUNS --out docs/data/fleet
 
@@ -8,8 +9,10 @@ docs/data/PLAN-fleet.md says what is run. Seeds that are done are kept.
 """
 
 import argparse
+from collections.abc import Iterable
 from itertools import product
 from pathlib import Path
+from typing import TypeAlias
 
 import pandas as pd
 from study import csv, finished, in_parallel, markdown, mean_of, parts, write
@@ -22,8 +25,13 @@ SEEDS = range(401, 417)
 SHARED, OWN = "shared", "own"
 CORNERS_M = ((150.0, 150.0), (650.0, 650.0), (650.0, 150.0), (150.0, 650.0))
 IN_ALL, EACH = "800 m in all", "400 m each"
-JOINT, IN_TURN = "jointly", "one after another"
+JOULES = "12 kJ in all"
+JOINT, IN_TURN, DIVIDED = "jointly", "one after another", "by division"
+STRATEGIES = {JOINT: "cov", IN_TURN: "one_after_another:make", DIVIDED: "partition:make"}
+LIMITS = {IN_ALL: (800.0, None), EACH: (400.0, None), JOULES: (800.0, 12e3)}  # metres, joules
 KEYS = ["homes", "metres", "aircraft", "planned"]
+FLOWN_GAP = 0.05  # within joules, closer proofs take minutes
+Cell: TypeAlias = tuple[str, str, int, str]
 COMMUNITIES = ("digits", "colour-shapes")
 SEPARATION_M = 10.0
 WIND = {"speed_mps": 6.0, "from_deg": 270.0, "turbulence_severity": 3}
@@ -34,32 +42,48 @@ def config_of(
 ) -> aerofed.RunConfig:
     """The configuration of a run."""
     own = [{"home_m": list(at)} for at in CORNERS_M[:aircraft]]
+    metres_m, joules = LIMITS[metres]
+    shared_by = 1 if metres == EACH else aircraft
     return load_config(
         Path("quickstart"),
         {
             "seed": seed,
             "vehicles": aircraft if homes == SHARED else own,
             "mission.flight": "none",
-            "mission.path_budget_m": 400.0 if metres == EACH else 800.0 / aircraft,
+            "mission.path_budget_m": metres_m / (1 if joules else shared_by),
+            "mission.round_energy_j": joules and joules / shared_by,
             "channel.extra_gain_db": -10.0,
-            "mission.strategy": "cov" if planned == JOINT else "one_after_another:make",
+            "mission.strategy": STRATEGIES[planned],
             **{key.replace("__", "."): value for key, value in more.items()},
         },
     )
 
 
-def one_seed(out: Path, seed: int) -> str:
-    """Write the rounds of all runs of a seed."""
-    cells = [*product((SHARED, OWN), (IN_ALL, EACH), (1, 2, 3, 4), (JOINT,))]
-    cells += [(homes, EACH, 3, IN_TURN) for homes in (SHARED, OWN)]
+def _rounds(seed: int, cells: Iterable[Cell], **more: object) -> pd.DataFrame:
+    """The rounds of the runs of some cells."""
     found = []
     for cell in cells:
-        config = config_of(seed, *cell)
+        config = config_of(seed, *cell, **more)
         with finished(config, f"{seed} {cell}", code=Path(__file__).parent) as path:
             rounds = pd.read_csv(path / "rounds.csv")
         found.append(rounds.assign(seed=seed, **dict(zip(KEYS, cell, strict=True))))
-    write_atomically(out / f"{seed}.csv", csv(pd.concat(found)))
+    return pd.concat(found)
+
+
+def one_seed(out: Path, seed: int) -> str:
+    """Write the rounds of all unflown runs of a seed."""
+    cells = [*product((SHARED, OWN), (IN_ALL, EACH), (1, 2, 3, 4), (JOINT,))]
+    cells += product((SHARED, OWN), (EACH,), (3,), (IN_TURN, DIVIDED))
+    write_atomically(out / f"{seed}.csv", csv(_rounds(seed, cells)))
     return f"seed {seed}"
+
+
+def one_seed_flown(out: Path, seed: int) -> str:
+    """Write the rounds of all runs of a seed that are flown, in calm air."""
+    cells = [*product((SHARED, OWN), (EACH, JOULES), (1, 2, 3, 4), (JOINT,))]
+    found = _rounds(seed, cells, mission__flight="flown", planner__gap=FLOWN_GAP)
+    write_atomically(out / f"cells-{seed}.csv", csv(found))
+    return f"seed {seed}, all cells flown"
 
 
 def one_flight(out: Path, seed: int) -> str:
@@ -80,43 +104,46 @@ def _paired(rounds: pd.DataFrame, value: str) -> pd.DataFrame:
     return rounds.groupby(["seed", *KEYS])[value].mean().unstack(KEYS)
 
 
-def _gains(rounds: pd.DataFrame) -> str:
+def _gains(rounds: pd.DataFrame, limits: tuple[str, ...]) -> str:
     """What each aircraft brings over one fewer."""
     updates, seconds = _paired(rounds, "delivered"), _paired(rounds, "duration_s")
     last = rounds[rounds["round"] == rounds["round"].max()]
     accuracy = [100.0 * _paired(last, f"accuracy_{name}") for name in COMMUNITIES]
     rows = []
-    for homes, metres, aircraft in product((SHARED, OWN), (IN_ALL, EACH), (1, 2, 3, 4)):
-        cell = (homes, metres, aircraft, JOINT)
+    flown = [_paired(rounds, value) for value in ("flown_path_m", "energy_j")]
+    for homes, limit, aircraft in product((SHARED, OWN), limits, (1, 2, 3, 4)):
+        cell = (homes, limit, aircraft, JOINT)
         more = ""
         if aircraft > 1:
-            more = mean_of(updates[cell] - updates[homes, metres, aircraft - 1, JOINT], sign="+")
+            more = mean_of(updates[cell] - updates[homes, limit, aircraft - 1, JOINT], sign="+")
         rows.append([
-            homes, metres, str(aircraft), mean_of(updates[cell]), more,
-            mean_of(seconds[cell]), *(mean_of(each[cell]) for each in accuracy),
+            homes, limit, str(aircraft), mean_of(updates[cell]), more, mean_of(seconds[cell]),
+            f"{flown[0][cell].mean():.0f}", f"{flown[1][cell].mean() / 1e3:.1f}",
+            *(mean_of(each[cell]) for each in accuracy),
         ])  # fmt: skip
     return markdown(
-        ["homes", "metres", "A", "updates a round", "over one fewer", "s a round",
-         "digits, %", "colour-shapes, %"],
+        ["homes", "limit", "A", "updates a round", "over one fewer", "s a round", "metres in all",
+         "kJ in all", "digits, %", "colour-shapes, %"],
         rows,
     )  # fmt: skip
 
 
 def _against(rounds: pd.DataFrame) -> str:
-    """Joint plans against those made one after another."""
+    """Joint plans against those made in other ways."""
     updates = _paired(rounds, "delivered")
     # Later importances are other ones: they depend on who was heard.
     value = _paired(rounds[rounds["round"] == 1], "plan_objective")
     rows = []
-    for homes in (SHARED, OWN):
-        both = [(homes, EACH, 3, planned) for planned in (JOINT, IN_TURN)]
+    for homes, planned in product((SHARED, OWN), (IN_TURN, DIVIDED)):
+        cell, joint = ((homes, EACH, 3, how) for how in (planned, JOINT))
         rows.append([
-            homes, *(mean_of(value[cell], 3) for cell in both),
-            *(mean_of(updates[cell]) for cell in both),
-            mean_of(updates[both[0]] - updates[both[1]], sign="+"),
+            homes, planned, mean_of(value[cell], 3), mean_of(value[joint], 3),
+            mean_of(100.0 * (value[joint] / value[cell] - 1.0), sign="+"),
+            mean_of(updates[cell]), mean_of(updates[joint]),
+            mean_of(updates[joint] - updates[cell], sign="+"),
         ])  # fmt: skip
-    heads = ["homes", "value of round 1, jointly", "one after another", "updates, jointly",
-             "one after another", "difference"]  # fmt: skip
+    heads = ["homes", "planned", "value of round 1", "jointly", "jointly more, %", "updates",
+             "jointly", "difference"]  # fmt: skip
     return markdown(heads, rows)
 
 
@@ -140,17 +167,23 @@ def tables(runs: Path, out: Path) -> None:
     """Write the page and the rows of what is done."""
     done = sorted(runs.glob("4*.csv"))
     rounds = pd.concat((pd.read_csv(each) for each in done), ignore_index=True)
-    flown = sorted(runs.glob("flown-*.csv"))
+    cells, flown = (sorted(runs.glob(f"{name}-*.csv")) for name in ("cells", "flown"))
     gaps = (rounds["upper_bound"] - rounds["plan_objective"]) / rounds["upper_bound"]
     of = rounds[rounds["planned"] == JOINT].assign(gap=100.0 * gaps)["gap"]
     texts = {
-        "What each aircraft brings": _gains(rounds),
-        "Jointly, or one after another": _against(rounds),
+        "What each aircraft brings": _gains(rounds, (IN_ALL, EACH)),
+        "Jointly, or otherwise": _against(rounds),
         "What is proven": f"{len(of)} rounds: median {of.median():.2f} %, worst {of.max():.2f} %.",
     }
-    kept = {"rounds": rounds[["seed", *KEYS, "round", "plan_objective", "upper_bound", "delivered",
-                              "duration_s", "plan_path_m",
-                              *(f"accuracy_{name}" for name in COMMUNITIES)]]}  # fmt: skip
+    columns = ["seed", *KEYS, "round", "plan_objective", "upper_bound", "delivered", "duration_s",
+               "plan_path_m", "flown_path_m", "energy_j",
+               *(f"accuracy_{name}" for name in COMMUNITIES)]  # fmt: skip
+    kept = {"rounds": rounds[columns]}
+    if cells:
+        kept["cells"] = pd.concat(map(pd.read_csv, cells))[columns]
+        texts["What each brings, flown"] = (
+            f"{kept['cells']['seed'].nunique()} seeds.\n\n{_gains(kept['cells'], (EACH, JOULES))}"
+        )
     if flown:
         aircraft = pd.concat(map(pd.read_csv, flown))
         texts["Flown in wind"] = _apart(aircraft)
@@ -162,10 +195,17 @@ def tables(runs: Path, out: Path) -> None:
     write(out, head + parts(texts), **kept)
 
 
+MADE = {
+    "runs": (one_seed, ""),
+    "cells": (one_seed_flown, "cells-"),
+    "flown": (one_flight, "flown-"),
+}
+
+
 def main() -> None:
     """Parse the command line and run."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n\n", maxsplit=1)[0])
-    parser.add_argument("what", choices=("runs", "flown", "tables"))
+    parser.add_argument("what", choices=(*MADE, "tables"))
     parser.add_argument("folder", type=Path)
     parser.add_argument("--jobs", type=int, default=1)
     parser.add_argument("--out", type=Path, default=Path("docs/data/fleet"))
@@ -174,7 +214,7 @@ def main() -> None:
         tables(given.folder, given.out)
         return
     given.folder.mkdir(parents=True, exist_ok=True)
-    make, before = (one_seed, "") if given.what == "runs" else (one_flight, "flown-")
+    make, before = MADE[given.what]
     left = [seed for seed in SEEDS if not (given.folder / f"{before}{seed}.csv").exists()]
     in_parallel(given.jobs, [(make, (given.folder, seed)) for seed in left])
 
