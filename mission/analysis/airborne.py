@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 
 from mission.base.errors import InputError
-from mission.log.values import NS_PER_S, FlightData, Modes
+from mission.log.values import NS_PER_S, FlightData, Modes, Track
+from sitl.autopilot.flying.modes import Mode
 
 DISARMED = "DISARMED"  # in place of the mode of a vehicle that has landed: it may be any
 STANDING_M = 3.0  # that a position may wander on the ground
@@ -51,8 +52,8 @@ def air_times(data: FlightData, start_ns: int, end_ns: int) -> list[tuple[float,
 
 def times_in_air(path: object, data: FlightData) -> list[tuple[float, float]]:
     """From when to when (s) it was armed and off the ground: it stands where it is armed, and where
-    it is disarmed if the log tells that; of a run that nobody flies, all of it. InputError: it
-    never left it."""
+    it is disarmed if the log tells that, unless it was lost in the air; of a run that nobody flies,
+    all of it. InputError: it never left it."""
     if data.config.get("mission", {}).get("flight") == "none":
         return [tuple((data.truth.t_ns[[0, -1]] / NS_PER_S).tolist())]
     start_ns, end_ns = airborne(path, replace(data, modes=flown_modes(data)))
@@ -65,7 +66,15 @@ def times_in_air(path: object, data: FlightData) -> list[tuple[float, float]]:
             for at in (track.pos_m[:1], track.pos_m[-1:])
         )
         if len(rose) and len(landed):
-            stands = disarmed_ns >= round(until * NS_PER_S)
+            stands = disarmed_ns >= round(until * NS_PER_S) and not _is_lost(data, track)
             end_s = track.t_ns[landed[-1]] / NS_PER_S if stands else until
             found.append((float(track.t_ns[rose[0]] / NS_PER_S), float(end_s)))
     return found
+
+
+def _is_lost(data: FlightData, flown: Track) -> bool:
+    """Whether a flight ends where its vehicle was wrecked: it was terminated, or still moved."""
+    second_ns = flown.t_ns[-1] + NS_PER_S * np.array([-1, 1])  # before, after its end
+    moved_m = np.linalg.norm(flown.pos_m[-1] - flown.at(second_ns[:1]).pos_m)
+    after = np.searchsorted(data.modes.t_ns, second_ns[1], side="right") - 1
+    return bool(moved_m > _STILL_M) or data.modes.names[after] == Mode.TERMINATED.name

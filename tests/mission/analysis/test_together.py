@@ -16,6 +16,7 @@ from told_logs import HOME, WRITERS, made
 
 import aerofed
 from flightdyn.frames import LocalFrame
+from mission.analysis.airborne import times_in_air
 from mission.analysis.compare import compare_run
 from mission.analysis.limits import every_verdict
 from mission.analysis.load import load_run
@@ -101,6 +102,15 @@ def test_a_folder_of_one_world_is_judged_by_itself(
     assert pair["separation_horizontal_min_m"] == pytest.approx(3.0, abs=1e-3)
     assert pair["separation_vertical_min_m"] == pytest.approx(0.0, abs=1e-3)
     assert pair["plan_separation_min_m"] is None
+
+
+def test_a_flight_that_is_lost_in_the_air_counts_to_its_end(tmp_path: Path) -> None:
+    """Disarmed, as after a landing, but its last place is where it was hit."""
+    data = load_run(write_ours(tmp_path / "a.mcap", straight(0.0, (0, 0, -50), (5, 0, 0)))).data
+    end_ns = int(data.truth.t_ns[-1])
+    disarmed = replace(data.events[0], t_ns=end_ns, text="disarmed")
+    ((_, end_s),) = times_in_air("a", replace(data, events=[*data.events, disarmed]))
+    assert end_s == pytest.approx(end_ns * 1e-9)
 
 
 def test_horizontal_and_vertical_count_while_the_other_is_too_small(tmp_path: Path) -> None:
