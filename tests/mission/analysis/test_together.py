@@ -109,7 +109,7 @@ def test_a_flight_that_is_lost_in_the_air_counts_to_its_end(tmp_path: Path) -> N
     data = load_run(write_ours(tmp_path / "a.mcap", straight(0.0, (0, 0, -50), (5, 0, 0)))).data
     end_ns = int(data.truth.t_ns[-1])
     disarmed = replace(data.events[0], t_ns=end_ns, text="disarmed")
-    ((_, end_s),) = times_in_air("a", replace(data, events=[*data.events, disarmed]))
+    ((_, end_s),) = times_in_air("a", replace(data, events=(*data.events, disarmed)))
     assert end_s == pytest.approx(end_ns * 1e-9)
 
 
