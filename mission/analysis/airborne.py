@@ -6,9 +6,9 @@ import numpy as np
 
 from mission.base.errors import InputError
 from mission.log.values import NS_PER_S, FlightData, Modes, Track
-from sitl.autopilot.flying.modes import Mode
 
 DISARMED = "DISARMED"  # in place of the mode of a vehicle that has landed: it may be any
+TERMINATED = "TERMINATED"  # the mode of our vehicle once it is wrecked
 STANDING_M = 3.0  # that a position may wander on the ground
 _OFF_GROUND_M = 0.7
 _STILL_M = 0.3  # in a second
@@ -77,4 +77,4 @@ def _is_lost(data: FlightData, flown: Track) -> bool:
     second_ns = flown.t_ns[-1] + NS_PER_S * np.array([-1, 1])  # before, after its end
     moved_m = np.linalg.norm(flown.pos_m[-1] - flown.at(second_ns[:1]).pos_m)
     after = np.searchsorted(data.modes.t_ns, second_ns[1], side="right") - 1
-    return bool(moved_m > _STILL_M) or data.modes.names[after] == Mode.TERMINATED.name
+    return bool(moved_m > _STILL_M) or data.modes.names[after] == TERMINATED
