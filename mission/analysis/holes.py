@@ -1,5 +1,6 @@
 """Holes in a log: times without positions, of which nobody knows what was flown."""
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise
@@ -9,14 +10,15 @@ import numpy as np
 from mission.base.area import on_globe
 from mission.base.arrays import Floats, Ints
 from mission.base.gaps import HOLE, LEAST_S, gaps
-from mission.log.values import NS_PER_S, FlightData, Track
+from mission.log.values import HEIGHTS, NS_PER_S, FlightData, Track
 
 _LOW_M = 1.0  # below this a flight begins on the ground
 
 
 @dataclass(frozen=True)
 class Hole:
-    """A time without positions, and the places (latitude, longitude) before and after it."""
+    """A time without positions, and the places (latitude, longitude) before and after it; NaN of a
+    log that has heights only."""
 
     number: int  # of its pass or round
     leg: int | None  # on which it begins; None: outside, where only events are hidden
@@ -31,10 +33,12 @@ class Hole:
         """One line of text: times, length, leg, and places before and after."""
         start_s, end_s = self.start_s, self.end_s
         where = self.mode or ("outside the plan" if self.leg is None else f"leg {self.leg}")
-        here, there = (f"{lat:.7f}, {lon:.7f}" for lat, lon in (self.from_deg, self.to_deg))
+        if not math.isnan(self.from_deg[0]):
+            here, there = (f"{lat:.7f}, {lon:.7f}" for lat, lon in (self.from_deg, self.to_deg))
+            where += f", {here} to {there}"
         return (
             f"at {start_s:.1f}-{end_s:.1f} s no positions for {end_s - start_s:.1f} s, "
-            f"{where}, {here} to {there}: what was flown there is not known"
+            f"{where}: what was flown there is not known"
         )
 
 
@@ -74,6 +78,8 @@ def holes(
     for gap in every.tolist():
         ends = run.truth.at(np.round(np.multiply(gap, NS_PER_S)).astype(np.int64)).pos_m
         places = [(p.lat_deg, p.lon_deg) for p in on_globe(run.area, ends[:, :2], ends[:, 2])]
+        if run.source.only == HEIGHTS:
+            places = [(math.nan, math.nan)] * 2
         at = min(int(np.searchsorted(track.t_ns / NS_PER_S, gap[0])), len(leg) - 1)
         on = int(leg[at]) if gap in hidden.tolist() else None
         yield Hole(number, on, *gap, *places)

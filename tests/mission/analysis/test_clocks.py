@@ -165,7 +165,7 @@ def test_old_logs_count_milliseconds(tmp_path: Path) -> None:
 def test_heights_alone_are_a_flight_without_a_map(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], end: str
 ) -> None:
-    flight = made(down_m=-2.0, tilt_deg=8.0, when=(20.0, 25.0), until_s=30.0)
+    flight = made(down_m=-2.0, tilt_deg=8.0, when=(20.0, 25.0), until_s=30.0).without(14.0, 17.0)
     log = tmp_path / f"x{end}"
     if end == ".bin":
         write_bin(log, flight, version="none", places_at=False)
@@ -186,5 +186,10 @@ def test_heights_alone_are_a_flight_without_a_map(
     assert 'id="map"' not in page.read_text()
     assert "heights only" in page.read_text()
     assert "height off max" in page.read_text()
+    (hole,) = found["holes"]
+    assert hole["from_deg"] == [None, None]
+    assert call(["compare", str(log)]) == 0
+    said = " ".join(capsys.readouterr().out.split())
+    assert ": what was flown there is not known" in said and "0.0000000" not in said
     assert call(["compare", str(log), str(log), "--together"]) == 2
     assert "no places on the globe" in capsys.readouterr().err
