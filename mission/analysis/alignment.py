@@ -33,10 +33,7 @@ class Alignment:
 
 
 def align(
-    track_m: Floats,
-    waypoints_m: Floats,
-    *,
-    between: tuple[Floats, Floats] | None = None,
+    track_m: Floats, waypoints_m: Floats, *, between: tuple[Floats, Floats] | None = None
 ) -> Alignment:
     """Match a flown track (n, 2) to a planned polyline (N, 2), both in metres, or both in space.
 
@@ -58,10 +55,7 @@ def align(
     first = np.minimum(np.searchsorted(along, np.subtract(low, 1e-6)), len(along) - 2)
     last = np.maximum(np.searchsorted(along, np.add(high, 1e-6)) - 1, first + 1)
     piece = _monotone(
-        track_m,
-        nodes,
-        np.broadcast_to(first, len(track_m)),
-        np.broadcast_to(last, len(track_m)),
+        track_m, nodes, np.broadcast_to(first, len(track_m)), np.broadcast_to(last, len(track_m))
     )
     away_m, share = polyline.to_segments(track_m, nodes[piece], nodes[piece + 1])
     along_m = along[piece] + share * (along[piece + 1] - along[piece])

@@ -33,50 +33,44 @@ _WORDS = ("community", "mode", "against", "pair", "where")  # columns of words
 _NAME_WIDTH = 10  # characters of a run's name in a line, at least
 
 
-def _cell(*names: str, digits: int = 2) -> _Cell:
-    return lambda c: " / ".join(number(getattr(c, name), digits) for name in names)
-
-
 def _off(c: Comparison) -> str:
     share = c.plan_duration_s / c.duration_s if c.duration_s > 0.0 else math.nan
     return "-" if math.isnan(share) else f"{100.0 * (share - 1.0):+.1f} %"
-
-
-_Columns = tuple[tuple[str, _Cell], ...]
 
 
 def _lost(c: Comparison) -> float:
     return 100 * (1 - c.true_objective / c.plan_objective) if c.plan_objective > 0 else math.nan
 
 
+def _of(head: str, names: str, digits: int = 2) -> tuple[str, _Cell]:
+    """A column: its head, and numbers of a comparison."""
+    return head, lambda c: " / ".join(number(getattr(c, name), digits) for name in names.split())
+
+
+_Columns = tuple[tuple[str, _Cell], ...]
+
 # Each fits a terminal of 80 columns.
 _PATH: _Columns = (
-    ("path (m)\nplan / flown", _cell("plan_path_m", "flown_path_m", digits=0)),
-    ("cross-track (m)\nrms / max", _cell("cross_track_rms_m", "cross_track_max_m")),
-    ("on straights\nrms / max", _cell("straight_rms_m", "straight_max_m")),
-    ("corner cut\nmean / max", _cell("corner_cut_mean_m", "corner_cut_max_m")),
+    _of("path (m)\nplan / flown", "plan_path_m flown_path_m", 0),
+    _of("cross-track (m)\nrms / max", "cross_track_rms_m cross_track_max_m"),
+    _of("on straights\nrms / max", "straight_rms_m straight_max_m"),
+    _of("corner cut\nmean / max", "corner_cut_mean_m corner_cut_max_m"),
 )
 _TIME: _Columns = (
-    ("duration (s)\nplan / flown", _cell("plan_duration_s", "duration_s", digits=1)),
+    _of("duration (s)\nplan / flown", "plan_duration_s duration_s", 1),
     ("plan off\nby", _off),
-    ("slot late (s)\nmean / max", _cell("slot_late_mean_s", "slot_late_max_s")),
+    _of("slot late (s)\nmean / max", "slot_late_mean_s slot_late_max_s"),
 )
-_ENERGY: _Columns = (("energy (J)\nplan / flown", _cell("plan_energy_j", "energy_j", digits=0)),)
+_ENERGY: _Columns = (_of("energy (J)\nplan / flown", "plan_energy_j energy_j", 0),)
 _SLOTS: _Columns = (
-    ("slot miss (m)\nrms / max", _cell("slot_miss_rms_m", "slot_miss_max_m")),
-    ("height (m)\nrms / max", _cell("height_rms_m", "height_max_m")),
-    ("estimate (m)\nrms / max", _cell("estimate_rms_m", "estimate_max_m")),
+    _of("slot miss (m)\nrms / max", "slot_miss_rms_m slot_miss_max_m"),
+    _of("height (m)\nrms / max", "height_rms_m height_max_m"),
+    _of("estimate (m)\nrms / max", "estimate_rms_m estimate_max_m"),
 )
 _RADIO: _Columns = (
-    (
-        "mean PER\nplan / believed / true",
-        _cell("plan_per_mean", "est_per_mean", "true_per_mean", digits=4),
-    ),
-    ("shift\nmax", _cell("per_shift_max", digits=4)),
-    (
-        "objective\nplan / believed / true",
-        _cell("plan_objective", "est_objective", "true_objective", digits=3),
-    ),
+    _of("mean PER\nplan / believed / true", "plan_per_mean est_per_mean true_per_mean", 4),
+    _of("shift\nmax", "per_shift_max", 4),
+    _of("objective\nplan / believed / true", "plan_objective est_objective true_objective", 3),
     ("arrived", lambda c: f"{c.delivered}/{c.scheduled}"),
 )
 _LATE: _Columns = (("devices\nlate", lambda c: str(c.unready)),)
@@ -86,7 +80,7 @@ _LATE: _Columns = (("devices\nlate", lambda c: str(c.unready)),)
 COLUMNS: _Columns = (
     *(*_PATH, *_TIME, *_ENERGY, *_SLOTS, *_RADIO, *_LATE),
     ("lost %", lambda c: number(_lost(c))),
-    ("proven bound", _cell("upper_bound", digits=3)),
+    _of("proven bound", "upper_bound", 3),
     ("slots\nnever reached", lambda c: f"{c.slots_missed} of {c.slots}"),
 )
 

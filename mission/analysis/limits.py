@@ -251,10 +251,7 @@ def _words(what: str, at_s: float, place: Mapping[str, float]) -> str:
 
 
 def junit(
-    path: Path,
-    names: Sequence[str],
-    flights: Sequence[Sequence[Verdict]],
-    seconds: Sequence[float],
+    path: Path, names: Sequence[str], flights: Sequence[Sequence[Verdict]], seconds: Sequence[float]
 ) -> None:
     """Write verdicts as JUnit's XML: a suite a flight with how long it took, a case a limit.
 

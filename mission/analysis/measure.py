@@ -176,7 +176,6 @@ def _measured(
     ]
     since_ns, until_ns = _span(run, record)
     every = np.unique(np.vstack((hidden, position_gaps(run, since_ns, until_ns))), axis=0)
-    blows = (run.wind.t_ns >= start_ns) & (run.wind.t_ns <= end_ns)
     return Measured(
         record=record,
         numbers={
@@ -194,7 +193,7 @@ def _measured(
         corner_cut_m=np.array([reach.min() if len(reach) else math.nan for reach in reach_m]),
         height_m=height_m * known,
         speed_mps=np.linalg.norm(velocity, axis=1) * known,
-        wind_mps=np.linalg.norm(run.wind.vel_mps[blows, :2], axis=1),
+        wind_mps=run.wind.across_mps(start_ns, end_ns),
         holes=tuple(holes(run, every, hidden=hidden, number=record.round, track=truth, leg=leg)),
         estimate_m=np.linalg.norm(error[:, :2], axis=1),
         estimate_height_m=error[:, 2],

@@ -111,7 +111,6 @@ def match_pass(
     plan = PlanRecord.of_flight(number, start_ns, way.points_m, duration_s=foreseen_s)
     duration_s = (end_ns - start_ns) / NS_PER_S
     flown_m, energy_j = polyline.length(track.pos_m[:, :2]), data.battery.energy_j(start_ns, end_ns)
-    battery = data.battery.remaining[data.battery.t_ns <= end_ns]
     record = replace(
         UNKNOWN_ROUND,
         round=number,
@@ -123,7 +122,7 @@ def match_pass(
         time_used_s=duration_s,
         energy_j=energy_j,
         energy_used_j=energy_j,
-        battery_remaining=float(battery[-1]) if len(battery) else math.nan,
+        battery_remaining=data.battery.left(end_ns),
     )
     leg = leg_of(fit)
     known = way.height_known[1:][leg] & way.height_known[:-1][leg]

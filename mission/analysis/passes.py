@@ -213,12 +213,7 @@ def _goes_on(data: FlightData, plan: Plan, left_ns: int, begin_ns: int) -> bool:
 
 
 def _passes(
-    path: object,
-    data: FlightData,
-    plan: Plan,
-    times_ns: Sequence[tuple[int, int]],
-    *,
-    first: int,
+    path: object, data: FlightData, plan: Plan, times_ns: Sequence[tuple[int, int]], *, first: int
 ) -> Iterator[Pass]:
     """A pass, or several where the vehicle went back to an earlier item on the way."""
     begin_ns, until_ns = times_ns[0][0], times_ns[-1][1]

@@ -44,9 +44,7 @@ def whole_flight(
     off = data.belief.at(track.t_ns).pos_m - track.pos_m
     known = ~inside(t_s, lost) & (data.source.only is None)
     off = np.where(known[:, None], off, math.nan)
-    left = data.battery.remaining[data.battery.t_ns <= end_ns]
-    blows = (data.wind.t_ns >= start_ns) & (data.wind.t_ns <= end_ns)
-    wind_mps = np.linalg.norm(data.wind.vel_mps[blows, :2], axis=1)
+    wind_mps = data.wind.across_mps(start_ns, end_ns)
     none, legs = lost[:0], np.zeros(len(t_s), dtype=np.int64)
     where = holes(data, lost, hidden=none, number=1, track=track, leg=legs)
     named = (replace(h, mode=modes_at(modes, np.array([h.start_s]))[0]) for h in where)
@@ -55,7 +53,7 @@ def whole_flight(
         "flown_path_m": math.nan if heights_only else polyline.length(xy),
         "duration_s": float(t_s[-1] - t_s[0]),
         "energy_j": data.battery.energy_j(start_ns, end_ns),
-        "battery_remaining": float(left[-1]) if len(left) else math.nan,
+        "battery_remaining": data.battery.left(end_ns),
         "speed_max_mps": greatest(np.where(inside(t_s, lost) | heights_only, math.nan, speed)),
         "wind_mean_mps": mean(wind_mps),
         "wind_max_mps": greatest(wind_mps),

@@ -16,14 +16,7 @@ from pydantic_core import to_json
 
 from fl.radio.per_grid import PerGrid
 from flightdyn.frames import LocalFrame
-from flightdyn.state import (
-    BatteryState,
-    GeodeticPoint,
-    GnssFix,
-    Innovation,
-    Kinematics,
-    Vector,
-)
+from flightdyn.state import BatteryState, GeodeticPoint, GnssFix, Innovation, Kinematics, Vector
 from mission.base.area import Area
 from mission.log.records import as_json
 from mission.log.topics import BODY_FRAME, FRAME

@@ -86,11 +86,7 @@ STRINGS = Kind(
 )
 _MAYBE_LIST: dict[str, object] = {"type": "array", "items": {"type": ["number", "null"]}}
 MAYBE_NUMBERS = Kind(_MAYBE_LIST, list, lambda row: tuple(map(_nan_for_none, row)))
-ITEMS = Kind(
-    {"type": "array", "items": _MAYBE_LIST},
-    list,
-    lambda rows: tuple(map(_item, rows)),
-)
+ITEMS = Kind({"type": "array", "items": _MAYBE_LIST}, list, lambda rows: tuple(map(_item, rows)))
 OUTLINES = Kind({"type": "array", "items": _LISTS})
 Maybe: TypeAlias = Annotated[float, MAYBE]
 # A number for each community, and a column each in a table: `accuracy_<name>`.

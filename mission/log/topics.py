@@ -119,10 +119,7 @@ FLOWN_PATH = _foxglove(
     "the round's true track so far; every 5 s or 5 % of it, and at the end",
 )
 PLAN_MAP = _foxglove(
-    "/plan/map",
-    fox.GeoJson,
-    "devices, planned path and fence, for the map panel",
-    latched=True,
+    "/plan/map", fox.GeoJson, "devices, planned path and fence, for the map panel", latched=True
 )
 SCENE_GROUND = _foxglove(
     "/scene/ground", fox.SceneUpdate, "edge of the area, take-off point, fence", latched=True
@@ -131,10 +128,7 @@ SCENE_BUILDINGS = _foxglove(
     "/scene/buildings", fox.SceneUpdate, "what stands in the area, once", latched=True
 )
 SCENE_DEVICES = _foxglove(
-    "/scene/devices",
-    fox.SceneUpdate,
-    "devices; colour: community, size: importance",
-    latched=True,
+    "/scene/devices", fox.SceneUpdate, "devices; colour: community, size: importance", latched=True
 )
 SCENE_LINKS = _foxglove(
     "/scene/links", fox.SceneUpdate, "transmissions; colour: true PER, thin: lost"

@@ -250,6 +250,11 @@ class BatteryTrack:
         energy_j = float((given_as * self.voltage_v[during][1:]).sum())
         return energy_j if energy_j > 0.0 else math.nan
 
+    def left(self, at_ns: int) -> float:
+        """Return what is left (0..1) at an instant; NaN where it is not known."""
+        found = self.remaining[self.t_ns <= at_ns]
+        return float(found[-1]) if len(found) else math.nan
+
 
 @dataclass(frozen=True)
 class WindTrack:
@@ -257,6 +262,11 @@ class WindTrack:
 
     t_ns: Ints  # (n,)
     vel_mps: Floats  # (n, 3) velocity of the air: east, north, up
+
+    def across_mps(self, start_ns: int, end_ns: int) -> Floats:
+        """(k,) its horizontal speeds between two instants."""
+        during = (self.t_ns >= start_ns) & (self.t_ns <= end_ns)
+        return np.asarray(np.linalg.norm(self.vel_mps[during, :2], axis=1))
 
 
 _XYZ = ("x", "y", "z")
