@@ -15,25 +15,21 @@ from mission.base.tables import annotated
 
 @dataclass(frozen=True)
 class Number:
-    """A number of a comparison, and its label and decimal places in tables of several runs."""
+    """A number of a comparison: what it is made of and how, and its label and decimal places in
+    tables of several runs, where it has a label."""
 
-    of: str  # what it is made of
-    text: str  # empty: in no table
-    digits: int
+    of: str
+    by: Callable[[Any], float]
+    text: str = ""
+    digits: int = 2
 
 
-@dataclass(frozen=True)
 class Made(Number):
     """Reduction of measured rounds, one or all of a run, to one number."""
 
-    by: Callable[[Sequence[Measured]], float]
 
-
-@dataclass(frozen=True)
 class Told(Number):
     """Reduction of a number over the time of a flight, by its name in `FlightErrors.series`."""
-
-    by: Callable[[Floats], float]
 
     def worst_s(self, values: Values) -> float:
         """When a number was at its worst; NaN where there is none."""
@@ -52,7 +48,7 @@ def _of(reduce: Callable[[Floats], float], name: str, text: str = "", digits: in
     def by(items: Sequence[Measured]) -> float:
         return reduce(np.concatenate([getattr(item, name) for item in items]))
 
-    return Made(name, text, digits, by)
+    return Made(name, by, text, digits)
 
 
 def _sum(name: str, text: str = "", digits: int = 0) -> Made:
@@ -62,15 +58,15 @@ def _sum(name: str, text: str = "", digits: int = 0) -> Made:
         known = all(name in item.numbers for item in items)
         return sum(item.numbers[name] for item in items) if known else math.nan
 
-    return Made(name, text, digits, add)
+    return Made(name, add, text, digits)
 
 
 def _longest(name: str, text: str) -> Made:
-    return Made(name, text, 1, lambda items: max(item.numbers[name] for item in items))
+    return Made(name, lambda items: max(item.numbers[name] for item in items), text, 1)
 
 
 def _last(name: str, text: str) -> Made:
-    return Made(name, text, 3, lambda items: items[-1].numbers[name])
+    return Made(name, lambda items: items[-1].numbers[name], text, 3)
 
 
 def _expected(true_per: Floats) -> float:
@@ -152,50 +148,48 @@ class Comparison:
     faults: Annotated[float, _sum("faults", "faults")]
     gap_max_s: Annotated[float, _longest("gap_max_s", "longest hole (s)")]
     # Against what the vehicle was told, where the log holds that: see `mission.analysis.told`.
-    tracking_rms_m: Annotated[float, Told("tracking_m", "off setpoint rms (m)", 3, rms)]
-    tracking_max_m: Annotated[float, Told("tracking_m", "off setpoint max (m)", 3, greatest)]
-    along_rms_m: Annotated[float, Told("along_m", "along rms (m)", 3, rms)]
-    across_rms_m: Annotated[float, Told("across_m", "across rms (m)", 3, rms)]
-    across_target_rms_m: Annotated[float, Told("target_m", "off target rms (m)", 3, rms)]
-    across_target_max_m: Annotated[float, Told("target_m", "off target's way max (m)", 3, greatest)]
-    height_tracking_rms_m: Annotated[float, Told("height_off_m", "height off rms (m)", 3, rms)]
-    height_tracking_max_m: Annotated[float, Told("height_off_m", "height off max (m)", 3, _max_abs)]
-    speed_tracking_rms_mps: Annotated[float, Told("speed_off_mps", "speed off rms (m/s)", 3, rms)]
+    tracking_rms_m: Annotated[float, Told("tracking_m", rms, "off setpoint rms (m)", 3)]
+    tracking_max_m: Annotated[float, Told("tracking_m", greatest, "off setpoint max (m)", 3)]
+    along_rms_m: Annotated[float, Told("along_m", rms, "along rms (m)", 3)]
+    across_rms_m: Annotated[float, Told("across_m", rms, "across rms (m)", 3)]
+    across_target_rms_m: Annotated[float, Told("target_m", rms, "off target rms (m)", 3)]
+    across_target_max_m: Annotated[float, Told("target_m", greatest, "off target's way max (m)", 3)]
+    height_tracking_rms_m: Annotated[float, Told("height_off_m", rms, "height off rms (m)", 3)]
+    height_tracking_max_m: Annotated[float, Told("height_off_m", _max_abs, "height off max (m)", 3)]
+    speed_tracking_rms_mps: Annotated[float, Told("speed_off_mps", rms, "speed off rms (m/s)", 3)]
     speed_tracking_max_mps: Annotated[
-        float, Told("speed_off_mps", "speed off max (m/s)", 3, _max_abs)
+        float, Told("speed_off_mps", _max_abs, "speed off max (m/s)", 3)
     ]
-    attitude_tracking_rms_deg: Annotated[float, Told("tilt_off_deg", "tilt off rms (deg)", 2, rms)]
+    attitude_tracking_rms_deg: Annotated[float, Told("tilt_off_deg", rms, "tilt off rms (deg)")]
     attitude_tracking_max_deg: Annotated[
-        float, Told("tilt_off_deg", "tilt off max (deg)", 2, greatest)
+        float, Told("tilt_off_deg", greatest, "tilt off max (deg)")
     ]
-    yaw_tracking_rms_deg: Annotated[float, Told("yaw_off_deg", "yaw off rms (deg)", 2, rms)]
-    yaw_tracking_max_deg: Annotated[float, Told("yaw_off_deg", "yaw off max (deg)", 2, _max_abs)]
+    yaw_tracking_rms_deg: Annotated[float, Told("yaw_off_deg", rms, "yaw off rms (deg)")]
+    yaw_tracking_max_deg: Annotated[float, Told("yaw_off_deg", _max_abs, "yaw off max (deg)")]
     rates_tracking_rms_degps: Annotated[
-        float, Told("rates_off_degps", "rates off rms (deg/s)", 2, rms)
+        float, Told("rates_off_degps", rms, "rates off rms (deg/s)")
     ]
-    tracking_delay_s: Annotated[float, Told("tracking_delay_s", "delay (s)", 3, mean)]
+    tracking_delay_s: Annotated[float, Told("tracking_delay_s", mean, "delay (s)", 3)]
     # Health in the air: see `mission.analysis.health`.
-    vibration_max_mps2: Annotated[
-        float, Told("vibration_mps2", "vibration max (m/s2)", 2, greatest)
-    ]
-    clips_max: Annotated[float, Told("clips", "clips", 0, greatest)]
+    vibration_max_mps2: Annotated[float, Told("vibration_mps2", greatest, "vibration max (m/s2)")]
+    clips_max: Annotated[float, Told("clips", greatest, "clips", 0)]
     innovation_ratio_max: Annotated[
-        float, Told("innovation_ratio", "innovation ratio max", 2, greatest)
+        float, Told("innovation_ratio", greatest, "innovation ratio max")
     ]
-    gnss_fix_min: Annotated[float, Told("gnss_fix", "GNSS fix, least (3: 3D)", 0, least)]
-    satellites_min: Annotated[float, Told("satellites", "satellites, least", 0, least)]
-    hdop_max: Annotated[float, Told("hdop", "HDOP max", 2, greatest)]
+    gnss_fix_min: Annotated[float, Told("gnss_fix", least, "GNSS fix, least (3: 3D)", 0)]
+    satellites_min: Annotated[float, Told("satellites", least, "satellites, least", 0)]
+    hdop_max: Annotated[float, Told("hdop", greatest, "HDOP max")]
     gnss_accuracy_max_m: Annotated[
-        float, Told("gnss_accuracy_m", "GNSS accuracy max (m)", 2, greatest)
+        float, Told("gnss_accuracy_m", greatest, "GNSS accuracy max (m)")
     ]
-    battery_min: Annotated[float, Told("remaining", "battery least (0..1)", 3, least)]
-    voltage_min_v: Annotated[float, Told("voltage_v", "voltage min (V)", 2, least)]
-    voltage_sag_max_v: Annotated[float, Told("sag_v", "voltage sag max (V)", 2, greatest)]
-    current_max_a: Annotated[float, Told("current_a", "current max (A)", 1, greatest)]
-    motor_max: Annotated[float, Told("motors", "motor max (0..1)", 3, greatest)]
-    motors_full_s: Annotated[float, Told("motors_full_s", "motors at full (s)", 1, greatest)]
-    motor_imbalance: Annotated[float, Told("motor_imbalance", "motors apart (0..1)", 3, greatest)]
-    log_dropout_max_s: Annotated[float, Told("log_gap_s", "longest dropout (s)", 2, greatest)]
+    battery_min: Annotated[float, Told("remaining", least, "battery least (0..1)", 3)]
+    voltage_min_v: Annotated[float, Told("voltage_v", least, "voltage min (V)")]
+    voltage_sag_max_v: Annotated[float, Told("sag_v", greatest, "voltage sag max (V)")]
+    current_max_a: Annotated[float, Told("current_a", greatest, "current max (A)", 1)]
+    motor_max: Annotated[float, Told("motors", greatest, "motor max (0..1)", 3)]
+    motors_full_s: Annotated[float, Told("motors_full_s", greatest, "motors at full (s)", 1)]
+    motor_imbalance: Annotated[float, Told("motor_imbalance", greatest, "motors apart (0..1)", 3)]
+    log_dropout_max_s: Annotated[float, Told("log_gap_s", greatest, "longest dropout (s)")]
     gnss_gaps: Annotated[float, _sum("gnss_gaps")]
     gnss_gap_max_s: Annotated[float, _longest("gnss_gap_max_s", "longest gap of GNSS (s)")]
 
