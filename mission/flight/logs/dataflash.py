@@ -201,6 +201,9 @@ def _rows(
             yield form.name, now_ns, form.row(content, at)
         if form.name == "FMT":
             told = form.row(content, at)
+            if (told.Name, told.Columns) == ("TIME", "StartTime"):
+                old = "a log of PX4 before ULog (sdlog2), which is not read"
+                raise InputError(f"{found.path}: {old}")
             form = _Format(told.Type, told.Name, told.Length, told.Columns, told.Format)
             if form.sound:
                 formats[told.Type] = form

@@ -161,6 +161,15 @@ def test_old_logs_count_milliseconds(tmp_path: Path) -> None:
     assert old.run.data.truth.t_ns[-1] == now.run.data.truth.t_ns[-1]
 
 
+def test_a_log_of_px4_before_ulog_is_named(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """It is laid out as DataFlash, with other rows."""
+    log = write_bin(tmp_path / "x.bin", made(until_s=5.0), more=[("TIME", "Q", "StartTime", [])])
+    assert call(["compare", str(log)]) == 2
+    assert "x.bin: a log of PX4 before ULog (sdlog2), which" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize("end", [".bin", ".ulg", ".tlog"])
 def test_heights_alone_are_a_flight_without_a_map(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], end: str
@@ -190,6 +199,7 @@ def test_heights_alone_are_a_flight_without_a_map(
     assert hole["from_deg"] == [None, None]
     assert call(["compare", str(log)]) == 0
     said = " ".join(capsys.readouterr().out.split())
-    assert ": what was flown there is not known" in said and "0.0000000" not in said
+    assert ": what was flown there is not known" in said
+    assert "0.0000000" not in said
     assert call(["compare", str(log), str(log), "--together"]) == 2
     assert "no places on the globe" in capsys.readouterr().err
