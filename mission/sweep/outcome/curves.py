@@ -105,9 +105,7 @@ class Along:
 
 
 ROUNDS = Along("round")
-DISTANCE = Along(
-    "length of path (km), mean over seeds; in a hover, its cost", "budget_used_m", 1000.0
-)
+DISTANCE = Along("path budget used (km), mean over seeds", "budget_used_m", 1000.0)
 TIME = Along("simulated time (min), mean over seeds", "end_t_s", 60.0)
 
 
