@@ -115,7 +115,9 @@ def test_a_plan_is_flown_and_compared(square: Square) -> None:
 
 
 @pytest.mark.slow
-def test_the_same_plan_gives_the_same_flight_and_the_waypoint_file_too(tmp_path: Path) -> None:
+def test_the_waypoint_file_of_the_same_plan_gives_the_same_flight_watched_live(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     # A plan without take-off and without an end: straight up first, and home afterwards.
     plan = written(tmp_path, place(47.401, 8.5, 60), place(47.402, 8.5, 60))
     second = ROW.format(2).replace("47.401", "47.402")
@@ -123,11 +125,13 @@ def test_the_same_plan_gives_the_same_flight_and_the_waypoint_file_too(tmp_path:
     lines = (ROW.format(1) + second).replace("\t0\t5\t0\t0\t", "\t0\t3\t0\tnan\t")  # any heading
     rows.write_text("QGC WPL 110\n" + HOME_ROW + lines)
     tracks = []
-    for number, source in enumerate((plan, rows)):
+    live = ("--live", "--live-port", "0")
+    for number, source in enumerate(([str(plan)], [str(rows), *live])):
         out = tmp_path / str(number)
-        assert call(["fly", str(source), "--out", str(out), *QUIET]) == 0
+        assert call(["fly", *source, "--out", str(out), *QUIET]) == 0
         tracks.append((out / "track.csv").read_bytes())
     assert tracks[0] == tracks[1]
+    assert capsys.readouterr().out == ""
     data = np.genfromtxt(tmp_path / "0" / "track.csv", delimiter=",", names=True)
     assert abs(data["true_alt_m"][-1]) < 0.5
 
@@ -564,18 +568,6 @@ def test_a_flight_that_misses_its_end_has_failed(
     assert capsys.readouterr().err == f"aerofed: {said}; the files are in {out}\n"
     assert (summary(out)["status"], summary(out)["error"]) == ("failed", said)
     assert (out / "track.csv").is_file()
-
-
-@pytest.mark.slow
-def test_a_live_view_changes_no_byte_of_a_flight(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    plan = written(tmp_path, TAKE_OFF, place(NORTH, 8.5), RETURN)
-    for name, more in (("a", ()), ("b", ("--live", "--live-port", "0"))):
-        assert call(["fly", str(plan), "--out", str(tmp_path / name), *QUIET, *more]) == 0
-    assert capsys.readouterr().out == ""
-    logs = [(tmp_path / name / "flight.mcap").read_bytes() for name in "ab"]
-    assert logs[0] == logs[1]
 
 
 def test_a_live_port_that_is_none_or_in_use_leaves_nothing(
