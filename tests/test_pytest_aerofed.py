@@ -116,25 +116,20 @@ def test_others():
 
 
 @pytest.mark.slow
-def test_without_a_firmware_its_tests_are_skipped_with_the_reason(tmp_path: Path) -> None:
+def test_without_a_firmware_its_tests_are_skipped_and_with_one_that_is_not_there_they_fail(
+    tmp_path: Path,
+) -> None:
     code, words = ran(
         tmp_path,
         "import pytest\ndef test_px4(px4): ...\ndef test_arducopter(arducopter): ...\n"
-        "@pytest.mark.aerofed(firmware='px4')\ndef test_marked(vehicle): ...\n",
-        AEROFED_PX4="",
+        "@pytest.mark.aerofed(firmware='arducopter')\ndef test_marked(vehicle): ...\n",
+        AEROFED_PX4="nowhere/px4",
         AEROFED_ARDUCOPTER="",
         PYTEST_ADDOPTS="-rs",
     )
-    assert code == 0, words
-    assert "3 skipped" in words
-    for name, variable in (("px4", "AEROFED_PX4"), ("arducopter", "AEROFED_ARDUCOPTER")):
-        assert f"firmware = '{name}': {variable} names no binary" in words
-
-
-@pytest.mark.slow
-def test_a_binary_that_is_not_there_is_no_reason_to_skip(tmp_path: Path) -> None:
-    code, words = ran(tmp_path, "def test_px4(px4): ...", AEROFED_PX4="nowhere/px4")
     assert code == 1, words
+    assert "2 skipped, 1 error" in words
+    assert "firmware = 'arducopter': AEROFED_ARDUCOPTER names no binary" in words
     assert "nowhere/px4: no such file" in words
 
 
