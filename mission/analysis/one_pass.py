@@ -62,7 +62,7 @@ def match_pass(
     begin_ns: int,
     current: tuple[Ints, Ints],
     returns_ns: float,
-    foreseen_s: float,
+    foreseen_s: Floats,
 ) -> Pass:
     """Match the track of a pass with the way of its mission.
 
@@ -74,7 +74,7 @@ def match_pass(
         begin_ns: of its time in the mission mode.
         current: times (ns), and the item that was flown to from each on.
         returns_ns: when a return began; infinity if none did.
-        foreseen_s: how long it was to take; NaN if nobody said.
+        foreseen_s: when it was to pass each point, by the plan; of other points if nobody said.
     """
     at_m = polyline.along(way.points_m)
     if way.given == len(at_m):
@@ -108,7 +108,10 @@ def match_pass(
     fit = replace(fit, **numbers)
     fit = _of_what_is_given(track, fit, way, sure_ns)
     start_ns, end_ns = int(track.t_ns[0]), int(track.t_ns[-1])
-    plan = PlanRecord.of_flight(number, start_ns, way.points_m, duration_s=foreseen_s)
+    slot_s = np.append(np.full(len(way.points_m) - 1, math.nan), foreseen_s[-1])
+    if len(foreseen_s) == len(slot_s):  # else it began elsewhere
+        slot_s = foreseen_s
+    plan = PlanRecord.of_flight(number, start_ns, way.points_m, slot_s=slot_s)
     duration_s = (end_ns - start_ns) / NS_PER_S
     flown_m, energy_j = polyline.length(track.pos_m[:, :2]), data.battery.energy_j(start_ns, end_ns)
     record = replace(

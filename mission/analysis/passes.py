@@ -252,7 +252,7 @@ def _passes(
         if len(way.points_m) > 1:
             _check_place(path, plan, way, track)
             # Whoever ordered the flight knew what the vehicle makes of the mission.
-            foreseen = [p.duration_s for p in data.plans if plan.logged and item == 0]
+            foreseen = [p.slot_s for p in data.plans if plan.logged and item == 0]
             yield match_pass(
                 data,
                 way,
@@ -261,7 +261,7 @@ def _passes(
                 begin_ns=start_ns,
                 current=(times, seqs),
                 returns_ns=_returns_ns(data, int(track.t_ns[0])),
-                foreseen_s=[*foreseen, math.nan][0],
+                foreseen_s=[*foreseen, np.full(1, math.nan)][0],
             )
             first += 1
 

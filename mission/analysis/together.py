@@ -14,6 +14,8 @@ import numpy as np
 from mission.analysis.airborne import times_in_air
 from mission.analysis.compare import RunComparison, names_of
 from mission.analysis.holes import position_gaps
+from mission.analysis.one_pass import AT_END_M
+from mission.base import polyline
 from mission.base.area import Area, on_globe
 from mission.base.arrays import Bools, Floats
 from mission.base.errors import InputError
@@ -334,7 +336,7 @@ def _pairs(world: Together, area: Area) -> Iterator[Pair]:
         air.append(np.array(times_in_air(flight.run.path, data)) + added_s)
         begin_ns, end_ns = data.truth.t_ns[[0, -1]].tolist()
         lost.append(position_gaps(data, begin_ns - 1, end_ns + 1) + added_s)
-        tracks = [_planned(p) for p in data.plans if math.isfinite(p.duration_s)]
+        tracks = [_planned(data, p) for p in data.plans if np.isfinite(p.slot_s).all()]
         planned.append([_track(track, data.area, area, added_s) for track in tracks])
     for a, b in itertools.combinations(range(len(world.flights)), 2):
         spans = np.array([
@@ -352,10 +354,14 @@ def _pairs(world: Together, area: Area) -> Iterator[Pair]:
         yield Pair(a, b, name, flown, _apart_planned(planned[a], planned[b]), both[hides])
 
 
-def _planned(plan: PlanRecord) -> Track:
-    """Where a plan leads when, from its begin on."""
-    t_ns = plan.t_ns + np.round(plan.slot_s * NS_PER_S).astype(np.int64)
-    return Track(t_ns, plan.route_3d_m[plan.stops_at])
+def _planned(data: FlightData, plan: PlanRecord) -> Track:
+    """Where a plan leads when, straight from place to place; that of a flight begins with what is
+    flown, a metre after it was to."""
+    places_m, begin_s = plan.route_3d_m[plan.stops_at], 0.0
+    if data.planned is not None:
+        begin_s = float(np.interp(AT_END_M, polyline.along(places_m), plan.slot_s))
+    t_ns = np.round((plan.slot_s - begin_s) * NS_PER_S).astype(np.int64)
+    return Track(plan.t_ns + t_ns, places_m)
 
 
 def _apart_planned(first: Sequence[Track], second: Sequence[Track]) -> Apart:

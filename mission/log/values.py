@@ -132,10 +132,11 @@ class PlanRecord:
     stops_at: Annotated[Ints, INTEGERS, "(N,) which points of the route are the waypoints"]
 
     @classmethod
-    def of_flight(cls, number: int, t_ns: int, points_m: Floats, *, duration_s: float) -> Self:
-        """The plan of a flight along (N, 3) points that serves nobody, at one speed."""
-        flat, along_m = points_m[:, :2], polyline.along(points_m)
-        speed_mps = float(along_m[-1]) / duration_s
+    def of_flight(cls, number: int, t_ns: int, points_m: Floats, *, slot_s: Floats) -> Self:
+        """The plan of a flight along (N, 3) points that serves nobody, passing each at a time (N,)
+        in seconds; NaN where nobody knows."""
+        flat, duration_s = points_m[:, :2], float(slot_s[-1])
+        speed_mps = polyline.length(points_m) / duration_s
         return cls(
             round=number,
             t_ns=t_ns,
@@ -148,7 +149,7 @@ class PlanRecord:
             speed_mps=speed_mps,
             altitude_m=float(points_m[:, 2].max()),
             height_m=points_m[:, 2],
-            slot_s=along_m * (duration_s / (along_m[-1] or 1.0)),
+            slot_s=slot_s,
             duration_s=duration_s,
             route_m=flat,
             stops_at=np.arange(len(flat)),

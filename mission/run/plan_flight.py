@@ -147,9 +147,7 @@ class PlanFlight:
         """Log the planned path, as rounds have theirs, and the items."""
         order = self.order
         points_m = order.area.xyz(order.path.points_ned_m)
-        self.log.plan_record(
-            PlanRecord.of_flight(1, t_ns, points_m, duration_s=order.path.duration_s)
-        )
+        self.log.plan_record(PlanRecord.of_flight(1, t_ns, points_m, slot_s=order.path.slot_s))
         for items in (order.plan.items, order.plan.fence, order.plan.rally):
             if items:
                 self.log.mission(record_of(t_ns, items[0].mission_type, items))

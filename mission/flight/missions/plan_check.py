@@ -17,6 +17,7 @@ from flightdyn.foresight import SETTLING_S, STOPPING_S
 from flightdyn.frames import LocalFrame
 from flightdyn.guidance.path import FlightPath, passing_times
 from flightdyn.state import GeodeticPoint
+from mission.base import polyline
 from mission.base.area import Area
 from mission.base.arrays import Floats
 from mission.base.errors import InputError
@@ -39,6 +40,7 @@ _WAITS = (
     mav.MAV_CMD_CONDITION_DELAY,
 )
 _KEEP, _DEFAULT = -1.0, -2.0  # DO_CHANGE_SPEED's other values
+_BEFORE_M = 1e-3  # a place, where it is passed before what is waited there
 _KINDS = {
     mav.MAV_MISSION_TYPE_MISSION: "item",
     mav.MAV_MISSION_TYPE_FENCE: "fence point",
@@ -54,7 +56,7 @@ class CheckedPath:
     places: tuple[tuple[int, Floats], ...]  # items in the order in which they are flown, (3,) each
     rally_ned_m: tuple[Floats, ...]  # (3,) each: where a return may lead beside home
     returns: bool  # comes home and lands by itself, or lands elsewhere
-    duration_s: float  # with that, in calm air
+    slot_s: Floats  # (P,) when each point is passed in calm air; the last one: when all is over
 
 
 def nowhere(item: MissionItem) -> bool:
@@ -140,8 +142,8 @@ def checked_path(
             refuse(item, f"it is {breach}")
         rally_ned_m.append(place)
     ends = plan.items[-1].command in _LAST
-    duration_s = _duration_s(plan.items, home, p, limits, points[-1])
-    return CheckedPath(points, tuple(places), tuple(rally_ned_m), ends, duration_s)
+    slot_s = _slot_s(plan.items, home, p, limits, points)
+    return CheckedPath(points, tuple(places), tuple(rally_ned_m), ends, slot_s)
 
 
 def _wrong(item: MissionItem, *, first: bool, last: bool) -> str:
@@ -169,27 +171,40 @@ def _refused(item: MissionItem) -> str:
     return check_item(item)[1]
 
 
-def _duration_s(
+def _slot_s(
     items: Sequence[MissionItem],
     home: GeodeticPoint,
     p: Parameters,
     limits: LimitsConfig,
-    end_ned_m: Floats,
-) -> float:
-    """How long the items take, with the landing at `end_ned_m`, (3,), where they end in one."""
+    points_ned_m: Floats,
+) -> Floats:
+    """When the items lead past each of the points (P, 3), the last of which a landing ends at."""
     stages = route.compile_route(
         items, p, frame=LocalFrame(home), home=home, start=np.zeros(3), on_ground=True
     )
-    duration_s, here = SETTLING_S, np.zeros(3)  # where it ends
+    end_ned_m, here = points_ned_m[-1], np.zeros(3)
+    along_m, t_s = [0.0], [SETTLING_S]  # the latter where it ends
+
+    def passed(path: FlightPath) -> None:
+        times_s, before_s = passing_times(path, limits), t_s[-1]
+        along_m.extend((along_m[-1] + polyline.along(path.points_ned_m)).tolist())
+        t_s.extend((before_s + np.asarray(times_s)).tolist())
+        took(0.0, before_s + (float(times_s[-1]) + STOPPING_S))
+
+    def took(metres: float, until_s: float) -> None:
+        along_m.append(along_m[-1] + metres)
+        t_s.append(until_s)
+
     for stage in stages:
         match stage:
             case route.Fly(path):
-                duration_s += float(passing_times(path, limits)[-1]) + STOPPING_S
+                passed(path)
                 here = path.points_ned_m[-1]
             case route.Wait(wait_s):
-                duration_s += wait_s
+                took(0.0, t_s[-1] + wait_s)
             case route.Circle(orbit, phase_rad):
-                duration_s += orbit.turns * math.tau * orbit.radius_m / abs(orbit.speed_mps)
+                metres = orbit.turns * math.tau * orbit.radius_m
+                took(metres, t_s[-1] + metres / abs(orbit.speed_mps))
                 here = orbit.after(phase_rad, orbit.turns)
             case route.End(command):
                 down_m = float(here[2])
@@ -198,12 +213,15 @@ def _duration_s(
                     down_m = min(down_m, -p["RTL_RETURN_ALT"] if far else 0.0)
                     points = np.array([here, (*here[:2], down_m), (*end_ned_m[:2], down_m)])
                     speeds, radii = np.full(2, p["MPC_XY_CRUISE"]), np.full(3, p["NAV_ACC_RAD"])
-                    path = FlightPath(points, speeds, radii)
-                    duration_s += float(passing_times(path, limits)[-1]) + STOPPING_S
+                    passed(FlightPath(points, speeds, radii))
                 slow_m = min(-down_m, p["MPC_LAND_ALT2"])
                 fast_s = (-down_m - slow_m) / p["MPC_Z_VEL_MAX_DN"]
-                duration_s += fast_s + slow_m / p["MPC_LAND_SPEED"]
-    return duration_s
+                took(-down_m, t_s[-1] + (fast_s + slow_m / p["MPC_LAND_SPEED"]))
+    at_m = polyline.along(points_ned_m)
+    reached_m = at_m * (along_m[-1] / (at_m[-1] or 1.0)) - _BEFORE_M
+    slot_s = np.interp(reached_m, along_m, t_s) - SETTLING_S
+    slot_s[-1] = t_s[-1]
+    return slot_s
 
 
 def _metre_by_metre(points: Floats) -> Floats:

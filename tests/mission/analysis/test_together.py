@@ -287,3 +287,34 @@ def test_the_picture_has_the_limit(tmp_path: Path) -> None:
     texts = json.dumps(chart["datasets"])
     assert "limit 5 m" in texts
     assert "3.00 m" in texts
+
+
+@pytest.mark.slow
+def test_planned_is_when_each_was_to_be_where(tmp_path: Path) -> None:
+    """Two plans, mirrored, lead past each other 12 m apart after a climb and 100 m of the way each:
+    planned and flown they are nearest at one time, by symmetry when each is half way."""
+    frame = LocalFrame(HOME)
+    for name, north_m, east_m in (("1", -100.0, 0.0), ("2", 100.0, 12.0)):
+        ends = [(north_m, east_m), (-north_m, east_m)]
+        at = [frame.to_geodetic(np.array([*end, 0.0])) for end in ends]
+        items = [
+            {
+                "type": "SimpleItem", "command": command, "frame": 3, "autoContinue": True,
+                "params": [0, 0, 0, None, place.lat_deg, place.lon_deg, 20],
+            }
+            for command, place in zip((22, 16, 21), (*at, at[1]), strict=True)
+        ]  # fmt: skip
+        home = [at[0].lat_deg, at[0].lon_deg, HOME.alt_msl_m]
+        mission = {"version": 2, "items": items, "plannedHomePosition": home, "cruiseSpeed": 10}
+        plan = tmp_path / f"{name}.plan"
+        plan.write_text(json.dumps({"fileType": "Plan", "version": 1, "mission": mission}))
+        out = ("--out", str(tmp_path / f"vehicle-{name}"), "--no-report", "--no-figures")
+        assert call(["fly", str(plan), *out, "--quiet"]) == 0
+    found = aerofed.compare(tmp_path)
+    row = found.pairs.iloc[0]
+    assert row["plan_separation_min_m"] == pytest.approx(12.0, abs=0.1)
+    assert row["separation_min_m"] == pytest.approx(12.0, abs=2.0)
+    assert row["separation_min_t_s"] == pytest.approx(row["plan_separation_min_t_s"], abs=1.0)
+    legs = found.flights[0].legs[1]
+    half_s = (legs.start_s + legs.end_s) / 2
+    assert row["separation_min_t_s"] == pytest.approx(half_s, abs=1.0)

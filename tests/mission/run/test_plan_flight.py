@@ -305,13 +305,19 @@ def test_a_plan_of_many_waits_takes_as_long_as_foreseen(tmp_path: Path) -> None:
     assert call(["fly", str(plan), "--out", str(out), *QUIET]) == 0
     found = summary(out)["planned_and_flown"]
     assert found["duration_s"] == pytest.approx(found["plan_duration_s"], abs=1.0)
+    judged = load_run(out).judged
+    assert judged is not None
+    (flown,) = judged.passes
+    passed_s = [p.t_s for p in flown.passages if 0 < p.seq < len(ends)]
+    planned_s = flown.plan.slot_s[(flown.path.seqs > 0) & (flown.path.seqs < len(ends))]
+    assert np.array(passed_s) - passed_s[0] == pytest.approx(planned_s - planned_s[0], abs=1.0)
 
 
 def test_turns_are_timed_by_their_number(tmp_path: Path) -> None:
     def planned_s(turns: float) -> float:
         circle = simple(18, turns, 0, 20, 0, 47.401, 8.5, 50)
         plan = read_plan_file(written(tmp_path, TAKE_OFF, circle, RETURN))
-        return plan_flight.order_of(load(None, ()), plan).path.duration_s
+        return float(plan_flight.order_of(load(None, ()), plan).path.slot_s[-1])
 
     each_s = 2.0 * math.pi * 20.0 / math.sqrt(2.0 * 20.0)  # no faster than presses with 2 m/s2
     assert planned_s(8) - planned_s(3) == pytest.approx(5.0 * each_s)
