@@ -104,8 +104,6 @@ class RunFolder:
                 raise InputError(
                     f"{path}: the output folder is already used; give a new or empty one{hint}"
                 )
-        except NotADirectoryError:
-            raise InputError(f"{path}: the output folder is not a folder") from None
         except UnicodeEncodeError:
             raise InputError(f"{path}: the output folder's name is not UTF-8") from None
         except OSError as error:

@@ -8,7 +8,6 @@ from cyclopts import Parameter
 
 from mission.base.console import PLAIN, Terminal
 from mission.base.errors import InputError
-from mission.base.explain import Blame
 from mission.commands.options import Overrides, load
 
 _STEP_M = 5.0  # between heights
@@ -68,6 +67,7 @@ def radio_map(
 
     from fl.radio.place import RadioMap
     from flightdyn.random import RandomStreams
+    from mission.base.explain import Blame
     from mission.scenario.radio_maps import origin_of, traced_map, write_map
     from mission.scenario.radios import city_of
     from mission.scenario.scenario import device_places

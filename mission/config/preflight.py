@@ -97,7 +97,7 @@ def load_data(config: "RunConfig", data_dir: Path | None) -> None:
     """Load the data sets that are files into the cache of this process, for the run to use.
 
     Raises:
-        InputError: one is damaged, or some are missing.
+        InputError: one is damaged, or some are missing; a line for each.
     """
     missing: dict[str, None] = {}  # the first community that needs a data set tells it
     for index, community in enumerate(config.communities):
@@ -108,4 +108,4 @@ def load_data(config: "RunConfig", data_dir: Path | None) -> None:
         except DataMissingError as error:
             missing[str(error)] = None
     if missing:
-        raise InputError("; and ".join(missing))
+        raise InputError("\n".join(missing))
