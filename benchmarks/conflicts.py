@@ -37,6 +37,8 @@ from told_logs import HOME, WRITERS, made
 READY_S, UP_S, END_S = 10.0, 24.0, 42.0
 LONG_M, BEYOND_M, SPEED_MPS = 40.0, 50.0, 8.0
 ROUNDING_M = {".bin": math.hypot(0.011, 0.008), ".tlog": math.hypot(0.011, 0.008)}
+# Logs of those that touch end between two samples, 0.1 s apart, in which both come so much nearer.
+LAST_M = 2.1 * SPEED_MPS * 0.1
 NAMES = "vehicle-1", "vehicle-2"
 Floats = NDArray[np.float64]
 
@@ -155,7 +157,7 @@ def tried(seed: int, folder: Path) -> dict[str, tuple[float, float]]:
     for kind, paths in logs.items():
         row = aerofed.compare(*paths, together=True).pairs.iloc[0]
         found[kind] = float(row.separation_min_m), float(row.separation_min_t_s)
-    assert not hit or all(abs(m - TOUCH_M) < 1.0 for m, _ in found.values()), (seed, found)
+    assert not hit or all(abs(m - TOUCH_M) < LAST_M for m, _ in found.values()), (seed, found)
     return {kind: (m - true_m, at_s - true_s) for kind, (m, at_s) in found.items()}
 
 
