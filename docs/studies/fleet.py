@@ -105,20 +105,21 @@ def _paired(rounds: pd.DataFrame, value: str) -> pd.DataFrame:
 
 
 def _gains(rounds: pd.DataFrame, limits: tuple[str, ...]) -> str:
-    """What each aircraft brings over one fewer."""
+    """What each aircraft brings over one fewer. Who does not fly takes no joules."""
     updates, seconds = _paired(rounds, "delivered"), _paired(rounds, "duration_s")
     last = rounds[rounds["round"] == rounds["round"].max()]
     accuracy = [100.0 * _paired(last, f"accuracy_{name}") for name in COMMUNITIES]
     rows = []
     flown = [_paired(rounds, value) for value in ("flown_path_m", "energy_j")]
-    for homes, limit, aircraft in product((SHARED, OWN), limits, (1, 2, 3, 4)):
+    done = [limit for limit in limits if limit in set(rounds["metres"])]
+    for homes, limit, aircraft in product((SHARED, OWN), done, (1, 2, 3, 4)):
         cell = (homes, limit, aircraft, JOINT)
         more = ""
         if aircraft > 1:
             more = mean_of(updates[cell] - updates[homes, limit, aircraft - 1, JOINT], sign="+")
         rows.append([
             homes, limit, str(aircraft), mean_of(updates[cell]), more, mean_of(seconds[cell]),
-            f"{flown[0][cell].mean():.0f}", f"{flown[1][cell].mean() / 1e3:.1f}",
+            f"{flown[0][cell].mean():.0f}", f"{flown[1][cell].mean() / 1e3:.1f}".replace("nan", ""),
             *(mean_of(each[cell]) for each in accuracy),
         ])  # fmt: skip
     return markdown(
