@@ -390,7 +390,7 @@ def _missing(tasks: list[tuple[str, str | None]], data_dir: Path | None = None) 
 def test_all_data_sets_that_are_missing_are_named(
     tasks: list[tuple[str, str | None]], needed: list[str]
 ) -> None:
-    lines = _missing(tasks).split("; and ")
+    lines = _missing(tasks).splitlines()
     assert len(lines) == len(needed)
     for line, end in zip(lines, needed, strict=True):
         assert ": needs files: give their folder (--data-dir FOLDER, in Python data_dir)" in line
