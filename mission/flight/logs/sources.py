@@ -40,6 +40,7 @@ _MADE: dict[str, _Making | float] = {
     "used": lambda values: values[:, np.isfinite(values).any(axis=0)],
     "not 0": _but(0), "not 255": _but(255), "DOP": _but(0, 65535, scale=0.01),
     "mm, not 0": _but(0, scale=0.001),
+    "m, known": _but(4294967.5),  # the receiver's 2**32 - 1 mm as a float
     "%": 0.01, "%, cA": _but(-1, scale=0.01),
     "cells": lambda mv: np.where(mv == _NO_CELL, 0.0, mv / 1e3).sum(axis=1, keepdims=True),
     "of WP": _of_kinds(1, 3), "of WP, Pos": _of_kinds(1, 2, 3),
@@ -140,11 +141,11 @@ innovation_ratio 3  | estimator_status                | mag_test_ratio
 gnss_fix            | vehicle_gps_position            | fix_type
 satellites          | vehicle_gps_position            | satellites_used
 hdop                | vehicle_gps_position            | hdop                            | not 0
-gnss_accuracy_m     | vehicle_gps_position            | eph
+gnss_accuracy_m     | vehicle_gps_position            | eph                             | m, known
 gnss_fix            | sensor_gps                      | fix_type
 satellites          | sensor_gps                      | satellites_used
 hdop                | sensor_gps                      | hdop                            | not 0
-gnss_accuracy_m     | sensor_gps                      | eph
+gnss_accuracy_m     | sensor_gps                      | eph                             | m, known
 motors              | actuator_motors                 | control[12]                     | used
 """)
 TLOG = _sources("""

@@ -9,6 +9,7 @@ from xml.etree import ElementTree as ET
 
 import numpy as np
 import pytest
+from made_up_logs import write_ulog
 from pymavlink import DFReader
 from pymavlink.dialects.v20 import common as mav
 from pyulog import ULog
@@ -467,3 +468,10 @@ def test_the_time_line_has_health_beside_the_errors(tmp_path: Path) -> None:
     assert max(row["y"] for row in rows if row["y"] is not None) == pytest.approx(1.0)
     words = str([chart["datasets"][layer["data"]["name"]] for layer in of_errors["layer"]])
     assert "log dropout of 0.70 s" in words
+
+
+def test_an_accuracy_that_no_receiver_knows_is_none(tmp_path: Path) -> None:
+    """PX4 writes 2**32 - 1 mm without a fix."""
+    rows = [(float(second), 4294967.5 if second < 30 else 2.0) for second in range(60)]
+    log = write_ulog(tmp_path / "a.ulg", instead={"sensor_gps": ("float eph", "f", rows)})
+    assert compare_run(load_run(log)).total.gnss_accuracy_max_m == 2.0
