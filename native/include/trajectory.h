@@ -327,36 +327,50 @@ static inline void unsmoothed(const Trajectory *path, double t, double area[3], 
 static inline double power_at(double speed, double accel, const Air *air)
 {
     const double root = sqrt(air->density), x = speed * root, last = (double)(air->rows - 1);
-    const int64_t i = x < last ? (int64_t)x : air->rows - 2;
-    const double share = x < last ? x - (double)i : 1;
-    const double level = air->watts[i] + (air->watts[i + 1] - air->watts[i]) * share;
+    const double within = x < last ? x : last;
+    const int64_t row = (int64_t)within, i = row < air->rows - 2 ? row : air->rows - 2;
+    const double level = air->watts[i] + (air->watts[i + 1] - air->watts[i]) * (within - (double)i);
     const double push = sqrt(1 + accel * accel / (GRAVITY_MPS2 * GRAVITY_MPS2));
     return (level + air->watts[0] * (push * sqrt(push) - 1)) / root;
 }
 
-/* Joules of a trajectory from its start to its end, in samples of power. */
+/* Joules of a trajectory from its start to its end, in samples of power; several at once are worked out
+   by vector instructions. */
 static inline double joules_of(const Trajectory *path, const Air *air)
 {
+    enum { SOME = 32 };
     const double moving = path->end - path->start, h = path->half;
     const int64_t count = (int64_t)ceil(moving / SAMPLE_S);
     const double step = moving / (double)count;
     const Piece *at[2] = {path->pieces, path->pieces}, *last = path->pieces + path->count - 1;
-    double total = 0;
-    for (int64_t n = 0; n <= count; n++) {
-        const double t = n < count ? path->start + step * (double)n : path->end;
-        double area[3], p[2][3], v[2][3], flown[3], accel[3];
-        for (int side = 0; side < 2; side++) {
-            const double here = side ? t + h : t - h;
-            while (at[side] < last && at[side][1].t0 <= here) at[side]++;
-            drawn_at(at[side], here, area, p[side], v[side]);
+    double total = 0, moved[3][SOME] = {{0}}, gained[3][SOME] = {{0}}, watts[SOME];
+    for (int64_t first = 0; first <= count; first += SOME) {
+        const int64_t some = count + 1 - first < SOME ? count + 1 - first : SOME;
+        for (int64_t s = 0; s < some; s++) {
+            const double t = first + s < count ? path->start + step * (double)(first + s) : path->end;
+            double area[3], p[2][3], v[2][3];
+            for (int side = 0; side < 2; side++) {
+                const double here = side ? t + h : t - h;
+                while (at[side] < last && at[side][1].t0 <= here) at[side]++;
+                drawn_at(at[side], here, area, p[side], v[side]);
+            }
+            for (int i = 0; i < 3; i++) {
+                moved[i][s] = p[1][i] - p[0][i];
+                gained[i][s] = v[1][i] - v[0][i];
+            }
         }
-        for (int i = 0; i < 3; i++) {
-            flown[i] = (p[1][i] - p[0][i]) / (2 * h) - air->wind[i];
-            accel[i] = (v[1][i] - v[0][i]) / (2 * h);
+        for (int64_t s = 0; s < SOME; s++) {
+            double flown[3], accel[3];
+            for (int i = 0; i < 3; i++) {
+                flown[i] = moved[i][s] / (2 * h) - air->wind[i];
+                accel[i] = gained[i][s] / (2 * h);
+            }
+            watts[s] = power_at(
+                size3(flown[0], flown[1], flown[2]), size3(accel[0], accel[1], accel[2]), air);
         }
-        const double watts = power_at(
-            size3(flown[0], flown[1], flown[2]), size3(accel[0], accel[1], accel[2]), air);
-        total += n == 0 || n == count ? watts / 2 : watts;
+        if (!first) watts[0] /= 2;
+        if (first + some > count) watts[some - 1] /= 2;
+        for (int64_t s = 0; s < some; s++) total += watts[s];
     }
     return total * step;
 }

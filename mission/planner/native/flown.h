@@ -180,7 +180,7 @@ static double serve_fewer(const Round *round, CandidatePlan *plan, double above,
                 desk->turns[served++] = (Turn){n, k, 0.0};
                 seconds += round->upload[k];
             }
-    double taken = serve_chosen(round, plan, 0, desk);
+    double taken = serve_chosen(round, plan, 0, desk), share = taken;
     if (taken > 1.0) return taken;
     /* What one of them takes, about: its stop's braking goes with the seconds of its hover. */
     for (int64_t i = 0; i < served; i++) {
@@ -206,19 +206,23 @@ static double serve_fewer(const Round *round, CandidatePlan *plan, double above,
             taken += desk->turns[order[i]].taken;
             desk->chosen[count++] = order[i];
         }
-    while (count && serve_chosen(round, plan, count, desk) > 1.0)
-        taken -= desk->turns[desk->chosen[--count]].taken;
+    int64_t made = 0; /* how many of them the plan serves */
+    for (; count; taken -= desk->turns[desk->chosen[--count]].taken) {
+        share = serve_chosen(round, plan, made = count, desk);
+        if (share <= 1.0) break;
+    }
     for (int64_t i = 0; i < served; i++) {
         const double more = desk->turns[order[i]].taken;
         int64_t at = 0;
         while (at < count && desk->chosen[at] != order[i]) at++;
         if (at < count || taken + more > FILLED) continue;
         desk->chosen[count] = order[i];
-        if (serve_chosen(round, plan, count + 1, desk) > 1.0) continue;
+        share = serve_chosen(round, plan, made = count + 1, desk);
+        if (share > 1.0) continue;
         taken += more;
         count++;
     }
-    return serve_chosen(round, plan, count, desk);
+    return made == count ? share : serve_chosen(round, plan, count, desk);
 }
 
 /* The first metres of a path: where everywhere may be flown it is shrunk about its start, among areas
