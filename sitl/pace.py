@@ -170,7 +170,7 @@ class Simulation:
             await asyncio.sleep(_BREATH_S if self._goes_on else 0.0)
         else:
             # No more than until telemetry is due. A machine that falls behind does not rush later.
-            sim_s = self._run_for(min(_STRETCH_S, self._due() - began) * speed)
+            sim_s = self._run_for(min(_STRETCH_S, self._due() - began) * speed, began + _FLAT_OUT_S)
             self._on_time = max(self._on_time, began - _STRETCH_S) + sim_s / speed
             await asyncio.sleep(max(0.0, self._on_time - time.monotonic()))
 
@@ -183,12 +183,13 @@ class Simulation:
         while self._goes_on and now() < wall_s and world.t_ns < until_ns:
             world.stride(ordered_ns)
 
-    def _run_for(self, sim_s: float) -> float:
-        """Run about `sim_s`, less if the manoeuvre ends; return the simulated seconds run."""
+    def _run_for(self, sim_s: float, wall_s: float) -> float:
+        """Run about `sim_s`, less if the manoeuvre ends or a wall time is over, as where a firmware
+        asks for nothing; return the simulated seconds run."""
         world = self.world
         before_ns = world.t_ns
         until_ns = before_ns + sim_s * 1e9
         world.step()
-        while self._goes_on and world.t_ns < until_ns:
+        while self._goes_on and world.t_ns < until_ns and time.monotonic() < wall_s:
             world.step()
         return (world.t_ns - before_ns) * 1e-9

@@ -1,7 +1,6 @@
 """`aerofed world`."""
 
 import math
-import threading
 from contextlib import suppress
 from pathlib import Path
 from typing import Annotated, Literal
@@ -13,8 +12,6 @@ from mission.base.errors import InputError
 from mission.commands.options import Overrides, load, single
 
 Times = Annotated[int, Parameter(count=True)]
-
-_PX4_URL, _ARDUPILOT_URL = "udpin://0.0.0.0:14030", "tcpout://127.0.0.1:5762"
 
 
 def world(
@@ -85,34 +82,13 @@ def world(
     if own and not several:
         raise InputError(f"--set {next(iter(own))}:...: for one of several; leave the name out")
     pace, say = math.inf if speed == "max" else speed, Terminal(**PLAIN).print
-    if several:
-        from mission.flight.serve.firmwares import serve_world_of
-
-        each = {name: load(config, its, options) for name, its in own.items()}
-        with suppress(KeyboardInterrupt):
-            serve_world_of(
-                resolved, autopilots, built_in, each=each, speed=pace, say=say, logs=logs
-            )
-        return 0
+    each = {name: load(config, its, options) for name, its in own.items()}
     # Only now, so that wrong input is answered at once.
-    from mission.flight.serve.flight_logs import FlightLogs
-    from mission.flight.serve.world import Recorder, serve_world
-    from sitl.firmware import ardupilot as json_interface
-    from sitl.firmware import px4 as hil
+    from mission.flight.serve.firmwares import serve_world
 
-    usual = hil.DEFAULT_PORT if px4 else json_interface.DEFAULT_PORT
-    area, url = resolved.area.build(), mavlink or (_PX4_URL if px4 else _ARDUPILOT_URL)
-    recorder = None
-    if logs is not None:
-        recorder = Recorder(area, resolved.link, url, FlightLogs(logs, area=area))
     with suppress(KeyboardInterrupt):
         serve_world(
-            resolved,
-            "px4" if px4 else "ardupilot",
-            port=port or usual,
-            speed=pace,
-            say=say,
-            stop=threading.Event(),
-            recorder=recorder,
-        )
+            resolved, autopilots, built_in, each=each, port=port, mavlink=mavlink, speed=pace,
+            say=say, logs=logs,
+        )  # fmt: skip
     return 0

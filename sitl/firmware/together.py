@@ -31,16 +31,17 @@ class Bridged:
         *,
         near_m: float,
         say: Callable[[str], None],
+        patient: bool = False,
     ) -> None:
         """`number`: of the vehicle, from 1; `bridge` opens one to a firmware that is still to come,
-        with an aircraft at home.
+        with an aircraft at home; `patient`: one that asks for nothing is waited for for ever.
 
         Raises:
             InputError: a setting of the aircraft is refused.
             LinkLostError: the port cannot be had.
         """
         self.near_m = near_m
-        self._number, self._make, self._say = number, bridge, say
+        self._number, self._make, self._say, self._patient = number, bridge, say, patient
         self._bridge: Bridge | None = None
         self._awaited = bridge()
         self.plant: Plant = self._awaited.plant
@@ -115,9 +116,7 @@ class Bridged:
         now_s = time.monotonic()
         if done:
             self.truth.keep_battery()
-            self._silent_since = None
-        elif self._silent_since is None:
-            self._silent_since = now_s
+        self._silent_since = None if done or self._patient else self._silent_since or now_s
         if not done and bridge.deserted():
             self._leave(FirmwareRestartedError("its firmware has ended"))
         elif self._silent_since is not None and now_s - self._silent_since > STALL_S:

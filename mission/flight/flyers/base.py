@@ -258,9 +258,9 @@ class Backend(ABC):
         if link.kind == "udp":
             _check_port("127.0.0.1", link.udp_port, f"link.udp_port = {link.udp_port}")
         elif link.kind == "external":
-            _check_url(link.url, "link.url")
+            check_url(link.url, "link.url")
         for url in link.gcs:
-            _check_url(url, "link.gcs")
+            check_url(url, "link.gcs")
 
     def await_vehicle(self, *, say: Say) -> "VehicleLimits | None":  # noqa: ARG002
         """Wait for a vehicle that must be there already; `say` hears what is waited for.
@@ -322,7 +322,8 @@ class FleetBackend(Backend):
         raise FlightError("several aircraft fly here, where one was asked for")
 
 
-def _check_url(url: str, key: str) -> None:
+def check_url(url: str, key: str) -> None:
+    """Raise LinkLostError if a link is to listen on a UDP port that is taken."""
     host, _, port = url.removeprefix("udpin://").rpartition(":")
     if url.startswith("udpin://") and port.isdecimal():
         _check_port(host, int(port), f"{key} = {url}")

@@ -1,14 +1,14 @@
-"""Several aircraft in one world, served to firmwares that somebody else starts."""
+"""Aircraft in one world, each served to a firmware that somebody else starts."""
 
 import asyncio
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import AsyncExitStack, ExitStack, contextmanager
+from contextlib import AsyncExitStack, ExitStack, closing, contextmanager
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
+from types import MappingProxyType
 
 from flightdyn.plant import Plant
 from flightdyn.random import RandomStreams
@@ -16,19 +16,24 @@ from mission.base.area import Area
 from mission.base.errors import FlightError, InputError, LinkLostError
 from mission.config.link import LinkConfig
 from mission.config.models import RunConfig
-from mission.flight.flyers.base import Say, station_links
-from mission.flight.pilot.connection import until
+from mission.flight.flyers.base import Say, check_url, station_links
+from mission.flight.flyers.firmware import Milestones
+from mission.flight.pilot.connection import located, until
+from mission.flight.pilot.feed import Known
 from mission.flight.serve.flight_logs import FlightLogs
 from mission.flight.serve.separation import in_words, write_separation
 from mission.flight.serve.vehicle import Served, area_of, check_free, make_vehicles, names_of
-from mission.flight.serve.world import Recorder, bridge_to, where
+from sitl.autopilot.codec.orders import MissionItem
 from sitl.block import following
 from sitl.firmware import ardupilot, px4
 from sitl.firmware.bridge import Bridge
 from sitl.firmware.together import Bridged
+from sitl.firmware.vehicle import plant_for
 from sitl.pace import Simulation
 
 _LOOK_S = 0.1  # wall time
+_FOR_EVER_S = 1e6
+_TELL_OF_LISTS = ("total", "mission_id", "fence_id", "rally_points_id")
 # Of the first instance, and how many the next one's is higher by: port of the simulator link, and
 # link to record by, as both firmwares count.
 _PORTS = {"px4": (px4.DEFAULT_PORT, 1), "ardupilot": (ardupilot.DEFAULT_PORT, 10)}
@@ -36,18 +41,56 @@ _UDP = "14540", "14550"  # where those of the built-in autopilot speak to, as wi
 _HEARD = {"px4": ("udpin://0.0.0.0", 14030, 1), "ardupilot": ("tcpout://127.0.0.1", 5762, 10)}
 
 
+@dataclass(frozen=True)
+class Recorder:
+    """Writes each flight of a firmware, as `aerofed sitl --logs` does: belief, modes and lists by
+    its MAVLink at `url`, truth by our physics."""
+
+    area: Area
+    link: LinkConfig
+    url: str
+    logs: FlightLogs
+
+    async def follow(self, flown: Bridged, say: Say) -> None:
+        """Record until cancelled; download the lists whenever the firmware reports a change.
+
+        Raises:
+            LinkLostError: the link cannot be opened.
+            InputError: the vehicle is too far from the area.
+        """
+        patient = dict.fromkeys(("connect_timeout_s", "ready_timeout_s"), _FOR_EVER_S)
+        link = self.link.model_copy(update={**patient, "url": self.url})
+        with closing(self.logs):
+            observers = self.logs, Milestones(flown.plant)
+            known = Known(flown.truth.at, flown.plant.fault_news)
+            async with located(link, area=self.area, observers=observers, say=say, known=known) as (
+                pilot,
+                feed,
+            ):
+                feed.first_item = 0  # its lists are recorded as they are
+                held: list[tuple[MissionItem, ...]] = [(), (), ()]
+                said = None
+                async for fields in pilot.messages.of("MISSION_CURRENT"):
+                    tells = pilot.armed, [fields.get(name) for name in _TELL_OF_LISTS]
+                    if tells != said and (lists := await pilot.lists()) is not None:
+                        for kind, (items, before) in enumerate(zip(lists, held, strict=True)):
+                            if repr(items) != repr(before):  # a NaN is no NaN's equal
+                                self.logs.took(flown.plant.t_ns, kind, items)
+                        said, held = tells, lists
+
+
 @dataclass(frozen=True, eq=False)
 class Seat:
-    """An aircraft and the port at which its firmware is awaited."""
+    """An aircraft that awaits its firmware, or is flown by it."""
 
     name: str
     autopilot: str
-    port: int
     area: Area
     bridged: Bridged
+    say: Say
     recorder: Recorder | None
 
-    async def record(self, say: Say) -> None:
+    async def record(self) -> None:
         """Record the flights of each firmware that comes, one after the other."""
         assert self.recorder is not None
         while True:
@@ -55,25 +98,27 @@ class Seat:
             self.recorder.logs.began_ns = self.bridged.began_ns
             ended = partial(self._ended, self.bridged.plant)
             try:
-                async with following(self.recorder.follow(self.bridged, say), name="recorder"):
+                async with following(self.recorder.follow(self.bridged, self.say), name="recorder"):
                     await until(ended)
             except (LinkLostError, FlightError) as error:
-                say(f"{error}; this firmware is recorded no further")
+                self.say(f"{error}; this firmware is recorded no further")
                 await until(ended)
 
     def _ended(self, plant: Plant) -> bool:
         return not self.bridged.there or self.bridged.plant is not plant
 
 
-def serve_world_of(
+def serve_world(
     config: RunConfig,
     autopilots: Sequence[str],
-    built_in: int,
+    built_in: int = 0,
     *,
-    each: Mapping[str, RunConfig],
+    each: Mapping[str, RunConfig] = MappingProxyType({}),
+    port: int | None = None,
+    mavlink: str | None = None,
     speed: float,
     say: Say,
-    logs: Path | None,
+    logs: Path | None = None,
     stop: Callable[[], bool] = lambda: False,
 ) -> None:
     """Serve an aircraft to each of `autopilots`, "px4" or "ardupilot", and so many under the
@@ -81,11 +126,14 @@ def serve_world_of(
 
     Each firmware is awaited at the port of its instance, which counts its own kind. Time begins
     when all have come, and waits for the slowest at each guidance interval. A firmware that ends
-    leaves its aircraft with its motors off, and the others flying. Ends when `stop` says so, or by
-    KeyboardInterrupt; then says how near each pair came, and writes that beside the flight logs.
+    leaves its aircraft with its motors off, and the others flying; the next one finds it at home.
+    Ends when `stop` says so, or by KeyboardInterrupt; then says how near each pair came, and writes
+    that beside the flight logs.
 
     `each`: the configurations of single vehicles, by name; `logs`: folder for flight logs, with a
-    subfolder for each vehicle; `speed`: simulated seconds per second.
+    subfolder for each of several; `speed`: simulated seconds per second. `port` and `mavlink`, of
+    one alone: where its firmware is awaited, and heard for its logs. However long one alone asks
+    for nothing, as in a debugger, it is waited for.
 
     Raises:
         InputError: a setting of an aircraft is refused, or two are so near that they touch.
@@ -104,7 +152,7 @@ def serve_world_of(
             config, count=built_in, each=own, udp=_UDP, logs=folder, instance=firmwares
         )
     with ExitStack() as opened:
-        seats = _seats(config, autopilots, names, each, logs, say, opened)
+        seats = _seats(config, autopilots, names, each, port, mavlink, say, logs, opened)
         _serve(config.link, seats, ours, speed, say, logs, stop)
 
 
@@ -113,51 +161,44 @@ def _seats(
     autopilots: Sequence[str],
     names: Sequence[str],
     each: Mapping[str, RunConfig],
-    logs: Path | None,
+    port: int | None,
+    mavlink: str | None,
     say: Say,
+    logs: Path | None,
     opened: ExitStack,
 ) -> list[Seat]:
     seats: list[Seat] = []
-    place = RandomStreams(config.seed)
+    place, alone = RandomStreams(config.seed), len(names) == 1
     for number, autopilot in enumerate(autopilots):
         name, instance = names[number], autopilots[:number].count(autopilot)
         own = each.get(name, config)
-        if own.vehicle.traffic != "off":
+        if own.vehicle.traffic != "off" and not alone:
             raise InputError(
                 f"vehicle.traffic = {own.vehicle.traffic!r}: a firmware cannot be told of others; "
                 "leave it out, or set it of one of --built-in by its name"
             )
-        area, said = area_of(config.area, own.area, number), partial(_say, say, name)
+        area, said = area_of(config.area, own.area, number), say if alone else _of(name, say)
         first, step = _PORTS[autopilot]
-        port = first + step * instance
         make = partial(
-            _opened, own, autopilot, port, told=logs is not None, area=area,
-            streams=place.of_one(f"vehicle/{number}") if number else place,
+            _opened, own, autopilot, port or first + step * instance, told=logs is not None,
+            area=area, streams=place.of_one(f"vehicle/{number}") if number else place,
         )  # fmt: skip
-        bridged = Bridged(number + 1, make, near_m=own.vehicle.near_m, say=said)
+        bridged = Bridged(number + 1, make, near_m=own.vehicle.near_m, say=said, patient=alone)
         opened.callback(bridged.close)
         recorder = None
         if logs is not None:
-            written = FlightLogs(logs / name, area=area)
-            recorder = Recorder(area, own.link, _heard_at(autopilot, instance), written)
-        seats.append(Seat(name, autopilot, port, area, bridged, recorder))
+            url, first, step = _HEARD[autopilot]  # where nobody else is listening
+            written = FlightLogs(logs if alone else logs / name, area=area)
+            heard = mavlink or f"{url}:{first + step * instance}"
+            check_url(heard, "the link to record by")
+            recorder = Recorder(area, own.link, heard, written)
+        called = "aircraft" if alone else name
+        seats.append(Seat(called, autopilot, area, bridged, said, recorder))
     return seats
 
 
-def _opened(*where: Any, **how: Any) -> Bridge:
-    bridge = bridge_to(*where, **how)
-    bridge.open()
-    return bridge
-
-
-def _heard_at(autopilot: str, instance: int) -> str:
-    """Where a firmware is heard that nobody else is listening to there."""
-    url, port, step = _HEARD[autopilot]
-    return f"{url}:{port + step * instance}"
-
-
-def _say(say: Say, name: str, text: str) -> None:
-    say(f"{name}: {text}")
+def _of(name: str, say: Say) -> Say:
+    return lambda text: say(f"{name}: {text}")
 
 
 def _serve(
@@ -174,7 +215,7 @@ def _serve(
     beside = {seat.name: seat.bridged for seat in seats}
     simulation = Simulation(wired, beside=beside, speed=speed, runs="ordered")
     try:
-        with _recorded(seats, say) as failed:
+        with _recorded(seats) as failed:
             asyncio.run(_run(simulation, seats, built_in, say, lambda: stop() or failed()))
     finally:
         for one in built_in:
@@ -182,14 +223,14 @@ def _serve(
                 one.logs.close()
         for line in in_words(simulation.world):
             say(line)
-        if logs is not None:
+        if logs is not None and len(simulation.world.names) > 1:
             areas = {seat.name: seat.area for seat in seats}
             areas |= {one.name: one.area for one in built_in}
             write_separation(logs, simulation.world, areas)
 
 
 @contextmanager
-def _recorded(seats: Sequence[Seat], say: Say) -> Iterator[Callable[[], bool]]:
+def _recorded(seats: Sequence[Seat]) -> Iterator[Callable[[], bool]]:
     """Record flights in a thread, so that stepping keeps nobody from being heard. Yields whether
     that has failed; why is raised at the end."""
     ended = threading.Event()
@@ -198,8 +239,7 @@ def _recorded(seats: Sequence[Seat], say: Say) -> Iterator[Callable[[], bool]]:
         async with AsyncExitStack() as beside:
             for seat in seats:
                 if seat.recorder is not None:
-                    work = seat.record(partial(_say, say, seat.name))
-                    await beside.enter_async_context(following(work, name="recorder"))
+                    await beside.enter_async_context(following(seat.record(), name="recorder"))
             await until(ended.is_set)
 
     with ThreadPoolExecutor(1, thread_name_prefix="recorder") as pool:
@@ -218,30 +258,70 @@ async def _run(
     say: Say,
     stop: Callable[[], bool],
 ) -> None:
-    there, world = set[Seat](), simulation.world
+    world, told, begun = simulation.world, 0, False
+    flying: dict[Seat, Plant] = {}  # while its firmware is there
     async with simulation:
         for one in built_in:
-            say(f"{one.name} {where(one.vehicle.aircraft)}, MAVLink on {', '.join(one.urls)}")
+            say(f"{one.name} {_where(one.vehicle.aircraft)}, MAVLink on {', '.join(one.urls)}")
         for seat in seats:
             end = "; Ctrl-C ends" if seat is seats[-1] else ""
             say(
-                f"{seat.name} {where(seat.bridged.plant)}, "
-                f"waiting for {seat.autopilot} on port {seat.port}{end}"
+                f"{seat.name} {_where(seat.bridged.plant)}, "
+                f"waiting for {seat.autopilot} on port {seat.bridged.port}{end}"
             )
-        told = 0
         while not stop():
             for seat in seats:
-                came = seat.bridged.look()
-                if came and seat not in there:
-                    say(f"{seat.name}: {seat.autopilot} has come")
-                    there.add(seat)
-                elif not came:
-                    there.discard(seat)
-            if len(there) == len(seats) and simulation.runs != "always":
-                say("all have come: time begins")
+                if not seat.bridged.look():
+                    flying.pop(seat, None)
+                elif flying.get(seat) is not seat.bridged.plant:
+                    flying[seat] = seat.bridged.plant
+                    seat.say(f"{seat.autopilot} has come")
+            if len(flying) == len(seats) and not begun:
+                begun = True
+                if len(world.names) > 1:
+                    say("all have come: time begins")
+            if begun and (flying or built_in):
                 simulation.go_on()
+            else:  # nobody is there to fly
+                simulation.runs = "ordered"
             for t_ns, *pair in world.collisions[told:]:
                 names = (world.names[number] for number in pair)
                 say(f"{' and '.join(names)} have collided at {t_ns * 1e-9:.2f} s")
             told = len(world.collisions)
             await asyncio.sleep(_LOOK_S)
+
+
+def _where(plant: Plant) -> str:
+    """Where an aircraft stands, and at what rate it is stepped."""
+    home, rate_hz = plant.frame.origin, 1e9 / plant.dt_ns
+    return f"at {home.lat_deg:.7f}, {home.lon_deg:.7f}, {home.alt_msl_m:g} m, {rate_hz:g} Hz"
+
+
+def _opened(
+    config: RunConfig, autopilot: str, port: int, *, told: bool, area: Area, streams: RandomStreams
+) -> Bridge:
+    """Open a bridge to a firmware that comes to `port`, with the configured aircraft at the area's
+    home; `told`: whether the firmware is heard by MAVLink.
+
+    Raises:
+        InputError: a setting of the aircraft is refused.
+        LinkLostError: the port cannot be had.
+    """
+    # Not validated: its firmware is somebody else's.
+    vehicle = config.vehicle.model_copy(update={"autopilot": autopilot})
+    for fault in config.vehicle.aircraft.faults:
+        if autopilot == "ardupilot" and fault.kind == "gnss_off":
+            raise InputError(
+                "vehicle.aircraft.faults: gnss_off: ArduPilot's JSON interface cannot leave "
+                "positions out; set its parameter SIM_GPS1_ENABLE to 0 yourself"
+            )
+        if fault.after is not None and not told:
+            raise InputError(
+                f"vehicle.aircraft.faults: after = {fault.after!r}: aerofed world is told when "
+                "that is with --logs only; leave it out, and at_s counts from the start"
+            )
+    plant = plant_for(vehicle, home=area.home, streams=streams, obstacles=area.obstacles)
+    kind = px4.Px4Bridge if autopilot == "px4" else ardupilot.ArduPilotBridge
+    bridge: Bridge = kind(plant, port=port)
+    bridge.open()
+    return bridge

@@ -88,7 +88,7 @@ sys.meta_path.insert(0, Interrupts())
         ("numpy", "run"),
         ("mission.run.session", "run"),
         ("mission.flight.serve.vehicle", "sitl"),
-        ("mission.flight.serve.world", "world --px4"),
+        ("mission.flight.serve.firmwares", "world --px4"),
     ],
 )
 def test_ctrl_c_while_the_program_loads_is_no_traceback(

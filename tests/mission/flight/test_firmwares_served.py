@@ -17,7 +17,7 @@ from serving import free_port
 from mission.cli import call
 from mission.config.loading import load_config
 from mission.flight.serve import firmwares
-from mission.flight.serve.firmwares import serve_world_of
+from mission.flight.serve.firmwares import serve_world
 
 QUICKSTART = Path("quickstart")
 ON_TOP = (
@@ -56,7 +56,7 @@ def world(
 
     def serve() -> None:
         try:
-            serve_world_of(
+            serve_world(
                 load_config(QUICKSTART), autopilots, built_in, each={}, speed=float("inf"),
                 say=said.append, logs=logs, stop=stop.is_set,
             )  # fmt: skip

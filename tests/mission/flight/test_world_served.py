@@ -19,8 +19,8 @@ from mission.base.area import Area
 from mission.cli import call
 from mission.config.link import LinkConfig
 from mission.config.loading import load_config
+from mission.flight.serve.firmwares import Recorder, serve_world
 from mission.flight.serve.flight_logs import FlightLogs
-from mission.flight.serve.world import Recorder, serve_world
 from mission.log.reader import read_log
 
 
@@ -29,7 +29,7 @@ def world(port: int, said: list[str]) -> Iterator[None]:
     stop, config = threading.Event(), load_config(Path("quickstart"))
 
     def serve() -> None:
-        serve_world(config, "ardupilot", port=port, speed=1.0, say=said.append, stop=stop)
+        serve_world(config, ["ardupilot"], port=port, speed=1.0, say=said.append, stop=stop.is_set)
 
     thread = threading.Thread(target=serve)
     thread.start()

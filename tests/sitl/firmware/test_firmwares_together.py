@@ -27,7 +27,13 @@ INTERVAL_S = 0.02
 
 
 def seat(
-    kind: Any, said: list[str], *, number: int = 1, east_m: float = 0.0, up_m: float = 0.0
+    kind: Any,
+    said: list[str],
+    *,
+    number: int = 1,
+    east_m: float = 0.0,
+    up_m: float = 0.0,
+    patient: bool = False,
 ) -> Bridged:
     """An aircraft on the ground at a place of its own; its port is any, and stays the same."""
     home = LocalFrame(HOME).to_geodetic(np.array([0.0, east_m, 0.0]))
@@ -40,7 +46,7 @@ def seat(
         bridge.open()
         return bridge
 
-    made = Bridged(number, make, near_m=3.0, say=said.append)
+    made = Bridged(number, make, near_m=3.0, say=said.append, patient=patient)
     port = made.port
     return made
 
@@ -151,6 +157,26 @@ def test_one_that_asks_for_nothing_is_left_behind_after_a_while(
         assert line.startswith("its firmware has asked for nothing for 0.3 s after 0.2 s")
         goes_on.end()
         stuck.end()
+
+
+def test_one_alone_is_waited_for_however_long_it_asks_for_nothing(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A debugger may have stopped it."""
+    monkeypatch.setattr(together, "STALL_S", 0.0)
+    said: list[str] = []
+    with closed(one := seat(ArduPilotBridge, said, patient=True)):
+        pilot = ArduPilot(one.port)
+        come(one)
+        world = World({"one": one})
+        run(world, 0.2)
+        pilot.hold()
+        for _ in range(3):
+            world.step()
+        pilot.go_on()
+        run(world, 0.2)
+        assert not said
+        pilot.end()
 
 
 def test_those_that_meet_are_told_and_wrecked() -> None:
