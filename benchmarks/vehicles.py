@@ -114,7 +114,7 @@ def airborne(count: int) -> World:
         home = frame.to_geodetic(np.array([0.0, 30.0 * number, 0.0]))
         vehicle = Vehicle(
             config.vehicle, home=home,
-            streams=streams.of_one(f"vehicle/{number}") if number else streams,
+            streams=streams.of_vehicle(number),
         )  # fmt: skip
         fleet[f"vehicle-{number + 1}"] = vehicle
     world = World(fleet)

@@ -17,9 +17,10 @@ class RandomStreams:
     def __init__(self, root_seed: int) -> None:
         self.root_seed = root_seed
 
-    def of_one(self, name: str) -> "RandomStreams":
-        """Streams of one of several at a place: its own, but for the weather, which all share."""
-        return _OfOne(self.seed(name), self)
+    def of_vehicle(self, number: int) -> "RandomStreams":
+        """Streams of one of several vehicles, from 0: its own, but for the weather, which all
+        share. Number 0 has those of a single one."""
+        return _OfOne(self.seed(f"vehicle/{number}"), self) if number else self
 
     def sequence(self, name: str) -> np.random.SeedSequence:
         """The seed sequence of `name`; the same for the same root seed and name, always."""

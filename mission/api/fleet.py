@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, SupportsIndex, overload
+from typing import SupportsIndex, overload
 
 import pandas as pd
 
@@ -10,8 +10,7 @@ from mission.api.life import Life, Simulated, is_time
 from mission.api.simulated_vehicle import SimulatedVehicle
 from mission.base.errors import InputError
 from mission.flight.serve.hosted_firmware import FirmwareHost
-from mission.flight.serve.hosts import BuiltIn, BuiltInWorld
-from mission.flight.serve.separation import pairs_of
+from mission.flight.serve.hosts import BuiltInWorld, Order
 
 
 class Fleet(Simulated, Sequence[SimulatedVehicle]):
@@ -23,13 +22,9 @@ class Fleet(Simulated, Sequence[SimulatedVehicle]):
 
     KIND = "fleet"
 
-    def __init__(
-        self, hosts: Sequence[BuiltIn | FirmwareHost], life: Life, world: BuiltInWorld | None
-    ) -> None:
-        """`world`: None of a firmware's one vehicle."""
-        self._world, self._life = world, life
-        self._hosts = {host.name: host for host in hosts}
-        self._vehicles = {name: SimulatedVehicle(host, life) for name, host in self._hosts.items()}
+    def __init__(self, world: BuiltInWorld | FirmwareHost) -> None:
+        self._life = Life(world)
+        self._vehicles = {host.name: SimulatedVehicle(host, self._life) for host in world.hosts}
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -64,8 +59,7 @@ class Fleet(Simulated, Sequence[SimulatedVehicle]):
     @property
     def t_s(self) -> float:
         """Simulated seconds since all were switched on."""
-        world = self._world
-        return self[0].t_s if world is None else self._life.look(lambda: world.world.t_ns) * 1e-9
+        return self._life.look(lambda: self._life.world.t_ns) * 1e-9
 
     def step(self, seconds: float) -> None:
         """Let simulated time pass for all; arguments and errors are those of a vehicle's `step`."""
@@ -100,7 +94,7 @@ class Fleet(Simulated, Sequence[SimulatedVehicle]):
         for name, value in late.items():
             if not is_time(value):
                 raise InputError(f"after_s of {name}: {value!r}: must be simulated seconds")
-        orders: dict[str, Any] = {}
+        orders: dict[str, Order] = {}
         for key, plan in given.items():
             if (name := self._named(key)) in orders:
                 raise InputError(f"fly: {name} is given two plans; leave one of them out")
@@ -109,11 +103,8 @@ class Fleet(Simulated, Sequence[SimulatedVehicle]):
             raise InputError(f"after_s: {unused[0]} has no plan here")
         if not orders:
             raise InputError("fly: no plan is given")
-        if (world := self._world) is None:
-            self._life.do(lambda: self._hosts[self.names[0]].fly(*orders[self.names[0]]))
-            return
         after = {name: float(value) for name, value in late.items()}
-        errors = self._life.do(lambda: world.fly(orders, after))
+        errors = self._life.do(lambda: self._life.world.fly(orders, after))
         if errors:
             first = next(iter(errors.values()))
             raise first.in_words("; ".join(f"{name}: {error}" for name, error in errors.items()))
@@ -124,10 +115,8 @@ class Fleet(Simulated, Sequence[SimulatedVehicle]):
         A row each: `one`, `two`, `least_m` (3D), `horizontal_m` and `vertical_m` of it, `t_s`, and
         where the middle of the two was: `x_m` east and `y_m` north of the first home, `height_m`.
         """
-        world = self._world
-        rows = [] if world is None else self._life.look(lambda: pairs_of(world.world))
         return pd.DataFrame(
-            rows,
+            self._life.look(lambda: self._life.world.pairs),
             columns=["one", "two", "least_m", "horizontal_m", "vertical_m", "t_s", "x_m", "y_m",
                      "height_m"],
         )  # fmt: skip

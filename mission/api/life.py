@@ -4,14 +4,14 @@ import asyncio
 import os
 import threading
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Coroutine, Sequence
-from contextlib import AbstractAsyncContextManager, ExitStack
+from collections.abc import Callable, Coroutine
+from contextlib import ExitStack
 from numbers import Real
 from typing import Any, ClassVar, Self, TypeVar
 
 from mission.base.errors import AerofedError, InputError
 from mission.flight.serve.hosted_firmware import FirmwareHost
-from mission.flight.serve.hosts import LOOK_S, BuiltIn
+from mission.flight.serve.hosts import LOOK_S, BuiltInWorld
 
 T = TypeVar("T")
 
@@ -19,12 +19,8 @@ T = TypeVar("T")
 class Life:
     """The thread in which vehicles of one clock live, from `open` to `close`."""
 
-    def __init__(
-        self,
-        hosts: Sequence[BuiltIn | FirmwareHost],
-        alive: Callable[[], AbstractAsyncContextManager[None]],
-    ) -> None:
-        self._hosts, self._alive = hosts, alive
+    def __init__(self, world: BuiltInWorld | FirmwareHost) -> None:
+        self.world = world
         self.clients = ExitStack()
         self._pid = 0  # of the process that opened it
 
@@ -73,12 +69,12 @@ class Life:
             self._loop.call_soon_threadsafe(self._loop.stop)
             self._thread.join()
             self._loop.close()
-            for host in self._hosts:
+            for host in self.world.hosts:
                 if host.logs is not None:
                     host.logs.close()
 
     async def _live(self, opened: "asyncio.Future[None]") -> None:
-        async with self._alive():
+        async with self.world.alive():
             opened.set_result(None)
             await self._ended.wait()
 

@@ -16,11 +16,11 @@ from mission.api.configuring import as_path
 from mission.api.life import Life, Simulated, is_time
 from mission.base.arrays import Floats
 from mission.base.errors import InputError
-from mission.flight.missions.plan_check import CheckedPath, checked_path, placed
-from mission.flight.missions.plan_file import PlanFile, read_plan_file
+from mission.flight.missions.plan_check import checked_path, placed
+from mission.flight.missions.plan_file import read_plan_file
 from mission.flight.pilot.connection import connect
 from mission.flight.serve.hosted_firmware import FirmwareHost
-from mission.flight.serve.hosts import BuiltIn, State, enu, pymavlink_client
+from mission.flight.serve.hosts import BuiltIn, Order, State, enu, pymavlink_client
 
 
 class SimulatedVehicle(Simulated):
@@ -94,9 +94,9 @@ class SimulatedVehicle(Simulated):
             raise InputError(
                 f"step({seconds!r}): simulated seconds, more than 0, less than a million"
             )
-        if self._host.runs != "ordered":
+        if self._life.world.runs != "ordered":
             raise InputError("step: time passes by itself here; it waits with pace='steps' only")
-        self._life.do(lambda: self._host.run_for(float(seconds)))
+        self._life.do(lambda: self._life.world.run_for(float(seconds)))
 
     def _where(self) -> str:
         x, y, height = self.position_m
@@ -112,10 +112,11 @@ class SimulatedVehicle(Simulated):
             InputError: the plan holds what may not be flown here, or the vehicle is armed.
             FlightError: the vehicle refuses it, leaves it, or is lost.
         """
-        order = self.order(plan)
-        self._life.do(lambda: self._host.fly(*order))
+        orders = {self._host.name: self.order(plan)}
+        for error in self._life.do(lambda: self._life.world.fly(orders, {})).values():
+            raise error
 
-    def order(self, plan: Path | str) -> tuple[PlanFile, CheckedPath]:
+    def order(self, plan: Path | str) -> Order:
         """The plan file, checked and placed at home, and its path.
 
         Raises:
@@ -126,7 +127,7 @@ class SimulatedVehicle(Simulated):
             raise InputError(f"fly({file.path}): the vehicle is armed; a plan begins on the ground")
         home, host = self._host.area.home, self._host
 
-        def begun_at(home: GeodeticPoint) -> tuple[PlanFile, CheckedPath]:
+        def begun_at(home: GeodeticPoint) -> Order:
             moved = replace(file, items=placed(file.items, home))
             return moved, checked_path(
                 moved, home, parameters=host.parameters, limits=host.guidance

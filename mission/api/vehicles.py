@@ -133,7 +133,6 @@ def _made(
     }
     # Only now, so that wrong input is answered at once.
     from mission.api.fleet import Fleet
-    from mission.api.life import Life
     from mission.flight.serve.hosted_firmware import FirmwareHost
     from mission.flight.serve.hosts import BuiltInWorld
     from mission.flight.serve.vehicle import make_vehicles, names_of
@@ -145,13 +144,12 @@ def _made(
         made = make_vehicles(
             resolved, count=count, each=own, udp=(), logs=folder, in_step=pace == "steps"
         )
-        world = BuiltInWorld(made, speed=speed, runs=runs)
-        return Fleet(world.hosts, Life(world.hosts, world.alive), world)
+        return Fleet(BuiltInWorld(made, speed=speed, runs=runs))
     names = names_of(count)
     if len(names) > 1:
         raise InputError(f"count = {len(names)}: a firmware flies one vehicle")
-    host = FirmwareHost(own.get(names[0], resolved), logs=folder, speed=speed, runs=runs)
-    return Fleet([host], Life([host], host.alive), None)
+    own_config = own.get(names[0], resolved)
+    return Fleet(FirmwareHost(own_config, logs=folder, speed=speed, runs=runs))
 
 
 def checked_keys(name: str, keys: object) -> Mapping[str, object]:

@@ -1,10 +1,9 @@
 """One `aerofed fly` of several plans: a vehicle for each in one world, and a folder for each."""
 
 import math
-from collections.abc import Awaitable, Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field, replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -17,9 +16,9 @@ from mission.config.models import RunConfig
 from mission.flight.flyers.base import station_links
 from mission.flight.flyers.built_in import BuiltInBackend, simulated_vehicle
 from mission.flight.missions.plan_file import read_plan_file
-from mission.flight.pilot.connection import connect
 from mission.flight.serve.separation import SEPARATION, in_words, write_separation
-from mission.flight.serve.together import Sortie, fly_together
+from mission.flight.serve.together import Departure, fly_together
+from mission.flight.serve.vehicle import names_of
 from mission.run.budget import RunTotals
 from mission.run.plan_flight import Order, PlanFlight, order_of, recording
 from mission.run.progress import Progress
@@ -48,12 +47,9 @@ def fly_plans(
             each other; nothing is written then.
         FlightError, LinkLostError: the flight of a vehicle failed; the others flew theirs.
     """
-    names = [f"vehicle-{number + 1}" for number in range(len(sources))]
-    if unknown := [name for name in each if name not in names]:
-        raise InputError(f"--set {unknown[0]}: no vehicle of these: {', '.join(names)}")
+    names = names_of(len(sources), each=each)
     with ExitStack() as opened:
         with around.stopwatch("setup"):
-            place = RandomStreams(config.seed)
             backends, orders = dict[str, BuiltInBackend](), dict[str, Order]()
             for at, (name, source) in enumerate(zip(names, sources, strict=True)):
                 own = each.get(name, config)
@@ -65,7 +61,7 @@ def fly_plans(
                 vehicle = own.vehicle.model_copy(update={"system_id": own.vehicle.system_id + at})
                 own = own.model_copy(update={"vehicle": vehicle})
                 orders[name] = order = order_of(own, read_plan_file(source))
-                streams = place.of_one(f"vehicle/{at}") if at else place
+                streams = RandomStreams(config.seed).of_vehicle(at)
                 task = replace(order.task, streams=streams)
                 made = simulated_vehicle(vehicle, area=order.area, streams=streams)
                 backends[name] = BuiltInBackend(task, made)
@@ -128,34 +124,25 @@ class _Flights:
         """The logs."""
         return [file for flight in self.flights.values() for file in flight.files]
 
-    def _sortie(self, at: int, name: str) -> Sortie:
-        flight, backend = self.flights[name], self.flights[name].backend
-        assert isinstance(backend, BuiltInBackend)
-        order, link = flight.order, backend.task.config.link
-
-        async def fly(starts: Callable[[], Awaitable[object]]) -> None:
-            async def begun() -> None:
-                await starts()
-                flight.begins(backend.vehicle.t_ns)
-
-            async with connect(self.links[name], stall_timeout_s=link.stall_timeout_s) as pilot:
-                pilot.waits = partial(self.simulation.waits, backend.vehicle)
-                await pilot.fly_plan(order.plan, returns=order.path.returns, starts=begun)
-
-        return Sortie(name, backend.vehicle, fly, at * self.after_s)
-
     async def run(self) -> None:
         """Fly all, from the first take-off to the last landing."""
-        for flight in self.flights.values():
-            assert isinstance(flight.backend, BuiltInBackend)
+        departures = {}
+        for at, (name, flight) in enumerate(self.flights.items()):
+            backend = flight.backend
+            assert isinstance(backend, BuiltInBackend)
+            vehicle = backend.vehicle
             for observer in flight.attached.observers:
-                flight.backend.vehicle.add_observer(observer)
-        sorties = [self._sortie(at, name) for at, name in enumerate(self.flights)]
+                vehicle.add_observer(observer)
+            departures[name] = Departure(
+                vehicle, self.links[name], flight.order.plan, flight.order.path,
+                stall_timeout_s=backend.task.config.link.stall_timeout_s,
+                after_s=at * self.after_s, begins=flight.begins,
+            )  # fmt: skip
         world = self.simulation.world
         try:
             with self.around.stopwatch("fly"):
                 async with self.simulation:
-                    self.errors = await fly_together(self.simulation, sorties)
+                    self.errors = await fly_together(self.simulation, departures)
         finally:
             self.totals.sim_s = world.t_ns / 1e9
             for flight in self.flights.values():

@@ -40,7 +40,7 @@ def vehicle_at(north_m: float, east_m: float, *, number: int = 0, **keys: Any) -
     home = FRAME.to_geodetic(np.array([north_m, east_m, 0.0]))
     return Vehicle(
         VehicleConfig.model_validate({"system_id": number + 1, **keys}), home=home,
-        streams=streams.of_one(f"vehicle/{number}") if number else streams, in_step=True,
+        streams=streams.of_vehicle(number), in_step=True,
     )  # fmt: skip
 
 

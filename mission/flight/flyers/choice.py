@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 
-from flightdyn.random import RandomStreams
 from mission.config.models import RunConfig
 from mission.flight.flyers.base import Backend, Task
 from mission.flight.flyers.unflown import UnflownBackend, UnflownFleetBackend
@@ -45,7 +44,7 @@ def set_up(config: RunConfig, *, data_dir: Path | None) -> tuple[Scenario, Backe
     """
     scenario = build_scenario(config, data_dir=data_dir)
     tasks = [
-        Task(one.config, one.area, _streams(scenario, number), _demand(scenario, one))
+        Task(one.config, one.area, scenario.streams.of_vehicle(number), _demand(scenario, one))
         for number, one in enumerate(scenario.fleet)
     ]
     unflown = scenario.strategy is None or config.mission.flight == "none"
@@ -59,11 +58,6 @@ def set_up(config: RunConfig, *, data_dir: Path | None) -> tuple[Scenario, Backe
 
     backends = tuple(backend_for(task) for task in tasks)
     return scenario, WorldBackend(tasks[0], backends, scenario.aircraft)
-
-
-def _streams(scenario: Scenario, number: int) -> RandomStreams:
-    """The random streams of an aircraft: those of the run, if it is the first."""
-    return scenario.streams if number == 0 else scenario.streams.of_one(f"vehicle/{number}")
 
 
 def _demand(scenario: Scenario, one: Aircraft) -> Demand:

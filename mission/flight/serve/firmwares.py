@@ -141,9 +141,7 @@ def serve_world(
         FlightError: what came is no such firmware, or an aircraft left its physics.
     """
     firmwares = len(autopilots)
-    names = names_of(firmwares + built_in)
-    if unknown := [name for name in each if name not in names]:
-        raise InputError(f"no vehicle {unknown[0]!r} of these: {', '.join(names)}")
+    names = names_of(firmwares + built_in, each=each)
     ours: list[Served] = []
     if built_in:
         folder = logs if logs is None or built_in > 1 else logs / names[-1]
@@ -168,7 +166,7 @@ def _seats(
     opened: ExitStack,
 ) -> list[Seat]:
     seats: list[Seat] = []
-    place, alone = RandomStreams(config.seed), len(names) == 1
+    alone = len(names) == 1
     for number, autopilot in enumerate(autopilots):
         name, instance = names[number], autopilots[:number].count(autopilot)
         own = each.get(name, config)
@@ -181,7 +179,7 @@ def _seats(
         first, step = _PORTS[autopilot]
         make = partial(
             _opened, own, autopilot, port or first + step * instance, told=logs is not None,
-            area=area, streams=place.of_one(f"vehicle/{number}") if number else place,
+            area=area, streams=RandomStreams(config.seed).of_vehicle(number),
         )  # fmt: skip
         bridged = Bridged(number + 1, make, near_m=own.vehicle.near_m, say=said, patient=alone)
         opened.callback(bridged.close)

@@ -1,8 +1,8 @@
-"""Host of a real firmware on the simulated aircraft."""
+"""A real firmware on the simulated aircraft, alone in its world."""
 
 import asyncio
 import math
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Mapping
 from contextlib import asynccontextmanager, nullcontext
 from pathlib import Path
 from tempfile import TemporaryDirectory, mkdtemp
@@ -10,15 +10,14 @@ from tempfile import TemporaryDirectory, mkdtemp
 from pymavlink.dialects.v20 import common as mav
 
 from flightdyn.random import RandomStreams
-from mission.base.errors import InputError
+from mission.base.errors import AerofedError, InputError
 from mission.config.models import RunConfig
 from mission.flight.flyers.base import Attached, Task
 from mission.flight.flyers.firmware import FirmwareBackend
-from mission.flight.missions.plan_check import CheckedPath
-from mission.flight.missions.plan_file import PlanFile
 from mission.flight.missions.round_mission import Demand
 from mission.flight.serve.flight_logs import FlightLogs
-from mission.flight.serve.hosts import Host, State
+from mission.flight.serve.hosts import Host, Order, State
+from mission.flight.serve.separation import Pair
 from mission.flight.serve.vehicle import FIRST
 from mission.scenario.limits import guidance_of
 from sitl.autopilot.parameters import parameters_of
@@ -30,8 +29,8 @@ _ANYTHING = Demand(speed_mps=0.0, altitude_m=0.0, distance_m=0.0, acceptance_m=m
 
 
 class FirmwareHost(Host):
-    """Host of PX4 or ArduCopter. Ordered time also runs, no faster than wall time, while a client
-    is being answered: a firmware answers in its own time."""
+    """PX4 or ArduCopter, host and world in one. Ordered time also runs, no faster than wall
+    time, while a client is being answered: a firmware answers in its own time."""
 
     def __init__(self, config: RunConfig, *, logs: Path | None, speed: float, runs: Runs) -> None:
         """Prepare the firmware, at `speed` times real time; the rest is as for `aerofed.vehicle`.
@@ -46,7 +45,8 @@ class FirmwareHost(Host):
             )
         area, ordered = config.area.build(), runs == "ordered"
         recorder = None if logs is None else FlightLogs(logs, area=area)
-        super().__init__(FIRST, area, guidance_of(config.vehicle), recorder, runs)
+        super().__init__(FIRST, area, guidance_of(config.vehicle), recorder)
+        self.runs, self.hosts = runs, [self]
         link = config.link.model_copy(update={"speed": "max" if ordered else speed})
         config = config.model_copy(update={"link": link})
         self.parameters = parameters_of(config.vehicle)  # of the built-in one
@@ -58,7 +58,6 @@ class FirmwareHost(Host):
 
     @asynccontextmanager
     async def alive(self) -> AsyncIterator[None]:
-        """Context manager: the firmware runs while the block runs, ready to be armed."""
         observers = (self.track, *(() if self.logs is None else (self.logs,)))
         said: list[str] = []  # what people are told of it is in its log, too
         with (
@@ -82,6 +81,14 @@ class FirmwareHost(Host):
         now, flyer = self._flyer.vehicle.clock.truth.newest, self._flyer
         return State(now.kinematics, self.track.mode, flyer.pilot.armed, now.battery.remaining)
 
+    @property
+    def t_ns(self) -> int:
+        return self._flyer.vehicle.clock.truth.newest.kinematics.t_ns
+
+    @property
+    def pairs(self) -> list[Pair]:
+        return []
+
     async def run_for(self, seconds: float) -> None:
         vehicle = self._flyer.vehicle
         until_ns = vehicle.plant.t_ns + round(seconds * 1e9)
@@ -93,7 +100,13 @@ class FirmwareHost(Host):
         finally:
             vehicle.clock.rest()
 
-    async def fly(self, plan: PlanFile, path: CheckedPath) -> None:
+    async def fly(
+        self,
+        orders: Mapping[str, Order],
+        after_s: Mapping[str, float],  # noqa: ARG002  nobody is before it
+    ) -> Mapping[str, AerofedError]:
+        plan, path = orders[self.name]
         if self.logs is not None:
             self.logs.took(self._flyer.t_ns, mav.MAV_MISSION_TYPE_MISSION, plan.items)
         await self._flyer.carry_out(plan, path, begins=lambda: None)
+        return {}

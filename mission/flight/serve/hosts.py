@@ -1,10 +1,8 @@
-"""Hosts: vehicles that run in an event loop, each with its way to let simulated time pass."""
+"""Vehicles that run in an event loop, and the worlds that let simulated time pass for them."""
 
-from collections.abc import AsyncIterator, Awaitable, Callable, Mapping, Sequence
+from collections.abc import AsyncIterator, Mapping, Sequence
 from contextlib import asynccontextmanager
-from functools import partial
-from types import MappingProxyType
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 from pymavlink.dialects.v20 import common as mav
@@ -17,15 +15,16 @@ from mission.base.errors import AerofedError, LinkLostError
 from mission.flight.flyers.base import station_links
 from mission.flight.missions.plan_check import CheckedPath
 from mission.flight.missions.plan_file import PlanFile
-from mission.flight.pilot.connection import connect
 from mission.flight.serve.flight_logs import FlightLogs
-from mission.flight.serve.together import Sortie, fly_together, start_up
+from mission.flight.serve.separation import Pair, pairs_of
+from mission.flight.serve.together import Departure, fly_together, start_up
 from mission.flight.serve.vehicle import Served
 from sitl.autopilot.parameters import Parameters
 from sitl.links import Link, RawLink, UdpLink
 from sitl.observer import VehicleEvent, VehicleSample
 from sitl.pace import Runs, Simulation
-from sitl.vehicle import Vehicle
+
+Order: TypeAlias = tuple[PlanFile, CheckedPath]  # a plan placed at home, and its path
 
 LOOK_S = 0.1  # simulated time between looks at a condition
 _GREETING_S = 10.0  # wall time in which a vehicle must have answered a new client
@@ -41,27 +40,27 @@ class State(NamedTuple):
 
 
 class Host:
-    """What hosts share: a link for clients, a log and a track. Each has `state`, `parameters` (by
-    which paths are planned), `run_for` and `fly`."""
+    """What one vehicle of a world has: a link for clients, a log and a track. Each has `state`, and
+    `parameters`, by which its paths are planned."""
 
     def __init__(
-        self, name: str, area: Area, guidance: LimitsConfig, logs: FlightLogs | None, runs: Runs
+        self, name: str, area: Area, guidance: LimitsConfig, logs: FlightLogs | None
     ) -> None:
         """Home is the area's; paths are planned with `guidance`."""
         self.name = name
-        self.area, self.guidance, self.logs, self.runs = area, guidance, logs, runs
+        self.area, self.guidance, self.logs = area, guidance, logs
         self.port = UdpLink("udpin://127.0.0.1:0")
         self.track = Track()
 
 
 class BuiltIn(Host):
-    """Host of the built-in autopilot of one vehicle of a world."""
+    """A vehicle under the built-in autopilot."""
 
-    def __init__(self, served: Served, world: "BuiltInWorld", *, runs: Runs) -> None:
-        super().__init__(served.name, served.area, served.guidance, served.logs, runs)
-        self.vehicle, self._world = served.vehicle, world
-        self._raw = RawLink()
-        self.links: list[Link] = [self._raw, self.port, *station_links(served.link, served.urls)]
+    def __init__(self, served: Served) -> None:
+        super().__init__(served.name, served.area, served.guidance, served.logs)
+        self.vehicle, self.stall_timeout_s = served.vehicle, served.link.stall_timeout_s
+        self.raw = RawLink()
+        self.links: list[Link] = [self.raw, self.port, *station_links(served.link, served.urls)]
         self.vehicle.add_observer(self.track)
 
     @property
@@ -75,36 +74,15 @@ class BuiltIn(Host):
         """The autopilot's parameters."""
         return self.vehicle.autopilot.parameters
 
-    async def run_for(self, seconds: float) -> None:
-        """Let simulated time of the world pass; messages sent before are processed first."""
-        await self._world.run_for(seconds)
-
-    async def fly(self, plan: PlanFile, path: CheckedPath) -> None:
-        """Carry out a plan that lies around home, from the ground to the ground."""
-        errors = await self._world.fly({self.name: (plan, path)})
-        if errors:
-            raise errors[self.name]
-
-    def sortie(self, plan: PlanFile, path: CheckedPath, *, after_s: float = 0.0) -> Sortie:
-        """The flight of such a plan, to be flown with others."""
-
-        async def fly(starts: Callable[[], Awaitable[object]]) -> None:
-            async with connect(self._raw) as pilot:
-                pilot.waits = partial(self._world.waits, self.vehicle)
-                await pilot.fly_plan(plan, returns=path.returns, starts=starts)
-
-        return Sortie(self.name, self.vehicle, fly, after_s)
-
 
 class BuiltInWorld:
     """Vehicles of one world, each under the built-in autopilot."""
 
     def __init__(self, served: Sequence[Served], *, speed: float, runs: Runs) -> None:
         self.runs = runs
-        self.hosts = [BuiltIn(each, self, runs=runs) for each in served]
+        self.hosts = [BuiltIn(each) for each in served]
         wired = {host.name: (host.vehicle, host.links) for host in self.hosts}
         self._simulation = Simulation(wired, speed=speed, runs=runs)
-        self.world = self._simulation.world
 
     @asynccontextmanager
     async def alive(self) -> AsyncIterator[None]:
@@ -114,26 +92,34 @@ class BuiltInWorld:
                 await start_up(self._simulation, [host.vehicle for host in self.hosts])
             yield
 
-    def waits(self, vehicle: Vehicle) -> bool:
-        """Whether a vehicle on its way stands still because the pilot of another is waited for."""
-        return self._simulation.waits(vehicle)
+    @property
+    def t_ns(self) -> int:
+        """Simulated time."""
+        return self._simulation.world.t_ns
+
+    @property
+    def pairs(self) -> list[Pair]:
+        """The least distance so far of each pair of which one flew."""
+        return pairs_of(self._simulation.world)
 
     async def run_for(self, seconds: float) -> None:
         """Let simulated time pass; messages sent before are processed first."""
-        await self._simulation.run_to(self.world.t_ns + round(seconds * 1e9))
+        await self._simulation.run_to(self.t_ns + round(seconds * 1e9))
 
     async def fly(
-        self,
-        orders: Mapping[str, tuple[PlanFile, CheckedPath]],
-        after_s: Mapping[str, float] = MappingProxyType({}),
+        self, orders: Mapping[str, Order], after_s: Mapping[str, float]
     ) -> Mapping[str, AerofedError]:
-        """Fly plans, by the vehicles' names; some begin later. Returns the errors, by name."""
-        sorties = [
-            host.sortie(*orders[host.name], after_s=after_s.get(host.name, 0.0))
+        """Fly plans from the ground to the ground, by the vehicles' names; some begin later.
+        Returns the errors, by name."""
+        departures = {
+            host.name: Departure(
+                host.vehicle, host.raw, *orders[host.name],
+                stall_timeout_s=host.stall_timeout_s, after_s=after_s.get(host.name, 0.0),
+            )
             for host in self.hosts
             if host.name in orders
-        ]
-        return await fly_together(self._simulation, sorties)
+        }  # fmt: skip
+        return await fly_together(self._simulation, departures)
 
 
 class Track:

@@ -1,10 +1,15 @@
-"""Flights of several vehicles of one world, from instants of its clock."""
+"""Flights of plan files by several vehicles of one world, from instants of its clock."""
 
 import asyncio
-from collections.abc import Awaitable, Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 from mission.base.errors import AerofedError
+from mission.flight.missions.plan_check import CheckedPath
+from mission.flight.missions.plan_file import PlanFile
+from mission.flight.pilot.connection import connect
+from sitl.links import RawLink
 from sitl.pace import Simulation
 from sitl.vehicle import Vehicle
 
@@ -13,13 +18,17 @@ _POLL_S = 0.002  # wall time
 
 
 @dataclass(frozen=True, eq=False)
-class Sortie:
-    """The flight of one vehicle: `fly` awaits what it is given before it arms."""
+class Departure:
+    """The flight of a plan, which lies around home, by one vehicle, from the ground to the ground;
+    so many simulated seconds after the first one. `begins` is told when (ns)."""
 
-    name: str
     vehicle: Vehicle
-    fly: Callable[[Callable[[], Awaitable[object]]], Awaitable[object]]
+    link: RawLink
+    plan: PlanFile
+    path: CheckedPath
+    stall_timeout_s: float
     after_s: float = 0.0
+    begins: Callable[[int], None] = lambda _: None
 
 
 async def start_up(simulation: Simulation, vehicles: Sequence[Vehicle]) -> None:
@@ -29,44 +38,47 @@ async def start_up(simulation: Simulation, vehicles: Sequence[Vehicle]) -> None:
 
 
 async def fly_together(
-    simulation: Simulation, sorties: Sequence[Sortie]
+    simulation: Simulation, departures: Mapping[str, Departure]
 ) -> Mapping[str, AerofedError]:
-    """Fly all, each from its instant on; what goes wrong with one ends its flight only.
+    """Fly all, by the vehicles' names; what goes wrong with one ends its flight only.
 
     Simulated time stands still until all are prepared, and whenever one has come to rest and waits
     for its pilot: so nothing depends on who is the first to be ordered. Returns the errors.
     """
     before, world = simulation.runs, simulation.world
     simulation.runs = "ordered"
-    await start_up(simulation, [sortie.vehicle for sortie in sorties])
+    await start_up(simulation, [each.vehicle for each in departures.values()])
     begin_ns = world.t_ns
-    ready = {sortie: asyncio.Event() for sortie in sorties}
-    turn = {sortie: asyncio.Event() for sortie in sorties}
+    ready = {name: asyncio.Event() for name in departures}
+    turn = {name: asyncio.Event() for name in departures}
 
-    async def flown(sortie: Sortie) -> None:
-        def prepared() -> Awaitable[object]:
-            ready[sortie].set()
-            return turn[sortie].wait()
+    async def flown(name: str, given: Departure) -> None:
+        async def prepared() -> None:
+            ready[name].set()
+            await turn[name].wait()
+            given.begins(given.vehicle.t_ns)
 
         try:
-            await sortie.fly(prepared)
+            async with connect(given.link, stall_timeout_s=given.stall_timeout_s) as pilot:
+                pilot.waits = partial(simulation.waits, given.vehicle)
+                await pilot.fly_plan(given.plan, returns=given.path.returns, starts=prepared)
         finally:
-            simulation.piloted.discard(sortie.vehicle)
+            simulation.piloted.discard(given.vehicle)
 
     async def until(met: Callable[[], bool], task: "asyncio.Task[None]") -> None:
         while not (met() or task.done()):  # noqa: ASYNC110  of another thread's making
             await asyncio.sleep(_POLL_S)
 
-    tasks = {sortie: asyncio.ensure_future(flown(sortie)) for sortie in sorties}
+    tasks = {name: asyncio.ensure_future(flown(name, each)) for name, each in departures.items()}
     try:
-        for sortie, task in tasks.items():
-            await until(ready[sortie].is_set, task)
-        for sortie in sorted(sorties, key=lambda each: each.after_s):
-            await simulation.run_to(begin_ns + round(sortie.after_s * 1e9))
-            turn[sortie].set()
-            await until(lambda vehicle=sortie.vehicle: vehicle.moving, tasks[sortie])  # type: ignore[misc]
-            if not tasks[sortie].done():
-                simulation.piloted.add(sortie.vehicle)
+        for name, task in tasks.items():
+            await until(ready[name].is_set, task)
+        for name, given in sorted(departures.items(), key=lambda item: item[1].after_s):
+            await simulation.run_to(begin_ns + round(given.after_s * 1e9))
+            turn[name].set()
+            await until(lambda vehicle=given.vehicle: vehicle.moving, tasks[name])  # type: ignore[misc]
+            if not tasks[name].done():
+                simulation.piloted.add(given.vehicle)
         on = asyncio.ensure_future(simulation.run_to(float("inf")))
         try:
             await asyncio.wait(tasks.values())
@@ -78,7 +90,7 @@ async def fly_together(
             task.cancel()
         await asyncio.wait(tasks.values())
         simulation.runs = before
-    errors = {sortie.name: task.exception() for sortie, task in tasks.items()}
+    errors = {name: task.exception() for name, task in tasks.items()}
     for error in errors.values():
         if error is not None and not isinstance(error, AerofedError):
             raise error

@@ -5,7 +5,7 @@ import math
 import re
 import signal
 import socket
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -64,8 +64,11 @@ class Served:
     link: LinkConfig
 
 
-def names_of(count: int | Sequence[str], *, instance: int = 0) -> list[str]:
-    """Names of so many vehicles, numbered from `instance`, or those that are given.
+def names_of(
+    count: int | Sequence[str], *, instance: int = 0, each: Iterable[str] = ()
+) -> list[str]:
+    """Names of so many vehicles, numbered from `instance`, or those that are given; `each` names
+    some of them.
 
     Raises:
         InputError: there are none or too many, or one stands twice or can name no folder.
@@ -81,6 +84,8 @@ def names_of(count: int | Sequence[str], *, instance: int = 0) -> list[str]:
         names = [_name(number) for number in range(instance, instance + min(count, _MOST + 1))]
     if not 1 <= len(names) <= _MOST:
         raise InputError(f"{count} vehicles: from 1 to {_MOST} in one world")
+    if unknown := [name for name in each if name not in names]:
+        raise InputError(f"no vehicle {unknown[0]!r} of these: {', '.join(names)}")
     return names
 
 
@@ -108,7 +113,7 @@ def make_vehicles(
     """
     if instance < 0:
         raise InputError(f"--instance {instance}: the first vehicle's number, from 0")
-    names = names_of(count, instance=instance)
+    names = names_of(count, instance=instance, each=each)
     count = len(names)
     last_id = config.vehicle.system_id + instance + count - 1
     if last_id > _LAST_ID:
@@ -116,8 +121,6 @@ def make_vehicles(
             f"{names[-1]} would have system id {last_id}: they end at {_LAST_ID}; begin with a "
             "lower vehicle.system_id or --instance, or take fewer vehicles"
         )
-    if unknown := [name for name in each if name not in names]:
-        raise InputError(f"no vehicle {unknown[0]!r} of these: {', '.join(names)}")
     if count > 1 and config.vehicle.parameter_file is not None:
         raise InputError(
             f"--count {count}: vehicle.parameter_file cannot be shared, each would save its own "
@@ -208,14 +211,11 @@ def _served(
     in_step: bool,
 ) -> Served:
     """The vehicle number `i`, from 0."""
-    streams = RandomStreams(config.seed)
-    if i > 0:
-        streams = streams.of_one(f"vehicle/{i}")
     recorder = None if logs is None else FlightLogs(logs, area=area)
     vehicle = Vehicle(
         config.vehicle.model_copy(update={"system_id": config.vehicle.system_id + i}),
         home=area.home,
-        streams=streams,
+        streams=RandomStreams(config.seed).of_vehicle(i),
         obstacles=area.obstacles,
         observers=() if recorder is None else (recorder,),
         logs=None

@@ -65,7 +65,7 @@ def test_those_that_meet_are_lost_and_the_third_is_judged(
     [
         (("--after", "-1"), "--after -1: simulated seconds"),
         (("--vehicle", "udpin://0.0.0.0:14540"), "2 plans: flown by the built-in autopilot"),
-        (("--set", "vehicle-3:seed=2"), "--set vehicle-3: no vehicle of these: vehicle-1, vehicle"),
+        (("--set", "vehicle-3:seed=2"), "no vehicle 'vehicle-3' of these: vehicle-1, vehicle-2"),
     ],
 )
 def test_what_is_refused(
