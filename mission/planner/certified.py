@@ -8,6 +8,7 @@ import numpy as np
 from mission.base.arrays import Floats
 from mission.planner.evaluate import bounded, check_problem, finish, fit_budget, plan_without_moving
 from mission.planner.improving import improved
+from mission.planner.native.crews import Crews, search_orders
 from mission.planner.native.library import (
     MOST_DEVICES,
     Devices,
@@ -17,7 +18,6 @@ from mission.planner.native.library import (
     Relaxation,
     explore,
     match,
-    search_orders,
     search_places,
 )
 from mission.planner.plan import Planner, RoundPlan, relative_gap
@@ -181,6 +181,12 @@ class Case:
         """Return the plan along a path (N, 2) with its best assignment of devices to steps."""
         value, assigned = match(self.devices, self.limits, way)
         return Found(value, way, assigned, self.first_bound)
+
+    def polished(self, way: Floats) -> Found:
+        """Return the best plan near a path (N, 2)."""
+        crew = Crews((self.devices,), (self.limits,), (self.relaxation,))
+        value, ways, assigned = crew.polished(way[None])
+        return Found(value, ways[0], assigned, self.first_bound)
 
     @property
     def first_bound(self) -> float:

@@ -16,7 +16,8 @@ import numpy as np
 from mission.base.arrays import Floats
 from mission.planner.certified import Case, Goal, case_of
 from mission.planner.limits import PathAllowance
-from mission.planner.native.library import MOST_DEVICES, Found, search_orders
+from mission.planner.native.crews import search_orders
+from mission.planner.native.library import MOST_DEVICES, Found
 from mission.planner.performance import AHEAD_S, AHEAD_SHARE
 from mission.planner.problem import RoundProblem
 

@@ -19,8 +19,8 @@ from mission.base.arrays import Floats
 from mission.planner.certified import Case, Goal, branched
 from mission.planner.fleet.packing import Column, Master, packed
 from mission.planner.fleet.team import Team
-from mission.planner.native.crews import polished
-from mission.planner.native.library import MOST_DEVICES, Found, search_orders
+from mission.planner.native.crews import search_orders
+from mission.planner.native.library import MOST_DEVICES, Found
 
 INWARDS, CALMER = 0.3, 0.1  # weight of the best prices so far; taken off after a step in vain
 CALL_NODES, MOST_CALL_NODES = 10_000, 160_000  # looked into in a call of one aircraft's search
@@ -125,7 +125,7 @@ class _Search:
 
     def _searched(self, case: Case, way: Floats | None) -> Found:
         way = np.zeros((case.limits.steps, 2)) if way is None else way
-        begun = Found(*polished(case.devices, case.limits, way), case.first_bound)
+        begun = case.polished(way)
         aircraft = len(self.team.cases)
         scale, left = self.best.value / aircraft, (self.best.bound - self.best.value) / aircraft
         slack = max(SLACK * self.goal.gap * scale, FAR_SLACK * left)
@@ -195,7 +195,7 @@ def bound_at(cases: Iterable[Case], prices: Floats, way: Floats, goal: Goal) -> 
     worst, nodes = 0.0, 0
     for case in cases:
         one = priced(case, prices)
-        begun = Found(*polished(one.devices, one.limits, way), one.first_bound)
+        begun = one.polished(way)
         found = searched_alone(one, begun, goal)
         worst, nodes = max(worst, found.bound), nodes + found.nodes
     return worst, nodes

@@ -2,7 +2,6 @@
 #ifndef BRANCHING_H
 #define BRANCHING_H
 
-#include "dual.h"
 #include "path.h"
 
 /* Bounds of nodes: the dual of the order plus what the other devices promise. Where hovers count, what
@@ -44,14 +43,6 @@ static double promised_within(int64_t room, const Node *node, const Problem *pro
     total = 0.0;
     for (int64_t i = 0; i < room; i++) total += promises[best[i]];
     return total;
-}
-
-/* The same within the places that are left, less the prices of those in the order. */
-static double rest_of(const Node *node, const Problem *problem)
-{
-    if (problem->devices.hover) return 0.0;
-    const int64_t room = problem->limits.steps * problem->limits.per_step - node->size;
-    return promised_within(room, node, problem) - paid_for(node, &problem->devices);
 }
 
 /* An order to solve, down to where with `others` it closes the node. */
@@ -116,10 +107,10 @@ typedef struct {
     Order *first, *last;
 } Probe;
 
-/* Memory for the children of a node while they are solved. */
+/* Memory for the children of a chain while they are solved. */
 typedef struct {
-    Node node[MANY_PROBES * (MOST_DEVICES + MOST_AIRCRAFT)];
-    Order order[MANY_PROBES * (MOST_DEVICES + MOST_AIRCRAFT)];
+    Node node[MANY_PROBES * (MOST_DEVICES + 1)];
+    Order order[MANY_PROBES * (MOST_DEVICES + 1)];
     Solver solver;
 } Children;
 
@@ -218,34 +209,6 @@ static void offer_gaps(
     }
 }
 
-/* Serve a device at each gap of the order, or not from within the radius at all. */
-static void by_insertion(
-    Node *node, const Probe *probe, const Problem *problem, const Goal *goal, Family *family,
-    Children *all)
-{
-    const Relaxation *relaxation = &problem->relaxation;
-    begin(family, INSERTION, probe->device, probe->radius);
-    offer_gaps(node, probe, relaxation, goal, family);
-    const double promise = promise_of(node, probe->device, relaxation);
-    const double less = relaxation->promise[probe->device * relaxation->radii + probe->radius];
-    double rest = probe->others + cost_of(&problem->devices, probe->device) + less;
-    if (problem->devices.hover) {
-        const double hover = problem->devices.hover[probe->device], soft = all->solver.all.soft;
-        rest = left_over_at(less, hover, node->price, soft) -
-               left_over_at(promise, hover, node->price, soft);
-        Node away = *node;
-        away.dual += rest;
-        offer(family, OUT_OF_REACH, 0.0, node, &away, goal);
-        return;
-    }
-    if (problem->devices.count > problem->limits.steps * problem->limits.per_step) {
-        Node away = *node; /* another device may take its place */
-        away.level[probe->device] = (int8_t)probe->radius;
-        rest = rest_of(&away, problem);
-    }
-    offer(family, OUT_OF_REACH, rest, node, node, goal);
-}
-
 /* Split the distance interval of the stop at a position. */
 static void by_split(
     const Node *node, int64_t at, int64_t radius, const Problem *problem, const Goal *goal,
@@ -313,6 +276,24 @@ static Node make_child(
     child.price = from->price;
     memcpy(child.y, from->y, (size_t)child.size * sizeof(Point));
     return child;
+}
+
+/* The families of ways to split a node, as they are compared. */
+typedef struct {
+    Family *best, *next; /* the one with the least work below it, NULL at first; memory for another */
+    double closed;       /* the largest bound among the parts that were closed on the way */
+} Contest;
+
+static int is_closed(const Contest *contest) { return contest->best && contest->best->count == 0; }
+
+/* The next family takes part. */
+static void compare(Contest *contest, Family families[2])
+{
+    Family *next = contest->next;
+    contest->closed = most(contest->closed, next->closed);
+    if (contest->best && next->score >= contest->best->score) return;
+    contest->next = next == families ? families + 1 : families;
+    contest->best = next;
 }
 
 #endif

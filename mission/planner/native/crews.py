@@ -1,11 +1,11 @@
-"""The C library's search of orders over several aircraft (`joint.h`), and ascent from given paths.
+"""The C library's search of orders (`search.h`), and ascent from given paths, of any aircraft.
 
 A plan of several aircraft has paths (A, N, 2), each in coordinates with its own start at the
 origin, and numbers its steps through all of them: step n of aircraft a is a N + n.
 """
 
 import ctypes
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -61,7 +61,7 @@ class Crews:
         """Return the best plan near paths (A, N, 2): its value, paths and assignment (K,)."""
         way, (devices, limits) = np.array(ways, dtype=np.float64, order="C"), self._as_c()
         assigned = np.full(len(self.devices[0].delta), -1, dtype=np.int64)
-        value = PLANNER.polish_all(
+        value = PLANNER.polish(
             len(self.devices), ctypes.addressof(devices), ctypes.addressof(limits),
             address(way, np.float64, self._shape, written=True), assigned.ctypes.data,
         )  # fmt: skip
@@ -82,7 +82,8 @@ class Crews:
         )
         shared, alike = (*self._as_c(), relaxations), self.alike
         given = aircraft, *map(ctypes.addressof, shared), alike.ctypes.data
-        return searched(PLANNER.search_crews, given, plan, effort, shape=self._shape, devices=count)
+        search = PLANNER.search_orders
+        return searched(search, given, plan, effort, shape=self._shape, devices=count)
 
     @property
     def _shape(self) -> tuple[int, int, int]:
@@ -96,13 +97,10 @@ class Crews:
         )
 
 
-def polished(devices: Devices, limits: PathLimits, way: Floats) -> tuple[float, Floats, Ints]:
-    """Return the best plan of one aircraft near a path (N, 2): what it earns, path, assignment."""
-    way = np.array(way, dtype=np.float64, order="C")
-    assigned = np.full(len(devices.delta), -1, dtype=np.int64)
-    shared = devices.as_c(), limits.as_c()
-    value = PLANNER.polish(
-        *map(ctypes.addressof, shared),
-        address(way, np.float64, (limits.steps, POINT), written=True), assigned.ctypes.data,
-    )  # fmt: skip
-    return enough_memory(value), way, assigned
+def search_orders(
+    devices: Devices, limits: PathLimits, relaxation: Relaxation, *, plan: Found, effort: Effort
+) -> Found:
+    """Improve on a plan of one aircraft, whose path is (N, 2), as `Crews.search` does."""
+    crew = Crews((devices,), (limits,), (relaxation,))
+    found = crew.search(replace(plan, way=plan.way[None]), effort)
+    return replace(found, way=found.way[0])

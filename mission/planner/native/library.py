@@ -215,26 +215,6 @@ class Found:
         return (self.bound - self.value) / self.bound if self.bound else 0.0
 
 
-def search_orders(
-    devices: Devices, limits: PathLimits, relaxation: Relaxation, *, plan: Found, effort: Effort
-) -> Found:
-    """Improve on a plan by branching on the order of visits.
-
-    For at most `MOST_DEVICES` devices, and a plan that earns something.
-
-    Raises:
-        ValueError: arrays that do not fit together.
-        MemoryError: there is too little memory.
-    """
-    count = len(devices.delta)
-    if count > MOST_DEVICES:
-        raise ValueError(f"{count} devices: a search takes at most {MOST_DEVICES}")
-    shared = devices.as_c(), limits.as_c(), relaxation.as_c(count)
-    given = tuple(map(ctypes.addressof, shared))
-    shape = limits.steps, POINT
-    return searched(PLANNER.search_orders, given, plan, effort, shape=shape, devices=count)
-
-
 def search_places(devices: Devices, limits: PathLimits, *, plan: Found, effort: Effort) -> Found:
     """Improve on a plan by branching on where its stops are: for few of them.
 

@@ -1,6 +1,8 @@
-/* A node of the search of orders: what is decided, and whether its stops are enough. */
+/* Nodes of the search of orders: what is decided of each chain, and whether its stops are enough. */
 #ifndef NODE_H
 #define NODE_H
+
+#include <stdlib.h>
 
 #include "planner.h"
 
@@ -9,7 +11,7 @@ enum { UNDECIDED, MERGED, BARRED };
 
 enum { PLACED = -1 }; /* level of a device that stands in the order */
 
-/* The first `size` entries of what goes by position count. The bound comes first (`queue.h`). */
+/* The chain of an aircraft. The first `size` entries of what goes by position count. */
 typedef struct {
     double bound, dual; /* what no plan of the node exceeds; the share of it that the path gives */
     double mu;          /* multiplier of the length */
@@ -127,6 +129,37 @@ static int settle(Node *node, const Limits *limits)
         if (may_merge) node->edge[i] = enough_stops(node, limits) ? UNDECIDED : MERGED;
     }
     return 1;
+}
+
+/* A node. The bound comes first (`queue.h`); every chain has it, too. */
+typedef struct {
+    double bound;
+    Node chain[];
+} Crew;
+
+static size_t size_of_crew(int64_t aircraft) { return sizeof(Crew) + (size_t)aircraft * sizeof(Node); }
+
+static double others_dual(const Crew *crew, int64_t own, int64_t aircraft)
+{
+    double total = 0.0;
+    for (int64_t a = 0; a < aircraft; a++)
+        if (a != own) total += crew->chain[a].dual;
+    return total;
+}
+
+static int64_t placed_in(const Crew *crew, int64_t aircraft)
+{
+    int64_t count = 0;
+    for (int64_t a = 0; a < aircraft; a++) count += crew->chain[a].size;
+    return count;
+}
+
+/* NULL where memory is short. */
+static Crew *copy_of(const Crew *crew, size_t size)
+{
+    Crew *copy = malloc(size);
+    if (copy) memcpy(copy, crew, size);
+    return copy;
 }
 
 #endif

@@ -2,7 +2,9 @@
 #ifndef PATH_H
 #define PATH_H
 
-#include "lagrangian.h"
+#include "dual.h"
+
+static const double STRICTER = 1.0, EASED = 0.7; /* what later legs count more, and less again */
 
 /* The relaxed path of a node. */
 typedef struct {
@@ -60,6 +62,106 @@ static void at_stops(const Node *node, const Problem *problem, Path *path)
             path->excess[k] =
                 promise_of(node, k, &problem->relaxation) - earned_at(sqrt(square), k, devices);
         }
+}
+
+/* The device to be decided about with the largest excess above `floor`, not tried; or -1. */
+static int64_t pick_device(
+    const Node *node, const Path *path, const Problem *problem, double floor, uint64_t tried)
+{
+    const int64_t last = problem->relaxation.radii - 1;
+    int64_t best = -1;
+    for (int64_t k = 0; k < problem->devices.count; k++) {
+        const int undecided = node->level[k] != PLACED && node->level[k] < last;
+        if (undecided && !(tried >> k & 1) && path->excess[k] > floor) {
+            floor = path->excess[k];
+            best = k;
+        }
+    }
+    return best;
+}
+
+/* The position with the largest excess above `floor` and an interval to cut; or -1. */
+static int64_t pick_stop(
+    const Node *node, const Path *path, const Relaxation *relaxation, double floor)
+{
+    int64_t best = -1;
+    for (int64_t i = 0; i < node->size; i++) {
+        const int64_t *ends = relaxation->ends + 2 * node->interval[i];
+        const double excess = path->excess[node->order[i]];
+        if (ends[1] - ends[0] > 1 && excess > floor) {
+            floor = excess;
+            best = i;
+        }
+    }
+    return best;
+}
+
+/* The undecided edge of the leg whose stop takes most that is not counted yet; or -1. */
+static int64_t pick_stopping(const Node *node, const Path *path, const Problem *problem)
+{
+    int64_t best = -1;
+    double least_m = problem->limits.stop.least;
+    for (int64_t i = 0; i < node->size; i++) {
+        if (node->edge[i] != UNDECIDED) continue;
+        const double leg = between(path->points[i + 1], path->points[i]);
+        const Taken counted = taken(node, i, problem->limits.stop, problem);
+        const double missing =
+            stop_of(problem->limits.stop, leg) + (1.0 - counted.slope) * leg - counted.fixed;
+        if (missing > least_m) {
+            best = i;
+            least_m = missing;
+        }
+    }
+    return best;
+}
+
+/* The undecided edge with the longest leg; or -1. Merging it costs most, and where it is barred there
+   is one stop fewer for the others. */
+static int64_t pick_edge(const Node *node, const Path *path)
+{
+    int64_t best = -1;
+    double longest = -1.0;
+    for (int64_t i = 0; i < node->size; i++)
+        if (node->edge[i] == UNDECIDED && !apart(node, i)) {
+            const double square = square_between(path->points[i + 1], path->points[i]);
+            if (square > longest) {
+                best = i;
+                longest = square;
+            }
+        }
+    return best;
+}
+
+/* Where to cut the interval of the stop at a position: next to its relaxed distance. */
+static int64_t cut_radius(
+    const Node *node, int64_t at, const Path *path, const Relaxation *relaxation)
+{
+    const int64_t *ends = relaxation->ends + 2 * node->interval[at];
+    const double *radius = relaxation->radius_m, have = path->radius[node->order[at]];
+    int64_t best = ends[0] + 1;
+    for (int64_t b = best + 1; b < ends[1]; b++)
+        if (fabs(radius[b] - have) < fabs(radius[best] - have)) best = b;
+    return best;
+}
+
+/* Let later legs count more where too much comes after a device's turn, or less where too little. */
+static void weigh_turns(Node *node, const Path *path, const Problem *problem)
+{
+    const Devices *devices = &problem->devices;
+    double behind = 0.0, worst = 0.0;
+    int64_t at = -1;
+    for (int64_t k = node->size - 1; k >= 0; k--) {
+        behind += devices->sends[node->order[k]];
+        const double over = behind - devices->after[node->order[k]];
+        if (over > worst) {
+            worst = over;
+            at = k;
+        }
+        if (over < 0.0) node->wait[k] *= EASED;
+        const Taken leg = taken(node, k, problem->limits.turn, problem);
+        behind += leg.slope * between(path->points[k + 1], path->points[k]) + leg.fixed;
+    }
+    if (at >= 0) node->wait[at] += STRICTER;
 }
 
 #endif

@@ -134,31 +134,25 @@ typedef struct {
        it earns. */
     double (*explore)(const Devices *, const Limits *, int64_t starts, int64_t tries, Point *way,
                       int64_t *assigned);
-    /* Improve on a plan until none can be better by more than the target says, or `max_nodes` have been
-       looked into; at most `max_open` are open. Needs 1 to MOST_DEVICES devices, a positive length, and
-       a plan of a value above 0 or a scale. Writes the bound and why it ended; returns the nodes looked
-       into. */
-    int64_t (*search_orders)(const Devices *, const Limits *, const Relaxation *, const Target *,
-                             int64_t max_nodes, int64_t max_open, double *value, Point *way,
-                             int64_t *assigned, double *bound, int64_t *ended);
-    /* The same by branching on where the stops are, which is for few of them and any number of
-       devices. */
+    /* Improve on a plan of A aircraft, each in coordinates with its own start at the origin, until none can
+       be better by more than the target says, or `max_nodes` have been looked into; at most `max_open` are
+       open. `way` is (A, N), and `assigned` (K,) numbers steps through all aircraft, which have the same
+       devices, steps and places a step, and relaxations with the same radii and promises; `alike` (A,) has the
+       first one that each is equal to. Needs 1 to MOST_DEVICES devices, a positive length, and a plan of a
+       value above 0 or a scale; where hovers count, one aircraft. Writes the bound and why it ended; returns
+       the nodes looked into. */
+    int64_t (*search_orders)(int64_t aircraft, const Devices *, const Limits *, const Relaxation *,
+                             const int64_t *alike, const Target *, int64_t max_nodes, int64_t max_open,
+                             double *value, Point *way, int64_t *assigned, double *bound,
+                             int64_t *ended);
+    /* The same for one aircraft by branching on where the stops are, which is for few of them and any number
+       of devices. */
     int64_t (*search_places)(const Devices *, const Limits *, const Target *, int64_t max_nodes,
                              int64_t max_open, double *value, Point *way, int64_t *assigned,
                              double *bound, int64_t *ended);
 
-    /* The best plan near a path: assignment and ascent in turns. Returns what it earns. */
-    double (*polish)(const Devices *, const Limits *, Point *way, int64_t *assigned);
-    /* The same for several aircraft (A,), each in coordinates with its own start at the origin: `way`
-       (A, N), and `assigned` (K,) numbers steps through all of them. All have the same devices, steps
-       and places a step. */
-    double (*polish_all)(int64_t aircraft, const Devices *, const Limits *, Point *way, int64_t *assigned);
-    /* `search_orders` for several aircraft, whose relaxations have the same radii and promises. `alike`
-       (A,) has the first aircraft that each is equal to. */
-    int64_t (*search_crews)(int64_t aircraft, const Devices *, const Limits *, const Relaxation *,
-                            const int64_t *alike, const Target *, int64_t max_nodes, int64_t max_open,
-                            double *value, Point *way, int64_t *assigned, double *bound,
-                            int64_t *ended);
+    /* The best plan of A aircraft near their paths: assignment and ascent in turns. Returns what it earns. */
+    double (*polish)(int64_t aircraft, const Devices *, const Limits *, Point *way, int64_t *assigned);
 
     /* Assign each of the devices to a step or to none (-1), at most `per_step` to each, so that the
        most of `worth` (devices, steps) is earned; 0, or -1 where memory is short. */

@@ -2,7 +2,7 @@
 
 #include "levelled.h"
 #include "following.h"
-#include "joint.h"
+#include "search.h"
 #include "space.h"
 #include "variation.h"
 
@@ -19,36 +19,6 @@ static double explore(
     find_plan(devices, limits, starts, tries, &plan, &all);
     release(&arena);
     return plan.value;
-}
-
-static int64_t search_orders(
-    const Devices *devices, const Limits *limits, const Relaxation *relaxation, const Target *target,
-    int64_t max_nodes, int64_t max_open, double *value, Point *way, int64_t *assigned,
-    double *bound, int64_t *ended)
-{
-    const Problem problem = {*devices, *limits, *relaxation};
-    Arena arena = {0};
-    Plan plan = {way, assigned, *value};
-    Search *all = calloc(1, sizeof *all);
-    if (!all) return -1;
-    for (int pass = 0; pass < 2; pass++) {
-        all->polish = lay_out_polish(&arena, devices->count, limits, devices->count + 1);
-        all->made = lay_out_plan(&arena, devices->count, limits->steps);
-        all->children = claim(&arena, 1, sizeof(Children));
-        all->queue = (Queue){claim(&arena, max_open, sizeof(double *)), 0, max_open};
-        if (pass == 0 && !provide(&arena)) {
-            free(all);
-            return -1;
-        }
-    }
-    set_up_solver(&all->children->solver, &problem);
-    const Proof proof = prove(&problem, target, max_nodes, &plan, all);
-    *bound = proof.bound;
-    *ended = proof.ended;
-    *value = plan.value;
-    release(&arena);
-    free(all);
-    return proof.nodes;
 }
 
 static int64_t search_places(
@@ -72,19 +42,7 @@ static int64_t search_places(
     return nodes;
 }
 
-static double polish_near(const Devices *devices, const Limits *limits, Point *way, int64_t *assigned)
-{
-    Arena arena = {0};
-    Plan plan = {way, assigned, 0.0};
-    Polish memory = lay_out_polish(&arena, devices->count, limits, limits->steps);
-    if (!provide(&arena)) return NAN;
-    memory = lay_out_polish(&arena, devices->count, limits, limits->steps);
-    polish(way, limits->steps, limits, devices, 0.0, FINE, &plan, &memory);
-    release(&arena);
-    return plan.value;
-}
-
-static double polish_all(
+static double polish_near(
     int64_t aircraft, const Devices *devices, const Limits *limits, Point *way, int64_t *assigned)
 {
     Problem problem[MOST_AIRCRAFT];
@@ -96,13 +54,17 @@ static double polish_all(
     lay_out_team(&team, &arena, aircraft, devices, limits);
     if (!provide(&arena)) return NAN;
     lay_out_team(&team, &arena, aircraft, devices, limits);
-    memcpy(team.present.way, way, (size_t)(aircraft * limits->steps) * sizeof(Point));
-    polish_team(&team, &plan);
+    if (aircraft == 1) {
+        polish(way, limits->steps, limits, devices, 0.0, FINE, &plan, &team.polish);
+    } else {
+        memcpy(team.present.way, way, (size_t)(aircraft * limits->steps) * sizeof(Point));
+        polish_team(&team, &plan);
+    }
     release(&arena);
     return plan.value;
 }
 
-static int64_t search_crews(
+static int64_t search_orders(
     int64_t aircraft, const Devices *devices, const Limits *limits, const Relaxation *relaxation,
     const int64_t *alike, const Target *target, int64_t max_nodes, int64_t max_open, double *value,
     Point *way, int64_t *assigned, double *bound, int64_t *ended)
@@ -110,29 +72,28 @@ static int64_t search_crews(
     Problem problem[MOST_AIRCRAFT];
     Arena arena = {0};
     Plan plan = {way, assigned, *value};
-    Joint *joint = calloc(1, sizeof *joint);
-    if (!joint) return -1;
+    Search *all = calloc(1, sizeof *all);
+    if (!all) return -1;
     for (int64_t a = 0; a < aircraft; a++) problem[a] = (Problem){devices[a], limits[a], relaxation[a]};
-    joint->team.problem = problem;
-    joint->alike = alike;
+    all->team.problem = problem;
+    all->alike = alike;
     for (int pass = 0; pass < 2; pass++) {
-        lay_out_team(&joint->team, &arena, aircraft, devices, limits);
-        joint->now = claim(&arena, 1, size_of_crew(aircraft));
-        joint->path = claim(&arena, aircraft, sizeof(Path));
-        joint->all.children = claim(&arena, 1, sizeof(Children));
-        joint->all.queue = (Queue){claim(&arena, max_open, sizeof(double *)), 0, max_open};
+        lay_out_team(&all->team, &arena, aircraft, devices, limits);
+        all->now = claim(&arena, 1, size_of_crew(aircraft));
+        all->path = claim(&arena, aircraft, sizeof(Path));
+        all->children = claim(&arena, aircraft, sizeof(Children));
+        all->queue = (Queue){claim(&arena, max_open, sizeof(double *)), 0, max_open};
         if (pass == 0 && !provide(&arena)) {
-            free(joint);
+            free(all);
             return -1;
         }
     }
-    set_up_solver(&joint->all.children->solver, problem);
-    const Proof proof = prove_all(joint, target, max_nodes, &plan);
+    const Proof proof = prove(all, target, max_nodes, &plan);
     *bound = proof.bound;
     *ended = proof.ended;
     *value = plan.value;
     release(&arena);
-    free(joint);
+    free(all);
     return proof.nodes;
 }
 
@@ -296,7 +257,6 @@ static int follow(
 
 const Planner NAMED(planner) = {
     .explore = explore, .search_orders = search_orders, .search_places = search_places,
-    .polish = polish_near, .polish_all = polish_all, .search_crews = search_crews,
-    .assign = assign, .fit = fit, .vary = vary, .leave_out = leave_out, .judge = judge,
+    .polish = polish_near, .assign = assign, .fit = fit, .vary = vary, .leave_out = leave_out, .judge = judge,
     .foresee = foresee, .follow = follow, .match = match_devices, .order_bound = order_bound,
     .square_bound = square_bound, .conjugate = conjugate};

@@ -6,6 +6,11 @@
 
 #include "rewards.h"
 
+/* After so many nodes, divided by the devices, and whenever there have been twice as many, a search looks
+   at its progress. Those that end do so within this many times the nodes that it foretells. */
+enum { FIRST_LOOK = 40000 };
+static const double OVERRUN = 1.5;
+
 typedef struct {
     double **open; /* (most,) nodes, each of which begins with its bound */
     int64_t count, most;
@@ -43,6 +48,37 @@ static void *dequeue(Queue *queue)
 static void close_all(Queue *queue)
 {
     while (queue->count > 0) free(queue->open[--queue->count]);
+}
+
+/* A bound at or under this is met by a plan of that value. */
+static double enough_for(const Target *target, double value)
+{
+    return most(value / (1.0 - target->gap), value + target->slack);
+}
+
+typedef struct {
+    double bound; /* that no plan exceeds */
+    int64_t nodes; /* looked into */
+    enum Ended ended;
+} Proof;
+
+/* How a search gets on. */
+typedef struct {
+    int64_t look; /* the number of nodes after which to look again */
+    double gap;   /* what was left at the last look */
+} Progress;
+
+/* Whether a search would not end within `most_nodes`, if each time that its nodes double took as much
+   off the gap as the last. */
+static int is_hopeless(Progress *progress, int64_t nodes, double gap, double goal, int64_t most_nodes)
+{
+    if (nodes != progress->look) return 0;
+    const double taken_off = progress->gap - gap;
+    double needed = (double)nodes, doublings = (gap - goal) / taken_off;
+    progress->look *= 2;
+    progress->gap = gap;
+    for (; doublings > 1.0 && needed <= OVERRUN * (double)most_nodes; doublings--) needed *= 2.0;
+    return !(taken_off > 0.0) || needed * (1.0 + doublings) > OVERRUN * (double)most_nodes;
 }
 
 #endif

@@ -6,7 +6,8 @@
 #ifndef SPACE_H
 #define SPACE_H
 
-#include "search.h"
+#include "ascent.h"
+#include "queue.h"
 #include "zones.h"
 
 enum {

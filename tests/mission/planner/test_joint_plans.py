@@ -21,8 +21,7 @@ from mission.planner.fleet.parts import improved_in_turn, masked
 from mission.planner.fleet.prices import columns_of, priced, search_prices, searched_alone
 from mission.planner.fleet.team import partitions, team_of
 from mission.planner.limits import RoundLimits
-from mission.planner.native.crews import polished
-from mission.planner.native.library import Effort, Found, assign
+from mission.planner.native.library import Effort, assign
 from mission.planner.performance import Performance
 from mission.planner.plan import RoundPlan
 from mission.planner.problem import RoundProblem, Start
@@ -177,7 +176,7 @@ def test_a_price_is_paid_by_whoever_is_served(steps: int) -> None:
     for share in (0.0, 0.3, 0.8):
         prices = np.ascontiguousarray(share * rng.uniform(0.0, 1.0, 7) * delta)
         one = priced(case, prices)
-        begun = Found(*polished(one.devices, one.limits, np.zeros((steps, 2))), one.first_bound)
+        begun = one.polished(np.zeros((steps, 2)))
         scale = float(delta.sum()) / 3.0
         found = searched_alone(one, begun, Goal(0.0, 5000, 0.01 * scale, scale))
         assert found.value <= found.bound <= found.value + 0.0101 * scale

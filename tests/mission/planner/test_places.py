@@ -11,10 +11,10 @@ from fl.radio.channel import CHANNEL_PRESETS, average_per
 from mission.planner.certified import CertifiedPlanner, ExploringPlanner, instance, relax
 from mission.planner.check import check_plan
 from mission.planner.evaluate import path_length
+from mission.planner.native.crews import search_orders
 from mission.planner.native.library import (
     Effort,
     Found,
-    search_orders,
     search_places,
     square_bound,
 )
