@@ -13,9 +13,8 @@ from typing import Any
 import numpy as np
 
 from mission.analysis.holes import Hole
-from mission.analysis.legs import Leg, legs
 from mission.analysis.load import LoadedRun
-from mission.analysis.measure import Measured, measure, measure_pass
+from mission.analysis.measure import Leg, Measured, legs, measure, measure_pass
 from mission.analysis.numbers import OF_PLAN, Comparison, Made, Told, told_numbers
 from mission.analysis.spikes import spikes
 from mission.analysis.told import FlightErrors, Stretch, Values, missing

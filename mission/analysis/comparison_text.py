@@ -10,8 +10,7 @@ from rich import box
 from rich.table import Table
 
 from mission.analysis.compare import RunComparison, names_of
-from mission.analysis.legs import Leg
-from mission.analysis.measure import CORNER_M
+from mission.analysis.measure import CORNER_M, Leg
 from mission.analysis.numbers import Comparison, Number
 from mission.analysis.spikes import spikes
 from mission.analysis.told import MISSION, TARGET, missing

@@ -170,7 +170,7 @@ class Comparison:
         float, Told("rates_off_degps", rms, "rates off rms (deg/s)")
     ]
     tracking_delay_s: Annotated[float, Told("tracking_delay_s", mean, "delay (s)", 3)]
-    # Health in the air: see `mission.analysis.health`.
+    # Health in the air: see `mission.analysis.whole`.
     vibration_max_mps2: Annotated[float, Told("vibration_mps2", greatest, "vibration max (m/s2)")]
     clips_max: Annotated[float, Told("clips", greatest, "clips", 0)]
     innovation_ratio_max: Annotated[

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, ClassVar
 import pandas as pd
 
 from mission.analysis.compare import names_of
-from mission.analysis.health import HEALTH
 from mission.analysis.told import ERRORS
+from mission.analysis.whole import HEALTH
 from mission.api.frames import frame
 
 if TYPE_CHECKING:

@@ -7,8 +7,8 @@ import numpy as np
 
 from mission.analysis.compare import RunComparison
 from mission.analysis.comparison_text import labels_of
-from mission.analysis.health import with_battery
 from mission.analysis.told import Values, heights, pair
+from mission.analysis.whole import with_battery
 from mission.base.airspace import thin
 from mission.base.arrays import Floats
 from mission.base.gaps import outside

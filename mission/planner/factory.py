@@ -48,7 +48,7 @@ def _of_kind(config: PlannerConfig) -> Planner:
         from mission.planner.sqp import SqpPlanner
 
         return SqpPlanner()
-    from mission.planner.paper.alternation import PaperPlanner
+    from mission.planner.paper import PaperPlanner
 
     return PaperPlanner(literal=config.kind == "paper_literal")
 

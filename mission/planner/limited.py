@@ -73,7 +73,7 @@ class LimitedPlanner:
         """Return the best plan within limits, begun from `ideal`, and its bound (NaN: none)."""
         bound = ideal.upper_bound  # NaN stays, where none is proven
         if not np.isnan(bound):
-            bound = min(bound, reach_bound(problem))
+            bound = min(bound, reach_bound([problem]))
         fixed = problem.at(ideal.altitude_m)
         best = fitted(problem, ideal.waypoints_m)
         if best is None or best.value < ideal.value * (1.0 - _GAIN):
@@ -137,8 +137,9 @@ def near_of(problem: RoundProblem) -> Floats:
     return np.asarray(np.maximum(0.0, np.minimum(near_m, from_start)))
 
 
-def reach_bound(problem: RoundProblem) -> float:
-    """Return an upper bound on plans: each device served from the nearest place that is allowed."""
-    success = success_bounds(problem, near_of(problem)).max(axis=0)
-    worth = np.sort(problem.importance * success)[::-1]
-    return float(worth[: problem.steps * problem.per_step].sum())
+def reach_bound(alone: Sequence[RoundProblem]) -> float:
+    """Return an upper bound on plans of aircraft with a problem each: each device served from the
+    nearest place that is allowed any of them."""
+    chances = [success_bounds(each, near_of(each)).max(axis=0) for each in alone]
+    worth = np.sort(alone[0].importance * np.max(chances, axis=0))[::-1]
+    return float(worth[: len(alone) * alone[0].steps * alone[0].per_step].sum())

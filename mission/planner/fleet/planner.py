@@ -22,7 +22,7 @@ from mission.planner.fleet.prices import CALL_NODES, SLACK, bound_at
 from mission.planner.fleet.team import LEAST_M, team_of
 from mission.planner.fleet.within import completed, drawn_plans, planned_within, shared_out
 from mission.planner.flyable import foresee_round
-from mission.planner.limited import near_of
+from mission.planner.limited import reach_bound
 from mission.planner.native.library import assign
 from mission.planner.plan import Planner, RoundPlan, relative_gap
 from mission.planner.problem import RoundProblem
@@ -108,7 +108,7 @@ class FleetPlanner:
                 found = plan_jointly(free, replace(goal, gap=found.gap - lost), begun=found).found
                 parts = parts_along(alone, found) or parts
             return parts, found.bound, found.nodes, found.ended
-        bound = _promised(alone) if chosen else min(found.bound, _promised(alone))
+        bound = reach_bound(alone) if chosen else min(found.bound, reach_bound(alone))
         enough, nodes = bound * (1.0 - goal.gap), found.nodes
         if chosen or parts is None or total(parts) < found.value * (1.0 - _GAIN):
             begun = [] if parts is None else [parts]
@@ -155,16 +155,6 @@ def _at_rest(alone: Sequence[RoundProblem]) -> tuple[Parts, float]:
     made = [part for part in parts if part is not None]
     assert len(made) == len(alone)  # any limits allow to stay
     return completed(alone, made), float((given * each_step * importance).sum())
-
-
-def _promised(alone: Sequence[RoundProblem]) -> float:
-    """Return an upper bound on plans: each device served by the aircraft that may get nearest."""
-    best = np.max(
-        [success_bounds(each, near_of(each)).max(axis=0) for each in alone],
-        axis=0,
-    )
-    places = len(alone) * alone[0].steps * alone[0].per_step
-    return float(np.sort(alone[0].importance * best)[::-1][:places].sum())
 
 
 def _summed(

@@ -86,7 +86,7 @@ def test_a_device_deep_inside_bounds_what_a_plan_is_worth() -> None:
         devices_m=np.array([[900.0, 300.0]]), importance=np.ones(1), path_budget_m=5000.0,
         start_m=np.array([100.0, 300.0]), airspace=Airspace((wide,), None, 15.0),
     )  # fmt: skip
-    bound = reach_bound(inside)
+    bound = reach_bound([inside])
     assert bound < 0.05
     made = plan(inside)
     assert made.value <= made.upper_bound <= max(bound, made.value)

@@ -20,8 +20,14 @@ from fl.radio.channel import (
 from mission.planner.check import check_plan
 from mission.planner.config import PlannerConfig
 from mission.planner.factory import make_planner
-from mission.planner.paper.alternation import ascend, greedy_walk
-from mission.planner.paper.path_step import EXPONENT_LIMIT, PathProgram, path_program, tangent
+from mission.planner.paper import (
+    EXPONENT_LIMIT,
+    PathProgram,
+    ascend,
+    greedy_walk,
+    path_program,
+    tangent,
+)
 
 SUBURBAN = CHANNEL_PRESETS["suburban"]
 

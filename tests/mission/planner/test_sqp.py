@@ -19,7 +19,7 @@ from mission.planner.factory import make_planner
 from mission.planner.flyable import share_of
 from mission.planner.improving import fitted, serving_fewer, varied
 from mission.planner.limits import RoundLimits
-from mission.planner.paper.alternation import PaperPlanner
+from mission.planner.paper import PaperPlanner
 from mission.planner.performance import Performance
 from mission.planner.sqp import (
     _DEGREES,

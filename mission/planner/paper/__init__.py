@@ -1,1 +1,0 @@
-"""The paper's planner: schedule and path in alternation."""
