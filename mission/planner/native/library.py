@@ -308,48 +308,6 @@ def match(devices: Devices, limits: PathLimits, way: Floats) -> tuple[float, Int
     return enough_memory(value), assigned
 
 
-def order_bound(
-    devices: Devices,
-    limits: PathLimits,
-    relaxation: Relaxation,
-    *,
-    interval: Ints,
-    merged: Ints,
-    eps: float,
-) -> float:
-    """The dual bound of the devices in their order, -1 if it was not minimised.
-
-    `interval` (K,) are rows of distance intervals, `merged` (K,) is 1 where a stop is one with the
-    stop before it, `eps` is the weight of the barrier.
-    """
-    count = len(devices.delta)
-    if count > MOST_DEVICES:
-        raise ValueError(f"{count} devices: an order has at most {MOST_DEVICES}")
-    _check_range("interval", interval, len(relaxation.spacing))
-    shared = devices.as_c(), limits.as_c(), relaxation.as_c(count)
-    bound: float = PLANNER.order_bound(
-        *map(ctypes.addressof, shared),
-        address(interval, np.int64, (count,)),
-        address(merged, np.int64, (count,)),
-        eps,
-    )
-    return bound
-
-
-def square_bound(devices: Devices, limits: PathLimits, x: float, y: float, half: float) -> float:
-    """Bound of what a stop earns somewhere in the square around (x, y), its side 2 `half` long."""
-    shared = devices.as_c(), limits.as_c()
-    return enough_memory(PLANNER.square_bound(*map(ctypes.addressof, shared), x, y, half))
-
-
-def conjugate(relaxation: Relaxation, row: int, s: float) -> float:
-    """Evaluate the conjugate H of a distance interval (see `Conjugates`) at s >= 0."""
-    _check_range("row", np.array([row]), len(relaxation.spacing))
-    shared = relaxation.as_c(len(relaxation.promise))
-    value: float = PLANNER.conjugate(ctypes.addressof(shared), row, s)
-    return value
-
-
 def enough_memory(found: float) -> float:
     """Return a result of the C library; raise MemoryError where it is NaN or -1."""
     if found != found or found == -1:

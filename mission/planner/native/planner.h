@@ -158,6 +158,8 @@ typedef struct {
        most of `worth` (devices, steps) is earned; 0, or -1 where memory is short. */
     int (*assign)(int64_t devices, int64_t steps, int64_t per_step, const double *worth,
                   int64_t *assigned);
+    /* Assign devices to the points of `way` so that the most is earned; returns that. */
+    double (*match)(const Devices *, const Limits *, Point *way, int64_t *assigned);
 
     /* The plan along the way through `waypoint` (N,), cut to so many metres and, if `limited`, to what
        fits; 0 where it is worth no more than `above`, 1 otherwise, -1 where memory is short. Its route
@@ -178,19 +180,6 @@ typedef struct {
     /* Where such a flight is every `step` seconds from its start, into `at` (count,): 0, or -1. */
     int (*follow)(const Flying *, int64_t stops, const Point *stop, const double *hold, double radius,
                   double step, int64_t count, Point *at);
-
-    /* Parts that are tested by themselves. */
-
-    /* Assign devices to the points of `way` so that the most is earned; returns that. */
-    double (*match)(const Devices *, const Limits *, Point *way, int64_t *assigned);
-    /* The least bound of the order in which the devices stand, with the rows of their distance
-       intervals, and 1 where a stop is one with the one before; -1 if its steps did not end well. */
-    double (*order_bound)(const Devices *, const Limits *, const Relaxation *,
-                          const int64_t *interval, const int64_t *merged, double eps);
-    /* Bound of what a stop somewhere in a square can earn. */
-    double (*square_bound)(const Devices *, const Limits *, double x, double y, double half);
-    /* H of a distance interval at s >= 0. */
-    double (*conjugate)(const Relaxation *, int64_t row, double s);
 } Planner;
 
 #endif

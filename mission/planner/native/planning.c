@@ -124,45 +124,6 @@ static double match_devices(
     return plan.value;
 }
 
-static double order_bound(
-    const Devices *devices, const Limits *limits, const Relaxation *relaxation,
-    const int64_t *interval, const int64_t *merged, double eps)
-{
-    const Problem problem = {*devices, *limits, *relaxation};
-    Node node = {.size = devices->count, .mu = 0.003};
-    Order order = {.node = &node, .enough = -INFINITY, .pointed = -1};
-    Solver solver = {0};
-    for (int64_t i = 0; i < node.size; i++) {
-        node.order[i] = (int16_t)i;
-        node.interval[i] = (int16_t)interval[i];
-        node.edge[i] = merged[i] ? MERGED : UNDECIDED;
-    }
-    set_up_solver(&solver, &problem);
-    minimise(&order, 1, (Aim){eps, 0.0}, &solver);
-    return order.centred ? order.bound : -1.0;
-}
-
-static double square_bound(
-    const Devices *devices, const Limits *limits, double x, double y, double half)
-{
-    Arena arena = {0};
-    Cells cells = lay_out_cells(&arena, devices, limits, 1);
-    double *price = claim(&arena, devices->count, sizeof(double)), bound = 0.0;
-    if (!provide(&arena)) return NAN;
-    cells = lay_out_cells(&arena, devices, limits, 1);
-    price = claim(&arena, devices->count, sizeof(double));
-    fill_rises(&cells);
-    const Corners best = rated(&cells, add_cell(&cells, x, y, half), price);
-    for (int i = 0; i < 4; i++) bound = most(bound, best[i]);
-    release(&arena);
-    return bound;
-}
-
-static double conjugate(const Relaxation *relaxation, int64_t row, double s)
-{
-    return conjugate_at(s, row, relaxation).h;
-}
-
 static int fit(
     const Round *round, const Point *waypoint, CandidatePlan *plan, double metres, double above,
     int limited)
@@ -258,5 +219,4 @@ static int follow(
 const Planner NAMED(planner) = {
     .explore = explore, .search_orders = search_orders, .search_places = search_places,
     .polish = polish_near, .assign = assign, .fit = fit, .vary = vary, .leave_out = leave_out, .judge = judge,
-    .foresee = foresee, .follow = follow, .match = match_devices, .order_bound = order_bound,
-    .square_bound = square_bound, .conjugate = conjugate};
+    .foresee = foresee, .follow = follow, .match = match_devices};

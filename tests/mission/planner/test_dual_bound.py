@@ -6,10 +6,10 @@ import cvxpy as cp
 import numpy as np
 import pytest
 from one_aircraft import round_problem
+from search_parts import conjugate, order_bound
 
 from fl.radio.channel import CHANNEL_PRESETS, average_per
 from mission.planner.certified import instance, relax
-from mission.planner.native.library import conjugate, order_bound
 
 
 def answer(case):
@@ -33,12 +33,12 @@ def answer(case):
         last = relaxation.coefficients.shape[1] - 3
         knots = np.array([0.0, 0.4, 7.3, 30.0, last - 1e-9, last, last + 23.0])
         s = relaxation.spacing[row] * knots
-        past.append((s, [conjugate(relaxation, int(row), x) for x in s]))
+        past.append((s, conjugate(relaxation, int(row), s)))
     ends = [[float(relaxation.radii_m[e]) for e in relaxation.ends[row]] for row in rows]
     lines = []  # of each device, slopes and offsets: what the splines make of the envelope
     for row in rows:
         s = np.append(relaxation.spacing[row] * np.arange(0.0, last, 0.2), 0.0)
-        lines.append((-s, np.array([conjugate(relaxation, int(row), x) for x in s])))
+        lines.append((-s, conjugate(relaxation, int(row), s)))
     return bound, ends, past, lines
 
 

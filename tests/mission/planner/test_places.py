@@ -5,6 +5,7 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from scipy.optimize import differential_evolution, linear_sum_assignment
+from search_parts import square_bound
 from test_certificate import SEEDS, random_problem
 
 from fl.radio.channel import CHANNEL_PRESETS, average_per
@@ -16,7 +17,6 @@ from mission.planner.native.library import (
     Effort,
     Found,
     search_places,
-    square_bound,
 )
 
 CHANNELS = st.sampled_from(sorted(CHANNEL_PRESETS))

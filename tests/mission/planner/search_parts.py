@@ -1,0 +1,69 @@
+"""Parts of the plan search by themselves: C that is compiled with the first test that asks."""
+
+import ctypes
+import tempfile
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from mission.base.arrays import Floats, Ints
+from mission.planner.native.library import Devices, PathLimits, Relaxation
+from native import building
+
+
+@cache
+def _parts() -> Any:
+    library = building.Library("parts", Path(__file__).parent, None, "search_parts.c")
+    compiler, planner = next(building.compilers()), building.library("planner")
+    with tempfile.TemporaryDirectory() as folder:
+        target = Path(folder, "parts.so")
+        building.compile_to(target, library, compiler, flags=(f"-I{planner.folder}", "-O1"))
+        loaded = ctypes.CDLL(str(target))
+    for function in (loaded.order_bound, loaded.square_bound, loaded.conjugate):
+        function.restype = ctypes.c_double
+    return loaded
+
+
+def order_bound(
+    devices: Devices,
+    limits: PathLimits,
+    relaxation: Relaxation,
+    *,
+    interval: Ints,
+    merged: Ints,
+    eps: float,
+) -> float:
+    """The dual bound of the devices in their order, -1 if it was not minimised.
+
+    `interval` (K,) are rows of distance intervals, `merged` (K,) is 1 where a stop is one with the
+    stop before it, `eps` is the weight of the barrier.
+    """
+    shared = devices.as_c(), limits.as_c(), relaxation.as_c(len(devices.delta))
+    indices = [np.ascontiguousarray(each, dtype=np.int64) for each in (interval, merged)]
+    bound: float = _parts().order_bound(
+        *map(ctypes.byref, shared),
+        *(ctypes.c_void_p(each.ctypes.data) for each in indices),
+        ctypes.c_double(eps),
+    )
+    return bound
+
+
+def square_bound(devices: Devices, limits: PathLimits, x: float, y: float, half: float) -> float:
+    """Bound of what a stop earns somewhere in the square around (x, y), its side 2 `half` long."""
+    shared = devices.as_c(), limits.as_c()
+    bound: float = _parts().square_bound(
+        *map(ctypes.byref, shared), *map(ctypes.c_double, (x, y, half))
+    )
+    return bound
+
+
+def conjugate(relaxation: Relaxation, row: int, s: Floats) -> Floats:
+    """Values of the conjugate H of a distance interval at s >= 0."""
+    shared = relaxation.as_c(len(relaxation.promise))
+    found = [
+        _parts().conjugate(ctypes.byref(shared), ctypes.c_int64(row), ctypes.c_double(each))
+        for each in s
+    ]
+    return np.array(found)
