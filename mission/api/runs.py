@@ -1,8 +1,9 @@
 """Runs: flown, resumed, and read back as tables and pictures."""
 
 import json
+import tempfile
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -20,13 +21,8 @@ if TYPE_CHECKING:
     import pandas as pd
 
     from mission.analysis.load import LoadedRun
-    from mission.run.recorded import Around
-import tempfile
-from dataclasses import field
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
     from mission.figures.style import Chart
+    from mission.run.recorded import Around
 
 
 @dataclass(frozen=True)

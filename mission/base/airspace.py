@@ -10,22 +10,19 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
+from pydantic import Field, model_validator
 
 from flightdyn.obstacles import flaw
+from flightdyn.tables import Table
 from mission.base.arrays import Bools, Floats, Ints, given_alone
 from mission.base.errors import InputError
 
 if TYPE_CHECKING:  # which loads a library
     from mission.base.native.library import Outlines
-from typing import Annotated, Self
-
-from pydantic import Field, model_validator
-
-from flightdyn.tables import Table
 
 _SLACK_M = 1e-6  # of the margin: what is at the margin is free
 _TURN = math.pi / 3  # of an outline's corner that one point leads around

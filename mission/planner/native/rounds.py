@@ -205,51 +205,38 @@ class Round:
         return plan._replace(route=plan.route[: given.points].copy(), value=given.value)
 
 
-def foresee(
-    flying: Structure, stops_m: Floats, hold_s: Sequence[float], radius_m: float
-) -> tuple[Floats, Floats]:
-    """Predict a flight through stops (S, 2): arrival times (S,) in s, and what is counted of it
-    (COUNTED,).
+class Flight:
+    """A flight through stops (S, 2) with a hover at each, in the C library's form."""
 
-    Raises:
-        ValueError: there is no stop, or not a hover for each.
-        MemoryError: there is too little memory.
-    """
-    stops = np.ascontiguousarray(stops_m, dtype=np.float64)
-    holds, arrived_s = np.array(hold_s, dtype=np.float64), np.empty(len(stops))
-    counted = np.empty(COUNTED)
-    if not len(stops):
-        raise ValueError("a flight has at least one stop")
-    enough_memory(PLANNER.foresee(
-        ctypes.addressof(flying), len(stops), address(stops, np.float64, (len(stops), POINT)),
-        address(holds, np.float64, (len(stops),)), radius_m, arrived_s.ctypes.data,
-        counted.ctypes.data,
-    ))  # fmt: skip
-    return arrived_s, counted
+    def __init__(
+        self, flying: Structure, stops_m: Floats, hold_s: Sequence[float], radius_m: float
+    ) -> None:
+        """Raises ValueError where there is no stop, or not a hover for each."""
+        self._stops = np.ascontiguousarray(stops_m, dtype=np.float64)
+        self._holds, count = np.array(hold_s, dtype=np.float64), len(stops_m)
+        if not count:
+            raise ValueError("a flight has at least one stop")
+        self._given = (
+            ctypes.addressof(flying), count, address(self._stops, np.float64, (count, POINT)),
+            address(self._holds, np.float64, (count,)), radius_m,
+        )  # fmt: skip
 
+    def foreseen(self) -> tuple[Floats, Floats]:
+        """Predict arrival times (S,) in s, and what is counted of it (COUNTED,).
 
-def follow(
-    flying: Structure,
-    stops_m: Floats,
-    hold_s: Sequence[float],
-    radius_m: float,
-    *,
-    step_s: float,
-    count: int,
-) -> Floats:
-    """Return where a flight through stops (S, 2) is (count, 2), every `step_s` from its start;
-    where it ends it stays.
+        Raises:
+            MemoryError: there is too little memory.
+        """
+        arrived_s, counted = np.empty(len(self._stops)), np.empty(COUNTED)
+        enough_memory(PLANNER.foresee(*self._given, arrived_s.ctypes.data, counted.ctypes.data))
+        return arrived_s, counted
 
-    Raises:
-        ValueError: there is no stop, or not a hover for each.
-        MemoryError: there is too little memory.
-    """
-    stops = np.ascontiguousarray(stops_m, dtype=np.float64)
-    holds, at = np.array(hold_s, dtype=np.float64), np.empty((count, POINT))
-    if not len(stops):
-        raise ValueError("a flight has at least one stop")
-    enough_memory(PLANNER.follow(
-        ctypes.addressof(flying), len(stops), address(stops, np.float64, (len(stops), POINT)),
-        address(holds, np.float64, (len(stops),)), radius_m, step_s, count, at.ctypes.data,
-    ))  # fmt: skip
-    return at
+    def followed(self, *, step_s: float, count: int) -> Floats:
+        """Return where it is (count, 2), every `step_s` from its start; where it ends it stays.
+
+        Raises:
+            MemoryError: there is too little memory.
+        """
+        at = np.empty((count, POINT))
+        enough_memory(PLANNER.follow(*self._given, step_s, count, at.ctypes.data))
+        return at

@@ -65,39 +65,41 @@ static void rate_others(const Plan *plan, int64_t own, const Team *team)
     }
 }
 
-/* Climb with the chain of one aircraft, and put its idle steps to use for those whom nobody serves
-   well; returns what it earns. */
+/* The part of one aircraft, as a plan of its own. */
+static Plan *part_of(const Plan *plan, int64_t own, Team *team)
+{
+    const int64_t steps = team->problem->limits.steps;
+    Plan *part = &team->polish.present;
+    memcpy(part->way, plan->way + own * steps, (size_t)steps * sizeof(Point));
+    for (int64_t k = 0; k < team->problem->devices.count; k++) {
+        const int64_t p = plan->assigned[k];
+        part->assigned[k] = p >= 0 && p / steps == own ? p % steps : -1;
+    }
+    return part;
+}
+
+/* Climb with the chain of one aircraft; returns what it earns. */
 static double climb_alone(Plan *plan, int64_t own, Team *team)
 {
     const Problem *problem = team->problem + own;
     const int64_t steps = problem->limits.steps;
-    Plan *view = &team->polish.present;
-    Devices devices = problem->devices;
-    memcpy(view->way, plan->way + own * steps, (size_t)steps * sizeof(Point));
-    for (int64_t k = 0; k < devices.count; k++) {
-        const int64_t p = plan->assigned[k];
-        view->assigned[k] = p >= 0 && p / steps == own ? p % steps : -1;
-    }
-    climb(view, &devices, &problem->limits, team->mu + own, &team->polish);
-    memcpy(plan->way + own * steps, view->way, (size_t)steps * sizeof(Point));
-    return view->value;
+    Plan *part = part_of(plan, own, team);
+    climb(part, &problem->devices, &problem->limits, team->mu + own, &team->polish);
+    memcpy(plan->way + own * steps, part->way, (size_t)steps * sizeof(Point));
+    return part->value;
 }
 
+/* Put its idle steps to use for those whom nobody serves well. */
 static void use_idle(Plan *plan, int64_t own, Team *team)
 {
     const Problem *problem = team->problem + own;
     const int64_t steps = problem->limits.steps;
-    Plan *view = &team->polish.present;
+    const Plan *part = part_of(plan, own, team);
     Devices devices = problem->devices;
     rate_others(plan, own, team);
     devices.price = team->others;
-    memcpy(view->way, plan->way + own * steps, (size_t)steps * sizeof(Point));
-    for (int64_t k = 0; k < devices.count; k++) {
-        const int64_t p = plan->assigned[k];
-        view->assigned[k] = p >= 0 && p / steps == own ? p % steps : -1;
-    }
     use_idle_steps(&team->polish, &problem->limits, &devices);
-    memcpy(plan->way + own * steps, view->way, (size_t)steps * sizeof(Point));
+    memcpy(plan->way + own * steps, part->way, (size_t)steps * sizeof(Point));
 }
 
 /* The best plan near the paths of `present`, which keep to their lengths, into `plan`: as `polish`. */
