@@ -109,10 +109,8 @@ def timeline_chart(flight: RunComparison, *, alone: bool) -> Chart:
         begin_s, end_s = flight.flown.start_s, flight.flown.end_s
     happened = events(flight.run.data, begin_s, end_s)
     peaks = spikes(flight.run.data, flight.measured)
-    x, y = (
-        alt.X("x:Q", title="time of the log (s)", scale=alt.Scale(zero=False)),
-        alt.Y("y:Q", title="error (m)"),
-    )
+    x = alt.X("x:Q", title="time of the log (s)", scale=alt.Scale(zero=False))
+    y = alt.Y("y:Q", title="error (m)")
     names = [name for name, rows in drawn.items() if len(rows)]
     colours = dict(errors.keys()) | {name: colour for name, colour, _ in _TOLD}
     shades = named(names, [colours[name] for name in names])

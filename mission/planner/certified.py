@@ -8,7 +8,7 @@ import numpy as np
 from mission.base.arrays import Floats
 from mission.planner.evaluate import bounded, check_problem, finish, fit_budget, plan_without_moving
 from mission.planner.improving import improved
-from mission.planner.native.crews import Crews, search_orders
+from mission.planner.native.crews import Crew, polished, search_orders
 from mission.planner.native.library import (
     MOST_DEVICES,
     Devices,
@@ -75,7 +75,7 @@ class CertifiedPlanner:
         if problem.per_grid is not None:
             return self._on_grid(problem, found)
         found = search(case, found, self.goal)
-        made = self._finished(problem, found)
+        made = finished(problem, problem.start_m + found.way)
         # Who is without hope counts in the search's value, and not in the plan's.
         lost = relative_gap(made.value, found.value)
         if (
@@ -83,12 +83,8 @@ class CertifiedPlanner:
             and relative_gap(made.value, found.bound) > self.goal.gap >= found.gap > lost
         ):
             found = search(case, found, replace(self.goal, gap=found.gap - lost))
-            made = self._finished(problem, found)
+            made = finished(problem, problem.start_m + found.way)
         return replace(bounded(problem, made, found.bound, found.nodes), ended=found.ended)
-
-    @staticmethod
-    def _finished(problem: RoundProblem, found: Found) -> RoundPlan:
-        return finish(problem, fit_budget(problem.start_m + found.way, problem.path_budget_m))
 
     def _on_grid(self, problem: RoundProblem, found: Found) -> RoundPlan:
         """Plan on a PER grid, whose reward has many local maxima: improve several paths by random
@@ -99,7 +95,7 @@ class CertifiedPlanner:
             np.linspace(problem.start_m, place_m, problem.steps)
             for place_m in problem.per_grid.best_places(problem.start_m, problem.path_budget_m)
         ]
-        plans = [finish(problem, fit_budget(way, problem.path_budget_m)) for way in ways]
+        plans = [finished(problem, way) for way in ways]
         best = improved(problem, plans, found.bound * (1.0 - self.goal.gap))
         best = bounded(problem, best, found.bound, 0)
         return best if best.gap <= self.goal.gap else replace(best, ended=PROMISED)
@@ -129,7 +125,12 @@ class ExploringPlanner:
         devices, limits = instance(problem)
         attempts = tries(len(devices.delta)) if self._tries is None else self._tries
         _, way, _ = explore(devices, limits, starts=self._starts, tries=attempts)
-        return finish(problem, fit_budget(problem.start_m + way, problem.path_budget_m))
+        return finished(problem, problem.start_m + way)
+
+
+def finished(problem: RoundProblem, way: Floats) -> RoundPlan:
+    """Return the plan along a path (N, 2), shrunk to the metres that the round may fly."""
+    return finish(problem, fit_budget(way, problem.path_budget_m))
 
 
 def in_usual_size(planner: Planner, problem: RoundProblem) -> RoundPlan | None:
@@ -164,12 +165,8 @@ class Goal:
 
 
 @dataclass(frozen=True)
-class Case:
+class Case(Crew):
     """Input of a search: devices and limits of a problem, and the tables of its dual bound."""
-
-    devices: Devices
-    limits: PathLimits
-    relaxation: Relaxation
 
     def explored(self, attempts: int | None = None) -> Found:
         """Plan heuristically, with `attempts` ruin-and-recreate steps (None: by device count)."""
@@ -184,9 +181,7 @@ class Case:
 
     def polished(self, way: Floats) -> Found:
         """Return the best plan near a path (N, 2)."""
-        crew = Crews((self.devices,), (self.limits,), (self.relaxation,))
-        value, ways, assigned = crew.polished(way[None])
-        return Found(value, ways[0], assigned, self.first_bound)
+        return Found(*polished([self], way), self.first_bound)
 
     @property
     def first_bound(self) -> float:
@@ -222,7 +217,7 @@ def branched(case: Case, found: Found, goal: Goal) -> Found:
     by_place = limits.steps <= (SOME_SCARCE_STEPS if scarce else SOME_STEPS)
     order_nodes = int(goal.max_nodes * ORDER_SHARE[limits.steps]) if by_place else goal.max_nodes
     if count <= MOST_DEVICES and (effort := goal.effort(found, order_nodes)) is not None:
-        found = search_orders(devices, limits, case.relaxation, plan=found, effort=effort)
+        found = search_orders([case], plan=found, effort=effort)
     if by_place:
         most_nodes = goal.max_nodes if count <= MOST_DEVICES else SHARED_NODES // count
         if (effort := goal.effort(found, most_nodes)) is not None:

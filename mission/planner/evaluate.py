@@ -127,11 +127,8 @@ def plan_along(problem: RoundProblem, waypoints_m: Floats, *, hold_s: float = 0.
         return scheduled(problem, waypoints_m, hold_s=hold_s)
     # As many altitudes over all of them, then about the best one, ever nearer to it.
     low_m, high_m = problem.altitudes_m
-    best_m, reach_m, tried = (
-        (low_m + high_m) / 2.0,
-        (high_m - low_m) / 2.0,
-        dict[float, RoundPlan](),
-    )
+    best_m, reach_m = (low_m + high_m) / 2.0, (high_m - low_m) / 2.0
+    tried = dict[float, RoundPlan]()
     while reach_m > ALTITUDE_STEP_M or not tried:
         around = np.linspace(best_m - reach_m, best_m + reach_m, ALTITUDES)
         for height_m in np.clip(np.round(around, ALTITUDE_DIGITS), low_m, high_m).tolist():

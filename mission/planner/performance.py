@@ -91,11 +91,8 @@ class Performance:
         """Return the flight with what `count` hovers on the spot take until they begin."""
         hover = self.foresee_hover(1.0)
         begun_s, begun_j = hover.duration_s - 1.0, hover.energy_j - self.hover_j(1.0)
-        duration_s, energy_j = (
-            flight.duration_s + count * begun_s,
-            flight.energy_j + count * begun_j,
-        )
-        return replace(flight, duration_s=duration_s, energy_j=energy_j)
+        duration_s = flight.duration_s + count * begun_s
+        return replace(flight, duration_s=duration_s, energy_j=flight.energy_j + count * begun_j)
 
     def longest_m(self, duration_s: float) -> float:
         """Return an upper bound (m) on the path flown in `duration_s`, whatever its corners."""

@@ -38,7 +38,8 @@ def searched(
     effort = goal.effort(found, goal.max_nodes)
     if effort is None:
         return math.inf
-    return search_orders(devices, limits, case.relaxation, plan=found, effort=effort).bound
+    case = replace(case, devices=devices, limits=limits)
+    return search_orders([case], plan=found, effort=effort).bound
 
 
 def timed_bound(problem: RoundProblem, value: float, goal: Goal) -> float:

@@ -9,7 +9,7 @@ import pytest
 from fl.native import library as learning
 from flightdyn.native.ticks import Gauges
 from mission.planner.native import library as planner
-from mission.planner.native.crews import search_orders
+from mission.planner.native.crews import Crew, search_orders
 from native.loading import address
 
 NET = learning.Network((6, 6, 1), (2,), (3,), (1,), (4,))
@@ -96,7 +96,7 @@ def test_problems_that_the_search_cannot_take():
     plan = planner.Found(1.0, np.zeros((3, 2)), np.zeros(41, np.int64), 2.0)
     effort = planner.Effort(0.1, 1, 1)
     with pytest.raises(ValueError, match="41 devices: a search takes at most 40"):
-        search_orders(devices(41), limits, unread, plan=plan, effort=effort)
+        search_orders([Crew(devices(41), limits, unread)], plan=plan, effort=effort)
     wrong: dict[str, Any] = {"way": np.zeros((2, 2)), "assigned": np.full(41, 3), "value": 0.0}
     for what, value in wrong.items():
         with pytest.raises(ValueError, match=r"must be from|takes a contiguous|nothing to"):

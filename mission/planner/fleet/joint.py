@@ -10,6 +10,7 @@ from mission.planner.certified import STARTS, Goal, tries
 from mission.planner.fleet.parts import Parts, improved_in_turn, part_along
 from mission.planner.fleet.prices import columns_of, search_prices
 from mission.planner.fleet.team import Team, owners, partitions, team_of
+from mission.planner.native.crews import search_orders
 from mission.planner.native.library import MOST_DEVICES, Found, explore
 from mission.planner.problem import RoundProblem
 
@@ -50,7 +51,7 @@ def plan_jointly(
     share = next((share for most, share in _ORDER_SHARES.items() if count <= most), 0.0)
     effort = goal.effort(found, found.nodes + int(share * goal.max_nodes), len(alone))
     if effort is not None and team.one_radio:
-        found = team.crews.search(found, effort)
+        found = search_orders(team.joint, plan=found, effort=effort)
     if found.gap <= goal.gap and not prices_wanted:
         return Joint(team, found)
     varied = _varied(alone, team, plans)

@@ -19,17 +19,15 @@ from mission.base.arrays import Floats
 from mission.planner.certified import Case, Goal, branched
 from mission.planner.fleet.packing import Column, Master, packed
 from mission.planner.fleet.team import Team
-from mission.planner.native.crews import search_orders
+from mission.planner.native.crews import alike, search_orders
 from mission.planner.native.library import MOST_DEVICES, Found
 
 INWARDS, CALMER = 0.3, 0.1  # weight of the best prices so far; taken off after a step in vain
 CALL_NODES, MOST_CALL_NODES = 10_000, 160_000  # looked into in a call of one aircraft's search
 VAIN = 0.02  # of what is left: a step that takes off less was in vain
 MOST_STEPS = 150
-PACE_STEPS, STALLED = (
-    12,
-    0.95,
-)  # after so many steps the gap is to be under this share of what it was
+# After so many steps the gap is to be under this share of what it was.
+PACE_STEPS, STALLED = 12, 0.95
 SLACK = 0.25  # of the gap asked for: by how much the bounds of all aircraft together may be loose
 FAR_SLACK = 0.15  # the same, of the gap that is left, while that is more
 LEAST_STEPS = 5  # for which orders are searched
@@ -44,7 +42,7 @@ def columns_of(team: Team, plan: Found) -> list[Column]:
     brought = team.brought(plan)
     return [
         Column(int(group), plan.way[a], brought[a])
-        for a, group in enumerate(team.crews.alike)
+        for a, group in enumerate(alike(team.cases))
         if brought[a].any()
     ]
 
@@ -59,8 +57,8 @@ class _Search:
     columns: list[Column]
 
     def __post_init__(self) -> None:
-        alike = self.team.crews.alike
-        self.groups, self.counts = np.unique(alike, return_counts=True)
+        self.alike = alike(self.team.cases)
+        self.groups, self.counts = np.unique(self.alike, return_counts=True)
         self.row = {int(group): i for i, group in enumerate(self.groups)}
         self.master = Master(self.counts, self.team.delta)
         for column in self.columns:
@@ -147,7 +145,7 @@ class _Search:
         some = [self.columns[i] for i in np.argsort(lost, kind="stable")[:PACKED]]
         chosen = packed(some, [self.row[one.group] for one in some], self.counts)
         ways = np.zeros_like(self.best.way)
-        free = {int(group): np.flatnonzero(self.team.crews.alike == group) for group in self.groups}
+        free = {int(group): np.flatnonzero(self.alike == group) for group in self.groups}
         for column in (some[i] for i in chosen):
             ways[free[column.group][0]], free[column.group] = column.way, free[column.group][1:]
         plan = self.team.plan_along(ways)
@@ -186,7 +184,7 @@ def searched_alone(case: Case, begun: Found, goal: Goal) -> Found:
         return branched(case, begun, goal)
     if effort is None:
         return begun
-    return search_orders(case.devices, case.limits, case.relaxation, plan=begun, effort=effort)
+    return search_orders([case], plan=begun, effort=effort)
 
 
 def bound_at(cases: Iterable[Case], prices: Floats, way: Floats, goal: Goal) -> tuple[float, int]:

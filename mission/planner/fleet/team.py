@@ -12,7 +12,7 @@ import numpy as np
 
 from mission.base.arrays import Floats, Ints
 from mission.planner.certified import Case, instance, reach_of, relax
-from mission.planner.native.crews import Crews
+from mission.planner.native.crews import polished
 from mission.planner.native.library import MOST_DEVICES, Found, assign
 from mission.planner.problem import RoundProblem
 
@@ -24,7 +24,7 @@ class Team:
     """Search inputs of A aircraft: for each its own case, for all together those of a search."""
 
     cases: tuple[Case, ...]
-    crews: Crews
+    joint: tuple[Case, ...]  # with the same promises, where they have the same radii
 
     @cached_property
     def promise(self) -> Floats:
@@ -57,7 +57,7 @@ class Team:
 
     def plan_along(self, ways: Floats) -> Found:
         """Return the best plan near paths (A, N, 2), with the first bound."""
-        return Found(*self.crews.polished(ways), self.first_bound)
+        return Found(*polished(self.cases, ways), self.first_bound)
 
     def brought(self, plan: Found) -> Floats:
         """(A, K) what each device brings to the aircraft that serves it, 0 to the others."""
@@ -78,13 +78,10 @@ def team_of(problems: Sequence[RoundProblem]) -> Team:
         cases.append(Case(devices, limits, relax(moving, devices, reach_m=reach_m)))
     best = np.max([case.relaxation.promise for case in cases], axis=0) if one_size(cases) else None
     joint = [
-        case.relaxation if best is None else replace(case.relaxation, promise=best)
+        case if best is None else replace(case, relaxation=replace(case.relaxation, promise=best))
         for case in cases
     ]
-    crews = Crews(
-        tuple(case.devices for case in cases), tuple(case.limits for case in cases), tuple(joint)
-    )
-    return Team(tuple(cases), crews)
+    return Team(tuple(cases), tuple(joint))
 
 
 def one_size(cases: Sequence[Case]) -> bool:

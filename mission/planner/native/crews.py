@@ -5,7 +5,8 @@ origin, and numbers its steps through all of them: step n of aircraft a is a N +
 """
 
 import ctypes
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -29,78 +30,69 @@ MOST_AIRCRAFT: int = PLANNER.MOST_AIRCRAFT
 
 
 @dataclass(frozen=True)
-class Crews:
-    """What each of A aircraft may do, and how it sees the same devices from its own start."""
+class Crew:
+    """One aircraft: how it sees the devices from its start, what its path may be, and the tables of
+    its dual bound."""
 
-    devices: tuple[Devices, ...]
-    limits: tuple[PathLimits, ...]
-    relaxations: tuple[Relaxation, ...]  # with the same radii and promises
-
-    def __post_init__(self) -> None:
-        shapes = {(len(each.delta), limit.steps, limit.per_step) for each, limit in self._pairs}
-        if not 1 <= len(self.devices) <= MOST_AIRCRAFT or len(shapes) != 1:
-            raise ValueError(f"1 to {MOST_AIRCRAFT} aircraft with the same devices and steps")
-        if not len(self.devices) == len(self.limits) == len(self.relaxations):
-            raise ValueError("an aircraft without limits or relaxation")
-
-    @property
-    def _pairs(self) -> list[tuple[Devices, PathLimits]]:
-        return list(zip(self.devices, self.limits, strict=True))
-
-    @property
-    def alike(self) -> Ints:
-        """(A,) the first aircraft that each is equal to, to the bit."""
-        seen: dict[tuple[bytes, ...], int] = {}
-        keys = [
-            (each.u.tobytes(), each.rows.tobytes(), np.float64(limits.length).tobytes())
-            for each, limits in self._pairs
-        ]
-        return np.array([seen.setdefault(key, a) for a, key in enumerate(keys)], dtype=np.int64)
-
-    def polished(self, ways: Floats) -> tuple[float, Floats, Ints]:
-        """Return the best plan near paths (A, N, 2): its value, paths and assignment (K,)."""
-        way, (devices, limits) = np.array(ways, dtype=np.float64, order="C"), self._as_c()
-        assigned = np.full(len(self.devices[0].delta), -1, dtype=np.int64)
-        value = PLANNER.polish(
-            len(self.devices), ctypes.addressof(devices), ctypes.addressof(limits),
-            address(way, np.float64, self._shape, written=True), assigned.ctypes.data,
-        )  # fmt: skip
-        return enough_memory(value), way, assigned
-
-    def search(self, plan: Found, effort: Effort) -> Found:
-        """Improve on a plan, whose paths are (A, N, 2), by branching on the orders of visits.
-
-        Raises:
-            ValueError: too many devices, or arrays that do not fit together.
-            MemoryError: there is too little memory.
-        """
-        count, aircraft = len(self.devices[0].delta), len(self.devices)
-        if count > MOST_DEVICES:
-            raise ValueError(f"{count} devices: a search takes at most {MOST_DEVICES}")
-        relaxations = (PLANNER.Relaxation * aircraft)(
-            *(each.as_c(count) for each in self.relaxations)
-        )
-        shared, alike = (*self._as_c(), relaxations), self.alike
-        given = aircraft, *map(ctypes.addressof, shared), alike.ctypes.data
-        search = PLANNER.search_orders
-        return searched(search, given, plan, effort, shape=self._shape, devices=count)
-
-    @property
-    def _shape(self) -> tuple[int, int, int]:
-        return len(self.devices), self.limits[0].steps, POINT
-
-    def _as_c(self) -> tuple[Any, Any]:
-        aircraft = len(self.devices)
-        return (
-            (PLANNER.Devices * aircraft)(*(each.as_c() for each in self.devices)),
-            (PLANNER.Limits * aircraft)(*(each.as_c() for each in self.limits)),
-        )
+    devices: Devices
+    limits: PathLimits
+    relaxation: Relaxation
 
 
-def search_orders(
-    devices: Devices, limits: PathLimits, relaxation: Relaxation, *, plan: Found, effort: Effort
-) -> Found:
-    """Improve on a plan of one aircraft, whose path is (N, 2), as `Crews.search` does."""
-    crew = Crews((devices,), (limits,), (relaxation,))
-    found = crew.search(replace(plan, way=plan.way[None]), effort)
-    return replace(found, way=found.way[0])
+def alike(crews: Sequence[Crew]) -> Ints:
+    """(A,) the first aircraft that each is equal to, to the bit."""
+    seen: dict[tuple[bytes, ...], int] = {}
+    keys = [
+        (of.devices.u.tobytes(), of.devices.rows.tobytes(), np.float64(of.limits.length).tobytes())
+        for of in crews
+    ]
+    return np.array([seen.setdefault(key, a) for a, key in enumerate(keys)], dtype=np.int64)
+
+
+def polished(crews: Sequence[Crew], ways: Floats) -> tuple[float, Floats, Ints]:
+    """Return the best plan near paths (A, N, 2), or that of one aircraft near its path (N, 2): its
+    value, paths and assignment (K,)."""
+    way, shape = np.array(ways, dtype=np.float64, order="C"), _shape(crews, ways)
+    assigned = np.full(len(crews[0].devices.delta), -1, dtype=np.int64)
+    devices, limits = _as_c(crews)
+    value = PLANNER.polish(
+        len(crews), ctypes.addressof(devices), ctypes.addressof(limits),
+        address(way, np.float64, shape, written=True), assigned.ctypes.data,
+    )  # fmt: skip
+    return enough_memory(value), way, assigned
+
+
+def search_orders(crews: Sequence[Crew], *, plan: Found, effort: Effort) -> Found:
+    """Improve on a plan, whose paths are (A, N, 2), or (N, 2) of one aircraft, by branching on the
+    orders of visits. All relaxations have the same radii and promises.
+
+    Raises:
+        ValueError: too many devices, or arrays that do not fit together.
+        MemoryError: there is too little memory.
+    """
+    count = len(crews[0].devices.delta)
+    if count > MOST_DEVICES:
+        raise ValueError(f"{count} devices: a search takes at most {MOST_DEVICES}")
+    relaxations = (of.relaxation.as_c(count) for of in crews)
+    shared = *_as_c(crews), (PLANNER.Relaxation * len(crews))(*relaxations)
+    first = alike(crews)
+    given = len(crews), *map(ctypes.addressof, shared), first.ctypes.data
+    shape = _shape(crews, plan.way)
+    return searched(PLANNER.search_orders, given, plan, effort, shape=shape, devices=count)
+
+
+def _shape(crews: Sequence[Crew], ways: Floats) -> tuple[int, ...]:
+    """The shape that paths must have."""
+    path = crews[0].limits.steps, POINT
+    return path if len(crews) == 1 and ways.ndim == 2 else (len(crews), *path)
+
+
+def _as_c(crews: Sequence[Crew]) -> tuple[Any, Any]:
+    """Arrays of the structures of devices and limits."""
+    sizes = {(len(of.devices.delta), of.limits.steps, of.limits.per_step) for of in crews}
+    if not 1 <= len(crews) <= MOST_AIRCRAFT or len(sizes) != 1:
+        raise ValueError(f"1 to {MOST_AIRCRAFT} aircraft with the same devices and steps")
+    return (
+        (PLANNER.Devices * len(crews))(*(of.devices.as_c() for of in crews)),
+        (PLANNER.Limits * len(crews))(*(of.limits.as_c() for of in crews)),
+    )

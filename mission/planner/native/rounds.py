@@ -79,11 +79,9 @@ class Round:
         Raises:
             ValueError: arrays that do not fit together.
         """
-        self._size, self._room = (
-            (steps, len(devices_m)),
-            steps * (1 if airspace.is_open else airspace.outlines.corners + 1),
-        )
         count = len(devices_m)
+        self._size = steps, count
+        self._room = steps * (1 if airspace.is_open else airspace.outlines.corners + 1)
         given = {  # with the shape of each
             "at": (devices_m, (count, POINT)), "importance": (importance, (count,)),
             "price": (price, (count,)),

@@ -66,7 +66,7 @@ static void rate_others(const Plan *plan, int64_t own, const Team *team)
 }
 
 /* The part of one aircraft, as a plan of its own. */
-static Plan *part_of(const Plan *plan, int64_t own, Team *team)
+static Plan *own_part(const Plan *plan, int64_t own, Team *team)
 {
     const int64_t steps = team->problem->limits.steps;
     Plan *part = &team->polish.present;
@@ -83,7 +83,7 @@ static double climb_alone(Plan *plan, int64_t own, Team *team)
 {
     const Problem *problem = team->problem + own;
     const int64_t steps = problem->limits.steps;
-    Plan *part = part_of(plan, own, team);
+    Plan *part = own_part(plan, own, team);
     climb(part, &problem->devices, &problem->limits, team->mu + own, &team->polish);
     memcpy(plan->way + own * steps, part->way, (size_t)steps * sizeof(Point));
     return part->value;
@@ -94,7 +94,7 @@ static void use_idle(Plan *plan, int64_t own, Team *team)
 {
     const Problem *problem = team->problem + own;
     const int64_t steps = problem->limits.steps;
-    const Plan *part = part_of(plan, own, team);
+    const Plan *part = own_part(plan, own, team);
     Devices devices = problem->devices;
     rate_others(plan, own, team);
     devices.price = team->others;

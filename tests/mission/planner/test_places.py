@@ -12,7 +12,7 @@ from fl.radio.channel import CHANNEL_PRESETS, average_per
 from mission.planner.certified import CertifiedPlanner, ExploringPlanner, instance, relax
 from mission.planner.check import check_plan
 from mission.planner.evaluate import path_length
-from mission.planner.native.crews import search_orders
+from mission.planner.native.crews import Crew, search_orders
 from mission.planner.native.library import (
     Effort,
     Found,
@@ -169,7 +169,7 @@ def test_both_searches_prove_no_less_than_the_best_plan(seed, channel, steps, pe
         seed, devices=8, steps=steps, per_step=per_step, budget=budget, preset=channel
     )
     devices, limits = instance(problem)
-    relaxation = relax(problem, devices)
+    crew = Crew(devices, limits, relax(problem, devices))
     best = CertifiedPlanner(max_nodes=300).plan(problem).value
     assume(best > 0.0)  # somebody is scheduled
     nowhere = np.zeros((steps, 2)), np.full(8, -1)
@@ -179,7 +179,7 @@ def test_both_searches_prove_no_less_than_the_best_plan(seed, channel, steps, pe
     for plan, most_nodes in ((poor, 64), (known, 1000)):
         for nodes in (1, 8, most_nodes):
             effort, less = Effort(1e-3, nodes, 50_000), Effort(1e-3, min(nodes, 64), 50_000)
-            found.append(search_orders(devices, limits, relaxation, plan=plan, effort=effort))
+            found.append(search_orders([crew], plan=plan, effort=effort))
             found.append(search_places(devices, limits, plan=plan, effort=less))
     assert min(one.bound for one in found) >= max(one.value for one in found) * (1.0 - 1e-6)
 
