@@ -43,8 +43,13 @@ from mission.planner.performance import Foreseen, Performance
 from mission.planner.plan import PlannedPath, Planner, RoundPlan
 from mission.planner.problem import RoundProblem, Start
 from mission.run.callbacks import Callback, CallbackContext, RoundReport
-from mission.scenario.custom_strategies import ImportanceStrategy, RoundInfo, StrategyContext
-from mission.scenario.strategies import Sortie, Strategy
+from mission.scenario.strategies import (
+    ImportanceStrategy,
+    RoundInfo,
+    Sortie,
+    Strategy,
+    StrategyContext,
+)
 
 __all__ = [
     "AerofedError",

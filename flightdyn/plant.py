@@ -12,11 +12,11 @@ from flightdyn.config import AircraftConfig
 from flightdyn.faults import Fault
 from flightdyn.frames import LocalFrame, Triple, frozen
 from flightdyn.obstacles import Obstacles
+from flightdyn.physics.air import gust_ned
 from flightdyn.physics.fault_state import FaultState
 from flightdyn.physics.multirotor import Multirotor
 from flightdyn.physics.power import Battery
-from flightdyn.physics.sensor_suite import SensorSuite
-from flightdyn.physics.wind import gust_ned
+from flightdyn.physics.sensors import SensorSuite
 from flightdyn.random import RandomStreams
 from flightdyn.state import GeodeticPoint, Kinematics, Vector
 

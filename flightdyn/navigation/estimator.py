@@ -38,8 +38,8 @@ from flightdyn.navigation.error_model import (
     transition,
 )
 from flightdyn.navigation.measurements import Biases, Kind, Measurements
+from flightdyn.physics.air import pressure_slope
 from flightdyn.physics.airframe.parameters import QUAD_X
-from flightdyn.physics.atmosphere import pressure_slope
 from flightdyn.state import GnssFix, Innovation, Vector
 
 # Velocity or height disbelieved that many times in a row: it is the inertial side that is wrong.

@@ -11,7 +11,7 @@ from flightdyn.native.ticks import Inner
 from flightdyn.navigation.error_model import Alignment
 from flightdyn.navigation.estimator import Estimator
 from flightdyn.navigation.measurements import Biases
-from flightdyn.physics.sensor_suite import SensorSuite
+from flightdyn.physics.sensors import SensorSuite
 from flightdyn.plant import Plant
 from flightdyn.state import GnssFix, Innovation, Kinematics
 from native.errors import InputError

@@ -17,7 +17,7 @@ from flightdyn.navigation.error_model import (
     measurement_matrix,
     measurement_noise,
 )
-from flightdyn.physics.atmosphere import altitude_m
+from flightdyn.physics.air import altitude_m
 from flightdyn.physics.sensors import BaroSample, MagSample
 from flightdyn.state import GnssFix
 

@@ -21,9 +21,8 @@ from flightdyn.frames import (
     wrap_pi,
 )
 from flightdyn.native.ticks import Gauges, Getter, Inner, Setter
+from flightdyn.physics.air import FT_M, pressure_pa, steady_wind_ned, temperature_k, wind_at_20ft
 from flightdyn.physics.airframe.parameters import QUAD_X, Airframe
-from flightdyn.physics.atmosphere import pressure_pa, temperature_k
-from flightdyn.physics.wind import FT_M, steady_wind_ned, wind_at_20ft
 from flightdyn.state import Kinematics
 from native.errors import InputError, ModelDivergedError
 

@@ -7,8 +7,8 @@ import numpy as np
 
 from flightdyn.config import BatteryConfig
 from flightdyn.native.library import Structure, air, power
+from flightdyn.physics.air import pressure_pa, temperature_k
 from flightdyn.physics.airframe.parameters import QUAD_X
-from flightdyn.physics.atmosphere import pressure_pa, temperature_k
 from flightdyn.state import BatteryState, Vector
 
 _STILL = (0.0, 0.0, 0.0)

@@ -9,8 +9,7 @@ import pandas as pd
 from mission.api.life import Life, Simulated, is_time
 from mission.api.simulated_vehicle import SimulatedVehicle
 from mission.base.errors import InputError
-from mission.flight.serve.hosted_firmware import FirmwareHost
-from mission.flight.serve.hosts import BuiltInWorld, Order
+from mission.flight.serve.hosts import BuiltInWorld, FirmwareHost, Order
 
 
 class Fleet(Simulated, Sequence[SimulatedVehicle]):

@@ -10,8 +10,7 @@ from numbers import Real
 from typing import Any, ClassVar, Self, TypeVar
 
 from mission.base.errors import AerofedError, InputError
-from mission.flight.serve.hosted_firmware import FirmwareHost
-from mission.flight.serve.hosts import LOOK_S, BuiltInWorld
+from mission.flight.serve.hosts import LOOK_S, BuiltInWorld, FirmwareHost
 
 T = TypeVar("T")
 

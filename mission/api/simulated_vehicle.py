@@ -19,8 +19,7 @@ from mission.base.errors import InputError
 from mission.flight.missions.plan_check import checked_path, placed
 from mission.flight.missions.plan_file import read_plan_file
 from mission.flight.pilot.connection import connect
-from mission.flight.serve.hosted_firmware import FirmwareHost
-from mission.flight.serve.hosts import BuiltIn, Order, State, enu, pymavlink_client
+from mission.flight.serve.hosts import BuiltIn, FirmwareHost, Order, State, enu, pymavlink_client
 
 
 class SimulatedVehicle(Simulated):

@@ -133,8 +133,7 @@ def _made(
     }
     # Only now, so that wrong input is answered at once.
     from mission.api.fleet import Fleet
-    from mission.flight.serve.hosted_firmware import FirmwareHost
-    from mission.flight.serve.hosts import BuiltInWorld
+    from mission.flight.serve.hosts import BuiltInWorld, FirmwareHost
     from mission.flight.serve.vehicle import make_vehicles, names_of
 
     folder = None if logs is None else as_path(logs, "logs")

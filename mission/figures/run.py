@@ -19,8 +19,7 @@ from mission.figures.maps import overview, round_map, round_maps
 from mission.figures.radio import belief_picture, beliefs
 from mission.figures.render import engine, save_all, stacked
 from mission.figures.style import Chart
-from mission.figures.timetable import timetable
-from mission.figures.together import separation_chart, together_map
+from mission.figures.together import separation_chart, timetable, together_map
 from mission.figures.told import side_by_side_charts
 
 _KINDS: tuple[tuple[str, str, Callable[[Comparison], float]], ...] = (

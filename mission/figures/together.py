@@ -1,6 +1,7 @@
-"""Pictures of flights judged together: one map, and distances over time."""
+"""Pictures of flights judged together: one map, distances over time, and who does what when."""
 
 from collections.abc import Mapping
+from typing import Any
 
 import altair as alt
 import numpy as np
@@ -8,18 +9,37 @@ import numpy as np
 from mission.analysis.holes import position_gaps
 from mission.analysis.together import SEPARATIONS, Together
 from mission.base.airspace import thin
+from mission.base.arrays import Bools, Floats
 from mission.base.gaps import outside
 from mission.base.palette import COLOURS, community_colour
-from mission.figures.charts import Series, envelope, line_chart
+from mission.figures.charts import Series, envelope, finished, line_chart
 from mission.figures.film import Actor, film
 from mission.figures.frame import TOLERANCE_M, Lines, MapFrame, line_table
-from mission.figures.style import BAD, PAPER, SOFT, Chart, line_keys, named, table
+from mission.figures.style import (
+    BAD,
+    BAND,
+    COOL,
+    GOOD,
+    INK,
+    PAPER,
+    SOFT,
+    WARM,
+    Chart,
+    keys,
+    line_keys,
+    named,
+    table,
+)
 from mission.figures.words import Drawn, Look, Word, words
-from mission.log.values import NS_PER_S
+from mission.log.values import NS_PER_S, FlightData, Track
 
 _PAIRS = 2 * COLOURS  # in one chart, the nearest: more look alike
 _CROSS_PX = 7.0
 _LEAST_SIDE = 0.4  # of a map's longer side
+# In the order of the key; those of rounds are strong, the others pale.
+_KINDS = {"climb, descent": SOFT, "leg": COOL, "hover": GOOD, "wait": WARM, "to and fro": BAND}
+_STEP_S = 0.5
+_MOVES_MPS = 0.7  # slower is a hover: gusts move it
 
 
 def together_map(world: Together, width: float = 640.0) -> Chart:
@@ -109,3 +129,78 @@ def separation_chart(world: Together, limits: Mapping[str, float]) -> Chart:
         "Distances between vehicles", series, x=f"time of {world.names[0]} (s)", y="distance (m)",
         note=some, gate="" if limit is None else f"limit {limit:g} m", gate_at=limit or 0.0,
     )  # fmt: skip
+
+
+def timetable(world: Together) -> Chart:
+    """A row for each aircraft: climbs, legs, hovers, waits for others behind its last slot of a
+    round, and ways outside rounds; a stroke for each slot."""
+    bars: dict[str, list[Any]] = {"vehicle": [], "kind": [], "begin": [], "end": []}
+    slots: dict[str, list[Any]] = {"vehicle": [], "at": []}
+    for name, flight, track, added_s in zip(
+        world.names, world.flights, world.tracks, world.added_s, strict=True
+    ):
+        data = flight.run.data
+        for span in _spans(data, track, added_s):
+            for key, value in zip(bars, (name, *span), strict=True):
+                bars[key].append(value)
+        times = [item.slot_t_s + added_s for item in data.uplinks if np.isfinite(item.slot_t_s)]
+        slots["vehicle"] += [name] * len(times)
+        slots["at"] += times
+    rows = alt.Y("vehicle:N", title=None, sort=list(world.names))
+    colours = named(list(_KINDS), list(_KINDS.values()))
+    time = alt.X("begin:Q", title=f"time of {world.names[0]} (s)")
+    layers = [
+        alt.Chart(table(**bars))
+        .mark_bar(height=13)
+        .encode(
+            rows,
+            time,
+            alt.X2("end:Q"),
+            alt.Color("kind:N", scale=colours, legend=keys(list(_KINDS))),
+            tooltip=["vehicle:N", "kind:N", alt.Tooltip("begin:Q", format=".1f")],
+        ),
+        alt.Chart(table(**slots))
+        .mark_tick(color=INK, thickness=1.2, height=17)
+        .encode(rows, alt.X("at:Q"), tooltip=["vehicle:N", alt.Tooltip("at:Q", title="slot (s)")]),
+    ]
+    return finished(layers, title="What each does when", height=26.0 * len(world.names))
+
+
+def _spans(data: FlightData, track: Track, added_s: float) -> list[tuple[str, float, float]]:
+    """Kind, begin and end of what an aircraft does, one after another."""
+    begin_s, end_s = (float(at) for at in track.t_ns[[0, -1]] / NS_PER_S)
+    t_s = np.append(np.arange(begin_s, end_s, _STEP_S), end_s)
+    if len(t_s) < 2:
+        return []
+    way = np.diff(track.at(np.round(t_s * NS_PER_S).astype(np.int64)).pos_m, axis=0)
+    speed = np.linalg.norm(way, axis=1) / np.diff(t_s)
+    upright = np.abs(way[:, 2]) > np.linalg.norm(way[:, :2], axis=1)
+    middle = (t_s[:-1] + t_s[1:]) / 2.0
+    in_round, waits = _rounds(data, middle - added_s)
+    moves = speed > _MOVES_MPS
+    kind = np.select(
+        [moves & upright, moves & in_round, moves, waits | ~in_round],
+        ["climb, descent", "leg", "to and fro", "wait"],
+        "hover",
+    )
+    ends = np.flatnonzero(np.append(kind[1:] != kind[:-1], True))
+    starts = np.insert(ends[:-1] + 1, 0, 0)
+    return [
+        (str(kind[first]), float(t_s[first]), float(t_s[last + 1]))
+        for first, last in zip(starts, ends, strict=True)
+    ]
+
+
+def _rounds(data: FlightData, t_s: Floats) -> tuple[Bools, Bools]:
+    """Which times (n,) are within a round, and which of those behind its last slot; of a flight
+    without rounds all are within."""
+    if not data.rounds:
+        return np.ones(len(t_s), dtype=bool), np.zeros(len(t_s), dtype=bool)
+    inside, waits = np.zeros(len(t_s), dtype=bool), np.zeros(len(t_s), dtype=bool)
+    for record in data.rounds:
+        here = (t_s >= record.start_t_s) & (t_s <= record.start_t_s + record.duration_s)
+        own = [item.slot_t_s for item in data.uplinks if item.round == record.round]
+        last_s = max((at for at in own if np.isfinite(at)), default=record.start_t_s)
+        inside |= here
+        waits |= here & (t_s > last_s)
+    return inside, waits

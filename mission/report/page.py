@@ -28,8 +28,7 @@ from mission.figures.learning import experiment_charts, learning_charts, radio_c
 from mission.figures.maps import round_map
 from mission.figures.radio import beliefs, plan_errors
 from mission.figures.render import card
-from mission.figures.timetable import timetable
-from mission.figures.together import separation_chart, together_film, together_map
+from mission.figures.together import separation_chart, timetable, together_film, together_map
 from mission.figures.told import flight_map, health_charts, side_by_side_charts, told_charts
 from mission.log.values import HEIGHTS, NS_PER_S, FlightData
 from mission.report.html import page

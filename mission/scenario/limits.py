@@ -8,8 +8,8 @@ from typing import Any, NamedTuple
 
 from flightdyn.config import LimitsConfig, WindConfig
 from flightdyn.foresight import STOPPING_S
+from flightdyn.physics.air import steady_wind_ned
 from flightdyn.physics.power import density_ratio
-from flightdyn.physics.wind import steady_wind_ned
 from mission.base.area import Area
 from mission.base.explain import WrongKey
 from mission.config.models import MissionConfig, RunConfig

@@ -31,12 +31,6 @@ from mission.config.polygons import check_start
 from mission.planner.factory import make_planner
 from mission.planner.performance import Performance
 from mission.planner.problem import RoundProblem, Start
-from mission.scenario.custom_strategies import (
-    CustomStrategy,
-    ImportanceStrategy,
-    RoundInfo,
-    StrategyContext,
-)
 from mission.scenario.limits import (
     UNLIMITED,
     Aircraft,
@@ -51,7 +45,14 @@ from mission.scenario.limits import (
 )
 from mission.scenario.radio_maps import with_traced_map
 from mission.scenario.radios import believed, radio_of
-from mission.scenario.strategies import Strategy, make_strategy
+from mission.scenario.strategies import (
+    CustomStrategy,
+    ImportanceStrategy,
+    RoundInfo,
+    Strategy,
+    StrategyContext,
+    make_strategy,
+)
 from native.errors import SettingError
 
 _HEARD_S = 0.1  # of hover at a stop until the aircraft knows whether it has heard a device

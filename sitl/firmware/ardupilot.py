@@ -13,7 +13,7 @@ import socket
 import sys
 from pathlib import Path
 
-from flightdyn.physics.atmosphere import altitude_m
+from flightdyn.physics.air import altitude_m
 from flightdyn.plant import Plant
 from native.errors import FirmwareRestartedError, FirmwareSilentError
 from sitl.firmware.bridge import LOOK_S, Bridge, bound, give_up_soon

@@ -16,8 +16,8 @@ import time
 from pathlib import Path
 
 from flightdyn.config import LimitsConfig
+from flightdyn.physics.air import altitude_m, temperature_k
 from flightdyn.physics.airframe.parameters import Airframe
-from flightdyn.physics.atmosphere import altitude_m, temperature_k
 from flightdyn.plant import Plant
 from flightdyn.state import GeodeticPoint, GnssFix
 from native.errors import FirmwareError, FirmwareRestartedError, FirmwareSilentError, LinkLostError

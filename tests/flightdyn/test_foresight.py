@@ -7,8 +7,8 @@ from flights import HOME, legs, make, path_along, run, take_off
 from flightdyn.config import LimitsConfig, WindConfig
 from flightdyn.foresight import SETTLING_S, least_duration, least_energy, longest_within
 from flightdyn.guidance.path import FlightPath, passing_times, plan_path
+from flightdyn.physics.air import steady_wind_ned
 from flightdyn.physics.power import density_ratio, power_w
-from flightdyn.physics.wind import steady_wind_ned
 from mission.planner.performance import Foreseen, Performance
 
 LIMITS = LimitsConfig()

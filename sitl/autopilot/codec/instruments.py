@@ -9,7 +9,7 @@ from pymavlink.dialects.v20 import common as mav
 
 from flightdyn.frames import Triple, rotation_matrix
 from flightdyn.instruments import Instruments
-from flightdyn.physics.atmosphere import altitude_m, temperature_k
+from flightdyn.physics.air import altitude_m, temperature_k
 from flightdyn.physics.power import density_ratio
 from flightdyn.state import BatteryState, GeodeticPoint, GnssFix, Kinematics, Vector
 from sitl.autopilot.codec import units as u

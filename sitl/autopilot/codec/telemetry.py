@@ -7,7 +7,7 @@ from functools import cache
 from pymavlink.dialects.v20 import common as mav
 
 from flightdyn.frames import euler_from_quaternion, quaternion_from_euler
-from flightdyn.physics.atmosphere import altitude_m
+from flightdyn.physics.air import altitude_m
 from sitl.autopilot.codec import units as u
 from sitl.autopilot.codec.instruments import INSTRUMENTS, Snapshot, airspeeds_mps
 

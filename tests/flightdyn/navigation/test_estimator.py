@@ -25,7 +25,7 @@ from flightdyn.native.library import Increments, Strapdown
 from flightdyn.navigation.error_model import Alignment
 from flightdyn.navigation.estimator import Estimator
 from flightdyn.navigation.inertial_navigation import InertialNavigation
-from flightdyn.physics.atmosphere import pressure_pa
+from flightdyn.physics.air import pressure_pa
 from flightdyn.physics.sensors import BaroSample, MagSample
 from flightdyn.state import GnssFix, Vector
 

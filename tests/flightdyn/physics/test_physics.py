@@ -8,11 +8,10 @@ from scipy.integrate import solve_ivp
 
 from flightdyn.config import BatteryConfig, GustConfig, WindConfig
 from flightdyn.frames import LocalFrame, Triple, normal_gravity, yaw_of
+from flightdyn.physics.air import altitude_m, gust_ned, pressure_pa, pressure_slope, steady_wind_ned
 from flightdyn.physics.airframe.parameters import QUAD_X
-from flightdyn.physics.atmosphere import altitude_m, pressure_pa, pressure_slope
 from flightdyn.physics.multirotor import Multirotor
 from flightdyn.physics.power import Battery, open_circuit_voltage
-from flightdyn.physics.wind import gust_ned, steady_wind_ned
 from flightdyn.state import GeodeticPoint, Vector
 
 DT = 0.004

@@ -20,7 +20,7 @@ from mission.analysis.several import load_several
 from mission.analysis.together import SEPARATIONS
 from mission.cli import call
 from mission.figures.run import fleet_pictures
-from mission.figures.timetable import timetable
+from mission.figures.together import timetable
 from mission.log.reader import read_log
 
 pytestmark = pytest.mark.slow

@@ -19,7 +19,7 @@ from mission.planner.factory import make_planner
 from mission.planner.limits import RoundLimits
 from mission.planner.performance import Performance
 from mission.run.recorder import FolderRecorder
-from mission.scenario.custom_strategies import RoundInfo
+from mission.scenario.strategies import RoundInfo
 
 SMALL = (
     "--set", "mission.steps=4", "mission.path_budget_m=250", "mission.devices_per_step=1",

@@ -9,8 +9,8 @@ import pytest
 
 from mission.base.errors import InputError
 from mission.config.loading import builtin_config, load_config
-from mission.scenario.custom_strategies import CustomStrategy
 from mission.scenario.scenario import build_scenario
+from mission.scenario.strategies import CustomStrategy
 from mission.sweep.folder import SweepFolder, points_of, read_manifest
 from mission.sweep.grid import Axis, Grid, Point, make_grid, parse_axis
 
