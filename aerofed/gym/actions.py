@@ -1,4 +1,4 @@
-"""Checks of the actions that environments take."""
+"""Checks of what environments are given: actions, and numbers that describe them."""
 
 import numpy as np
 
@@ -20,3 +20,10 @@ def checked(action: object, count: int, *, under_way: bool) -> Floats:
         said = " ".join(printable(action, repr).split())
         raise InputError(f"action = {said}: must be {count} numbers from -1 to 1, shape ({count},)")
     return np.asarray(given, dtype=np.float64)
+
+
+def within(**given: tuple[object, float]) -> None:
+    """Raise InputError unless each value is a number, more than 0, at most what is beside it."""
+    for name, (value, most) in given.items():
+        if not isinstance(value, int | float) or not 0 < value <= most:
+            raise InputError(f"{name} = {value!r}: must be more than 0, at most {most:g}")

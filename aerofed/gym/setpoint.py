@@ -7,24 +7,18 @@ from typing import Any, TypeAlias, get_args
 import gymnasium
 import numpy as np
 from gymnasium import spaces
-from numpy.typing import NDArray
 
-from aerofed.gym.actions import checked
-from aerofed.gym.steered import Setpoint, Steered, hovering, stepped
-from flightdyn.state import Kinematics
+from aerofed.gym.actions import checked, within
+from aerofed.gym.steered import SEEN, Array, Setpoint, Steered, hovering, largest, stepped
 from mission.api.configuring import Source
 from mission.api.vehicles import vehicle_config
 from mission.base.arrays import Floats
 from mission.base.errors import InputError
-from mission.flight.serve.hosts import enu
 from mission.flight.serve.vehicle import make_vehicles
-from mission.scenario.limits import guidance_of
 
-Array: TypeAlias = NDArray[np.float32]
 Reward: TypeAlias = Callable[[Array, Array, Array], float]
 
 _HEIGHTS_M = 10.0, 30.0  # of places to fly to
-_SEEN = np.array([1000.0] * 3 + [50.0] * 3, dtype=np.float32)
 _OF_A_FLIGHT = "_steered", "_world"
 
 
@@ -61,20 +55,13 @@ class SetpointEnv(gymnasium.Env[Array, Array]):
         """
         if setpoint not in get_args(Setpoint):
             raise InputError(f"setpoint = {setpoint!r}: must be 'velocity' or 'acceleration'")
-        if not isinstance(far_m, int | float) or not 0.0 < far_m <= 500.0:
-            raise InputError(f"far_m = {far_m!r}: must be more than 0, at most 500")
+        within(far_m=(far_m, 500))
         self._config = vehicle_config(overrides, source=source, wind_mps=wind_mps)
-        limits = guidance_of(self._config.vehicle)
-        self._most = {
-            "velocity": np.array([limits.speed_mps, limits.speed_mps, limits.climb_mps]),
-            "acceleration": np.array(
-                [limits.acceleration_mps2] * 2 + [limits.vertical_acceleration_mps2]
-            ),
-        }[setpoint]
+        self._most = largest(self._config, setpoint)
         self._setpoint, self._reward, self._far_m = setpoint, reward, far_m
         self._under_way = False
         self.action_space = spaces.Box(-1.0, 1.0, (3,))
-        self.observation_space = spaces.Box(-_SEEN, _SEEN)
+        self.observation_space = spaces.Box(-SEEN, SEEN)
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -101,7 +88,7 @@ class SetpointEnv(gymnasium.Env[Array, Array]):
         given = checked(action, 3, under_way=self._under_way)
         before, before_m = self._seen, self._away_m
         self._steered.set(given * self._most)
-        (self._under_way,) = stepped(self._world, [self._steered])
+        (self._under_way,) = stepped(self._world, {"vehicle": self._steered}).values()
         self._seen = self._observed()
         reward = before_m - self._away_m
         if self._reward is not None:
@@ -119,19 +106,17 @@ class SetpointEnv(gymnasium.Env[Array, Array]):
 
     @property
     def _away_m(self) -> float:
-        return float(
-            np.linalg.norm(self._place_m - enu(self._steered.vehicle.aircraft.truth.pos_ned_m))
-        )
+        return float(np.linalg.norm(self._place_m - self._steered.truth[:3]))
 
     def _observed(self) -> Array:
-        offset_m, velocity_mps = self._seen_by(self._steered.vehicle.aircraft.belief)
+        offset_m, velocity_mps = self._seen_by(self._steered.belief)
         seen = np.concatenate((offset_m, velocity_mps)).astype(np.float32)
-        return np.clip(seen, -_SEEN, _SEEN)
+        return np.clip(seen, -SEEN, SEEN)
 
     def _truth(self) -> dict[str, Any]:
-        offset_m, velocity_mps = self._seen_by(self._steered.vehicle.aircraft.truth)
+        offset_m, velocity_mps = self._seen_by(self._steered.truth)
         return {"offset_m": offset_m, "velocity_mps": velocity_mps}
 
-    def _seen_by(self, at: Kinematics) -> tuple[Floats, Floats]:
+    def _seen_by(self, state: Floats) -> tuple[Floats, Floats]:
         """(3,) metres to the place and (3,) velocity."""
-        return self._place_m - enu(at.pos_ned_m), enu(at.vel_ned_mps)
+        return self._place_m - state[:3], state[3:]

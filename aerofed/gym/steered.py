@@ -1,20 +1,27 @@
 """Vehicles that hover in a world, and are then steered by setpoints of 0.1 s."""
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from typing import Literal, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 from pymavlink.dialects.v20 import common as mav
 
+from flightdyn.state import Kinematics
 from mission.base.arrays import Floats
 from mission.base.errors import FlightError
+from mission.config.models import RunConfig
+from mission.flight.serve.hosts import enu
 from mission.flight.serve.vehicle import Served
+from mission.scenario.limits import guidance_of
 from native.errors import ModelDivergedError
 from sitl.world import World
 
+Array: TypeAlias = NDArray[np.float32]
 Setpoint: TypeAlias = Literal["velocity", "acceleration"]
 
+SEEN = np.array([1000.0] * 3 + [50.0] * 3, dtype=np.float32)  # most metres, metres a second
 HEIGHT_M = 20.0  # of the hover that an episode begins in
 _STEP_NS = 100_000_000
 _LONGEST_NS = 60 * 10**9  # until they hover
@@ -37,6 +44,16 @@ class Steered:
         """The autopilot's mode."""
         return self.vehicle.autopilot.mode.name
 
+    @property
+    def truth(self) -> Floats:
+        """(6,) east, north, up of home in metres, and velocity in m/s, as they are."""
+        return _east_north_up(self.vehicle.aircraft.truth)
+
+    @property
+    def belief(self) -> Floats:
+        """The same as its autopilot believes it."""
+        return _east_north_up(self.vehicle.aircraft.belief)
+
     def set(self, value: Floats) -> None:
         """Order a velocity or acceleration (3,), to east, north and up."""
         numbers, first = np.zeros(11), 3 if self._setpoint == "velocity" else 6
@@ -56,6 +73,18 @@ class Steered:
     def _say(self, message: mav.MAVLink_message) -> None:
         """Send a MAVLink message to the vehicle, which receives it at its simulated time."""
         self.vehicle.receive(bytes(message.pack(self._client)), self.vehicle.t_ns * 1e-9)
+
+
+def _east_north_up(at: Kinematics) -> Floats:
+    return np.concatenate((enu(at.pos_ned_m), enu(at.vel_ned_mps)))
+
+
+def largest(config: RunConfig, setpoint: Setpoint) -> Floats:
+    """The largest setpoint (3,) that is ordered: to east, north and up."""
+    limits = guidance_of(config.vehicle)
+    if setpoint == "velocity":
+        return np.array([limits.speed_mps, limits.speed_mps, limits.climb_mps])
+    return np.array([limits.acceleration_mps2] * 2 + [limits.vertical_acceleration_mps2])
 
 
 def hovering(fleet: Mapping[str, Steered]) -> World:
@@ -84,12 +113,12 @@ def hovering(fleet: Mapping[str, Steered]) -> World:
     return world
 
 
-def stepped(world: World, fleet: Sequence[Steered]) -> list[bool]:
+def stepped(world: World, fleet: Mapping[str, Steered]) -> dict[str, bool]:
     """Fly on for 0.1 s; which of these take setpoints after it."""
     until_ns = world.t_ns + _STEP_NS
     try:
         while world.t_ns < until_ns:
             world.stride(until_ns)
     except ModelDivergedError:
-        return [False] * len(fleet)
-    return [one.mode == "OFFBOARD" for one in fleet]
+        return dict.fromkeys(fleet, False)
+    return {name: one.mode == "OFFBOARD" for name, one in fleet.items()}
