@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from mission.api.configuring import as_path
-from mission.api.runs import Run
+from mission.api.runs import Run, frame
 from mission.base.errors import InputError
 
 if TYPE_CHECKING:
@@ -52,7 +52,6 @@ def compare(
     from mission.analysis.compare import names_of
     from mission.analysis.several import load_several
     from mission.api.comparison import Comparison
-    from mission.api.frames import frame
 
     if not runs:
         raise InputError("compare: give at least one run")

@@ -8,7 +8,7 @@ import pandas as pd
 from mission.analysis.compare import names_of
 from mission.analysis.told import ERRORS
 from mission.analysis.whole import HEALTH
-from mission.api.frames import frame
+from mission.api.runs import frame
 
 if TYPE_CHECKING:
     from mission.analysis.compare import RunComparison

@@ -2,7 +2,7 @@
 
 import json
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -12,8 +12,16 @@ from mission.api.configuring import Source, as_path, config, folder
 from mission.base.errors import INTERRUPTED, InputError
 from mission.base.interrupts import in_a_thread
 from mission.base.run_folder import RunFolder, output_folder
+from mission.base.tables import columns
 from mission.config.models import RunConfig
-from mission.log.records import DeviceRecord, RoundRecord, UplinkRecord, flat
+from mission.log.records import (
+    DeviceRecord,
+    OfSeveral,
+    RoundRecord,
+    UplinkRecord,
+    flat,
+    is_by_community,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -23,6 +31,23 @@ if TYPE_CHECKING:
     from mission.analysis.load import LoadedRun
     from mission.figures.style import Chart
     from mission.run.recorded import Around
+
+
+def frame(
+    record: type | None, values: Mapping[str, object] | Sequence[Mapping[str, object]]
+) -> "pd.DataFrame":
+    """Make a DataFrame of columns by name, or of rows.
+
+    An empty table has the columns of `record` all the same, but those by community.
+    """
+    import pandas as pd  # not before a table is asked for
+
+    frame = pd.DataFrame(values)
+    if len(frame.columns) or record is None:
+        return frame
+    told = [c for c in columns(record) if c.find(OfSeveral) is None]
+    known = {c.name: c.holds for c in told if not is_by_community(c)}
+    return pd.DataFrame({name: pd.Series([], dtype=kind) for name, kind in known.items()})
 
 
 @dataclass(frozen=True)
@@ -106,7 +131,6 @@ class Run:
         self, name: str, record: "type[Any]", *, words: str, logged: str
     ) -> "pd.DataFrame":
         """A table that the log has not, of the rounds that have ended."""
-        from mission.api.frames import frame
         from mission.log.tables import read_table
 
         if self.path.is_file():
@@ -139,7 +163,6 @@ class Run:
         Raises:
             InputError: there is no such table, or the log cannot be read.
         """
-        from mission.api.frames import frame
         from mission.log.export import tables
 
         known = tables(self._loaded.data)

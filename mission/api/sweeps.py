@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal, SupportsIndex
 
 from mission.api.configuring import Source, as_path, checked, folder
-from mission.api.runs import Figure, Run, chosen, load
+from mission.api.runs import Figure, Run, chosen, frame, load
 from mission.base.errors import INTERRUPTED, InputError
 from mission.base.run_folder import RUNS
 from mission.config import STRATEGIES
@@ -27,15 +27,11 @@ class Sweep:
     @cached_property
     def runs(self) -> "pd.DataFrame":
         """One row per run, with the columns of `runs.csv`."""
-        from mission.api.frames import frame
-
         return frame(None, [result.summary for result in self._state.results])
 
     @cached_property
     def rounds(self) -> "pd.DataFrame":
         """One row per round of every run, with the columns of `rounds.csv`."""
-        from mission.api.frames import frame
-
         return frame(None, [row for result in self._state.results for row in result.rounds])
 
     def run(self, name: str) -> Run:

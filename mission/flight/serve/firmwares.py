@@ -32,51 +32,13 @@ from sitl.firmware.vehicle import plant_for
 from sitl.pace import Simulation
 
 _LOOK_S = 0.1  # wall time
-_FOR_EVER_S = 1e6
+_PATIENT = dict.fromkeys(("connect_timeout_s", "ready_timeout_s"), 1e6)
 _TELL_OF_LISTS = ("total", "mission_id", "fence_id", "rally_points_id")
 # Of the first instance, and how many the next one's is higher by: port of the simulator link, and
 # link to record by, as both firmwares count.
 _PORTS = {"px4": (px4.DEFAULT_PORT, 1), "ardupilot": (ardupilot.DEFAULT_PORT, 10)}
 _UDP = "14540", "14550"  # where those of the built-in autopilot speak to, as with aerofed sitl
 _HEARD = {"px4": ("udpin://0.0.0.0", 14030, 1), "ardupilot": ("tcpout://127.0.0.1", 5762, 10)}
-
-
-@dataclass(frozen=True)
-class Recorder:
-    """Writes each flight of a firmware, as `aerofed sitl --logs` does: belief, modes and lists by
-    its MAVLink at `url`, truth by our physics."""
-
-    area: Area
-    link: LinkConfig
-    url: str
-    logs: FlightLogs
-
-    async def follow(self, flown: Bridged, say: Say) -> None:
-        """Record until cancelled; download the lists whenever the firmware reports a change.
-
-        Raises:
-            LinkLostError: the link cannot be opened.
-            InputError: the vehicle is too far from the area.
-        """
-        patient = dict.fromkeys(("connect_timeout_s", "ready_timeout_s"), _FOR_EVER_S)
-        link = self.link.model_copy(update={**patient, "url": self.url})
-        with closing(self.logs):
-            observers = self.logs, Milestones(flown.plant)
-            known = Known(flown.truth.at, flown.plant.fault_news)
-            async with located(link, area=self.area, observers=observers, say=say, known=known) as (
-                pilot,
-                feed,
-            ):
-                feed.first_item = 0  # its lists are recorded as they are
-                held: list[tuple[MissionItem, ...]] = [(), (), ()]
-                said = None
-                async for fields in pilot.messages.of("MISSION_CURRENT"):
-                    tells = pilot.armed, [fields.get(name) for name in _TELL_OF_LISTS]
-                    if tells != said and (lists := await pilot.lists()) is not None:
-                        for kind, (items, before) in enumerate(zip(lists, held, strict=True)):
-                            if repr(items) != repr(before):  # a NaN is no NaN's equal
-                                self.logs.took(flown.plant.t_ns, kind, items)
-                        said, held = tells, lists
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,21 +50,49 @@ class Seat:
     area: Area
     bridged: Bridged
     say: Say
-    recorder: Recorder | None
+    link: LinkConfig  # by which it is heard for its logs, where it has some
+    logs: FlightLogs | None
 
     async def record(self) -> None:
         """Record the flights of each firmware that comes, one after the other."""
-        assert self.recorder is not None
+        assert self.logs is not None
         while True:
             await until(lambda: self.bridged.there)
-            self.recorder.logs.began_ns = self.bridged.began_ns
+            self.logs.began_ns = self.bridged.began_ns
             ended = partial(self._ended, self.bridged.plant)
             try:
-                async with following(self.recorder.follow(self.bridged, self.say), name="recorder"):
+                async with following(self.follow(self.logs), name="recorder"):
                     await until(ended)
             except (LinkLostError, FlightError) as error:
                 self.say(f"{error}; this firmware is recorded no further")
                 await until(ended)
+
+    async def follow(self, logs: FlightLogs) -> None:
+        """Write each flight of a firmware, as `aerofed sitl --logs` does, until cancelled: belief,
+        modes and lists by its MAVLink, truth by our physics. The lists are downloaded whenever the
+        firmware reports a change.
+
+        Raises:
+            LinkLostError: the link cannot be opened.
+            InputError: the vehicle is too far from the area.
+        """
+        plant = self.bridged.plant
+        with closing(logs):
+            known = Known(self.bridged.truth.at, plant.fault_news)
+            async with located(
+                self.link, area=self.area, observers=(logs, Milestones(plant)), say=self.say,
+                known=known,
+            ) as (pilot, feed):  # fmt: skip
+                feed.first_item = 0  # its lists are recorded as they are
+                held: list[tuple[MissionItem, ...]] = [(), (), ()]
+                said = None
+                async for fields in pilot.messages.of("MISSION_CURRENT"):
+                    tells = pilot.armed, [fields.get(name) for name in _TELL_OF_LISTS]
+                    if tells != said and (lists := await pilot.lists()) is not None:
+                        for kind, (items, before) in enumerate(zip(lists, held, strict=True)):
+                            if repr(items) != repr(before):  # a NaN is no NaN's equal
+                                logs.took(plant.t_ns, kind, items)
+                        said, held = tells, lists
 
     def _ended(self, plant: Plant) -> bool:
         return not self.bridged.there or self.bridged.plant is not plant
@@ -183,15 +173,15 @@ def _seats(
         )  # fmt: skip
         bridged = Bridged(number + 1, make, near_m=own.vehicle.near_m, say=said, patient=alone)
         opened.callback(bridged.close)
-        recorder = None
+        url, first, step = _HEARD[autopilot]  # where nobody else is listening
+        heard = mavlink or f"{url}:{first + step * instance}"
+        link = own.link.model_copy(update={**_PATIENT, "url": heard})
+        written = None
         if logs is not None:
-            url, first, step = _HEARD[autopilot]  # where nobody else is listening
-            written = FlightLogs(logs if alone else logs / name, area=area)
-            heard = mavlink or f"{url}:{first + step * instance}"
             check_url(heard, "the link to record by")
-            recorder = Recorder(area, own.link, heard, written)
+            written = FlightLogs(logs if alone else logs / name, area=area)
         called = "aircraft" if alone else name
-        seats.append(Seat(called, autopilot, area, bridged, said, recorder))
+        seats.append(Seat(called, autopilot, area, bridged, said, link, written))
     return seats
 
 
@@ -236,7 +226,7 @@ def _recorded(seats: Sequence[Seat]) -> Iterator[Callable[[], bool]]:
     async def record() -> None:
         async with AsyncExitStack() as beside:
             for seat in seats:
-                if seat.recorder is not None:
+                if seat.logs is not None:
                     await beside.enter_async_context(following(seat.record(), name="recorder"))
             await until(ended.is_set)
 

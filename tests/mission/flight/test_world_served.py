@@ -19,7 +19,7 @@ from mission.base.area import Area
 from mission.cli import call
 from mission.config.link import LinkConfig
 from mission.config.loading import load_config
-from mission.flight.serve.firmwares import Recorder, serve_world
+from mission.flight.serve.firmwares import Seat, serve_world
 from mission.flight.serve.flight_logs import FlightLogs
 from mission.log.reader import read_log
 
@@ -116,11 +116,13 @@ def test_a_flight_is_recorded_by_its_mavlink_and_our_truth(tmp_path: Path) -> No
     happened: list[str | int] = []
     plant = SimpleNamespace(t_ns=0, happened=happened.append, fault_news=())
     clock: Any = SimpleNamespace(truth=SimpleNamespace(at=truth), plant=plant)
-    recorder = Recorder(
-        area, LinkConfig(), f"udpin://127.0.0.1:{second}", FlightLogs(tmp_path / "w", area=area)
+    link, logs = (
+        LinkConfig(url=f"udpin://127.0.0.1:{second}"),
+        FlightLogs(tmp_path / "w", area=area),
     )
     loop = asyncio.new_event_loop()
-    work = loop.create_task(recorder.follow(clock, print))
+    seat = Seat("aircraft", "px4", area, clock, print, link, logs)
+    work = loop.create_task(seat.follow(logs))
 
     def record() -> None:
         with suppress(asyncio.CancelledError):
@@ -135,7 +137,7 @@ def test_a_flight_is_recorded_by_its_mavlink_and_our_truth(tmp_path: Path) -> No
         quiet = ("--no-report", "--no-figures", "--quiet", "--out", out)
         assert call(["fly", str(plan), "--vehicle", url, *quiet]) == 0
         log = tmp_path / "w" / "flight-0001.mcap"
-        until(lambda: recorder.logs.being_written is None and log.exists())
+        until(lambda: logs.being_written is None and log.exists())
         loop.call_soon_threadsafe(work.cancel)
         thread.join()
     data = read_log(log)
