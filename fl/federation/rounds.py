@@ -2,6 +2,10 @@
 
 Rounds count from 1. theta_j is the global model after round j, theta_0 the initial one, so
 theta_{m-1} is what comes down in round m: the paper's theta_m, which it numbers by that round.
+
+Of the paper's fairness: p_k data share of device k in its community, eps_k its mean validation
+accuracy over the last l models, psi_c the coefficient of variation (CoV) of its community, delta_k
+its importance.
 """
 
 from collections.abc import Mapping, Sequence
@@ -11,13 +15,15 @@ from functools import partial
 import numpy as np
 
 from fl.arrays import Bools, Floats, Ints, Vector, frozen
+from fl.config import Unheard
 from fl.data.dataset import Split
-from fl.federation import fairness as fair
 from fl.federation.algorithms import Update, mean_step
 from fl.federation.community import Community, Federation
 from fl.federation.state import CommunityState, FederationState, Pending, parts_of
 from fl.federation.updates import Begun, trained
 from fl.training.local import in_parallel
+
+INITIAL_COV = 1.0  # psi_c of every community before the first update
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,7 +65,7 @@ def init(federation: Federation) -> FederationState:
         communities=tuple(begun),
         eps_history=frozen(_device_accuracy(federation, begun)[np.newaxis]),
         eps_received=frozen(np.full(devices, np.nan)),
-        cov=frozen(np.full(len(begun), fair.INITIAL_COV)),
+        cov=frozen(np.full(len(begun), INITIAL_COV)),
         missed=frozen(np.ones(devices, dtype=np.bool_)),
     )
 
@@ -72,7 +78,7 @@ def untrained(federation: Federation, state: FederationState) -> RoundLearning:
 def first_importance(federation: Federation) -> Floats:
     """Return the importance delta (K,) for round 1, the same without fairness; needs no model."""
     devices = federation.p.size
-    return _importance(federation, np.full(devices, fair.INITIAL_COV), np.ones(devices, np.bool_))
+    return _importance(federation, np.full(devices, INITIAL_COV), np.ones(devices, np.bool_))
 
 
 def importance(federation: Federation, state: FederationState, *, fairness: bool) -> Floats:
@@ -82,13 +88,8 @@ def importance(federation: Federation, state: FederationState, *, fairness: bool
 
 
 def _importance(federation: Federation, cov: Floats, missed: Bools) -> Floats:
-    return fair.importance(
-        federation.p,
-        cov,
-        missed,
-        boost=federation.learning.importance_boost,
-        floor=federation.learning.cov_floor,
-    )
+    boost, floor = federation.learning.importance_boost, federation.learning.cov_floor
+    return importance_of(federation.p, cov, missed, boost=boost, floor=floor)
 
 
 def play_round(
@@ -120,7 +121,7 @@ def play_round(
     period = federation.learning.cov_period_rounds
     # Along with its update a device sends its mean accuracy over the models that came down in the
     # l rounds before.
-    sent = fair.windowed_accuracy(state.eps_history, period=period)
+    sent = windowed_accuracy(state.eps_history, period=period)
     eps_received = np.where(delivered, sent, state.eps_received)
     workers = workers if all(c.network.parallel for c in federation.communities) else 1
     wanted = (delivered | kept) & (begun == number)
@@ -152,7 +153,7 @@ def _cov(federation: Federation, eps_received: Floats) -> Floats:
     """Return the CoV psi of each community, (C,), from the accuracies received of its devices."""
     return np.array(
         [
-            fair.coefficient_of_variation(
+            coefficient_of_variation(
                 community.p,
                 eps_received[federation.members(index)],
                 unheard=federation.learning.cov_unheard,
@@ -269,7 +270,67 @@ def _device_accuracy(federation: Federation, states: Sequence[CommunityState]) -
     """Return the accuracy eps_k of each device with its community's model, (K,)."""
     return np.concatenate(
         [
-            fair.device_accuracy(each.correct, community.validation_counts, community.counts)
+            device_accuracy(each.correct, community.validation_counts, community.counts)
             for community, each in zip(federation.communities, states, strict=True)
         ]
     )
+
+
+def device_accuracy(correct: Ints, total: Ints, counts: Ints) -> Floats:
+    """eps_k(theta): accuracy of one model on the validation samples of each device, (K_c,).
+
+    A device's validation samples are the task's in the proportions of its own training data,
+    `counts` (K_c, classes); `correct` and `total` (classes,) count over the task's whole set, and
+    `correct` is (K_c, classes) where every device has a model of its own. So
+    eps_k is the mean of the classes' accuracies, weighted by the device's share of each. A class
+    without a validation sample is left out; a device that owns no other scores 0.
+    """
+    weights = counts * (total > 0)
+    share = weights / np.maximum(weights.sum(axis=1, keepdims=True), 1)
+    accuracy = correct / np.maximum(total, 1)
+    eps = share @ accuracy if accuracy.ndim == 1 else (share * accuracy).sum(axis=1)
+    return np.asarray(eps, dtype=np.float64)
+
+
+def windowed_accuracy(history: Floats, *, period: int) -> Floats:
+    """Return eps_k (K,), the mean accuracy over the models of the `period` (l) rounds before.
+
+    `history` (<= l + 1, K) ends with the model that has just come down, which does not count yet
+    (the paper's j = m-l .. m-1 in round m). In the first round there is no other: it stands in.
+    """
+    before = history[:-1][-period:] if len(history) > 1 else history
+    return np.asarray(before.mean(axis=0), dtype=np.float64)
+
+
+def coefficient_of_variation(
+    p: Floats, accuracy: Floats, *, unheard: Unheard = "left-out"
+) -> float:
+    """psi_c = sqrt(sum_k (eps_k - eps_bar)^2) / eps_bar with eps_bar = sum_k p_k eps_k.
+
+    `accuracy` (K_c,) holds the last values received, NaN for a device never heard of, of which
+    the paper says nothing. "left-out": psi is that of the others, with their p_k scaled to sum to
+    1. "zero": it counts as 0; but then one device out of reach holds its community's psi above 1
+    for good, however well the others are served. Where eps_bar is 0 (nothing received, or nothing
+    learnt) the ratio is undefined and the answer is that of the start, 1: the community keeps an
+    ordinary claim.
+    """
+    if unheard == "left-out":
+        known = ~np.isnan(accuracy)
+        accuracy = accuracy[known]
+        p = p[known] / p[known].sum() if known.any() else p[known]
+    heard = np.where(np.isnan(accuracy), 0.0, accuracy)
+    mean = float(p @ heard)
+    if mean <= 0.0:
+        return INITIAL_COV
+    return float(np.sqrt(np.sum((heard - mean) ** 2)) / mean)
+
+
+def importance_of(p: Floats, cov: Floats, missed: Bools, *, boost: float, floor: float) -> Floats:
+    """delta_k = p_k psi_c lambda if device k missed the previous round, p_k psi_c otherwise.
+
+    `cov` (K,) is psi of each device's community, `boost` lambda > 1; before the first round all
+    devices missed one. psi_c = 0 (perfectly equal devices) would make a community worthless, so
+    that it waits for ever behind any other however badly it does: psi_c counts as `floor` at
+    least. The floor is ours, the paper has none.
+    """
+    return np.asarray(p * np.maximum(cov, floor) * np.where(missed, boost, 1.0), dtype=np.float64)

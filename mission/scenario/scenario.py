@@ -11,7 +11,6 @@ from pathlib import Path
 import numpy as np
 
 from fl.errors import FETCHED
-from fl.federation import fairness
 from fl.federation import rounds as learning
 from fl.federation.community import Community, Federation, build_federation
 from fl.federation.device_work import DeviceWork
@@ -225,7 +224,7 @@ class Scenario:
         return self.importance(
             1,
             learning.first_importance(self.federation),
-            cov=np.full(len(self.federation.names), fairness.INITIAL_COV),
+            cov=np.full(len(self.federation.names), learning.INITIAL_COV),
             accuracy=np.full(devices, np.nan),
             last_heard=np.zeros(devices, dtype=np.int64),
             work=self.work_before(),

@@ -5,10 +5,10 @@ import math
 import numpy as np
 import pytest
 
-from fl.federation.fairness import (
+from fl.federation.rounds import (
     coefficient_of_variation,
     device_accuracy,
-    importance,
+    importance_of,
     windowed_accuracy,
 )
 
@@ -51,13 +51,13 @@ def test_importance_by_hand() -> None:
     p = np.array([0.5, 0.5, 0.2, 0.8])
     psi = np.array([2.0, 2.0, 0.5, 0.5])
     missed = np.array([True, False, False, True])
-    delta = importance(p, psi, missed, boost=1.5, floor=1e-3)
+    delta = importance_of(p, psi, missed, boost=1.5, floor=1e-3)
     np.testing.assert_allclose(delta, [1.5, 1.0, 0.1, 0.6], rtol=1e-15)
 
 
 def test_a_perfectly_fair_community_still_counts() -> None:
     p, missed = np.full(4, 0.5), np.zeros(4, dtype=bool)
-    delta = importance(p, np.array([0.0, 0.0, 0.3, 0.3]), missed, boost=1.5, floor=1e-3)
+    delta = importance_of(p, np.array([0.0, 0.0, 0.3, 0.3]), missed, boost=1.5, floor=1e-3)
     assert (delta > 0).all()
     assert delta[0] == pytest.approx(0.0005)
     assert delta[0] < delta[2] / 100
