@@ -15,6 +15,7 @@ from mission.config.loading import load_config
 
 _COMMUNITY = '\n[[communities]]\nname = "a"\ntask = "digits"\n'
 _LINK = re.compile(r"!?\[[^\]]*\]\(([^)\s]+)\)")
+_CODE = re.compile(r"^```\w*\n.*?^```$", re.MULTILINE | re.DOTALL)
 _TOML = re.compile(r"^```toml\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 # A line of code that calls `aerofed`; on the generated page the line of usage is no command.
 _COMMAND = re.compile(r"^    (?:\.venv/bin/)?aerofed ((?!.*(?:\[|[A-Z]$)).+)$", re.MULTILINE)
@@ -24,7 +25,7 @@ def faults(root: Path) -> Iterator[str]:
     """What is wrong with the pages beside the README and in docs/, a line each."""
     for page in (*sorted(root.glob("*.md")), *sorted((root / "docs").glob("*.md"))):
         text, name = page.read_text(encoding="utf-8"), page.relative_to(root)
-        for link in _LINK.findall(text):
+        for link in _LINK.findall(_CODE.sub("", text)):
             if not link.startswith(("http://", "https://")):
                 yield from (f"{name}: {fault}" for fault in _link_faults(page, link))
         for example in _TOML.findall(text):

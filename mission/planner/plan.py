@@ -16,7 +16,14 @@ from mission.base.errors import PlanError, PlanInputError
 from mission.base.explain import shown
 from mission.planner.native.rounds import CandidatePlan
 from mission.planner.performance import Foreseen
-from mission.planner.problem import RoundProblem, as_array, make_tuple, only_one, refuse_old_form
+from mission.planner.problem import (
+    OfOnly,
+    RoundProblem,
+    as_array,
+    make_tuple,
+    only_one,
+    refuse_old_form,
+)
 
 
 def relative_gap(value: float, upper_bound: float) -> float:
@@ -164,35 +171,13 @@ class RoundPlan:
         """
         return only_one(self.paths)
 
-    @property
-    def waypoints_m(self) -> Floats:
-        """(N, 2) waypoints of the only aircraft."""
-        return self.path.waypoints_m
-
-    @property
-    def via_m(self) -> tuple[Floats, ...]:
-        """Corners between the waypoints of the only aircraft."""
-        return self.path.via_m
-
-    @property
-    def altitude_m(self) -> float | None:
-        """Altitude that was chosen for the only aircraft."""
-        return self.path.altitude_m
-
-    @property
-    def foreseen(self) -> Foreseen | None:
-        """What the flight of the only aircraft takes, where time or energy is limited."""
-        return self.path.foreseen
-
-    @property
-    def route_m(self) -> Floats:
-        """(P, 2) the polyline that the only aircraft flies."""
-        return self.path.route_m
-
-    @property
-    def stops_at(self) -> Ints:
-        """(N,) indices of the waypoints in `route_m`, of the only aircraft."""
-        return self.path.stops_at
+    # Of the only aircraft:
+    waypoints_m = OfOnly[Floats]("paths")
+    via_m = OfOnly[tuple[Floats, ...]]("paths")
+    altitude_m = OfOnly[float | None]("paths")
+    foreseen = OfOnly[Foreseen | None]("paths")
+    route_m = OfOnly[Floats]("paths")
+    stops_at = OfOnly[Ints]("paths")
 
     @property
     def path_m(self) -> float:

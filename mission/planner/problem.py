@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from numbers import Real
-from typing import Any, Self, TypeVar
+from typing import Any, Generic, Self, TypeVar
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
@@ -48,6 +48,30 @@ class Start:
 
     def __post_init__(self) -> None:
         make_arrays(self, "start_m")
+
+
+def only_one(several: tuple[Own, ...]) -> Own:
+    """Return what the only aircraft has."""
+    if len(several) != 1:
+        raise PlanError(
+            f"there are {len(several)} aircraft, where what plans or asks knows one: alone(a) of a "
+            "problem or a plan is that of aircraft a"
+        )
+    return several[0]
+
+
+class OfOnly(Generic[Own]):
+    """Descriptor: what the only aircraft has, of those that `each` names. PlanError of several."""
+
+    def __init__(self, each: str) -> None:
+        self._each = each
+
+    def __set_name__(self, owner: type, name: str) -> None:
+        self._name = name
+
+    def __get__(self, item: object, owner: type) -> Own:
+        found: Own = getattr(only_one(getattr(item, self._each)), self._name)
+        return found
 
 
 @dataclass(frozen=True)
@@ -127,25 +151,11 @@ class RoundProblem:
         """
         return only_one(self.starts)
 
-    @property
-    def start_m(self) -> Floats:
-        """(2,) where the only aircraft is."""
-        return self.start.start_m
-
-    @property
-    def path_budget_m(self) -> float:
-        """Metres that the only aircraft may fly."""
-        return self.start.path_budget_m
-
-    @property
-    def limits(self) -> RoundLimits | None:
-        """Limits of time and energy of the only aircraft."""
-        return self.start.limits
-
-    @property
-    def altitudes_m(self) -> tuple[float, float] | None:
-        """Altitudes that the only aircraft may choose from; None: the channel's."""
-        return self.start.altitudes_m
+    # Of the only aircraft:
+    start_m = OfOnly[Floats]("starts")
+    path_budget_m = OfOnly[float]("starts")
+    limits = OfOnly[RoundLimits | None]("starts")
+    altitudes_m = OfOnly[tuple[float, float] | None]("starts")
 
     @cached_property
     def radio(self) -> Radio:
@@ -211,16 +221,6 @@ class RoundProblem:
         if altitude_m is None:
             return self
         return self.with_own(altitudes_m=None, altitude_m=altitude_m)
-
-
-def only_one(several: tuple[Own, ...]) -> Own:
-    """Return what the only aircraft has."""
-    if len(several) != 1:
-        raise PlanError(
-            f"there are {len(several)} aircraft, where what plans or asks knows one: alone(a) of a "
-            "problem or a plan is that of aircraft a"
-        )
-    return several[0]
 
 
 def refuse_old_form(given: Mapping[str, object], each: type, name: str, way: str) -> None:
