@@ -66,6 +66,10 @@ class FlightError(AerofedError):
     exit_code = 4
 
 
+class UnansweredError(FlightError):
+    """The vehicle did not answer an order in time; it may have carried it out."""
+
+
 class TrainingError(AerofedError):
     """Training failed, for example diverged; a retry does not help, another setting may."""
 

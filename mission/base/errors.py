@@ -9,6 +9,7 @@ from native.errors import FlightError as FlightError
 from native.errors import InputError as InputError
 from native.errors import LinkLostError as LinkLostError
 from native.errors import TrainingError as TrainingError
+from native.errors import UnansweredError as UnansweredError
 from native.errors import UsersCodeError as UsersCodeError
 
 LIMITS_NOT_MET = 6

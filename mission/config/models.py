@@ -211,11 +211,6 @@ class RunConfig(Table):
                     f"radio.belief = {self.radio.belief!r} is planned with at one height: give all "
                     "vehicles one altitude_m"
                 ]
-            if self.mission.replan == "stop" and self.mission.separation_m is not None:
-                flaws += [
-                    "mission.separation_m is kept by plans of whole rounds: several aircraft with "
-                    "it need mission.replan = 'round'"
-                ]
             if self.link.gcs:
                 flaws += ["link.gcs is for one aircraft: leave it out, or vehicles"]
         for flaw in flaws:

@@ -1,15 +1,21 @@
 """How near the aircraft of a round come to each other, as their flights are foreseen."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations
+from typing import TypeAlias
 
 import numpy as np
 
 from mission.base.arrays import Floats
-from mission.planner.flyable import acceptance_radius, foresee_round, stops_of
+from mission.planner.flyable import acceptance_radius, cut_behind, stops_of
 from mission.planner.plan import RoundPlan
 from mission.planner.problem import RoundProblem
+
+# (T, 3) where an aircraft is every `STEP_S`, of each part of its flight: behind each it waits for
+# the others.
+Track: TypeAlias = Sequence[Floats]
 
 # Between instants, ways are taken for straight: at 10 m/s2 of two that turn, 3 mm.
 STEP_S = 0.05
@@ -39,55 +45,71 @@ def height_of(problem: RoundProblem, plan: RoundPlan) -> float:
     return problem.channel.altitude_m if plan.altitude_m is None else plan.altitude_m
 
 
-def flown(problem: RoundProblem, plan: RoundPlan, count: int, *, hold_s: float = 0.0) -> Floats:
-    """Return where one aircraft is (count, 3) every `STEP_S` from the round's start, as foreseen;
-    needs limits; `hold_s` as in `stops_of`."""
+def flown(problem: RoundProblem, plan: RoundPlan, *, hold_s: float = 0.0) -> Track:
+    """Return where one aircraft is as foreseen, in one part, or where aircraft go `in_step` in
+    those between its waits; needs limits; `hold_s` as in `stops_of`."""
     assert problem.limits is not None
-    performance = problem.limits.performance
+    performance, track = problem.limits.performance, list[Floats]()
     stops = stops_of(plan, hold_s=hold_s, upload_s=problem.upload_s)
-    at_m = performance.follow(
-        np.array([stop.xy_m for stop in stops]),
-        [stop.hold_s for stop in stops],
-        acceptance_radius(problem, plan, performance.widest_m),
-        step_s=STEP_S,
-        count=count,
-    )
-    return np.column_stack((at_m, np.full(count, height_of(problem, plan))))
+    radius_m = acceptance_radius(problem, plan, performance.widest_m)
+    parts = cut_behind(stops, plan.schedule[0].any(axis=1)) if problem.in_step else [stops]
+    for part in parts:
+        points_m, hold = np.array([stop.xy_m for stop in part]), [stop.hold_s for stop in part]
+        duration_s = performance.foresee(points_m, hold, radius_m).duration_s
+        count = math.ceil(duration_s / STEP_S) + 2
+        at_m = performance.follow(points_m, hold, radius_m, step_s=STEP_S, count=count)
+        track.append(np.column_stack((at_m, np.full(count, height_of(problem, plan)))))
+    return track
 
 
-def tracks_of(problem: RoundProblem, plan: RoundPlan, *, hold_s: float = 0.0) -> list[Floats]:
-    """Return where each aircraft is (T, 3), every `STEP_S` until the last has finished."""
-    each = [(problem.alone(a), plan.alone(a)) for a in range(len(problem.starts))]
-    longest_s = max(foresee_round(*one, hold_s=hold_s).duration_s for one in each)
-    count = math.ceil(longest_s / STEP_S) + 2
-    return [flown(*one, count, hold_s=hold_s) for one in each]
+def hovering(problem: RoundProblem) -> list[Track]:
+    """Return where those are that hover until the rest of a round is over."""
+    return [] if problem.hovering_m is None else [[at[None]] for at in problem.hovering_m]
+
+
+def tracks_of(problem: RoundProblem, plan: RoundPlan, *, hold_s: float = 0.0) -> list[Track]:
+    """Return where each aircraft is until the last has finished, then where others hover."""
+    each = [
+        flown(problem.alone(a), plan.alone(a), hold_s=hold_s) for a in range(len(problem.starts))
+    ]
+    return _aligned([*each, *hovering(problem)])
+
+
+def _aligned(tracks: Sequence[Track]) -> list[Track]:
+    """Let each wait where it is for the others at the end of each part."""
+    parts = range(max(map(len, tracks)))
+    counts = [max(len(track[n]) for track in tracks if n < len(track)) for n in parts]
+
+    def waited(track: Track, n: int) -> Floats:
+        part = track[n] if n < len(track) else track[-1][-1:]
+        return np.concatenate((part, np.repeat(part[-1:], counts[n] - len(part), axis=0)))
+
+    return [[waited(track, n) for n in parts] for track in tracks]
 
 
 def nearest_of(
-    first: Floats, second: Floats, apart_m: float, *, late_s: float = 0.0
+    first: Track, second: Track, apart_m: float, *, late_s: float = 0.0
 ) -> tuple[float, float]:
-    """Return how near two aircraft on tracks (T, 3) come, in metres, and when, in seconds: at the
-    least, where one may be up to `late_s` later than the other.
+    """Return how near two aircraft come, in metres, and when, in seconds: at the least, where one
+    may be up to `late_s` later than the other.
 
     A pair that starts nearer than `apart_m` counts from when it is so far apart, or one of them so
     far from where the other started; infinity where it never is.
     """
     most = round(late_s / STEP_S)
     delays = sorted({0, most, -most, *range(-most, most, _LATE_STEPS)}, key=abs)
-    return min(_nearest_of(_later(first, -by), _later(second, by), apart_m) for by in delays)
+    pairs = [_aligned([_later(first, -by), _later(second, by)]) for by in delays]
+    return min(
+        _nearest_of(np.concatenate(one), np.concatenate(other), apart_m) for one, other in pairs
+    )
 
 
-def _later(track: Floats, steps: int) -> Floats:
-    """Return the track of an aircraft that stays so many steps before it leaves."""
-    return np.concatenate((np.repeat(track[:1], max(0, steps), axis=0), track))
+def _later(track: Track, steps: int) -> Track:
+    """Return the track of an aircraft that stays so many steps before it begins each part."""
+    return [np.concatenate((np.repeat(part[:1], max(0, steps), axis=0), part)) for part in track]
 
 
 def _nearest_of(first: Floats, second: Floats, apart_m: float) -> tuple[float, float]:
-    count = max(len(first), len(second))  # the one that has finished stays where it is
-    first, second = (
-        np.concatenate((track, np.repeat(track[-1:], count - len(track), axis=0)))
-        for track in (first, second)
-    )
     away = second - first
     far = [np.linalg.norm(way, axis=1) for way in (away, first - second[0], second - first[0])]
     gone = np.max(far, axis=0) >= apart_m
@@ -104,22 +126,24 @@ def _nearest_of(first: Floats, second: Floats, apart_m: float) -> tuple[float, f
     return float(distance[at]), (begin + at + float(share[at])) * STEP_S
 
 
-def pair_of(problem: RoundProblem, first: Floats, second: Floats) -> tuple[float, float, float]:
+def pair_of(problem: RoundProblem, first: Track, second: Track) -> tuple[float, float, float]:
     """Return how near two aircraft of a round come, when, and how many metres less than they are
     to keep that is: 0 or less where they keep apart."""
     kept, least = problem.separation_m, problem.least_m
     if least is not None:
-        kept = min(kept, max(least, float(np.linalg.norm(first[0] - second[0]))))
+        kept = min(kept, max(least, float(np.linalg.norm(first[0][0] - second[0][0]))))
     away_m, t_s = nearest_of(first, second, kept if least is None else 0.0, late_s=problem.late_s)
     return away_m, t_s, kept - TOLERANCE_M - away_m
 
 
 def _pairs(problem: RoundProblem, plan: RoundPlan, hold_s: float) -> list[Nearest]:
     """Return each pair of a plan that counts."""
-    tracks = tracks_of(problem, plan, hold_s=hold_s)
+    tracks, flying = tracks_of(problem, plan, hold_s=hold_s), len(problem.starts)
+    names = [problem.name_of(a) for a in range(flying)] + ["one that hovers"] * len(tracks)
     found = [
-        Nearest((problem.name_of(a), problem.name_of(b)), *pair_of(problem, tracks[a], tracks[b]))
+        Nearest((names[a], names[b]), *pair_of(problem, tracks[a], tracks[b]))
         for a, b in combinations(range(len(tracks)), 2)
+        if a < flying
     ]
     return [one for one in found if one.away_m < math.inf]
 
@@ -131,7 +155,7 @@ def nearest(problem: RoundProblem, plan: RoundPlan, *, hold_s: float = 0.0) -> N
 
 def too_near(problem: RoundProblem, plan: RoundPlan, *, hold_s: float = 0.0) -> Nearest | None:
     """Return where aircraft come too near to each other; None where they keep apart."""
-    if not problem.separation_m or len(problem.starts) < 2:
+    if not problem.separation_m or len(problem.starts) + len(hovering(problem)) < 2:
         return None
     pairs = _pairs(problem, plan, hold_s)
     worst = max(pairs, key=lambda one: one.short_m, default=None)
@@ -145,8 +169,9 @@ def layer_m(problem: RoundProblem) -> float:
 
 def layered_by(problem: RoundProblem) -> float:
     """By how many metres an aircraft may be put above or below its fixed altitude: not where areas
-    or what is believed of the radio may be others there."""
-    fixed = problem.per_grid is not None or not problem.airspace.is_open
+    or what is believed of the radio may be others there, nor once a round has begun."""
+    begun = problem.hovering_m is not None
+    fixed = begun or problem.per_grid is not None or not problem.airspace.is_open
     if fixed or not problem.separation_m:
         return 0.0
     return (len(problem.starts) - 1) / 2.0 * layer_m(problem)

@@ -5,11 +5,12 @@ rounds its corners, and passes the device below one at a distance. Where the pac
 from the first metre on, that costs more than the time it saves.
 """
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from mission.base.arrays import Floats
+from mission.base.arrays import Bools, Floats
 from mission.planner.native.rounds import Round
 from mission.planner.performance import Foreseen
 from mission.planner.plan import RoundPlan
@@ -53,6 +54,17 @@ def stops_of(
             Stop(plan.route_m[at], tuple(here.tolist()), float(evaluation.hold_s[index]), slots_s)
         )
     return tuple(stops)
+
+
+def cut_behind(stops: Sequence[Stop], serves: Bools) -> Iterator[tuple[Stop, ...]]:
+    """Cut stops behind each with a step that `serves` (N,): there the aircraft holds, and each part
+    begins where the last one has ended."""
+    last = len(stops) - 1
+    cuts = [at for at, stop in enumerate(stops) if serves[list(stop.steps)].any()]
+    first, here = 0, stops[0]
+    for end in dict.fromkeys((*cuts, last)):
+        yield (here, *stops[first + 1 : end + 1])
+        first, here = end, Stop(stops[end].xy_m, ())
 
 
 def acceptance_radius(problem: RoundProblem, plan: RoundPlan, widest_m: float) -> float:

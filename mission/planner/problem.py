@@ -111,6 +111,11 @@ class RoundProblem:
     # None: it counts from when it is so far apart, or one of the two so far from where the other
     # started.
     least_m: float | None = None
+    # Whether they wait for each other at every stop that serves somebody, and go on at one instant.
+    in_step: bool = False
+    # (M, 3) of the rest of a round in the air, whose heights stay as they are: where others hover
+    # until it is over, which is kept away from, too. None: of a whole round.
+    hovering_m: Floats | None = None
 
     __getstate__ = given_alone
 
@@ -120,7 +125,7 @@ class RoundProblem:
 
     def __post_init__(self) -> None:
         make_arrays(self, "devices_m", "importance")
-        for name in ("upload_s", "ready_in_s"):
+        for name in ("upload_s", "ready_in_s", "hovering_m"):
             if getattr(self, name) is not None:
                 make_arrays(self, name)
         make_tuple(self, "starts", Start, "Start(start_m, path_budget_m)")

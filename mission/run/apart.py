@@ -8,6 +8,7 @@ from itertools import combinations
 import numpy as np
 
 from mission.analysis.together import Apart, Near
+from mission.base.arrays import Floats, Ints
 from mission.log.records import AircraftRecord, RoundRecord
 from mission.log.values import NS_PER_S, Track
 from mission.planner.apart import STEP_S
@@ -34,7 +35,7 @@ def pairs_of(outings: Sequence[Outing], *, leaving_m: float | None) -> list[Pair
     if len(outings) < 2:
         return []
     end_ns = max(int(one.flight.t_ns[-1]) for one in outings)
-    tracks = [(_flown(one), _planned(one, int(one.flight.t_ns[0]), end_ns)) for one in outings]
+    tracks = [(_flown(one), _planned(one, end_ns)) for one in outings]
     found = []
     for (one, its), (other, others) in combinations(zip(outings, tracks, strict=True), 2):
         flown, planned = (_near(*both, leaving_m) for both in zip(its, others, strict=True))
@@ -97,18 +98,25 @@ def _flown(one: Outing) -> Track:
     return Track(one.flight.t_ns, one.aircraft.area.xyz(one.flight.true_ned_m))
 
 
-def _planned(one: Outing, start_ns: int, end_ns: int) -> Track:
-    """Where it is when by its plan, as its flight is foreseen."""
-    flight, count = one.ordered, math.ceil((end_ns - start_ns) / NS_PER_S / STEP_S) + 2
-    at_m = one.flyer.performance.follow(
-        flight.points_m,
-        [stop.hold_s for stop in flight.stops],
-        flight.acceptance_m,
-        step_s=STEP_S,
-        count=count,
-    )
-    t_ns = start_ns + np.arange(count) * round(STEP_S * NS_PER_S)
-    return Track(t_ns, np.column_stack((at_m, np.full(count, flight.alt_rel_m))))
+def _planned(one: Outing, end_ns: int) -> Track:
+    """Where it is when by its plan, as its flights are foreseen from when each begins."""
+    starts_ns = [int(flight.t_ns[0]) for flight in one.flights]
+    times_ns, places_m = list[Ints](), list[Floats]()
+    for part, start_ns, next_ns in zip(one.told, starts_ns, (*starts_ns[1:], None), strict=True):
+        until_ns = end_ns if next_ns is None else next_ns
+        count = math.ceil((until_ns - start_ns) / NS_PER_S / STEP_S) + 2
+        at_m = one.flyer.performance.follow(
+            part.points_m,
+            [stop.hold_s for stop in part.stops],
+            part.acceptance_m,
+            step_s=STEP_S,
+            count=count,
+        )
+        t_ns = start_ns + np.arange(count) * round(STEP_S * NS_PER_S)
+        its = slice(None) if next_ns is None else t_ns < next_ns
+        times_ns.append(t_ns[its])
+        places_m.append(np.column_stack((at_m, np.full(count, part.alt_rel_m)))[its])
+    return Track(np.concatenate(times_ns), np.concatenate(places_m))
 
 
 def _near(first: Track, second: Track, leaving_m: float | None) -> Near:

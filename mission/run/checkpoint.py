@@ -121,6 +121,7 @@ def _plain_sortie(sortie: Sortie) -> dict[str, object]:
         "nodes": int(plan.nodes),
         "hold_s": sortie.hold_s,
         "cost_m": sortie.cost_m,
+        **({"mended": plan.mended} if plan.mended else {}),
     }
 
 
@@ -160,7 +161,10 @@ def _sortie(plan: dict[str, Any], devices: int) -> Sortie:
     for of_path, path in zip(schedule, each, strict=True):
         for step, device in path["schedule"]:
             of_path[step, device] = True
-    made = RoundPlan(paths, schedule, plan["value"], plan["upper_bound"], plan["nodes"])
+    made = RoundPlan(
+        paths, schedule, plan["value"], plan["upper_bound"], plan["nodes"],
+        mended=plan.get("mended", ""),
+    )  # fmt: skip
     return Sortie(made, hold_s=plan["hold_s"], cost_m=plan["cost_m"])
 
 

@@ -10,7 +10,7 @@ from mission.base.arrays import Bools, Floats
 from mission.config.models import MissionConfig
 from mission.flight.missions.round_mission import FlightPlan, flight_of_round
 from mission.planner.evaluate import objective
-from mission.planner.plan import PlannedPath, RoundPlan
+from mission.planner.plan import RoundPlan
 from mission.planner.problem import RoundProblem
 from mission.scenario.limits import SHORT_M
 
@@ -81,7 +81,7 @@ class Course:
         )  # fmt: skip
         # As it is believed now. Others may have had more steps left.
         whole = replace(self.problem, per_grid=problem.per_grid, steps=len(waypoints_m))
-        path = PlannedPath(waypoints_m, via_m, self.plan.altitude_m)
+        path = replace(self.plan.path, waypoints_m=waypoints_m, via_m=via_m, foreseen=None)
         plan = RoundPlan((path,), schedule[None], objective(whole, waypoints_m, schedule))
         return Course(whole, plan, problem, rest, step)
 

@@ -12,7 +12,7 @@ from fl.federation.device_work import DeviceWork
 from fl.federation.updates import begin_training
 from fl.radio.learned import Heard
 from mission.base.arrays import Bools, Floats
-from mission.base.errors import FlightError, LinkLostError
+from mission.base.errors import FlightError, LinkLostError, UnansweredError
 from mission.base.interrupts import BACKGROUND, in_background
 from mission.flight.flyers.base import CHARGED, Fleet, Flyer
 from mission.flight.missions.geofence import airspace_rings, fence_items
@@ -29,7 +29,7 @@ from mission.run.course import ahead_of_all, is_better
 from mission.run.experiment import Experiment
 from mission.run.gate import listened, served_in
 from mission.run.outing import Outing, outings_of, round_record, success
-from mission.scenario.limits import Amount
+from mission.scenario.limits import Amount, separation
 from mission.scenario.strategies import Sortie, Strategy
 
 
@@ -104,11 +104,13 @@ class FlownExperiment(Experiment):
         """Go on without an aircraft.
 
         Raises:
-            FlightError: no other is left, or one that is lost is to end the run.
+            FlightError: no other is left, or one that is lost is to end the run; or it is not lost,
+                but did not answer in time, which depends on the machine.
         """
         mission = self.scenario.config.mission
         name = "" if len(self.scenario.fleet) == 1 else f"{self.scenario.aircraft[number]}: "
-        if len(fleet.aloft) == 1 or mission.when_lost == "end":
+        ends = len(fleet.aloft) == 1 or mission.when_lost == "end"
+        if ends or isinstance(error, UnansweredError):
             raise error.in_words(f"{name}{error}") from error.__cause__
         del fleet.aloft[number]
         others = ", ".join(self.scenario.aircraft[other] for other in fleet.aloft)
@@ -125,6 +127,7 @@ class FlownExperiment(Experiment):
         self._show("flying again" if recalled else "planning")
         problem = self._problem(fleet, recalled)
         sortie = await self._sortie(problem, recalled)
+        self._tell_mended(sortie.plan)
         if recalled is None:
             self._show("flying")
         early = None
@@ -218,9 +221,11 @@ class FlownExperiment(Experiment):
         with self.stopwatch("plan"):
             # Heartbeats go on; simulated time stands still.
             sortie = await in_background(self.strategy.sortie, self.totals.rounds_done, problem)
-        if sortie.plan.mended:
-            self.recorder.notice(f"{self._stage}: {sortie.plan.mended}")
         return sortie if sortie.plan.schedule.any() else _waiting(problem, sortie)
+
+    def _tell_mended(self, plan: RoundPlan) -> None:
+        if plan.mended:
+            self.recorder.notice(f"{self._stage}: {plan.mended}")
 
     async def _fly(
         self, fleet: Fleet, outings: Sequence[Outing], recalled: RoundMemory | None
@@ -300,7 +305,7 @@ class FlownExperiment(Experiment):
     ) -> bool:
         """Replan the rest of all that are aloft, or recall it; return whether that is flown."""
         heard = self._mask(u.device for one in outings for u in one.served if u.delivered)
-        left: list[tuple[Outing, RoundProblem]] = []
+        left, hovering = list[tuple[Outing, RoundProblem]](), list[tuple[float, ...]]()
         for one in outings:
             here_m = one.aircraft.area.from_ned(one.flyer.here().est_ned_m)
             elapsed_s = (fleet.t_ns - int(one.flights[0].t_ns[0])) / 1e9
@@ -308,11 +313,19 @@ class FlownExperiment(Experiment):
             problem = one.course.ahead(
                 step, here_m, heard=heard, elapsed_s=elapsed_s, used_j=used_j
             )
-            if one.number in fleet.aloft and not one.done and problem is not None:
+            if one.number not in fleet.aloft:
+                continue
+            if one.done or problem is None:
+                hovering.append((*here_m, one.height_m))
+            else:
                 left.append((one, self._as_heard(problem)))
         if not left:
             return False
         problem = ahead_of_all([own for _, own in left])
+        if problem.separation_m:
+            others_m = np.reshape(hovering, (-1, 3))
+            apart = separation(self.scenario.config.mission, leaving=False)
+            problem = replace(problem, hovering_m=others_m, **apart)
         known = () if recalled is None else recalled.rests[len(self._rests) :]
         if known:
             rest = known[0]
@@ -324,6 +337,9 @@ class FlownExperiment(Experiment):
         as_planned = sum(one.course.as_planned(own) for one, own in left)
         if not is_better(rest, as_planned, sum(one.course.plan.value for one in outings)):
             return False
+        if too_near(problem, rest) is not None:  # what is flown keeps apart, and goes on
+            return False
+        self._tell_mended(rest)
         for one in outings:
             one.done = True
         for at, (one, _) in enumerate(left):

@@ -33,6 +33,7 @@ class Outing:
     foreseen: Foreseen = field(init=False)  # of the whole of it
     ordered: FlightPlan = field(init=False)  # the whole of it as it is flown
     flights: list[FlownTrack] = field(default_factory=list)
+    told: list[FlightPlan] = field(default_factory=list)  # of each of them, what it was to fly
     served: list[UplinkRecord] = field(default_factory=list)
     reached: int = -1  # the last step of its plan that it has flown
     idle_s: float = 0.0  # of hover after the last stop of its flights, until others had finished
@@ -78,6 +79,7 @@ class Outing:
     def flew(self, part: FlightPlan, flight: FlownTrack) -> None:
         """Add the flight of a part of the course."""
         self.flights.append(flight)
+        self.told.append(part)
         passed, stop = flight.passages, part.stops[-1]
         if not passed or passed[-1] is None:
             self.idle_s = math.nan

@@ -156,6 +156,7 @@ def separation(mission: MissionConfig, *, leaving: bool) -> dict[str, Any]:
         "separation_m": wanted_m + flown * MARGIN_M,
         "late_s": flown * LATE_S,
         "least_m": None if leaving else wanted_m,
+        "in_step": mission.replan == "stop",
     }
 
 

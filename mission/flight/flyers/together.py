@@ -9,7 +9,7 @@ from contextlib import AsyncExitStack, asynccontextmanager, contextmanager, supp
 from dataclasses import dataclass
 from functools import partial
 
-from mission.base.errors import AerofedError, FlightError, LinkLostError
+from mission.base.errors import AerofedError, FlightError, LinkLostError, UnansweredError
 from mission.flight.flyers.base import HOLD_TIMEOUT_S, Attached, Fleet, FleetBackend, Flights, Flyer
 from mission.flight.flyers.built_in import BuiltInBackend, BuiltInFlyer
 from mission.flight.flyers.firmware import FirmwareBackend, FirmwareFlyer, silent
@@ -63,7 +63,8 @@ class WorldFleet(Fleet):
         lost = {}
         for number, flyer in flyers.items():
             error = tasks[number].exception() if number in tasks else None
-            error = error or flyer.lost  # while it waited for the others
+            if error is None or isinstance(error, UnansweredError):
+                error = flyer.lost or error  # while it waited for the others, or gave no answer
             if isinstance(error, FlightError):
                 lost[number] = error
             elif error is not None:

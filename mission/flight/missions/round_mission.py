@@ -12,7 +12,7 @@ from mission.base.airspace import Airspace
 from mission.base.area import Area, on_globe
 from mission.base.arrays import Bools, Floats
 from mission.config.models import MissionConfig
-from mission.planner.flyable import Stop, acceptance_radius, stops_of
+from mission.planner.flyable import Stop, acceptance_radius, cut_behind, stops_of
 from mission.planner.performance import Foreseen, Performance
 from mission.planner.plan import RoundPlan
 from mission.planner.problem import RoundProblem
@@ -68,17 +68,10 @@ class FlightPlan:
         return performance.foresee(self.points_m, holds_s, self.acceptance_m)
 
     def parts(self, serves: Bools) -> Iterator["FlightPlan"]:
-        """The flight cut behind each stop with a step that `serves` (N,): there the aircraft holds,
-        and each part begins where the last one has ended."""
-        last = len(self.stops) - 1
-        cuts = [at for at, stop in enumerate(self.stops) if serves[list(stop.steps)].any()]
-        ends = dict.fromkeys((*cuts, last))
-        first, here = 0, self.stops[0]
-        for end in ends:
-            stops = (here, *self.stops[first + 1 : end + 1])
-            goes_on = self.goes_on or here is not self.stops[0]
+        """The flight cut behind each stop with a step that `serves` (N,), as `cut_behind` does."""
+        for stops in cut_behind(self.stops, serves):
+            goes_on = self.goes_on or stops[0] is not self.stops[0]
             yield replace(self, stops=stops, is_part=True, goes_on=goes_on)
-            first, here = end, Stop(self.stops[end].xy_m, ())
 
     def slot_s(self, foreseen: Foreseen) -> list[float]:
         """(N,) when each step is passed, in seconds after the start."""

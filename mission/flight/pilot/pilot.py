@@ -13,7 +13,7 @@ from mavsdk.exceptions import MavsdkError
 from mavsdk.plugins.mission_raw import MissionItem as RawItem
 from mavsdk.plugins.telemetry import FlightMode, LandedState
 
-from mission.base.errors import FlightError, LinkLostError
+from mission.base.errors import FlightError, LinkLostError, UnansweredError
 from mission.flight.missions.plan_file import PlanFile
 from mission.flight.pilot.dialects import Dialect, as_dialect, from_raw, raw_items, same_mission
 from mission.flight.pilot.mavsdk_calls import (
@@ -324,7 +324,8 @@ class Pilot:
             await asyncio.sleep(POLL_S)
         said = _because(self.watch.first_warning)
         why = "" if error is None else f": {reason(error)}"
-        return FlightError(f"the vehicle did not {what}{why}{said}")
+        kind = UnansweredError if why.endswith("TIMEOUT") else FlightError
+        return kind(f"the vehicle did not {what}{why}{said}")
 
     def _check_alive(self, what: str) -> None:
         watch = self.watch

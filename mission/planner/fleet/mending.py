@@ -16,9 +16,9 @@ import numpy as np
 from mission.base.arrays import Floats
 from mission.base.errors import InfeasiblePlanError
 from mission.planner.apart import (
-    STEP_S,
     flown,
     height_of,
+    hovering,
     layer_m,
     layered_by,
     pair_of,
@@ -151,7 +151,7 @@ def _layered(
     highest = min(_HIGHEST_M, *(high for _, high in ranges))
     gap, count = layer_m(problem), len(each)
     room = (count - 1) * gap
-    if room > highest - lowest:
+    if not room or room > highest - lowest:
         return
     middle = float(np.mean([height_of(*one) for one in each]))
     bottom = min(max(middle - room / 2.0, lowest), highest - room)
@@ -227,15 +227,13 @@ def _waiting(
 ) -> tuple[Parts, list[float]] | None:
     """Let each aircraft of an order wait until it keeps apart from those before it, or stay."""
     parts, waits = list[RoundPlan | None]([None] * len(alone)), [0.0] * len(alone)
-    tracks = list[Floats]()
+    tracks = hovering(problem)
     for a in order:
         for wait_s in (*map(float, _WAITS_S), math.inf):
             part = _with_wait(alone, plan, a, wait_s)
             if part is None:
                 continue
-            duration_s = foresee_round(alone[a], part, hold_s=hold_s).duration_s
-            count = math.ceil(duration_s / STEP_S) + 2
-            track = flown(alone[a], part, count, hold_s=hold_s)
+            track = flown(alone[a], part, hold_s=hold_s)
             if all(pair_of(problem, track, other)[-1] <= 0.0 for other in tracks):
                 parts[a], waits[a] = part, wait_s
                 tracks.append(track)

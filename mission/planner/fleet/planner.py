@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from mission.planner.apart import hovering
 from mission.planner.certified import Goal, in_usual_size
 from mission.planner.evaluate import bounded, check_problem, success_bounds
 from mission.planner.fleet.joint import Joint, first_plans, parts_along, plan_jointly
@@ -58,12 +59,13 @@ class FleetPlanner:
             PlanError: what `inner` raises; the problem makes no sense.
             BoundError: the plan is worth more than the bound that was proven.
         """
-        if len(problem.starts) == 1:
-            return self.inner.plan(problem)
+        planned = self.inner.plan if len(problem.starts) == 1 else self._planned
+        if len(problem.starts) == 1 and not hovering(problem):
+            return planned(problem)
         check_problem(problem)
         if (plan := in_usual_size(self, problem)) is not None:
             return plan
-        return kept_apart(problem, self._planned(problem), self._planned)
+        return kept_apart(problem, planned(problem), planned)
 
     def _planned(self, problem: RoundProblem) -> RoundPlan:
         """Plan for several aircraft, however near they come to each other."""

@@ -95,6 +95,50 @@ def test_one_may_be_later_than_the_other(behind_m: float, least_m: float) -> Non
     assert found.away_m == pytest.approx(least_m / math.sqrt(2.0), abs=1e-6)
 
 
+@pytest.mark.parametrize(
+    ("served_m", "in_step", "late_s", "least_m"),
+    [
+        (-100.0, False, 0.0, 200.0),  # one is over the crossing at 10 s, the other one at 20 s
+        (-100.0, True, 0.0, 0.0),  # both have 100 m left when they go on at 15 s
+        (-150.0, True, 0.0, 50.0),
+        (-150.0, True, 1.0, 30.0),
+    ],
+)
+def test_in_step_they_go_on_together(
+    served_m: float, in_step: bool, late_s: float, least_m: float
+) -> None:
+    """Across each other, from 200 and 400 m before the crossing; each serves somebody on the way,
+    100 m before it, or `served_m`."""
+    problem = crossing(
+        starts=tuple(
+            Start(np.array(at), 900.0, RoundLimits(RIGID)) for at in ([-200.0, 0.0], [0.0, -400.0])
+        ),
+        devices_m=np.zeros((2, 2)), importance=np.ones(2), steps=3, in_step=in_step, late_s=late_s,
+    )  # fmt: skip
+    plan = along(problem, [[-200, 0], [served_m, 0], [200, 0]], [[0, -400], [0, -100], [0, 200]])
+    schedule = np.zeros((2, 3, 2), dtype=np.bool_)
+    schedule[(0, 1), 1, (0, 1)] = True
+    found = nearest(problem, dataclasses.replace(plan, schedule=schedule))
+    assert found is not None
+    assert found.away_m == pytest.approx(least_m / math.sqrt(2.0), abs=1e-6)
+
+
+@pytest.mark.parametrize(("height_m", "flies"), [(60.0, False), (85.0, True)])
+def test_who_hovers_is_kept_away_from(height_m: float, flies: bool) -> None:
+    """By one that is left, and has no other path; its height stays as it is."""
+    problem = RoundProblem(
+        devices_m=np.array([[200.0, 0.0]]), importance=np.ones(1),
+        starts=(Start(np.zeros(2), 200.0, RoundLimits(GUIDED)),),
+        steps=2, per_step=1, channel=CHANNEL_PRESETS["suburban+10dB"], separation_m=20.0,
+        hovering_m=np.array([[100.0, 0.0, height_m], [100.0, 1.0, height_m]]),
+    )  # fmt: skip
+    made = planned(problem)
+    assert (made.waypoints_m[1, 0] > 100.0) == flies
+    said = "" if flies else "aircraft 0 and one that hovers come within 0.0 m .* aircraft 0 stays;"
+    assert re.search(said, made.mended)
+    assert made.altitude_m is None
+
+
 @pytest.mark.parametrize(("apart_m", "least_m", "kept"), [
     (12.0, None, False), (12.0, 10.0, True), (12.0, 15.0, False), (8.0, 10.0, False),
 ])  # fmt: skip
@@ -159,7 +203,7 @@ def test_a_wait_and_a_height_part_what_crosses() -> None:
 def test_tracks_are_at_the_stops_when_they_are_foreseen_to_be() -> None:
     problem = dataclasses.replace(drawn(3), upload_s=np.full(12, 2.0))
     made = planned(problem)
-    for a, track in enumerate(tracks_of(problem, made)):
+    for a, (track,) in enumerate(tracks_of(problem, made)):
         one, part = problem.alone(a), made.alone(a)
         flight, stops = foresee_round(one, part), stops_of(part, upload_s=problem.upload_s)
         for at_s, stop in zip(flight.arrived_s, stops, strict=True):
@@ -174,15 +218,15 @@ def test_tracks_are_at_the_stops_when_they_are_foreseen_to_be() -> None:
 def test_a_shared_home_is_excused_until_it_is_left() -> None:
     t = np.arange(0.0, 100.0)[:, None]
     east, west = t * [1.0, 0.0, 0.0], t * [-1.0, 0.0, 0.0]
-    away_m, _ = nearest_of(east, west, 20.0)
+    away_m, _ = nearest_of([east], [west], 20.0)
     assert away_m == pytest.approx(20.0)
     beside = east + np.array([0.0, 5.0, 0.0])
-    away_m, at_s = nearest_of(east, beside, 20.0)
+    away_m, at_s = nearest_of([east], [beside], 20.0)
     assert away_m == pytest.approx(5.0)
     assert at_s == pytest.approx(20.0 * STEP_S, abs=STEP_S)
     still = np.zeros((100, 3))
-    assert nearest_of(still, still, 20.0)[0] == math.inf
-    assert nearest_of(still, east, 20.0)[0] == pytest.approx(20.0)
+    assert nearest_of([still], [still], 20.0)[0] == math.inf
+    assert nearest_of([still], [east], 20.0)[0] == pytest.approx(20.0)
 
 
 @pytest.mark.parametrize(

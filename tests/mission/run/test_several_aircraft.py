@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 import small_runs
 from drawing import UNDRAWN
+from mavsdk.exceptions import MavsdkError
 from patience import until
 from small_runs import rows
 
@@ -21,6 +22,9 @@ from mission.analysis.together import SEPARATIONS
 from mission.cli import call
 from mission.figures.run import fleet_pictures
 from mission.figures.together import timetable
+from mission.flight.flyers.built_in import BuiltInFlyer
+from mission.flight.missions.round_mission import FlightPlan
+from mission.flight.pilot.pilot import Pilot
 from mission.log.reader import read_log
 
 pytestmark = pytest.mark.slow
@@ -129,6 +133,19 @@ def test_a_loss_ends_the_run_where_that_is_asked_for(
     out = tmp_path / "run"
     assert play(out, *SEVERAL, "--set", "mission.when_lost=end", rounds=1) == 4
     small_runs.refused(capsys, "round 1", "middle: the aircraft is lost", "hit the ground")
+
+
+def test_who_does_not_answer_in_time_is_not_lost(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It hovers, in the way of the others; on another machine it had answered."""
+
+    async def late(flyer: BuiltInFlyer, plan: FlightPlan) -> None:  # noqa: ARG001
+        raise await Pilot._refused(flyer.pilot, "start the mission", MavsdkError("TIMEOUT; start"))
+
+    monkeypatch.setattr(BuiltInFlyer, "order", late)
+    assert play(tmp_path / "run", *SEVERAL, rounds=1) == 4
+    small_runs.refused(capsys, "round 1", "west: the vehicle did not start the mission: TIMEOUT")
 
 
 def test_killed_after_a_loss_it_goes_on_to_the_same_bytes(lost: Path, tmp_path: Path) -> None:
@@ -265,19 +282,33 @@ def test_one_vehicle_in_a_table_is_one_aircraft(tmp_path: Path) -> None:
 
 
 def test_the_rest_of_all_is_planned_anew_where_somebody_is_not_heard(tmp_path: Path) -> None:
-    """With replan = "stop", in a radio that loses most."""
+    """With replan = "stop", in a radio that loses most; in the second round two would meet if they
+    did not wait for each other. Resumed, the rests are those of before."""
     out = tmp_path / "run"
-    words = ("--set", "channel.extra_gain_db=-13", "--set", "mission.steps=6")
-    anew = ("--set", "mission.strategy=cov", "--set", "mission.replan=stop")
-    assert play(out, *BESIDE, *words, *anew, "--set", "mission.path_budget_m=500", rounds=1) == 0
-    (whole,) = rows(out / "rounds.csv")
-    sent, aircraft = rows(out / "uplinks.csv"), rows(out / "aircraft.csv")
-    heard = [row["device"] for row in sent if row["delivered"] == "true"]
-    assert len(set(heard)) == len(heard) == int(whole["delivered"])  # nobody once he was heard
-    asked = {row["device"] for row in sent}
-    assert len(sent) > len(asked) == int(whole["scheduled"])
-    for row in aircraft:
-        assert float(row["flown_path_m"]) <= 500.0 + 1e-6
-        moving_s = float(row["flown_path_m"]) / 20.0
-        listened_s = float(row["duration_s"]) - moving_s - float(row["idle_s"])
-        assert 0.0 <= listened_s + 0.01 <= 0.1 * len(sent) + 0.2  # at the stops
+    keys = (
+        *("channel.extra_gain_db=-13", "mission.steps=6", "mission.path_budget_m=500", "seed=12"),
+        *("mission.strategy=cov", "mission.replan=stop", "mission.separation_m=30"),
+    )
+    anew = [word for key in keys for word in ("--set", key)]
+    assert play(out, *BESIDE, *anew) == 0
+    for whole in rows(out / "rounds.csv"):
+        sent, aircraft = (
+            [row for row in rows(out / f"{name}.csv") if row["round"] == whole["round"]]
+            for name in ("uplinks", "aircraft")
+        )
+        heard = [row["device"] for row in sent if row["delivered"] == "true"]
+        assert len(set(heard)) == len(heard) == int(whole["delivered"])  # nobody once he was heard
+        asked = {row["device"] for row in sent}
+        assert len(sent) > len(asked) == int(whole["scheduled"])
+        for row in aircraft:
+            assert float(row["flown_path_m"]) <= 500.0 + 1e-6
+            moving_s = float(row["flown_path_m"]) / 20.0
+            listened_s = float(row["duration_s"]) - moving_s - float(row["idle_s"])
+            assert 0.0 <= listened_s + 0.01 <= 0.1 * len(sent) + 0.2  # at the stops
+            assert float(row["nearest_m"]) >= 29.9
+            # By plan, a pair from homes that are nearer counts 0.05 s earlier or later.
+            assert float(row["nearest_m"]) == pytest.approx(float(row["plan_nearest_m"]), abs=1.5)
+    before = digests(out)
+    (out / "summary.json").write_text('{"status": "running"}')
+    assert call(["run", "--resume", str(out), "--quiet"]) == 0
+    assert digests(out) == before
