@@ -2,6 +2,7 @@
 
     python docs/studies/fleet.py runs RUNS --jobs 2            # a table for each seed, not flown
     python docs/studies/fleet.py cells RUNS --jobs 2           # one to four aircraft, flown
+    python docs/studies/fleet.py joules RUNS --jobs 2          # the same within joules
     python docs/studies/fleet.py flown RUNS --jobs 2           # three aircraft in wind, flown
     python docs/studies/fleet.py tables RUNS --out docs/data/fleet
 
@@ -78,12 +79,17 @@ def one_seed(out: Path, seed: int) -> str:
     return f"seed {seed}"
 
 
-def one_seed_flown(out: Path, seed: int) -> str:
-    """Write the rounds of all runs of a seed that are flown, in calm air."""
-    cells = [*product((SHARED, OWN), (EACH, JOULES), (1, 2, 3, 4), (JOINT,))]
+def one_seed_flown(out: Path, seed: int, limit: str = EACH, name: str = "cells") -> str:
+    """Write the rounds of the runs of a seed that are flown within a limit, in calm air."""
+    cells = product((SHARED, OWN), (limit,), (1, 2, 3, 4), (JOINT,))
     found = _rounds(seed, cells, mission__flight="flown", planner__gap=FLOWN_GAP)
-    write_atomically(out / f"cells-{seed}.csv", csv(found))
-    return f"seed {seed}, all cells flown"
+    write_atomically(out / f"{name}-{seed}.csv", csv(found))
+    return f"seed {seed}, {limit} flown"
+
+
+def one_seed_in_joules(out: Path, seed: int) -> str:
+    """Write those within joules."""
+    return one_seed_flown(out, seed, JOULES, "joules")
 
 
 def one_flight(out: Path, seed: int) -> str:
@@ -168,7 +174,7 @@ def tables(runs: Path, out: Path) -> None:
     """Write the page and the rows of what is done."""
     done = sorted(runs.glob("4*.csv"))
     rounds = pd.concat((pd.read_csv(each) for each in done), ignore_index=True)
-    cells, flown = (sorted(runs.glob(f"{name}-*.csv")) for name in ("cells", "flown"))
+    flown = sorted(runs.glob("flown-*.csv"))
     gaps = (rounds["upper_bound"] - rounds["plan_objective"]) / rounds["upper_bound"]
     of = rounds[rounds["planned"] == JOINT].assign(gap=100.0 * gaps)["gap"]
     texts = {
@@ -180,11 +186,12 @@ def tables(runs: Path, out: Path) -> None:
                "plan_path_m", "flown_path_m", "energy_j",
                *(f"accuracy_{name}" for name in COMMUNITIES)]  # fmt: skip
     kept = {"rounds": rounds[columns]}
-    if cells:
-        kept["cells"] = pd.concat(map(pd.read_csv, cells))[columns]
-        texts["What each brings, flown"] = (
-            f"{kept['cells']['seed'].nunique()} seeds.\n\n{_gains(kept['cells'], (EACH, JOULES))}"
-        )
+    for name, limit in (("cells", EACH), ("joules", JOULES)):
+        if done := sorted(runs.glob(f"{name}-*.csv")):
+            kept[name] = pd.concat(map(pd.read_csv, done))[columns]
+            texts[f"What each brings, {limit}, flown"] = (
+                f"{len(done)} seeds.\n\n{_gains(kept[name], (limit,))}"
+            )
     if flown:
         aircraft = pd.concat(map(pd.read_csv, flown))
         texts["Flown in wind"] = _apart(aircraft)
@@ -199,6 +206,7 @@ def tables(runs: Path, out: Path) -> None:
 MADE = {
     "runs": (one_seed, ""),
     "cells": (one_seed_flown, "cells-"),
+    "joules": (one_seed_in_joules, "joules-"),
     "flown": (one_flight, "flown-"),
 }
 
