@@ -3,6 +3,7 @@
     python docs/studies/fleet.py runs RUNS --jobs 2            # a table for each seed, not flown
     python docs/studies/fleet.py cells RUNS --jobs 2           # one to four aircraft, flown
     python docs/studies/fleet.py joules RUNS --jobs 2          # the same within joules
+    python docs/studies/fleet.py data RUNS --data-dir DATA     # one and three, MNIST and CIFAR-10
     python docs/studies/fleet.py flown RUNS --jobs 2           # three aircraft in wind, flown
     python docs/studies/fleet.py tables RUNS --out docs/data/fleet
 
@@ -39,14 +40,15 @@ WIND = {"speed_mps": 6.0, "from_deg": 270.0, "turbulence_severity": 3}
 
 
 def config_of(
-    seed: int, homes: str, metres: str, aircraft: int, planned: str, **more: object
+    seed: int, homes: str, metres: str, aircraft: int, planned: str, like: str = "quickstart",
+    **more: object,
 ) -> aerofed.RunConfig:
     """The configuration of a run."""
     own = [{"home_m": list(at)} for at in CORNERS_M[:aircraft]]
     metres_m, joules = LIMITS[metres]
     shared_by = 1 if metres == EACH else aircraft
     return load_config(
-        Path("quickstart"),
+        Path(like),
         {
             "seed": seed,
             "vehicles": aircraft if homes == SHARED else own,
@@ -60,12 +62,14 @@ def config_of(
     )
 
 
-def _rounds(seed: int, cells: Iterable[Cell], **more: object) -> pd.DataFrame:
+def _rounds(
+    seed: int, cells: Iterable[Cell], data_dir: Path | None = None, **more: object
+) -> pd.DataFrame:
     """The rounds of the runs of some cells."""
     found = []
     for cell in cells:
-        config = config_of(seed, *cell, **more)
-        with finished(config, f"{seed} {cell}", code=Path(__file__).parent) as path:
+        config, name = config_of(seed, *cell, **more), f"{seed} {cell}"
+        with finished(config, name, data_dir=data_dir, code=Path(__file__).parent) as path:
             rounds = pd.read_csv(path / "rounds.csv")
         found.append(rounds.assign(seed=seed, **dict(zip(KEYS, cell, strict=True))))
     return pd.concat(found)
@@ -90,6 +94,14 @@ def one_seed_flown(out: Path, seed: int, limit: str = EACH, name: str = "cells")
 def one_seed_in_joules(out: Path, seed: int) -> str:
     """Write those within joules."""
     return one_seed_flown(out, seed, JOULES, "joules")
+
+
+def one_seed_on_all_data(out: Path, seed: int, data_dir: Path) -> str:
+    """Write the rounds of one and of three aircraft, not flown, that learn from all data."""
+    cells = product((SHARED,), (EACH,), (1, 3), (JOINT,))
+    more = {"like": "paper", "data_dir": data_dir, "mission__steps": 10, "mission__rounds": 12}
+    write_atomically(out / f"data-{seed}.csv", csv(_rounds(seed, cells, **more)))
+    return f"seed {seed}, all data"
 
 
 def one_flight(out: Path, seed: int) -> str:
@@ -154,6 +166,21 @@ def _against(rounds: pd.DataFrame) -> str:
     return markdown(heads, rows)
 
 
+def _on_all_data(rounds: pd.DataFrame) -> str:
+    """What three bring over one where all data are learned from."""
+    last = rounds[rounds["round"] == rounds["round"].max()]
+    values = {"updates a round": _paired(rounds, "delivered")}
+    for name in ("cifar10", "mnist"):
+        values[f"{name}, %"] = 100.0 * _paired(last, f"accuracy_{name}")
+    one, three = ((SHARED, EACH, aircraft, JOINT) for aircraft in (1, 3))
+    rows = [
+        [name, mean_of(of[one]), mean_of(of[three]), mean_of(of[three] - of[one], sign="+")]
+        for name, of in values.items()
+    ]
+    table = markdown(["", "one", "three", "difference"], rows)
+    return f"{rounds['seed'].nunique()} seeds, {rounds['round'].max()} rounds.\n\n{table}"
+
+
 def _apart(aircraft: pd.DataFrame) -> str:
     """How near the flown ones came."""
     rounds = aircraft.groupby(["seed", "round"]).agg(
@@ -192,6 +219,9 @@ def tables(runs: Path, out: Path) -> None:
             texts[f"What each brings, {limit}, flown"] = (
                 f"{len(done)} seeds.\n\n{_gains(kept[name], (limit,))}"
             )
+    if learned := sorted(runs.glob("data-*.csv")):
+        kept["data"] = pd.concat(map(pd.read_csv, learned), ignore_index=True)
+        texts["On all data, 400 m each, not flown"] = _on_all_data(kept["data"])
     if flown:
         aircraft = pd.concat(map(pd.read_csv, flown))
         texts["Flown in wind"] = _apart(aircraft)
@@ -207,6 +237,7 @@ MADE = {
     "runs": (one_seed, ""),
     "cells": (one_seed_flown, "cells-"),
     "joules": (one_seed_in_joules, "joules-"),
+    "data": (one_seed_on_all_data, "data-"),
     "flown": (one_flight, "flown-"),
 }
 
@@ -217,6 +248,7 @@ def main() -> None:
     parser.add_argument("what", choices=(*MADE, "tables"))
     parser.add_argument("folder", type=Path)
     parser.add_argument("--jobs", type=int, default=1)
+    parser.add_argument("--data-dir", type=Path)
     parser.add_argument("--out", type=Path, default=Path("docs/data/fleet"))
     given = parser.parse_args()
     if given.what == "tables":
@@ -225,7 +257,8 @@ def main() -> None:
     given.folder.mkdir(parents=True, exist_ok=True)
     make, before = MADE[given.what]
     left = [seed for seed in SEEDS if not (given.folder / f"{before}{seed}.csv").exists()]
-    in_parallel(given.jobs, [(make, (given.folder, seed)) for seed in left])
+    more = (given.data_dir,) if given.what == "data" else ()
+    in_parallel(given.jobs, [(make, (given.folder, seed, *more)) for seed in left])
 
 
 if __name__ == "__main__":
