@@ -40,7 +40,12 @@ WIND = {"speed_mps": 6.0, "from_deg": 270.0, "turbulence_severity": 3}
 
 
 def config_of(
-    seed: int, homes: str, metres: str, aircraft: int, planned: str, like: str = "quickstart",
+    seed: int,
+    homes: str,
+    metres: str,
+    aircraft: int,
+    planned: str,
+    like: str = "quickstart",
     **more: object,
 ) -> aerofed.RunConfig:
     """The configuration of a run."""
