@@ -160,18 +160,15 @@ class FirmwareClock(TimeGiven):
         bridge: Bridge,
         *,
         speed: float,
-        patience_s: float = STALL_S,
         processor: int | None = None,
     ) -> None:
-        """`speed` as for `TimeGiven`.
+        """`speed` as for `TimeGiven`; the thread keeps to one `processor`, if told.
 
-        A firmware that has come and then asks for nothing for `patience_s` of wall time is stuck.
-        The thread keeps to one `processor`, if told.
+        A firmware that has come and then asks for nothing for `STALL_S` of wall time is stuck.
         """
         super().__init__(speed)
         self.plant: Plant = bridge.plant
         self._bridge = bridge
-        self._patience_s = patience_s
         self._processor = processor
         self.truth = TruthHistory(bridge.plant, bridge.truths)
         self._stopped = False
@@ -214,8 +211,8 @@ class FirmwareClock(TimeGiven):
                 asked_s = paced_s = heard_s = time.monotonic()
                 continue
             if self._ahead(plant.t_ns):
-                if time.monotonic() - heard_s > self._patience_s:
-                    raise self._unheard(plant.t_ns, self._patience_s)
+                if time.monotonic() - heard_s > STALL_S:
+                    raise self._unheard(plant.t_ns, STALL_S)
                 time.sleep(LISTEN_S)
                 asked_s = time.monotonic()
                 continue
@@ -230,9 +227,9 @@ class FirmwareClock(TimeGiven):
                 paced_s = self._keep_pace(ticks, speed, paced_s, asked_s)
             elif not bridge.connected:
                 asked_s = time.monotonic()
-            elif time.monotonic() - asked_s > self._patience_s:
+            elif time.monotonic() - asked_s > STALL_S:
                 raise FirmwareSilentError(
-                    f"the firmware has asked for nothing for {self._patience_s:g} s at t "
+                    f"the firmware has asked for nothing for {STALL_S:g} s at t "
                     f"{plant.t_ns / 1e9:.2f} s"
                 )
 

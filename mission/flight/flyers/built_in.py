@@ -195,11 +195,19 @@ class BuiltInBackend(Backend):
             ) as pilot,
         ):
             flyer = self.flyer(pilot, recorder)
-            try:
+            async with held_at_interruption(flyer):
                 yield flyer
-            except asyncio.CancelledError:
-                if vehicle.moving:
-                    with suppress(AerofedError, TimeoutError):
-                        async with asyncio.timeout(HOLD_TIMEOUT_S):
-                            await pilot.hold()
-                raise
+
+
+@asynccontextmanager
+async def held_at_interruption(*flyers: BuiltInFlyer) -> AsyncIterator[None]:
+    """Context manager: where the block is cancelled, order those that move to hold."""
+    try:
+        yield
+    except asyncio.CancelledError:
+        for flyer in flyers:
+            if flyer.vehicle.moving:
+                with suppress(AerofedError, TimeoutError):
+                    async with asyncio.timeout(HOLD_TIMEOUT_S):
+                        await flyer.pilot.hold()
+        raise

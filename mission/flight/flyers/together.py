@@ -5,13 +5,13 @@ import asyncio
 import math
 import time
 from collections.abc import AsyncIterator, Callable, Iterator, Mapping, Sequence
-from contextlib import AsyncExitStack, asynccontextmanager, contextmanager, suppress
+from contextlib import AsyncExitStack, asynccontextmanager, contextmanager
 from dataclasses import dataclass
 from functools import partial
 
-from mission.base.errors import AerofedError, FlightError, LinkLostError, UnansweredError
-from mission.flight.flyers.base import HOLD_TIMEOUT_S, Attached, Fleet, FleetBackend, Flights, Flyer
-from mission.flight.flyers.built_in import BuiltInBackend, BuiltInFlyer
+from mission.base.errors import FlightError, LinkLostError, UnansweredError
+from mission.flight.flyers.base import Attached, Fleet, FleetBackend, Flights, Flyer
+from mission.flight.flyers.built_in import BuiltInBackend, BuiltInFlyer, held_at_interruption
 from mission.flight.flyers.firmware import FirmwareBackend, FirmwareFlyer, silent
 from mission.flight.missions.round_mission import FlightPlan
 from mission.flight.pilot.connection import connect
@@ -124,15 +124,9 @@ class WorldBackend(FleetBackend):
                         connect(raw, stall_timeout_s=link.stall_timeout_s)
                     )
                     flyers[number] = one.flyer(pilot, recorder)
-            try:
+            own = (flyer for flyer in flyers.values() if isinstance(flyer, BuiltInFlyer))
+            async with held_at_interruption(*own):
                 yield WorldFleet(dict(flyers), simulation)
-            except asyncio.CancelledError:
-                for flyer in flyers.values():
-                    if isinstance(flyer, BuiltInFlyer) and flyer.vehicle.moving:
-                        with suppress(AerofedError, TimeoutError):
-                            async with asyncio.timeout(HOLD_TIMEOUT_S):
-                                await flyer.pilot.hold()
-                raise
 
     async def _started(
         self, attached: Sequence[Attached], opened: AsyncExitStack

@@ -4,10 +4,12 @@ import math
 import time
 from typing import cast
 
+import pytest
 from firmware_stand_ins import plant
 from patience import HANG_S, until
 
 from flightdyn.plant import Plant
+from sitl.firmware import clock as clock_module
 from sitl.firmware.bridge import Bridge
 from sitl.firmware.clock import FirmwareClock
 from sitl.firmware.native.library import TruthRing
@@ -36,15 +38,20 @@ class Eager:
     def close(self) -> None: ...
 
 
-def eager(patience_s: float) -> FirmwareClock:
-    clock = FirmwareClock(cast(Bridge, Eager()), speed=math.inf, patience_s=patience_s)
+@pytest.fixture(autouse=True)
+def _patient(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(clock_module, "STALL_S", HANG_S)
+
+
+def eager() -> FirmwareClock:
+    clock = FirmwareClock(cast(Bridge, Eager()), speed=math.inf)
     clock.start()
     return clock
 
 
 def test_time_waits_for_whoever_reads_and_goes_on_as_far_as_they_have_read() -> None:
     """A reader that a busy machine keeps from reading would else have a hole in the track."""
-    clock = eager(patience_s=HANG_S)
+    clock = eager()
     for read_s in (0.0, 7.0, 8.0):
         clock.heard(round(read_s * 1e9))
         clock.run()
@@ -55,8 +62,11 @@ def test_time_waits_for_whoever_reads_and_goes_on_as_far_as_they_have_read() -> 
     assert clock.error is None
 
 
-def test_telemetry_that_stops_for_good_is_an_error_and_no_hole() -> None:
-    clock = eager(patience_s=0.1)
+def test_telemetry_that_stops_for_good_is_an_error_and_no_hole(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(clock_module, "STALL_S", 0.1)
+    clock = eager()
     clock.heard(2_000_000_000)
     clock.run()
     until(lambda: clock.error is not None)
@@ -65,7 +75,7 @@ def test_telemetry_that_stops_for_good_is_an_error_and_no_hole() -> None:
 
 
 def test_time_goes_as_far_as_ordered_and_beyond_only_to_answer() -> None:
-    clock = eager(patience_s=HANG_S)
+    clock = eager()
     for ordered_ns in (70_000_000, 72_000_000, 3_000_000_000):
         clock.run(ordered_ns)
         until(lambda least_ns=ordered_ns: clock.plant.t_ns >= least_ns)  # type: ignore[misc]
@@ -88,7 +98,7 @@ def test_time_goes_as_far_as_ordered_and_beyond_only_to_answer() -> None:
 
 
 def test_a_block_may_let_time_go_so_far_and_so_fast() -> None:
-    clock = eager(patience_s=HANG_S)
+    clock = eager()
     began_s = time.monotonic()
     with clock.going(10**12, speed=0.1):
         until(lambda: clock.plant.t_ns > 30_000_000)
