@@ -5,7 +5,7 @@ autopilot (`flightdyn.aircraft`), or a firmware through one of the bridges of `s
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 
 from flightdyn.clock import SimClock
 from flightdyn.config import AircraftConfig
@@ -50,9 +50,10 @@ class Plant:
         self.sensors = sensors = (
             None if perfect else SensorSuite(config.sensors, self.vehicle, clock, streams)
         )
-        self._faults = FaultState(
+        self.faults = FaultState(
             config.faults,
             self.vehicle,
+            clock,
             receiver=None if sensors is None else sensors.receiver,
             imu=None if sensors is None else sensors.imu,
         )
@@ -117,7 +118,7 @@ class Plant:
         """Update the gusts, and every few times battery, ground and faults."""
         if self._gusty:
             gust = gust_ned(self.config.wind.gusts, self.clock.t_ns * 1e-9)
-            burst = self._faults.burst_ned_mps
+            burst = self.faults.burst_ned_mps
             self.vehicle.set_gust((gust[0] + burst[0], gust[1] + burst[1], gust[2] + burst[2]))
         self.due = self._after(self.clock.tick)
         if self.clock.tick % self._slow == 0:
@@ -130,7 +131,7 @@ class Plant:
             self._watch_ground(near=self.vehicle.watch_ground() and not self.crashed)
             if self._obstacles is not None and not self.crashed:
                 self._feel(self._obstacles)
-            self._faults.update(self.clock.t_ns)
+            self.faults.update()
 
     @property
     def dt_ns(self) -> int:
@@ -167,29 +168,11 @@ class Plant:
         """Whether it has struck an obstacle, or the ground too fast: a wreck, at rest for good."""
         return self.impact_mps is not None
 
-    @property
-    def faults(self) -> tuple[Fault, ...]:
-        """The faults in force."""
-        return self._faults.active
-
-    @property
-    def fault_news(self) -> Sequence[tuple[int, str]]:
-        """When (ns) a fault began or ended, and which, from the start on; it grows."""
-        return self._faults.news
-
     def inject(self, fault: Fault) -> None:
         """Put a fault in force now, for its duration. Raises FaultError without such a part."""
-        self._faults.begin(fault, self.clock.t_ns)
+        self.faults.begin(fault)
         self._gusty = True
         self.due = self._after(self.clock.tick)
-
-    def happened(self, what: str | int) -> None:
-        """Schedule the faults that come after "arming", "take-off" or a mission item's number."""
-        self._faults.happened(what, self.clock.t_ns)
-
-    def end(self, fault: Fault) -> None:
-        """End one fault in force, and no other; nothing happens where it is not in force."""
-        self._faults.end(fault, self.clock.t_ns)
 
     def exchange_battery(self) -> None:
         """Put in a battery as charged as the first one was."""

@@ -161,7 +161,7 @@ class Vehicle:
     @property
     def _cut_off(self) -> bool:
         """Whether its links have failed."""
-        return any(isinstance(fault, LinkOff) for fault in self.aircraft.faults)
+        return any(isinstance(fault, LinkOff) for fault in self.aircraft.faults.active)
 
     def greet(self) -> None:
         """Somebody has joined a link: send a heartbeat at once, not within a second."""

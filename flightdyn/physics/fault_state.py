@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable
 
+from flightdyn.clock import SimClock
 from flightdyn.faults import Fault, GnssJump, GnssOff, ImuBias, MotorLoss, WindBurst
 from flightdyn.frames import Triple
 from flightdyn.native.ticks import Imu
@@ -17,19 +18,20 @@ class FaultState:
         self,
         scheduled: Iterable[Fault],
         vehicle: Multirotor,
+        clock: SimClock,
         *,
         receiver: Gnss | None,
         imu: Imu | None,
     ) -> None:
         """`receiver` and `imu` are None where the aircraft is handed the truth."""
-        self._vehicle = vehicle
+        self._vehicle, self._clock = vehicle, clock
         self._receiver = receiver
         self._imu = imu
         self._waiting: list[tuple[int, Fault]] = []  # when each begins, ns; the first one last
         self._held = list(scheduled)  # until that happens which they come after
         for fault in self._held:
             self._check(fault)
-        self.happened(None, 0)
+        self.happened(None)
         self._active: list[tuple[Fault, int | None]] = []
         self._broken: set[int] = set()
         self.news: list[tuple[int, str]] = []  # when (ns) and what began or ended
@@ -40,37 +42,41 @@ class FaultState:
         """The faults in force."""
         return tuple(fault for fault, _ in self._active) if self._active else ()
 
-    def happened(self, what: str | int | None, t_ns: int) -> None:
-        """Schedule the faults that come after `what`, which has happened for the first time."""
+    def happened(self, what: str | int | None) -> None:
+        """Schedule the faults that come after `what`: "arming", "take-off" or the number of a
+        mission item, when that has happened for the first time."""
         due = [fault for fault in self._held if fault.after == what]
         if due:
             self._held = [fault for fault in self._held if fault.after != what]
-            self._waiting += [(t_ns + round(fault.at_s * 1e9), fault) for fault in due]
+            now_ns = self._clock.t_ns if what is not None else 0
+            self._waiting += [(now_ns + round(fault.at_s * 1e9), fault) for fault in due]
             self._waiting.sort(key=lambda each: -each[0])
 
-    def begin(self, fault: Fault, t_ns: int) -> None:
+    def begin(self, fault: Fault) -> None:
         """Put `fault` in force from now on, whatever its `at_s`."""
         self._check(fault)
-        end = None if fault.duration_s is None else t_ns + round(fault.duration_s * 1e9)
-        self._now([*self._active, (fault, end)], t_ns)
+        lasts_s = fault.duration_s
+        end = None if lasts_s is None else self._clock.t_ns + round(lasts_s * 1e9)
+        self._now([*self._active, (fault, end)])
 
-    def end(self, fault: Fault, t_ns: int) -> None:
+    def end(self, fault: Fault) -> None:
         """End `fault`, however often it was begun; the others go on until their own ends."""
-        self._now([(other, end) for other, end in self._active if other != fault], t_ns)
+        self._now([(other, end) for other, end in self._active if other != fault])
 
-    def update(self, t_ns: int) -> None:
+    def update(self) -> None:
         """Begin what is scheduled and end what is over."""
+        t_ns = self._clock.t_ns
         while self._waiting and self._waiting[-1][0] <= t_ns:
-            self.begin(self._waiting.pop()[1], t_ns)
+            self.begin(self._waiting.pop()[1])
         if self._active and any(end is not None and end <= t_ns for _, end in self._active):
-            self._now([(f, end) for f, end in self._active if end is None or end > t_ns], t_ns)
+            self._now([(f, end) for f, end in self._active if end is None or end > t_ns])
 
-    def _now(self, active: list[tuple[Fault, int | None]], t_ns: int) -> None:
+    def _now(self, active: list[tuple[Fault, int | None]]) -> None:
         """Put exactly these in force, and note which of them are new and which are no more."""
         before, self._active = self.active, active
         begun = [f"Fault begins: {f.kind}" for f in self.active if f not in before]
         ended = [f"Fault ends: {f.kind}" for f in before if f not in self.active]
-        self.news += [(t_ns, text) for text in begun + ended]
+        self.news += [(self._clock.t_ns, text) for text in begun + ended]
         self._apply()
 
     def _check(self, fault: Fault) -> None:

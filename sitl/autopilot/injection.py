@@ -97,7 +97,7 @@ class Injector:
             raise RefusedError(str(error)) from None
 
     def _end(self, unit: int, instance: int) -> None:
-        for fault in self._aircraft.faults:
+        for fault in self._aircraft.faults.active:
             one = instance == 0 or not isinstance(fault, MotorLoss) or fault.motor == instance - 1
             if one and unit_of(fault) == unit:
-                self._aircraft.end(fault)
+                self._aircraft.faults.end(fault)

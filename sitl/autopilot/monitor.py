@@ -63,7 +63,7 @@ class Monitor:
         self._flight.notice_crash()
         landed = self._flight.landed_state
         if self._flight.airborne:
-            self._aircraft.happened("take-off")
+            self._aircraft.faults.happened("take-off")
         if landed != self._landed:
             if self._flight.airborne and self._landed == mav.MAV_LANDED_STATE_ON_GROUND:
                 self._flight.took_off_t_ns = self._aircraft.t_ns
@@ -79,7 +79,7 @@ class Monitor:
 
     def watch_faults(self) -> None:
         """Tell of faults that have begun or ended."""
-        news = self._aircraft.fault_news
+        news = self._aircraft.faults.news
         while self._told < len(news):
             self._told += 1
             self._report.say(news[self._told - 1][1], kind="fault")

@@ -171,10 +171,10 @@ def test_a_wind_burst_blows_and_ends() -> None:
     burst = WindBurst(east_mps=8.0, duration_s=3.0)
     aircraft.inject(burst)
     run(aircraft, 1.0)
-    assert aircraft.faults == (burst,)
+    assert aircraft.faults.active == (burst,)
     assert aircraft.vehicle.wind_ned() == pytest.approx((0, 8, 0))
     run(aircraft, 5.0)
-    assert aircraft.faults == ()
+    assert aircraft.faults.active == ()
     assert aircraft.vehicle.wind_ned() == pytest.approx((0, 0, 0))
     assert aircraft.truth.pos_ned_m == pytest.approx([0, 0, -20], abs=0.2)
 
@@ -185,12 +185,12 @@ def test_configured_faults_begin_on_their_own() -> None:
         faults=[{"kind": "gnss_off", "at_s": 2.0, "duration_s": 3.0}, {"kind": "wind_burst"}],
     )
     run(aircraft, 1.0)
-    assert [fault.kind for fault in aircraft.faults] == ["wind_burst"]
+    assert [fault.kind for fault in aircraft.faults.active] == ["wind_burst"]
     run(aircraft, 1.5)
-    assert [fault.kind for fault in aircraft.faults] == ["wind_burst", "gnss_off"]
-    for fault in aircraft.faults:
-        aircraft.end(fault)
-    assert aircraft.faults == ()
+    assert [fault.kind for fault in aircraft.faults.active] == ["wind_burst", "gnss_off"]
+    for fault in aircraft.faults.active:
+        aircraft.faults.end(fault)
+    assert aircraft.faults.active == ()
 
 
 def test_sensor_faults_need_sensors() -> None:

@@ -17,6 +17,22 @@ from flightdyn.instruments import Instruments, Readings
 from flightdyn.state import BatteryState, GeodeticPoint, GnssFix, Innovation, Kinematics, Vector
 
 
+class Faults:
+    """Those of a point mass, which do nothing to it."""
+
+    def __init__(self, of: "PointMass") -> None:
+        self._of = of
+        self.active: tuple[Fault, ...] = ()
+        self.news: list[tuple[int, str]] = []
+
+    def happened(self, _what: str | int) -> None:
+        """Nothing is configured to fail."""
+
+    def end(self, fault: Fault) -> None:
+        self.active = tuple(other for other in self.active if other != fault)
+        self.news.append((self._of.t_ns, f"Fault ends: {fault.kind}"))
+
+
 class PointMass:
     """Moves along straight lines at the ordered speed, starting and stopping at once."""
 
@@ -34,8 +50,7 @@ class PointMass:
         self.gnss_works = True
         self.cmd_pos_ned_m: Vector | None = None
         self.wind_ned_mps = np.zeros(3)
-        self.faults: tuple[Fault, ...] = ()
-        self.fault_news: list[tuple[int, str]] = []
+        self.faults = Faults(self)
         self.trace = None
         self.paths: list[FlightPath] = []
         self._ready_ns = int(ready_after_s * 1e9)
@@ -75,15 +90,8 @@ class PointMass:
         return ()
 
     def inject(self, fault: Fault) -> None:
-        self.faults = (*self.faults, fault)
-        self.fault_news.append((self.t_ns, f"Fault begins: {fault.kind}"))
-
-    def happened(self, _what: str | int) -> None:
-        """Nothing is configured to fail."""
-
-    def end(self, fault: Fault) -> None:
-        self.faults = tuple(other for other in self.faults if other != fault)
-        self.fault_news.append((self.t_ns, f"Fault ends: {fault.kind}"))
+        self.faults.active += (fault,)
+        self.faults.news.append((self.t_ns, f"Fault begins: {fault.kind}"))
 
     def arm(self) -> None:
         self.armed = True

@@ -69,7 +69,7 @@ def test_a_reboot_makes_the_vehicle_as_new() -> None:
     assert desk.vehicle.autopilot is not autopilot
     desk.fly()
     aircraft = desk.vehicle.aircraft
-    assert (aircraft.crashed, aircraft.faults, aircraft.armed) == (False, (), False)
+    assert (aircraft.crashed, aircraft.faults.active, aircraft.armed) == (False, (), False)
     assert aircraft.battery.remaining > 0.999
     assert abs(aircraft.truth.pos_ned_m).max() < 0.1
     assert desk.vehicle.autopilot.mode is Mode.HOLD

@@ -49,13 +49,13 @@ class Milestones:
 
     def sampled(self, sample: VehicleSample) -> None:
         if sample.armed:
-            self.plant.happened("arming")
+            self.plant.faults.happened("arming")
         if sample.truth.alt_rel_m > _AIRBORNE_M:
-            self.plant.happened("take-off")
+            self.plant.faults.happened("take-off")
 
     def happened(self, event: VehicleEvent) -> None:
         if event.seq is not None:
-            self.plant.happened(event.seq)
+            self.plant.faults.happened(event.seq)
 
 
 @dataclass(kw_only=True)
@@ -250,7 +250,7 @@ class FirmwareBackend(Backend):
                             raw_link=raw_link,
                             known=Known(
                                 vehicle.clock.truth.at,
-                                self.plant.fault_news,
+                                self.plant.faults.news,
                                 takers,
                                 vehicle.clock.truth.motors,
                                 config.vehicle.control_rate_hz,

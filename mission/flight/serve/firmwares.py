@@ -78,7 +78,7 @@ class Seat:
         """
         plant = self.bridged.plant
         with closing(logs):
-            known = Known(self.bridged.truth.at, plant.fault_news)
+            known = Known(self.bridged.truth.at, plant.faults.news)
             async with located(
                 self.link, area=self.area, observers=(logs, Milestones(plant)), say=self.say,
                 known=known,

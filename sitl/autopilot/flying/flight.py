@@ -300,6 +300,6 @@ class Flight(ModeMachine):
             self._ordered_speed_mps = None
         if item.command in LOOKS:
             self._aircraft.look_at(route.looked_at(item, self.frame, self.guard.home))
-        self._aircraft.happened(seq)
+        self._aircraft.faults.happened(seq)
         self.mission.reached(seq)
         self._report.reached(seq, place=item.command in NAVIGATION)

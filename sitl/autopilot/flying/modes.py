@@ -234,7 +234,7 @@ class ModeMachine:
             self._aircraft.disarm()
             return refused
         self._chosen = None
-        self._aircraft.happened("arming")
+        self._aircraft.faults.happened("arming")
         self._released = True
         self.flights += 1
         self.armed_t_ns = self._aircraft.t_ns

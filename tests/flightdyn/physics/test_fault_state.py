@@ -12,13 +12,15 @@ def test_a_fault_counts_from_what_it_comes_after_when_that_first_happens() -> No
     at_once = WindBurst(at_s=1.0, north_mps=1.0, duration_s=1.0)
     armed = WindBurst(after="arming", at_s=2.0, north_mps=2.0, duration_s=1.0)
     third = WindBurst(after=3, north_mps=4.0, duration_s=1.0)
-    state = FaultState([third, armed, at_once], Mock(), receiver=None, imu=None)
+    clock = Mock(t_ns=0)
+    state = FaultState([third, armed, at_once], Mock(), clock, receiver=None, imu=None)
     begun: dict[int, float] = {}
     happens: dict[int, str | int] = {10: "arming", 11: "take-off", 20: 3, 30: "arming", 40: 3}
     for t_s in range(50):
+        clock.t_ns = t_s * S
         if t_s in happens:
-            state.happened(happens[t_s], t_s * S)
-        state.update(t_s * S)
+            state.happened(happens[t_s])
+        state.update()
         if north_mps := state.burst_ned_mps[0]:
             begun[t_s] = north_mps
     assert begun == {1: 1.0, 12: 2.0, 20: 4.0}
@@ -28,11 +30,14 @@ def test_a_fault_counts_from_what_it_comes_after_when_that_first_happens() -> No
 
 def test_a_fault_begun_twice_is_told_once() -> None:
     burst = WindBurst(north_mps=1.0)
-    state = FaultState([], Mock(), receiver=None, imu=None)
-    state.begin(burst, 1)
-    state.begin(burst, 2)
-    state.begin(WindBurst(north_mps=2.0), 3)
-    state.end(burst, 4)
+    clock = Mock(t_ns=0)
+    state = FaultState([], Mock(), clock, receiver=None, imu=None)
+    calls = (
+        (state.begin, burst), (state.begin, burst), (state.begin, WindBurst(north_mps=2.0)),
+        (state.end, burst),
+    )  # fmt: skip
+    for clock.t_ns, (call, fault) in enumerate(calls, start=1):
+        call(fault)
     words = ["begins", "begins", "ends", "ends"]
     assert [(t, text.split()[1].rstrip(":")) for t, text in state.news] == list(
         zip([1, 3, 4, 4], words, strict=True)

@@ -114,7 +114,7 @@ def test_a_flight_is_recorded_by_its_mavlink_and_our_truth(tmp_path: Path) -> No
         return Moment(state, battery, None)
 
     happened: list[str | int] = []
-    plant = SimpleNamespace(t_ns=0, happened=happened.append, fault_news=())
+    plant = SimpleNamespace(t_ns=0, faults=SimpleNamespace(happened=happened.append, news=()))
     clock: Any = SimpleNamespace(truth=SimpleNamespace(at=truth), plant=plant)
     link, logs = (
         LinkConfig(url=f"udpin://127.0.0.1:{second}"),

@@ -183,7 +183,7 @@ def outcome(desk: Desk, *, result: int, since: int) -> object:
     rates = [(kind, streamed.count(kind)) for kind in ("ATTITUDE", "ATTITUDE_QUATERNION")]
     interest = None if mass.interest_ned_m is None else tuple(mass.interest_ned_m.round(2))
     home = vehicle._guard.home
-    seen = (result, track, kinds, intervals, rates, interest, home, mass.armed, mass.faults)
+    seen = (result, track, kinds, intervals, rates, interest, home, mass.armed, mass.faults.active)
     kept = vehicle._guard.fence_enabled, vehicle.parameters.as_dict()
     return repr((*seen, *kept, [tuple(path.acceptance_m) for path in mass.paths]))
 

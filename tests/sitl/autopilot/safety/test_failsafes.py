@@ -347,12 +347,12 @@ def test_failures_by_command() -> None:
     gnss, motor = mav.FAILURE_UNIT_SENSOR_GPS, mav.FAILURE_UNIT_SYSTEM_MOTOR
     assert desk.command(INJECT, gnss, mav.FAILURE_TYPE_OFF, 0) == mav.MAV_RESULT_ACCEPTED
     assert desk.command(INJECT, motor, mav.FAILURE_TYPE_OFF, 2) == mav.MAV_RESULT_ACCEPTED
-    assert [fault.kind for fault in desk.mass.faults] == ["gnss_off", "motor_loss"]
-    assert desk.mass.faults[1].motor == 1  # type: ignore[union-attr]
+    assert [fault.kind for fault in desk.mass.faults.active] == ["gnss_off", "motor_loss"]
+    assert desk.mass.faults.active[1].motor == 1  # type: ignore[union-attr]
     assert desk.command(INJECT, gnss, mav.FAILURE_TYPE_OK, 0) == mav.MAV_RESULT_ACCEPTED
-    assert [fault.kind for fault in desk.mass.faults] == ["motor_loss"]
+    assert [fault.kind for fault in desk.mass.faults.active] == ["motor_loss"]
     assert desk.command(INJECT, motor, mav.FAILURE_TYPE_OK, 1) == mav.MAV_RESULT_ACCEPTED
-    assert len(desk.mass.faults) == 1
+    assert len(desk.mass.faults.active) == 1
     assert desk.command(INJECT, motor, mav.FAILURE_TYPE_OFF, 5) == mav.MAV_RESULT_DENIED
     for odd in (0.5, 1.5, -1.0, math.inf):  # 0 means all
         assert desk.command(INJECT, motor, mav.FAILURE_TYPE_OFF, odd) == mav.MAV_RESULT_DENIED

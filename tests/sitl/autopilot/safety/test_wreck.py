@@ -107,7 +107,7 @@ def test_the_end_of_one_failure_does_not_begin_the_others_again() -> None:
         mav.FAILURE_UNIT_SYSTEM_MOTOR, mav.FAILURE_TYPE_OK, 0, 0, 0, 0, 0,
     )  # fmt: skip
     vehicle.receive(bytes(ok.pack(desk_out)), 1.0)
-    assert [fault.kind for fault in aircraft.faults] == ["gnss_off", "gnss_jump"]
+    assert [fault.kind for fault in aircraft.faults.active] == ["gnss_off", "gnss_jump"]
     while aircraft.t_ns < end:
         vehicle.step()
-    assert [fault.kind for fault in aircraft.faults] == ["gnss_jump"]
+    assert [fault.kind for fault in aircraft.faults.active] == ["gnss_jump"]
