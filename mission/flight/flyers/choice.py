@@ -50,8 +50,7 @@ def set_up(config: RunConfig, *, data_dir: Path | None) -> tuple[Scenario, Backe
     unflown = scenario.strategy is None or config.mission.flight == "none"
     if unflown:
         each = tuple(UnflownBackend(task) for task in tasks)
-        fleet = UnflownFleetBackend(tasks[0], each, scenario.aircraft)
-        return scenario, each[0] if len(each) == 1 else fleet
+        return scenario, UnflownFleetBackend(tasks[0], each, scenario.aircraft)
     if len(tasks) == 1:
         return scenario, backend_for(tasks[0])
     from mission.flight.flyers.together import WorldBackend
