@@ -7,7 +7,7 @@ import numpy as np
 
 from mission.base.arrays import Floats, Ints
 from mission.planner.certified import STARTS, Goal, tries
-from mission.planner.fleet.parts import Parts, improved_in_turn, part_along
+from mission.planner.fleet.parts import Parts, improved_in_turn, one_of_each, part_along
 from mission.planner.fleet.prices import columns_of, search_prices
 from mission.planner.fleet.team import Team, owners, partitions, team_of
 from mission.planner.native.crews import search_orders
@@ -90,11 +90,10 @@ def parts_along(
     """Return a plan in parts that keep to all that their problems ask for; None where one of them
     does not fit. Other `ways` (A, N, 2) than its own serve the same devices."""
     whose, ways = owners_of(alone[0], found), found.way if ways is None else ways
-    parts = [
+    return one_of_each([
         part_along(problem, problem.start_m + ways[a], whose == a)
         for a, problem in enumerate(alone)
-    ]
-    return None if None in parts else [part for part in parts if part is not None]
+    ])  # fmt: skip
 
 
 def _varied(alone: Sequence[RoundProblem], team: Team, plans: list[Found]) -> Found:

@@ -4,11 +4,10 @@ Paths are exchanged between aircraft, or flown the other way round; where that c
 not do, aircraft are put into layers of altitude; else they wait before they leave, and whom no wait
 helps stays where it is. Whoever made the plan, it is mended here.
 """
-# ruff: noqa: ARG001 - a way need not know all that another asks for.
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import permutations, product
 
 import numpy as np
@@ -26,7 +25,14 @@ from mission.planner.apart import (
 )
 from mission.planner.check import check_plan
 from mission.planner.evaluate import objective
-from mission.planner.fleet.parts import Parts, alone_of, masked, part_along, served
+from mission.planner.fleet.parts import (
+    Parts,
+    alone_of,
+    masked,
+    one_of_each,
+    part_along,
+    served,
+)
 from mission.planner.fleet.within import completed
 from mission.planner.flyable import foresee_round
 from mission.planner.improving import fitted
@@ -54,10 +60,10 @@ def kept_apart(
     found = too_near(problem, plan, hold_s=hold_s)
     if found is None:
         return plan
-    alone, made = alone_of(problem), list[tuple[RoundPlan, str]]()
-    for way in (_exchanged, _layered, _in_turn):
-        tried = sorted(way(problem, alone, plan, again, hold_s), key=lambda one: -one[0].value)
-        mended = next((one for one in tried if _keeps(problem, one[0], hold_s)), None)
+    case, made = _Mending(problem, alone_of(problem), plan, hold_s), list[tuple[RoundPlan, str]]()
+    for tried in (case.exchanged(), case.layered(again), case.in_turn()):
+        best_first = sorted(tried, key=lambda one: -one[0].value)
+        mended = next((one for one in best_first if case.keeps(one[0])), None)
         if mended is not None:
             made.append(mended)
             if mended[0].value >= plan.value * (1.0 - LITTLE):
@@ -70,32 +76,125 @@ def kept_apart(
     return replace(best, mended=f"{said}: {how}; the value changes by {100 * change:+.2f} %")
 
 
-def _keeps(problem: RoundProblem, plan: RoundPlan, hold_s: float) -> bool:
-    try:
-        check_plan(problem, plan, hold_s=hold_s)
-    except InfeasiblePlanError:
-        return False
-    return True
+@dataclass(frozen=True)
+class _Mending:
+    """A plan whose aircraft come too near to each other, and the ways to mend it."""
 
+    problem: RoundProblem
+    alone: Sequence[RoundProblem]  # of each
+    plan: RoundPlan
+    hold_s: float
 
-def _exchanged(
-    problem: RoundProblem,
-    alone: Sequence[RoundProblem],
-    plan: RoundPlan,
-    again: Again | None,
-    hold_s: float,
-) -> Tried:
-    """Yield plans in which aircraft have each other's paths."""
-    for ways, whose in _swapped(problem, plan):
-        parts = [
-            part_along(
-                each, ways[a], served(plan.alone(whose[a])), altitude_m=_height(each, plan, a)
+    def keeps(self, made: RoundPlan) -> bool:
+        """Whether aircraft keep apart by another plan, which is right otherwise, too."""
+        try:
+            check_plan(self.problem, made, hold_s=self.hold_s)
+        except InfeasiblePlanError:
+            return False
+        return True
+
+    def exchanged(self) -> Tried:
+        """Yield plans in which aircraft have each other's paths."""
+        plan = self.plan
+        for ways, whose in _swapped(self.problem, plan):
+            parts = [
+                part_along(
+                    each, ways[a], served(plan.alone(whose[a])), altitude_m=self._height_m(a)
+                )
+                for a, each in enumerate(self.alone)
+            ]
+            if made := one_of_each(parts):
+                whole = _whole(self.alone, completed(self.alone, made), plan)
+                yield whole, "paths are exchanged"
+
+    def layered(self, again: Again | None) -> Tried:
+        """Yield a plan of aircraft at altitudes that are a layer apart, about the planned ones,
+        with the bound of plans at these; none where they have no such altitudes."""
+        problem, plan = self.problem, self.plan
+        spare_m = layered_by(problem)
+        each = [(problem.alone(a), plan.alone(a)) for a in range(len(plan.paths))]
+        ranges = []
+        for one, part in each:
+            height_m = height_of(one, part)
+            ranges.append(one.altitudes_m or (height_m - spare_m, height_m + spare_m))
+        lowest = max(_LOWEST_M, *(low for low, _ in ranges))
+        highest = min(_HIGHEST_M, *(high for _, high in ranges))
+        gap, count = layer_m(problem), len(each)
+        room = (count - 1) * gap
+        if not room or room > highest - lowest:
+            return
+        middle = float(np.mean([height_of(*one) for one in each]))
+        bottom = min(max(middle - room / 2.0, lowest), highest - room)
+        heights = [bottom + gap * rank for rank in range(count)]
+
+        def worth(order: tuple[int, ...]) -> float:
+            return sum(
+                objective(one.at(heights[rank]), part.waypoints_m, part.schedule[0])
+                for (one, part), rank in zip(each, order, strict=True)
             )
-            for a, each in enumerate(alone)
-        ]
-        made = [part for part in parts if part is not None]
-        if len(made) == len(alone):
-            yield _whole(alone, completed(alone, made), plan), "paths are exchanged"
+
+        order = max(list(permutations(range(count)))[:_ORDERS], key=worth)
+        starts = tuple(
+            replace(start, altitudes_m=None, altitude_m=heights[rank])
+            for start, rank in zip(problem.starts, order, strict=True)
+        )
+        at = replace(problem, starts=starts, separation_m=0.0)
+        made = _same_paths(at, plan) if again is None else again(at)
+        paths = tuple(
+            replace(path, altitude_m=start.altitude_m)
+            for path, start in zip(made.paths, starts, strict=True)
+        )
+        flown_at = ", ".join(f"{path.altitude_m:g}" for path in paths)
+        yield replace(made, paths=paths), f"flown at {flown_at} m"
+
+    def in_turn(self) -> Tried:
+        """Yield plans in which aircraft leave after waits, or stay where they are."""
+        count = len(self.alone)
+        orders = list(permutations(range(count)))[:_ORDERS]
+        tried = [found for order in orders if (found := self._waiting(order)) is not None]
+        if not tried:  # all stay, which is no nearer than they start
+            stay = [self._with_wait(a, math.inf) for a in range(count)]
+            tried = [(one_of_each(stay) or [], [math.inf] * count)]
+        for parts, waits in tried:
+            told = [
+                f"{self.problem.name_of(a)} "
+                f"{'stays' if math.isinf(wait) else f'waits for {wait:g} s'}"
+                for a, wait in enumerate(waits)
+                if wait
+            ]
+            yield _whole(self.alone, parts, self.plan), ", ".join(told)
+
+    def _waiting(self, order: Sequence[int]) -> tuple[Parts, list[float]] | None:
+        """Let each aircraft of an order wait until it keeps apart from those before it, or stay."""
+        parts, waits = dict[int, RoundPlan](), [0.0] * len(order)
+        tracks = hovering(self.problem)
+        for a in order:
+            for wait_s in (*map(float, _WAITS_S), math.inf):
+                part = self._with_wait(a, wait_s)
+                if part is None:
+                    continue
+                track = flown(self.alone[a], part, hold_s=self.hold_s)
+                if all(pair_of(self.problem, track, other)[-1] <= 0.0 for other in tracks):
+                    parts[a], waits[a] = part, wait_s
+                    tracks.append(track)
+                    break
+            else:
+                return None
+        return [parts[a] for a in sorted(parts)], waits
+
+    def _with_wait(self, aircraft: int, wait_s: float) -> RoundPlan | None:
+        """Return an aircraft's part after a wait; one without end: where it stands."""
+        each, part = self.alone[aircraft], self.plan.alone(aircraft)
+        way, height_m = part.waypoints_m, self._height_m(aircraft)
+        if math.isinf(wait_s):
+            way, wait_s = np.tile(each.start_m, (len(way), 1)), 0.0
+        made = fitted(masked(each, served(part)).at(height_m), way, wait_s=wait_s)
+        return made and made.with_own(altitude_m=height_m)
+
+    def _height_m(self, aircraft: int) -> float | None:
+        """The altitude that was chosen for an aircraft, where there is a choice."""
+        chosen = self.alone[aircraft].altitudes_m is not None
+        return self.plan.paths[aircraft].altitude_m if chosen else None
 
 
 def _swapped(
@@ -117,11 +216,6 @@ def _swapped(
                 yield ways, whose
 
 
-def _height(each: RoundProblem, plan: RoundPlan, aircraft: int) -> float | None:
-    """The altitude that was chosen for an aircraft, where there is a choice."""
-    return plan.paths[aircraft].altitude_m if each.altitudes_m is not None else None
-
-
 def _whole(alone: Sequence[RoundProblem], parts: Parts, plan: RoundPlan) -> RoundPlan:
     """Return parts as a plan with the bound of the first one."""
     parts = [
@@ -130,54 +224,6 @@ def _whole(alone: Sequence[RoundProblem], parts: Parts, plan: RoundPlan) -> Roun
     ]
     made = RoundPlan.together(parts)
     return replace(plan, paths=made.paths, schedule=made.schedule, value=made.value)
-
-
-def _layered(
-    problem: RoundProblem,
-    alone: Sequence[RoundProblem],
-    plan: RoundPlan,
-    again: Again | None,
-    hold_s: float,
-) -> Tried:
-    """Yield a plan of aircraft at altitudes that are a layer apart, about the planned ones, with
-    the bound of plans at these; none where they have no such altitudes."""
-    spare_m = layered_by(problem)
-    each = [(problem.alone(a), plan.alone(a)) for a in range(len(plan.paths))]
-    ranges = []
-    for one, part in each:
-        height_m = height_of(one, part)
-        ranges.append(one.altitudes_m or (height_m - spare_m, height_m + spare_m))
-    lowest = max(_LOWEST_M, *(low for low, _ in ranges))
-    highest = min(_HIGHEST_M, *(high for _, high in ranges))
-    gap, count = layer_m(problem), len(each)
-    room = (count - 1) * gap
-    if not room or room > highest - lowest:
-        return
-    middle = float(np.mean([height_of(*one) for one in each]))
-    bottom = min(max(middle - room / 2.0, lowest), highest - room)
-    heights = [bottom + gap * rank for rank in range(count)]
-
-    def worth(order: tuple[int, ...]) -> float:
-        return sum(
-            objective(one.at(heights[rank]), part.waypoints_m, part.schedule[0])
-            for (one, part), rank in zip(each, order, strict=True)
-        )
-
-    order = max(list(permutations(range(count)))[:_ORDERS], key=worth)
-    starts = tuple(
-        replace(start, altitudes_m=None, altitude_m=heights[rank])
-        for start, rank in zip(problem.starts, order, strict=True)
-    )
-    at = replace(problem, starts=starts, separation_m=0.0)
-    made = _same_paths(at, plan) if again is None else again(at)
-    paths = tuple(
-        replace(path, altitude_m=start.altitude_m)
-        for path, start in zip(made.paths, starts, strict=True)
-    )
-    yield (
-        replace(made, paths=paths),
-        f"flown at {', '.join(f'{path.altitude_m:g}' for path in paths)} m",
-    )
 
 
 def _same_paths(problem: RoundProblem, plan: RoundPlan) -> RoundPlan:
@@ -189,68 +235,5 @@ def _same_paths(problem: RoundProblem, plan: RoundPlan) -> RoundPlan:
         part_along(each, path.waypoints_m, served(plan.alone(a)))
         for a, (each, path) in enumerate(zip(alone, plan.paths, strict=True))
     ]
-    parts = [part for part in fitting if part is not None]
-    return _whole(alone, parts, made) if len(parts) == len(alone) else made
-
-
-def _in_turn(
-    problem: RoundProblem,
-    alone: Sequence[RoundProblem],
-    plan: RoundPlan,
-    again: Again | None,
-    hold_s: float,
-) -> Tried:
-    """Yield plans in which aircraft leave after waits, or stay where they are."""
-    tried = [
-        found
-        for order in list(permutations(range(len(alone))))[:_ORDERS]
-        if (found := _waiting(problem, alone, plan, order, hold_s)) is not None
-    ]
-    if not tried:  # all stay, which is no nearer than they start
-        stay = [_with_wait(alone, plan, a, math.inf) for a in range(len(alone))]
-        tried = [([part for part in stay if part is not None], [math.inf] * len(alone))]
-    for parts, waits in tried:
-        told = [
-            f"{problem.name_of(a)} {'stays' if math.isinf(wait) else f'waits for {wait:g} s'}"
-            for a, wait in enumerate(waits)
-            if wait
-        ]
-        yield _whole(alone, parts, plan), ", ".join(told)
-
-
-def _waiting(
-    problem: RoundProblem,
-    alone: Sequence[RoundProblem],
-    plan: RoundPlan,
-    order: Sequence[int],
-    hold_s: float,
-) -> tuple[Parts, list[float]] | None:
-    """Let each aircraft of an order wait until it keeps apart from those before it, or stay."""
-    parts, waits = list[RoundPlan | None]([None] * len(alone)), [0.0] * len(alone)
-    tracks = hovering(problem)
-    for a in order:
-        for wait_s in (*map(float, _WAITS_S), math.inf):
-            part = _with_wait(alone, plan, a, wait_s)
-            if part is None:
-                continue
-            track = flown(alone[a], part, hold_s=hold_s)
-            if all(pair_of(problem, track, other)[-1] <= 0.0 for other in tracks):
-                parts[a], waits[a] = part, wait_s
-                tracks.append(track)
-                break
-        else:
-            return None
-    made = [part for part in parts if part is not None]
-    return made, waits
-
-
-def _with_wait(
-    alone: Sequence[RoundProblem], plan: RoundPlan, aircraft: int, wait_s: float
-) -> RoundPlan | None:
-    """Return an aircraft's part after a wait; one without end: where it stands."""
-    each, part = alone[aircraft], plan.alone(aircraft)
-    way, height_m = part.waypoints_m, _height(each, plan, aircraft)
-    if math.isinf(wait_s):
-        way, wait_s = np.tile(each.start_m, (len(way), 1)), 0.0
-    made = fitted(masked(each, served(part)).at(height_m), way, wait_s=wait_s)
-    return made and made.with_own(altitude_m=height_m)
+    parts = one_of_each(fitting)
+    return _whole(alone, parts, made) if parts else made

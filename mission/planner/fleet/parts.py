@@ -26,6 +26,12 @@ def alone_of(problem: RoundProblem) -> list[RoundProblem]:
     return [replace(each, importance=importance) for each in alone]
 
 
+def one_of_each(parts: Sequence[RoundPlan | None]) -> Parts | None:
+    """Return the parts; None where an aircraft has none."""
+    made = [part for part in parts if part is not None]
+    return made if len(made) == len(parts) else None
+
+
 def total(parts: Parts) -> float:
     """What a joint plan is worth."""
     return sum(part.value for part in parts)
