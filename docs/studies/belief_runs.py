@@ -15,6 +15,7 @@ import argparse
 from collections.abc import Callable
 from contextlib import nullcontext
 from pathlib import Path
+from typing import Any
 from unittest.mock import patch
 
 import city_runs
@@ -35,7 +36,7 @@ PLACES = 400
 LEAST_DB = -60.0  # no ray arrives where a map has less
 Z = 1.6449  # 90 % of a normal distribution lie within
 CITIES = city_runs.CHANNELS
-PLAIN: dict[str, object] = {
+PLAIN: dict[str, Any] = {
     "FIELDS": {"channel": ((6.0, 40.0),)}, "NUGGET_DB": 0.0,
     "_uncensored": lambda off_db, *_: off_db,
 }  # fmt: skip

@@ -19,6 +19,7 @@ from dataclasses import replace
 from functools import cache
 from itertools import product
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -112,7 +113,7 @@ def mapped(city: str, seed: int, folder: Path) -> Path:
     """The radio map of a city for the devices of a seed."""
     path = folder / f"{city}-{seed}.nc"
     if not path.exists():
-        how = {} if city == "district" else {"engine": "sionna", "scene": city}
+        how: dict[str, Any] = {} if city == "district" else {"engine": "sionna", "scene": city}
         radio_map(Path("city"), out=path, cell=CELL_M, set_=(f"seed={seed}",), **how)
     return path
 

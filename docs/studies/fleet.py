@@ -11,10 +11,10 @@ docs/data/PLAN-fleet.md says what is run. Seeds that are done are kept.
 """
 
 import argparse
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from itertools import product
 from pathlib import Path
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import pandas as pd
 from study import csv, finished, in_parallel, markdown, mean_of, parts, write
@@ -23,7 +23,7 @@ import aerofed
 from mission.base.run_folder import write_atomically
 from mission.config.loading import load_config
 
-SEEDS = range(401, 417)
+SEEDS, IN_WIND = range(401, 417), range(501, 585)
 SHARED, OWN = "shared", "own"
 CORNERS_M = ((150.0, 150.0), (650.0, 650.0), (650.0, 150.0), (150.0, 650.0))
 IN_ALL, EACH = "800 m in all", "400 m each"
@@ -46,7 +46,7 @@ def config_of(
     aircraft: int,
     planned: str,
     like: str = "quickstart",
-    **more: object,
+    **more: Any,
 ) -> aerofed.RunConfig:
     """The configuration of a run."""
     own = [{"home_m": list(at)} for at in CORNERS_M[:aircraft]]
@@ -68,7 +68,7 @@ def config_of(
 
 
 def _rounds(
-    seed: int, cells: Iterable[Cell], data_dir: Path | None = None, **more: object
+    seed: int, cells: Iterable[Cell], data_dir: Path | None = None, **more: Any
 ) -> pd.DataFrame:
     """The rounds of the runs of some cells."""
     found = []
@@ -104,14 +104,14 @@ def one_seed_in_joules(out: Path, seed: int) -> str:
 def one_seed_on_all_data(out: Path, seed: int, data_dir: Path) -> str:
     """Write the rounds of one and of three aircraft, not flown, that learn from all data."""
     cells = product((SHARED,), (EACH,), (1, 3), (JOINT,))
-    more = {"like": "paper", "data_dir": data_dir, "mission__steps": 10, "mission__rounds": 12}
-    write_atomically(out / f"data-{seed}.csv", csv(_rounds(seed, cells, **more)))
+    rounds = _rounds(seed, cells, data_dir, like="paper", mission__steps=10, mission__rounds=12)
+    write_atomically(out / f"data-{seed}.csv", csv(rounds))
     return f"seed {seed}, all data"
 
 
 def one_flight(out: Path, seed: int) -> str:
     """Write the aircraft's rows of a flown run of three."""
-    wind = {f"vehicle__aircraft__wind__{key}": value for key, value in WIND.items()}
+    wind: dict[str, Any] = {f"vehicle__aircraft__wind__{key}": at for key, at in WIND.items()}
     config = config_of(
         seed, SHARED, EACH, 3, JOINT, mission__flight="flown", mission__rounds=12,
         mission__separation_m=SEPARATION_M, **wind,
@@ -238,12 +238,12 @@ def tables(runs: Path, out: Path) -> None:
     write(out, head + parts(texts), **kept)
 
 
-MADE = {
-    "runs": (one_seed, ""),
-    "cells": (one_seed_flown, "cells-"),
-    "joules": (one_seed_in_joules, "joules-"),
-    "data": (one_seed_on_all_data, "data-"),
-    "flown": (one_flight, "flown-"),
+MADE: dict[str, tuple[Callable[..., str], str, range]] = {
+    "runs": (one_seed, "", SEEDS),
+    "cells": (one_seed_flown, "cells-", SEEDS),
+    "joules": (one_seed_in_joules, "joules-", SEEDS),
+    "data": (one_seed_on_all_data, "data-", SEEDS),
+    "flown": (one_flight, "flown-", IN_WIND),
 }
 
 
@@ -260,8 +260,8 @@ def main() -> None:
         tables(given.folder, given.out)
         return
     given.folder.mkdir(parents=True, exist_ok=True)
-    make, before = MADE[given.what]
-    left = [seed for seed in SEEDS if not (given.folder / f"{before}{seed}.csv").exists()]
+    make, before, seeds = MADE[given.what]
+    left = [seed for seed in seeds if not (given.folder / f"{before}{seed}.csv").exists()]
     more = (given.data_dir,) if given.what == "data" else ()
     in_parallel(given.jobs, [(make, (given.folder, seed, *more)) for seed in left])
 

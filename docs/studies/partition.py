@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from aerofed import Planner, RoundPlan, RoundProblem, Sortie, StrategyContext
-from mission.planner.fleet.starts import partitions
+from mission.planner.fleet.team import partitions
 
 
 @dataclass(frozen=True)

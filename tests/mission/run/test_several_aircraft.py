@@ -36,7 +36,7 @@ TABLES = """vehicles=[
 {name="middle", aircraft={faults=[{kind="motor_loss", at_s=78}]}},
 {name="east", home_m=[500, 400], altitude_m=80}]""".replace("\n", "")
 SEVERAL = (
-    *(*small_runs.SMALL, "--set", "mission.strategy=in_turn:make", "--set", TABLES),
+    *(*small_runs.SMALL, "--set", "mission.strategy=one_after_another:make", "--set", TABLES),
     *("--set", "mission.steps=2", "--set", "mission.devices_per_step=1"),
 )
 BESIDE = (*SEVERAL, "--set", "mission.flight=none", "--set", "vehicles=3")
@@ -152,7 +152,7 @@ def test_killed_after_a_loss_it_goes_on_to_the_same_bytes(lost: Path, tmp_path: 
     out = tmp_path / "killed"
     words = small_runs.last_counts(*SEVERAL)
     command = [*UNDRAWN, "run", "--out", str(out), "--rounds", "2", *words]
-    path = os.pathsep.join([str(Path(__file__).parent), *sys.path])
+    path = os.pathsep.join(sys.path)
     process = subprocess.Popen(command, env={**os.environ, "PYTHONPATH": path})
 
     def far_enough() -> bool:
