@@ -12,6 +12,7 @@ from sitl.firmware.bridge import STALL_S, Bridge
 from sitl.firmware.clock import LISTEN_S, TimeGiven, TruthHistory
 
 _AIRBORNE_M = 0.2  # above home
+_MOST = 1000  # ticks of one alone at once
 
 
 class Bridged:
@@ -31,17 +32,17 @@ class Bridged:
         *,
         near_m: float,
         say: Callable[[str], None],
-        patient: bool = False,
+        alone: bool = False,
     ) -> None:
         """`number`: of the vehicle, from 1; `bridge` opens one to a firmware that is still to come,
-        with an aircraft at home; `patient`: one that asks for nothing is waited for for ever.
+        with an aircraft at home; `alone` in its world, one that asks for nothing is waited for.
 
         Raises:
             InputError: a setting of the aircraft is refused.
             LinkLostError: the port cannot be had.
         """
         self.near_m = near_m
-        self._number, self._make, self._say, self._patient = number, bridge, say, patient
+        self._number, self._make, self._say, self._alone = number, bridge, say, alone
         self._bridge: Bridge | None = None
         self._awaited = bridge()
         self.plant: Plant = self._awaited.plant
@@ -90,14 +91,15 @@ class Bridged:
         return self.stride(self.t_ns + self.plant.interval * self.plant.dt_ns)
 
     def stride(self, until_ns: float = math.inf) -> bool:
-        """Run on for a guidance interval at most, as far as the firmware asks for it.
+        """Run on as far as the firmware asks for it, for a guidance interval at most if others may
+        be near.
 
         Raises:
             FirmwareError: the firmware runs on a clock of its own.
             ModelDivergedError: the physics has left the numbers.
         """
         plant = self.plant
-        ticks = plant.interval
+        ticks = _MOST if self._alone else plant.interval
         if until_ns < math.inf:
             ticks = min(ticks, math.ceil((until_ns - plant.t_ns) / plant.dt_ns))
         if self._bridge is None:
@@ -116,7 +118,7 @@ class Bridged:
         now_s = time.monotonic()
         if done:
             self.truth.keep_battery()
-        self._silent_since = None if done or self._patient else self._silent_since or now_s
+        self._silent_since = None if done or self._alone else self._silent_since or now_s
         if not done and bridge.deserted():
             self._leave(FirmwareRestartedError("its firmware has ended"))
         elif self._silent_since is not None and now_s - self._silent_since > STALL_S:

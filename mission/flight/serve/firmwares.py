@@ -171,7 +171,7 @@ def _seats(
             _opened, own, autopilot, port or first + step * instance, told=logs is not None,
             area=area, streams=RandomStreams(config.seed).of_vehicle(number),
         )  # fmt: skip
-        bridged = Bridged(number + 1, make, near_m=own.vehicle.near_m, say=said, patient=alone)
+        bridged = Bridged(number + 1, make, near_m=own.vehicle.near_m, say=said, alone=alone)
         opened.callback(bridged.close)
         url, first, step = _HEARD[autopilot]  # where nobody else is listening
         heard = mavlink or f"{url}:{first + step * instance}"

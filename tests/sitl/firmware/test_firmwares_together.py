@@ -33,7 +33,7 @@ def seat(
     number: int = 1,
     east_m: float = 0.0,
     up_m: float = 0.0,
-    patient: bool = False,
+    alone: bool = False,
 ) -> Bridged:
     """An aircraft on the ground at a place of its own; its port is any, and stays the same."""
     home = LocalFrame(HOME).to_geodetic(np.array([0.0, east_m, 0.0]))
@@ -46,7 +46,7 @@ def seat(
         bridge.open()
         return bridge
 
-    made = Bridged(number, make, near_m=3.0, say=said.append, patient=patient)
+    made = Bridged(number, make, near_m=3.0, say=said.append, alone=alone)
     port = made.port
     return made
 
@@ -165,7 +165,7 @@ def test_one_alone_is_waited_for_however_long_it_asks_for_nothing(
     """A debugger may have stopped it."""
     monkeypatch.setattr(together, "STALL_S", 0.0)
     said: list[str] = []
-    with closed(one := seat(ArduPilotBridge, said, patient=True)):
+    with closed(one := seat(ArduPilotBridge, said, alone=True)):
         pilot = ArduPilot(one.port)
         come(one)
         world = World({"one": one})
