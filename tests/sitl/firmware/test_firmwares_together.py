@@ -85,7 +85,8 @@ def test_time_waits_for_the_slowest_at_each_interval() -> None:
         until(lambda: fast.seconds > slow.seconds)
         fast.join(0.3)  # which has all the time that it wants
         assert thread.is_alive()
-        assert fast.seconds - slow.seconds < INTERVAL_S + 1e-9
+        # The slow one's newest answer may still be on its way to it.
+        assert fast.seconds - slow.seconds < 2 * INTERVAL_S
         slow.go_on()
         thread.join()
         assert one.t_ns == two.t_ns == world.t_ns == 2_000_000_000
