@@ -4,11 +4,16 @@ import sys
 import types
 from typing import Any
 
+
+def stand_in() -> None:
+    """In the place of the module, which would load all that draws."""
+    module: Any = types.ModuleType("mission.figures.run")
+    module.draw_run = lambda _: ()
+    sys.modules[module.__name__] = module
+
+
 if __name__ == "__main__":
-    # In the place of the module, which would load all that draws.
-    stand_in: Any = types.ModuleType("mission.figures.run")
-    stand_in.draw_run = lambda _: ()
-    sys.modules[stand_in.__name__] = stand_in
+    stand_in()
 
     from mission.__main__ import main
 

@@ -1,11 +1,10 @@
 """The old log and tables of a resumed run are there until the new ones hold more."""
 
 import signal
-import subprocess
 from pathlib import Path
 
 import pytest
-from drawing import UNDRAWN
+from forked import Forked
 from patience import until
 from test_checkpoint import killed
 
@@ -74,11 +73,10 @@ def test_killed_while_it_flies_again_nothing_is_lost(tmp_path: Path) -> None:
     killed(out, after_rounds=1, delay_s=0.0)
     before = {name: (out / name).read_bytes() for name in NAMES}
     aside = out / "checkpoint" / "interrupted"
-    command = [*UNDRAWN, "run", "--resume", str(out), "--quiet"]
-    process = subprocess.Popen(command)
+    process = Forked("run", "--resume", str(out), "--quiet")
     until(lambda: process.poll() is not None or (aside / NAMES[-1]).exists(), poll_s=0.005)
     process.send_signal(signal.SIGKILL)
-    process.wait()
+    process.ended()
     assert {name: (aside / name).read_bytes() for name in NAMES} == before
     saved = recover(aside / "flight.mcap", tmp_path / "saved.mcap")
     assert [record.round for record in read_log(saved.target).rounds][:1] == [1]

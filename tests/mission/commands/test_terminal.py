@@ -9,9 +9,11 @@ import sys
 import time
 import tomllib
 from pathlib import Path
+from typing import Any
 
 import pytest
 from drawing import UNDRAWN
+from forked import Forked
 from patience import HANG_S, until
 from test_run import SMALL, UNFLOWN, begun
 
@@ -46,20 +48,19 @@ def test_a_reader_that_has_had_enough_is_no_error() -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("launcher", "number"),
-    [([], signal.SIGTERM), (["sh", "-c", "trap '' INT; exec \"$@\"", "sh"], signal.SIGHUP)],
+    ("number", "heard"),
+    [(signal.SIGTERM, signal.default_int_handler), (signal.SIGHUP, signal.SIG_IGN)],
 )
 def test_a_polite_kill_is_an_interruption(
-    tmp_path: Path, launcher: list[str], number: signal.Signals
+    tmp_path: Path, number: signal.Signals, heard: Any
 ) -> None:
     """Of a job that was started deaf to Ctrl-C as well, as scripts start theirs with `&`."""
     out = tmp_path / "run"
-    command = [*launcher, *UNDRAWN, "run", "--rounds", "500", "--out", str(out), *SMALL]
-    process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
+    process = Forked("run", "--rounds", "500", "--out", str(out), *SMALL, at_ctrl_c=heard)
     until(lambda: process.poll() is not None or begun(out))
     process.send_signal(number)
-    _, errors = process.communicate(timeout=HANG_S)
-    assert (process.returncode, "Traceback" in errors) == (130, False)
+    code, _, errors = process.ended()
+    assert (code, "Traceback" in errors) == (130, False)
     assert json.loads((out / "summary.json").read_text())["status"] == "interrupted"
 
 
@@ -164,32 +165,33 @@ def test_code_that_blocks_is_ended_and_what_was_flown_goes_on(
     """In a thread it is left alone; where it keeps the loop from turning, a second signal ends."""
     (tmp_path / "own.py").write_text(BLOCKING)
     (tmp_path / where).touch()
-    command = [*UNDRAWN, "run", "--rounds", "2", "--out", "run", *OWN, *SMALL]
-    process = subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.PIPE, text=True)
+    monkeypatch.chdir(tmp_path)
+    process = Forked("run", "--rounds", "2", "--out", "run", *OWN, *SMALL)
     until(lambda: process.poll() is not None or (tmp_path / "blocked").exists())
     process.send_signal(signal.SIGTERM)
     while status == "running" and process.poll() is None:
         time.sleep(0.1)
         process.send_signal(signal.SIGINT)
-    _, errors = process.communicate(timeout=HANG_S)
-    assert (process.returncode, "Traceback" in errors) == (130, False), errors
+    code, _, errors = process.ended()
+    assert (code, "Traceback" in errors) == (130, False), errors
     run = tmp_path / "run"
     assert json.loads((run / "summary.json").read_text())["status"] == status
     assert begun(run)
     (tmp_path / where).unlink()
-    monkeypatch.chdir(tmp_path)
     assert call(["run", "--resume", "run", "--quiet"]) == 0
 
 
 @pytest.mark.slow
-def test_ctrl_c_before_the_first_round_draws_nothing(tmp_path: Path) -> None:
+def test_ctrl_c_before_the_first_round_draws_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
     (tmp_path / "own.py").write_text(BLOCKING.replace("self.round == 2", "self.round == 1"))
     (tmp_path / "sortie").touch()
-    command = [*AEROFED, "run", "--rounds", "2", "--out", "run", *OWN, *SMALL]
-    process = subprocess.Popen(command, cwd=tmp_path)
+    process = Forked("run", "--rounds", "2", "--out", "run", *OWN, *SMALL, pictures=True)
     until(lambda: process.poll() is not None or (tmp_path / "blocked").exists())
     process.send_signal(signal.SIGINT)
-    assert process.wait(timeout=HANG_S) == 130
+    assert process.ended()[0] == 130
     assert not (tmp_path / "run" / "figures").exists()
 
 

@@ -4,15 +4,14 @@ import asyncio
 import json
 import math
 import signal
-import subprocess
 from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
 import small_runs
-from drawing import UNDRAWN
-from patience import HANG_S, until
+from forked import Forked
+from patience import until
 from serving import free_port, served
 from small_runs import refused, rows
 
@@ -106,13 +105,12 @@ def test_what_the_vehicle_cannot_do_is_said_and_timed(
 def test_parameters_are_set_back_after_an_interruption(tmp_path: Path, slow_vehicle: str) -> None:
     out = tmp_path / "out"
     may = ("--set", "link.set_parameters=true")
-    command = [*UNDRAWN, "run", "--vehicle", slow_vehicle, "--out", str(out)]
-    process = subprocess.Popen([*command, *SMALL, *may])
+    process = Forked("run", "--vehicle", slow_vehicle, "--out", str(out), *SMALL, *may)
     plan = out / "plans" / "round-001.plan"
     until(lambda: plan.exists() or process.poll() is not None, "no round began")
     assert plan.exists()
     process.send_signal(signal.SIGINT)
-    assert process.wait(timeout=HANG_S) == 130
+    assert process.ended()[0] == 130
     assert asyncio.run(_parameter(slow_vehicle, "MPC_XY_VEL_MAX")) == 8.0
     texts = [event.text for event in load_run(out).data.events]
     assert "parameter MPC_XY_VEL_MAX: 8 -> 20 for the flight" in texts

@@ -270,7 +270,7 @@ def test_the_environment_of_px4s_simulators_is_heard(
     monkeypatch.setenv("PX4_HOME_LAT", "40")
     monkeypatch.setenv("PX4_SIM_SPEED_FACTOR", "3")
     with served("--udp", str(port)) as process:
-        assert process.is_alive()
+        assert process.poll() is None
     monkeypatch.setenv("PX4_HOME_LAT", "north")
     assert call(["sitl"]) == 2
     assert capsys.readouterr().err == (

@@ -3,12 +3,11 @@
 import json
 import signal
 import socket
-import subprocess
-import sys
 from pathlib import Path
 
 import foxglove
 import pytest
+from forked import Forked
 from foxglove_client import FoxgloveClient
 from patience import HANG_S, until
 from serving import free_port
@@ -171,9 +170,8 @@ def test_a_flight_is_watched_live(tmp_path: Path) -> None:
     plan, out = tmp_path / "north.waypoints", tmp_path / "out"
     plan.write_text("QGC WPL 110\n" + "0 0 3 16 0 5 0 0 47.402 8.5 50 1\n".replace(" ", "\t"))
     port = free_port(socket.SOCK_STREAM)
-    command = [sys.executable, "-m", "mission", "fly", str(plan), "--out", str(out), "--live",
-               "--live-port", str(port), "--set", "link.speed=4"]  # fmt: skip
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+    live = ("--live", "--live-port", str(port), "--set", "link.speed=4")
+    process = Forked("fly", str(plan), "--out", str(out), *live)
     try:
         until(lambda: process.poll() is not None or answers(port), "nobody serves the live view")
         with FoxgloveClient(port) as viewer:
@@ -185,10 +183,10 @@ def test_a_flight_is_watched_live(tmp_path: Path) -> None:
                 number, _, data = viewer.message()
                 seen.setdefault(names[number], data)
         process.send_signal(signal.SIGINT)
-        printed, _ = process.communicate(timeout=HANG_S)
+        code, printed, _ = process.ended()
     finally:
-        process.kill()
-    assert process.returncode == 130
+        process.send_signal(signal.SIGKILL)
+    assert code == 130
     first, *_, results, last = printed.splitlines()
     assert first == f"live view: open ws://127.0.0.1:{port} in Foxglove"
     assert (results, last) == (f"results in {out}", "interrupted")

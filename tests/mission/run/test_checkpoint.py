@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from drawing import UNDRAWN
+from forked import Forked
 from patience import until
 from small_runs import digests, refused, rows
 from test_run import SMALL, UNFLOWN, fly
@@ -42,8 +42,7 @@ def unflown(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def killed(out: Path, *, after_rounds: int, delay_s: float) -> None:
     """Start a run and kill it without warning, some time after it finished so many rounds."""
-    command = [*UNDRAWN, "run", "--out", str(out), "--rounds", str(ROUNDS)]
-    process = subprocess.Popen([*command, *SMALL])
+    process = Forked("run", "--out", str(out), "--rounds", str(ROUNDS), *SMALL)
 
     def far_enough() -> bool:
         return (out / "uplinks.csv").exists() and len(rows(out / "rounds.csv")) >= after_rounds
@@ -51,7 +50,7 @@ def killed(out: Path, *, after_rounds: int, delay_s: float) -> None:
     until(lambda: process.poll() is not None or far_enough(), poll_s=0.01)
     time.sleep(delay_s)
     process.send_signal(signal.SIGKILL)
-    process.wait()
+    process.ended()
 
 
 # 20 of these were killed at random moments by hand; CI has time for a few.

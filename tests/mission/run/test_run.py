@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 import small_runs
 from drawing import drawn
+from forked import Forked
 from mcap.reader import make_reader
 from patience import HANG_S, until
 from serving import free_port
@@ -206,14 +207,11 @@ def test_the_same_flight_over_udp(run: Path, tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_ctrl_c_keeps_what_was_flown(tmp_path: Path) -> None:
     out = tmp_path / "cut"
-    process = subprocess.Popen(
-        [sys.executable, "-m", "mission", "run", "--out", str(out), "--rounds", "500", *SMALL],
-        stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True,
-    )  # fmt: skip
+    process = Forked("run", "--out", str(out), "--rounds", "500", *SMALL, pictures=True)
     until(lambda: process.poll() is not None or begun(out))
     process.send_signal(signal.SIGINT)
-    _, errors = process.communicate(timeout=HANG_S)
-    assert process.returncode == 130, errors
+    code, _, errors = process.ended()
+    assert code == 130, errors
     assert "Traceback" not in errors
     assert json.loads((out / "summary.json").read_text())["status"] == "interrupted"
     with (out / "flight.mcap").open("rb") as file:

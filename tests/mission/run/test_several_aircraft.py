@@ -3,16 +3,13 @@
 import hashlib
 import itertools
 import json
-import os
 import signal
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 import small_runs
-from drawing import UNDRAWN
+from forked import Forked
 from mavsdk.exceptions import MavsdkError
 from patience import until
 from small_runs import rows
@@ -151,16 +148,14 @@ def test_who_does_not_answer_in_time_is_not_lost(
 def test_killed_after_a_loss_it_goes_on_to_the_same_bytes(lost: Path, tmp_path: Path) -> None:
     out = tmp_path / "killed"
     words = small_runs.last_counts(*SEVERAL)
-    command = [*UNDRAWN, "run", "--out", str(out), "--rounds", "2", *words]
-    path = os.pathsep.join(sys.path)
-    process = subprocess.Popen(command, env={**os.environ, "PYTHONPATH": path})
+    process = Forked("run", "--out", str(out), "--rounds", "2", *words)
 
     def far_enough() -> bool:
         return (out / "rounds.csv").exists() and len(rows(out / "rounds.csv")) >= 1
 
     until(lambda: process.poll() is not None or far_enough(), poll_s=0.01)
     process.send_signal(signal.SIGKILL)
-    process.wait()
+    process.ended()
     assert call(["run", "--resume", str(out), "--quiet"]) == 0
     assert digests(out) == digests(lost)
     assert not (out / "checkpoint" / "interrupted").exists()
