@@ -3,13 +3,14 @@
 import base64
 import hashlib
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext
 from pathlib import Path
 
 import pytest
 
 from mission.figures import render, run
+from mission.figures.style import Chart
 
 # `aerofed` as a program, without pictures of runs.
 UNDRAWN = (sys.executable, str(Path(__file__).with_name("undrawn.py")))
@@ -25,6 +26,11 @@ def _described(jobs: Sequence[tuple[str, str]], _: object = None) -> list[bytes]
     if any(kind != "png" for kind, _ in jobs):
         return _draw(jobs)
     return [_DOT + hashlib.sha256(text.encode()).digest() for _, text in jobs]
+
+
+def in_svg(pictures: Iterable[Chart]) -> list[str]:
+    """Pictures drawn, in half the time that PNG takes."""
+    return [svg.decode() for svg in _draw([("svg", render._described(each)) for each in pictures])]
 
 
 @contextmanager
