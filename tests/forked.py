@@ -27,6 +27,7 @@ def _aerofed(
     words: tuple[str, ...],
     environment: dict[str, str],
     *streams: Connection,
+    path: tuple[str, ...],
     pictures: bool,
     at_ctrl_c: Any,
 ) -> None:
@@ -36,7 +37,7 @@ def _aerofed(
     sys.stdout, sys.stderr = (os.fdopen(number, "w", buffering=1) for number in (1, 2))
     os.environ.clear()
     os.environ.update(environment)
-    sys.path[:] = _PATH  # without folders that tests of this process have taken code from
+    sys.path[:] = path  # without folders that tests of the other process have taken code from
     signal.signal(signal.SIGINT, at_ctrl_c)
     if not pictures:
         undrawn.stand_in()
@@ -56,7 +57,7 @@ class Forked:
         (said, out), (complained, err) = (_LOADED.Pipe(duplex=False) for _ in range(2))
         self._process = _LOADED.Process(
             target=_aerofed, args=(words, dict(os.environ), out, err),
-            kwargs={"pictures": pictures, "at_ctrl_c": at_ctrl_c},
+            kwargs={"path": _PATH, "pictures": pictures, "at_ctrl_c": at_ctrl_c},
         )  # fmt: skip
         with said, complained, out, err:
             self._process.start()
