@@ -21,6 +21,7 @@ Track: TypeAlias = Sequence[Floats]
 STEP_S = 0.05
 _LATE_STEPS = 5  # between delays that are looked at
 TOLERANCE_M = 0.01
+_CLOSER_M = 1.0  # than it starts: what a pair may come before it has parted
 LAYER_M = 10.0  # between altitudes of aircraft that are parted by height, at least
 
 
@@ -88,19 +89,21 @@ def _aligned(tracks: Sequence[Track]) -> list[Track]:
 
 
 def nearest_of(
-    first: Track, second: Track, apart_m: float, *, late_s: float = 0.0
+    first: Track, second: Track, apart_m: float, *, late_s: float = 0.0, parting: bool = False
 ) -> tuple[float, float]:
     """Return how near two aircraft come, in metres, and when, in seconds: at the least, where one
     may be up to `late_s` later than the other.
 
     A pair that starts nearer than `apart_m` counts from when it is so far apart, or one of them so
-    far from where the other started; infinity where it never is.
+    far from where the other started, or if `parting` until then; infinity where there is no such
+    time.
     """
     most = round(late_s / STEP_S)
     delays = sorted({0, most, -most, *range(-most, most, _LATE_STEPS)}, key=abs)
     pairs = [_aligned([_later(first, -by), _later(second, by)]) for by in delays]
     return min(
-        _nearest_of(np.concatenate(one), np.concatenate(other), apart_m) for one, other in pairs
+        _nearest_of(np.concatenate(one), np.concatenate(other), apart_m, parting)
+        for one, other in pairs
     )
 
 
@@ -109,31 +112,41 @@ def _later(track: Track, steps: int) -> Track:
     return [np.concatenate((np.repeat(part[:1], max(0, steps), axis=0), part)) for part in track]
 
 
-def _nearest_of(first: Floats, second: Floats, apart_m: float) -> tuple[float, float]:
+def _nearest_of(
+    first: Floats, second: Floats, apart_m: float, parting: bool
+) -> tuple[float, float]:
     away = second - first
     far = [np.linalg.norm(way, axis=1) for way in (away, first - second[0], second - first[0])]
     gone = np.max(far, axis=0) >= apart_m
-    if not gone.any():
+    parted = int(gone.argmax()) if gone.any() else len(away)
+    begin, away = (0, away[: parted + 1]) if parting else (parted, away[parted:])
+    if len(away) < 2:
         return math.inf, 0.0
-    begin = int(gone.argmax())
-    here, way = away[begin:-1], np.diff(away[begin:], axis=0)
+    here, way = away[:-1], np.diff(away, axis=0)
     square = np.maximum((way**2).sum(axis=1), 1e-12)
     share = np.clip(-(here * way).sum(axis=1) / square, 0.0, 1.0)
     distance = np.linalg.norm(here + share[:, None] * way, axis=1)
-    at = int(distance.argmin()) if len(distance) else 0
-    if not len(distance):
-        return math.inf, 0.0
+    at = int(distance.argmin())
     return float(distance[at]), (begin + at + float(share[at])) * STEP_S
 
 
 def pair_of(problem: RoundProblem, first: Track, second: Track) -> tuple[float, float, float]:
     """Return how near two aircraft of a round come, when, and how many metres less than they are
-    to keep that is: 0 or less where they keep apart."""
-    kept, least = problem.separation_m, problem.least_m
+    to keep that is: 0 or less where they keep apart. Until a pair counts, it comes hardly nearer
+    than it starts."""
+    kept, least, late_s = problem.separation_m, problem.least_m, problem.late_s
+    begun_m = float(np.linalg.norm(first[0][0] - second[0][0]))
     if least is not None:
-        kept = min(kept, max(least, float(np.linalg.norm(first[0][0] - second[0][0]))))
-    away_m, t_s = nearest_of(first, second, kept if least is None else 0.0, late_s=problem.late_s)
-    return away_m, t_s, kept - TOLERANCE_M - away_m
+        kept = min(kept, max(least, begun_m))
+    counts_m = kept if least is None else 0.0
+    away_m, t_s = nearest_of(first, second, counts_m, late_s=late_s)
+    short_m = kept - TOLERANCE_M - away_m
+    if begun_m < counts_m:
+        near_m, at_s = nearest_of(first, second, counts_m, late_s=late_s, parting=True)
+        closer_m = begun_m - _CLOSER_M - near_m
+        if closer_m > max(0.0, short_m):
+            return near_m, at_s, closer_m
+    return away_m, t_s, short_m
 
 
 def _pairs(problem: RoundProblem, plan: RoundPlan, hold_s: float) -> list[Nearest]:

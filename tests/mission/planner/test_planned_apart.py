@@ -66,6 +66,25 @@ def crossing(performance: Performance = RIGID, **more: Any) -> RoundProblem:
     return RoundProblem(**{**usual, "starts": own, **more})
 
 
+@pytest.mark.parametrize("performance", [RIGID, GUIDED])
+def test_nobody_flies_through_one_that_waits_beside_its_home(performance: Performance) -> None:
+    """A pair that starts nearer than it is to keep comes no nearer before it has parted."""
+    near = tuple(Start(np.array([5.0 * a, 0.0]), 500.0, RoundLimits(performance)) for a in range(2))
+    problem = crossing(starts=near, devices_m=np.array([[150.0, 0.0], [0.0, 150.0]]),
+                       importance=np.ones(2))  # fmt: skip
+    through, aside = [[0.0, 0.0], [150.0, 0.0]], [[5.0, 0.0], [0.0, 150.0]]
+    plan = along(problem, through, aside)
+    waits = dataclasses.replace(plan.paths[1], wait_s=3.0)
+    plan = dataclasses.replace(plan, paths=(plan.paths[0], waits))
+    found = too_near(problem, plan)
+    assert found is not None
+    assert found.away_m < 0.01
+    made = kept_apart(problem, plan)
+    assert "m are kept: " in made.mended
+    assert "no other" not in made.mended
+    assert too_near(problem, made) is None
+
+
 @pytest.mark.parametrize("behind_m", [0.0, 14.0, 40.0])
 def test_the_least_distance_is_that_of_closed_form(behind_m: float) -> None:
     """At equal speeds across each other, one `behind_m` later: behind / sqrt(2)."""

@@ -301,8 +301,8 @@ def test_the_rest_of_all_is_planned_anew_where_somebody_is_not_heard(tmp_path: P
             listened_s = float(row["duration_s"]) - moving_s - float(row["idle_s"])
             assert 0.0 <= listened_s + 0.01 <= 0.1 * len(sent) + 0.2  # at the stops
             assert float(row["nearest_m"]) >= 29.9
-            # By plan, a pair from homes that are nearer counts 0.05 s earlier or later.
-            assert float(row["nearest_m"]) == pytest.approx(float(row["plan_nearest_m"]), abs=1.5)
+            # By plan, a pair from homes that are nearer counts 0.05 s earlier or later: 2 m.
+            assert float(row["nearest_m"]) == pytest.approx(float(row["plan_nearest_m"]), abs=2.0)
     before = digests(out)
     (out / "summary.json").write_text('{"status": "running"}')
     assert call(["run", "--resume", str(out), "--quiet"]) == 0
