@@ -193,9 +193,10 @@ def _apart(aircraft: pd.DataFrame) -> str:
     )
     kept = rounds[rounds["planned"] >= SEPARATION_M]
     below = int((kept["flown"] < SEPARATION_M).sum())
-    less = (kept["planned"] - kept["flown"]).clip(upper=100.0)
+    less, lost = (kept["planned"] - kept["flown"]).clip(upper=100.0), aircraft["idle_s"].isna()
     return (
-        f"{len(rounds)} rounds of {aircraft['seed'].nunique()} seeds; {len(kept)} kept "
+        f"{len(rounds)} rounds of {aircraft['seed'].nunique()} seeds, {lost.sum()} aircraft lost; "
+        f"{len(kept)} kept "
         f"{SEPARATION_M:g} m by plan, of which {below} came nearer as flown. Least planned "
         f"{kept['planned'].min():.1f} m, least flown {kept['flown'].min():.1f} m; flown at most "
         f"{less.max():.1f} m less than planned."
