@@ -193,7 +193,9 @@ def _apart(aircraft: pd.DataFrame) -> str:
     )
     kept = rounds[rounds["planned"] >= SEPARATION_M]
     below = int((kept["flown"] < SEPARATION_M).sum())
-    less, lost = (kept["planned"] - kept["flown"]).clip(upper=100.0), aircraft["idle_s"].isna()
+    less = (kept["planned"] - kept["flown"]).clip(upper=100.0)
+    together = aircraft.groupby(["seed", "round"])["aircraft"].transform("size") > 1
+    lost = together & aircraft["idle_s"].isna()  # who is lost does not wait for the others
     return (
         f"{len(rounds)} rounds of {aircraft['seed'].nunique()} seeds, {lost.sum()} aircraft lost; "
         f"{len(kept)} kept "
