@@ -15,7 +15,7 @@ run: $(BASE)
 	$(BIN)/aerofed run
 	@echo 'Now ". $(BIN)/activate", and aerofed is a command: aerofed --help'
 
-# In four processes, also on two cores: where one waits for a vehicle or a process, another computes.
+# In three processes, also on two cores: where one waits for a vehicle or a process, another computes.
 # A file's tests stay together: they share what they have flown. tests/conftest.py has the order.
 test: $(READY)
 	$(BIN)/python -m pytest @tests/in-parallel

@@ -80,7 +80,7 @@ class RayEngine:
                 runtime_env={"env_vars": ENVIRONMENT, **code},
                 **local,
             )
-        except (OSError, ValueError, RuntimeError, self._ray.exceptions.RayError) as error:
+        except Exception as error:  # Ray's own for a node that is up too late
             doing = (
                 "engine = ray: cannot start Ray here"
                 if address is None

@@ -15,6 +15,9 @@ import pytest
 from patience import HANG_S, until
 from ray_cluster import Cluster, can_hide
 
+from mission.base.errors import LinkLostError
+from mission.sweep.execute.cluster import RayEngine
+
 pytestmark = [
     pytest.mark.slow,
     pytest.mark.skipif(importlib.util.find_spec("ray") is None, reason="Ray is not installed"),
@@ -247,3 +250,14 @@ def test_a_ray_that_cannot_start_is_one_line(project: Path, tmp_path: Path) -> N
     assert errors.count("\n") == 1
     assert "engine = ray: cannot start Ray here" in errors
     assert "107 bytes" in errors
+
+
+def test_a_ray_that_is_up_too_late_is_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
+    def late(**_: object) -> None:
+        raise Exception("The current node timed out during startup.\nOn a loaded machine.")
+
+    monkeypatch.setattr("ray.init", late)
+    with pytest.raises(LinkLostError) as caught:
+        RayEngine(jobs=1, address=None, configs=(), data_dir=None)
+    assert str(caught.value).startswith("engine = ray: cannot start Ray here: ")
+    assert str(caught.value).endswith(": The current node timed out during startup.")
