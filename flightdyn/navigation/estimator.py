@@ -9,13 +9,14 @@ Its states and matrices are those of `error_model`.
 """
 
 import math
+import sys
 from collections import Counter, deque
 from collections.abc import Sequence
 from itertools import takewhile
-from typing import NamedTuple
+from types import ModuleType, SimpleNamespace
+from typing import Any, NamedTuple
 
 import numpy as np
-from filterpy.kalman import KalmanFilter
 from scipy.linalg.lapack import dgesv
 
 from flightdyn.config import SensorsConfig
@@ -52,6 +53,33 @@ _CORRECT_NS = 200_000_000  # without GNSS the rest is fused at this interval
 
 
 _ONES = [np.eye(rows) for rows in range(9)]
+
+# What filterpy imports, a third of a program's start, for what is not asked of it here: likelihoods
+# and filters on grids.
+_NOT_ASKED = {
+    "scipy.stats": ("norm", "multivariate_normal"),
+    "scipy.ndimage": ("convolve", "shift"),
+}
+
+
+def _kalman_filter() -> Any:
+    """The class in a filterpy of our own without `_NOT_ASKED`: who else imports it gets all."""
+    there = "filterpy" in sys.modules
+    absent = [name for name in _NOT_ASKED if not there and name not in sys.modules]
+    nothing = SimpleNamespace(logpdf=lambda *_, **__: None)  # which is tried at once
+    for name in absent:
+        sys.modules[name] = ModuleType(name)
+        vars(sys.modules[name]).update(dict.fromkeys(_NOT_ASKED[name], nothing))
+    try:
+        from filterpy.kalman import KalmanFilter
+    finally:
+        ours = [name for name in sys.modules if name.partition(".")[0] == "filterpy"]
+        for name in (*absent, *([] if there else ours)):
+            del sys.modules[name]
+    return KalmanFilter
+
+
+_KalmanFilter = _kalman_filter()
 
 
 class _Model(NamedTuple):
@@ -123,7 +151,7 @@ class Estimator:
         # When each kind was last believed; the first fix is where the filter starts.
         self.fused_ns: dict[str, int] = dict.fromkeys(("gnss position", "gnss velocity"), fix.t_ns)
         self._air = DragAirspeed(QUAD_X.drag, pressure_pa=align.pressure_pa)
-        self._kf = KalmanFilter(dim_x=STATES, dim_z=3)
+        self._kf = _KalmanFilter(dim_x=STATES, dim_z=3)
         self._kf.inv = _inverse
         self._kf.x = np.zeros((STATES, 1))
         self._models: dict[int, _Model] = {}

@@ -101,3 +101,19 @@ def test_a_library_that_is_left_out_is_named() -> None:
     ended = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True)
     said = "aerofed: altair is not installed here; pip install aerofed brings it\n"
     assert (ended.returncode, ended.stderr) == (2, said)
+
+
+@pytest.mark.slow
+def test_a_flight_waits_for_no_statistics_which_others_have() -> None:
+    """Those that a library of the filter would import; whoever imports it next gets it whole."""
+    script = """
+import sys
+import flightdyn.navigation.estimator
+print(*{"scipy.stats", "scipy.ndimage", "filterpy"} & set(sys.modules))
+import filterpy.stats, scipy.ndimage
+print(filterpy.stats.norm_cdf((-1e9, 0.0), 0.0, 1.0), scipy.ndimage.shift([1, 2], 1))
+"""
+    told = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, check=True
+    )
+    assert told.stdout == "\n0.5 [0 1]\n"
