@@ -1,7 +1,8 @@
 """Navigation by the filter and the sensors that feed it: the state that the aircraft flies on."""
 
 import math
-from statistics import pstdev
+
+import numpy as np
 
 from flightdyn.frames import Triple
 from flightdyn.inertial import Earth, NavState
@@ -162,7 +163,7 @@ class InertialNavigation:
         )
 
     def _vibration(self) -> Triple:
-        x, y, z = (pstdev(self._loop.samples[axis::6]) for axis in (3, 4, 5))
+        x, y, z = np.reshape(self._loop.samples, (-1, 6))[:, 3:].std(axis=0).tolist()
         return x, y, z
 
     def _believed_rates(self) -> Triple:

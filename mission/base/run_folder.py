@@ -12,6 +12,7 @@ import sys
 from collections.abc import Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import dataclass
+from functools import cache
 from itertools import count
 from pathlib import Path
 from typing import TypedDict
@@ -354,10 +355,15 @@ def environment() -> dict[str, object]:
 
 def library_versions() -> dict[str, str]:
     """Return the versions of `LIBRARIES` by name, without those that are not installed."""
+    return {name: version for name in LIBRARIES if (version := _version(name)) is not None}
+
+
+@cache
+def _version(library: str) -> str | None:
+    """Looked up once: a run asks three times, which took as long as two simulated seconds."""
     from importlib.metadata import PackageNotFoundError, version  # a sixth of `aerofed --help`
 
-    found = {}
-    for name in LIBRARIES:
-        with suppress(PackageNotFoundError):
-            found[name] = version(name)
-    return found
+    try:
+        return version(library)
+    except PackageNotFoundError:
+        return None
