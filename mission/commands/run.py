@@ -77,11 +77,15 @@ def run(
     watching = console(quiet=quiet or as_json, live=live, live_port=live_port)
     stopwatch = Stopwatch()
     if resume is not None:
-        others = (config, out, data_dir, seed, vehicle, *set_, *gcs)
-        if no_report or any(value is not None for value in others):
+        others = {
+            "a configuration": config, "--out": out, "--data-dir": data_dir, "--seed": seed,
+            "--vehicle": vehicle, "--set": set_ or None, "--gcs": gcs or None,
+            "--no-report": no_report or None,
+        }  # fmt: skip
+        if given := [name for name, value in others.items() if value is not None]:
             raise InputError(
-                "--resume takes no other setting: the folder has them all but --rounds, --limit "
-                "and --junit"
+                f"--resume takes no other setting, and not {', '.join(given)}: the folder has them "
+                "all but --rounds, --limit and --junit"
             )
         from mission.run.resume import read_checkpoint
 

@@ -342,4 +342,4 @@ def test_resume_takes_no_other_setting(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], other: list[str]
 ) -> None:
     assert call(["run", "--resume", str(tmp_path), *other]) == 2
-    refused(capsys, "--resume takes no other setting")
+    refused(capsys, f"--resume takes no other setting, and not {other[0]}:")
