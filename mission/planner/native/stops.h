@@ -174,7 +174,8 @@ static double fly_run(
     const double seconds = foresee_path(
         path, &flying->steering, joules ? &flying->air : NULL, desk->passed, joules);
     if (!run) return seconds;
-    *run = (Run){count, joules != NULL, radius, seconds, joules ? *joules : 0.0, {{0}}, {0}};
+    *run = (Run){.count = count, .weighed = joules != NULL, .radius = radius, .seconds = seconds,
+                 .joules = joules ? *joules : 0.0};
     for (int64_t i = 0; i < count; i++) run->at[i] = stop[i].p;
     memcpy(run->passed, desk->passed, (size_t)count * sizeof(double));
     return seconds;
