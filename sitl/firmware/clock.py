@@ -1,119 +1,74 @@
-"""Simulated time under a firmware: a thread that steps the plant whenever it may and is asked.
-
-Recent true states are kept for readers that learn of an instant only after it has passed.
-"""
+"""Simulated time of firmwares that we start ourselves: it goes on as it is given."""
 
 import math
 import os
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-from flightdyn.frames import frozen, quaternion_from_euler, wrap_pi
-from flightdyn.plant import Plant
-from flightdyn.state import Kinematics, Moment
-from native.errors import FirmwareSilentError
+from flightdyn.state import Vector
+from native.errors import FirmwareRestartedError, FirmwareSilentError
 from sitl.firmware.bridge import STALL_S, Bridge
-from sitl.firmware.native import library as native
-from sitl.firmware.native.library import TruthRing
+from sitl.firmware.together import MOST, Bridged
 
-_BATTERY_EVERY = 5  # guidance intervals
 _PAUSE_S = 0.25  # wall time that an ordered pace may run ahead by
-_MOST = 1000  # ticks at once, where there is no pace to keep
 _AHEAD_NS = 500_000_000  # of the newest telemetry that was heard: five of its intervals
-LISTEN_S = 0.001  # wall time between looks whether it was
+_LISTEN_S = 0.001  # wall time between looks whether it was
 
 
-class TruthHistory:
-    """Ring buffer of true states: the newest 4096 guidance intervals of a plant (82 s at 50 Hz).
+class SharedClock(Bridged):
+    """The clock of one firmware of several that we started ourselves, which is that of their world.
 
-    One thread writes, by `keep` in `bridge.c`; others may read at any time.
+    Whoever orders a flight gives it time: whether it goes on, up to which instant, and how fast. It
+    stands still unless `run` was called last, and goes on for all while it is given to one. All are
+    stepped in one thread; any thread may give time. A firmware that has ended is not followed by
+    another one; `error` says how.
     """
 
-    def __init__(self, plant: Plant, ring: TruthRing) -> None:
-        """Begins with the truth of this instant; `ring` is where C keeps it."""
-        self._plant = plant
-        self._interval_ns = plant.interval * plant.dt_ns
-        self._ring = ring
-        self._first = self._ring.newest
-        self._batteries = [plant.battery] * (native.KEPT // _BATTERY_EVERY + 1)
-        self._battery = 0  # number of the newest
-        self.keep_battery(exchanged=True)
-
-    def keep_battery(self, *, exchanged: bool = False) -> None:
-        """Store the battery's state in every fifth interval, or if it was exchanged."""
-        number, rest = divmod(self._plant.t_ns, _BATTERY_EVERY * self._interval_ns)
-        if rest == 0 or exchanged:
-            self._batteries[number % len(self._batteries)] = self._plant.battery
-            self._battery = number
-
-    @property
-    def newest(self) -> Moment:
-        """The physical state at the end of the newest guidance interval."""
-        last = self._ring.newest
-        return self._between(last, last, self._ring.row_of(last)[0])
-
-    def motors(self, t_ns: int) -> list[float]:
-        """Return the four duty cycles (0..1) in force at an instant within the history."""
-        interval = min(t_ns // self._interval_ns, self._ring.newest)
-        duties: list[float] = self._ring.row_of(interval)[1][native.TRUTHS :].tolist()
-        return duties
-
-    def at(self, t_ns: int) -> Moment:
-        """Return the true state at an instant, interpolated; extrapolated outside the history."""
-        last = self._ring.newest
-        # The oldest may be overwritten at any time.
-        first = max(self._first, last - native.KEPT + 8)
-        index = min(max(t_ns // self._interval_ns, first), last)
-        return self._between(index, min(index + 1, last), t_ns)
-
-    def _between(self, first: int, second: int, t_ns: int) -> Moment:
-        (before_ns, before), (after_ns, after) = self._ring.row_of(first), self._ring.row_of(second)
-        since_ns, gap_ns = t_ns - before_ns, after_ns - before_ns
-        if since_ns <= 0 or gap_ns <= 0:
-            share, motion = 0.0, before[:6].copy()
-            motion[:3] += since_ns * 1e-9 * motion[3:]
-        else:
-            share = since_ns / gap_ns
-            motion = before[:6] + share * (after[:6] - before[:6])
-        interval, nearer = (second, after) if share > 0.5 else (first, before)
-        roll, pitch, yaw, *rates = nearer[6:12].tolist()
-        turned = frozen(quaternion_from_euler(roll, pitch, wrap_pi(yaw)))
-        kinematics = Kinematics(t_ns, frozen(motion[:3]), frozen(motion[3:]), turned, frozen(rates))
-        battery = self._batteries[
-            min(interval // _BATTERY_EVERY, self._battery) % len(self._batteries)
-        ]
-        return Moment(kinematics, battery, frozen(nearer[12 : native.TRUTHS]))
-
-
-class TimeGiven:
-    """What simulated time is given by whoever orders a flight: whether it goes on, up to which
-    instant, and how fast. It stands still unless `run` was called last; any thread may call all."""
-
-    def __init__(self, speed: float = math.inf) -> None:
-        """`speed` is in simulated seconds per second; infinite: as fast as the firmware asks."""
-        self._speed = speed
+    def __init__(
+        self,
+        bridge: Bridge,
+        listen: Callable[[], None],
+        *,
+        number: int,
+        near_m: float,
+        say: Callable[[str], None],
+        speed: float = math.inf,
+    ) -> None:
+        """`bridge` is open; `listen` reads the telemetry that has come; `speed` is in simulated
+        seconds per second, infinite: as fast as the firmware asks."""
+        super().__init__(number, lambda: bridge, near_m=near_m, say=say)
+        self._listen, self._speed = listen, speed
         self._slow_until = -math.inf  # wall time up to which the pace is that of wall time
         self._heard_ns: int | None = None  # time stamp of the newest telemetry
-        self._may_run = threading.Event()
-        self._until_ns: float = math.inf
+        self._may_run, self._until_ns = False, math.inf
         self.error: BaseException | None = None
+        self.fall: list[tuple[int, Vector]] = []  # when and where it was without its firmware
+        self.wake: Callable[[], None] = lambda: None  # of the world, which may be at rest
+
+    def start(self) -> None:
+        """Nothing: the world steps it."""
+
+    def stop(self) -> None:
+        """Close the bridge; may be called twice."""
+        self.close()
 
     def run(self, until_ns: float = math.inf) -> None:
         """Let simulated time go on, up to an instant."""
-        self._until_ns = until_ns
-        self._may_run.set()
+        self._silent_since = None  # it was asked for nothing
+        self._until_ns, self._may_run = until_ns, True
+        self.wake()
 
     def rest(self) -> None:
         """Let simulated time stand still."""
-        self._may_run.clear()
+        self._may_run = False
 
     @contextmanager
     def going(self, until_ns: float = math.inf, *, speed: float = math.inf) -> Iterator[None]:
         """Context manager: time goes on inside the block, up to an instant and no faster than
         `speed`, and after it as it did before."""
-        went, before = self._may_run.is_set(), (self._until_ns, self._speed)
+        went, before = self._may_run, (self._until_ns, self._speed)
         self._speed = min(self._speed, speed)
         self.run(until_ns)
         try:
@@ -137,43 +92,78 @@ class TimeGiven:
         """The speed at a wall time."""
         return self._speed if now_s >= self._slow_until else min(self._speed, 1.0)
 
-    def _ahead(self, t_ns: int) -> bool:
-        """Whether telemetry is to be read before time goes on from an instant."""
-        return self._heard_ns is not None and t_ns > self._heard_ns + _AHEAD_NS
+    @property
+    def moving(self) -> bool:
+        return self._may_run and self.error is None and self.t_ns < self._until_ns
 
-    def _unheard(self, t_ns: int, patience_s: float) -> FirmwareSilentError:
-        return FirmwareSilentError(
-            f"no telemetry for {patience_s:g} s: the newest is of t "
-            f"{(self._heard_ns or 0) / 1e9:.2f} s, and time waits for more at {t_ns / 1e9:.2f} s"
-        )
+    def exchange_battery(self) -> None:
+        """Put in a fresh battery, while time stands still."""
+        self.plant.exchange_battery()
+        self.truth.keep_battery(exchanged=True)
+
+    def look(self) -> bool:
+        """Take the firmware when it comes, and what it says while time stands still."""
+        if self.error is not None:
+            return False
+        if self._bridge is not None and self._bridge.called():
+            try:
+                self._bridge.rest()
+            except FirmwareRestartedError as error:
+                self._leave(error)
+        return super().look()
+
+    def stride(self, until_ns: float = math.inf) -> bool:
+        since_s = time.monotonic()
+        while self._ahead and self.there:
+            self._listen()
+            if time.monotonic() - since_s > STALL_S:
+                self._leave(
+                    FirmwareSilentError(
+                        f"no telemetry for {STALL_S:g} s: the newest is of t "
+                        f"{(self._heard_ns or 0) / 1e9:.2f} s, and time waits for more at "
+                        f"{self.t_ns / 1e9:.2f} s"
+                    )
+                )
+            time.sleep(_LISTEN_S)
+        moving = super().stride(until_ns)
+        if self.error is not None and not self.plant.crashed:
+            self.fall.append((self.t_ns, self.plant.truth.pos_ned_m))
+        return moving
+
+    @property
+    def _ahead(self) -> bool:
+        """Whether telemetry is to be read before time goes on."""
+        return self._heard_ns is not None and self.t_ns > self._heard_ns + _AHEAD_NS
+
+    def _leave(self, why: FirmwareSilentError) -> None:
+        """Go on without the firmware: its motors are off."""
+        self.error = why
+        self._stand_alone()
 
 
-class FirmwareClock(TimeGiven):
-    """Runs an open bridge in a thread of its own, at a given pace, and keeps recent true states.
+class FirmwareClock(SharedClock):
+    """The same of one that is alone, which is stepped in a thread of its own, at a given pace.
 
     Time goes on as it is given, and while `answers` is set and a station is answered. `truth` may
     be used at any time from any thread.
     """
 
-    def __init__(
-        self,
-        bridge: Bridge,
-        *,
-        speed: float,
-        processor: int | None = None,
-    ) -> None:
-        """`speed` as for `TimeGiven`; the thread keeps to one `processor`, if told.
+    def __init__(self, bridge: Bridge, *, speed: float, processor: int | None = None) -> None:
+        """`bridge` and `speed` as of `SharedClock`; the thread keeps to one `processor`, if told.
 
         A firmware that has come and then asks for nothing for `STALL_S` of wall time is stuck.
         """
-        super().__init__(speed)
-        self.plant: Plant = bridge.plant
-        self._bridge = bridge
+        super().__init__(
+            bridge, lambda: None, number=1, near_m=0.0, say=lambda _: None, speed=speed
+        )
         self._processor = processor
-        self.truth = TruthHistory(bridge.plant, bridge.truths)
         self._stopped = False
         self._thread = threading.Thread(target=self._turn, name="firmware clock", daemon=True)
         self.answers = False  # whether time goes on at wall pace while somebody is answered
+
+    @property
+    def there(self) -> bool:
+        return super().there and not self._stopped
 
     def start(self) -> None:
         """Start the thread; simulated time stands still until `run`."""
@@ -182,15 +172,9 @@ class FirmwareClock(TimeGiven):
     def stop(self) -> None:
         """End the thread and close the bridge."""
         self._stopped = True
-        self._may_run.set()
         if self._thread.ident is not None:
             self._thread.join()
-        self._bridge.close()
-
-    def exchange_battery(self) -> None:
-        """Put in a fresh battery, while time stands still."""
-        self.plant.exchange_battery()
-        self.truth.keep_battery(exchanged=True)
+        self.close()
 
     def _turn(self) -> None:
         try:
@@ -201,44 +185,21 @@ class FirmwareClock(TimeGiven):
             self.error = error
 
     def _run_until_stopped(self) -> None:
-        bridge, plant, run = self._bridge, self.plant, self._bridge.run
-        asked_s = paced_s = heard_s = time.monotonic()
-        while not self._stopped:
+        due_s = time.monotonic()
+        while not self._stopped and self.error is None:
             answers = self.answers and time.monotonic() < self._slow_until
-            left_ns = max(0.0, self._until_ns - plant.t_ns) if self._may_run.is_set() else 0.0
-            if not left_ns and not answers:
-                bridge.rest()
-                asked_s = paced_s = heard_s = time.monotonic()
+            until_ns = math.inf if answers else self._until_ns if self._may_run else 0.0
+            before_ns = self.t_ns
+            if until_ns <= before_ns or not (self.there or self.look()):
+                self._awaited.rest()
+                due_s = time.monotonic()
                 continue
-            if self._ahead(plant.t_ns):
-                if time.monotonic() - heard_s > STALL_S:
-                    raise self._unheard(plant.t_ns, STALL_S)
-                time.sleep(LISTEN_S)
-                asked_s = time.monotonic()
-                continue
-            heard_s = time.monotonic()
-            speed = self.pace(asked_s)
-            most = _MOST if math.isinf(speed) else plant.interval
-            if not answers and left_ns < most * plant.dt_ns:
-                most = math.ceil(left_ns / plant.dt_ns)
-            if ticks := run(most):
-                self.truth.keep_battery()
-                asked_s = time.monotonic()
-                paced_s = self._keep_pace(ticks, speed, paced_s, asked_s)
-            elif not bridge.connected:
-                asked_s = time.monotonic()
-            elif time.monotonic() - asked_s > STALL_S:
-                raise FirmwareSilentError(
-                    f"the firmware has asked for nothing for {STALL_S:g} s at t "
-                    f"{plant.t_ns / 1e9:.2f} s"
-                )
-
-    def _keep_pace(self, ticks: int, speed: float, due_s: float, now_s: float) -> float:
-        """Sleep as the pace asks after so many ticks; returns when the next are due."""
-        if math.isinf(speed):
-            return now_s
-        # A machine that falls behind does not rush afterwards.
-        due_s = max(due_s, now_s - _PAUSE_S) + ticks * self.plant.dt_ns * 1e-9 / speed
-        if due_s > now_s:
-            time.sleep(due_s - now_s)
-        return due_s
+            speed = self.pace(time.monotonic())
+            self._most = MOST if math.isinf(speed) else self.plant.interval
+            self.stride(until_ns)
+            now_s = time.monotonic()
+            # A machine that falls behind does not rush afterwards.
+            due_s = max(due_s, now_s - (0.0 if math.isinf(speed) else _PAUSE_S))
+            due_s += (self.t_ns - before_ns) * 1e-9 / speed
+            if due_s > now_s:
+                time.sleep(due_s - now_s)

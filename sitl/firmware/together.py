@@ -1,18 +1,83 @@
-"""Aircraft under firmwares in a world with others: time waits for the slowest."""
+"""Aircraft that a firmware flies, in a world that waits for the slowest, and their recent truth."""
 
 import math
 import time
 from collections.abc import Callable
 
+from flightdyn.frames import frozen, quaternion_from_euler, wrap_pi
 from flightdyn.plant import Plant
-from flightdyn.state import Vector
+from flightdyn.state import Kinematics, Moment
 from native.errors import FirmwareRestartedError, FirmwareSilentError
 from sitl.autopilot.codec.traffic import Transponder
 from sitl.firmware.bridge import STALL_S, Bridge
-from sitl.firmware.clock import LISTEN_S, TimeGiven, TruthHistory
+from sitl.firmware.native import library as native
+from sitl.firmware.native.library import TruthRing
 
 _AIRBORNE_M = 0.2  # above home
-_MOST = 1000  # ticks of one alone at once
+_BATTERY_EVERY = 5  # guidance intervals
+MOST = 1000  # ticks at once, of one alone that has no pace to keep
+
+
+class TruthHistory:
+    """Ring buffer of true states: the newest 4096 guidance intervals of a plant (82 s at 50 Hz).
+
+    One thread writes, by `keep` in `bridge.c`; others may read at any time.
+    """
+
+    def __init__(self, plant: Plant, ring: TruthRing) -> None:
+        """Begins with the truth of this instant; `ring` is where C keeps it."""
+        self._plant = plant
+        self._interval_ns = plant.interval * plant.dt_ns
+        self._ring = ring
+        self._first = self._ring.newest
+        self._batteries = [plant.battery] * (native.KEPT // _BATTERY_EVERY + 1)
+        self._battery = 0  # number of the newest
+        self.keep_battery(exchanged=True)
+
+    def keep_battery(self, *, exchanged: bool = False) -> None:
+        """Store the battery's state in every fifth interval, or if it was exchanged."""
+        number, rest = divmod(self._plant.t_ns, _BATTERY_EVERY * self._interval_ns)
+        if rest == 0 or exchanged:
+            self._batteries[number % len(self._batteries)] = self._plant.battery
+            self._battery = number
+
+    @property
+    def newest(self) -> Moment:
+        """The physical state at the end of the newest guidance interval."""
+        last = self._ring.newest
+        return self._between(last, last, self._ring.row_of(last)[0])
+
+    def motors(self, t_ns: int) -> list[float]:
+        """Return the four duty cycles (0..1) in force at an instant within the history."""
+        interval = min(t_ns // self._interval_ns, self._ring.newest)
+        duties: list[float] = self._ring.row_of(interval)[1][native.TRUTHS :].tolist()
+        return duties
+
+    def at(self, t_ns: int) -> Moment:
+        """Return the true state at an instant, interpolated; extrapolated outside the history."""
+        last = self._ring.newest
+        # The oldest may be overwritten at any time.
+        first = max(self._first, last - native.KEPT + 8)
+        index = min(max(t_ns // self._interval_ns, first), last)
+        return self._between(index, min(index + 1, last), t_ns)
+
+    def _between(self, first: int, second: int, t_ns: int) -> Moment:
+        (before_ns, before), (after_ns, after) = self._ring.row_of(first), self._ring.row_of(second)
+        since_ns, gap_ns = t_ns - before_ns, after_ns - before_ns
+        if since_ns <= 0 or gap_ns <= 0:
+            share, motion = 0.0, before[:6].copy()
+            motion[:3] += since_ns * 1e-9 * motion[3:]
+        else:
+            share = since_ns / gap_ns
+            motion = before[:6] + share * (after[:6] - before[:6])
+        interval, nearer = (second, after) if share > 0.5 else (first, before)
+        roll, pitch, yaw, *rates = nearer[6:12].tolist()
+        turned = frozen(quaternion_from_euler(roll, pitch, wrap_pi(yaw)))
+        kinematics = Kinematics(t_ns, frozen(motion[:3]), frozen(motion[3:]), turned, frozen(rates))
+        battery = self._batteries[
+            min(interval // _BATTERY_EVERY, self._battery) % len(self._batteries)
+        ]
+        return Moment(kinematics, battery, frozen(nearer[12 : native.TRUTHS]))
 
 
 class Bridged:
@@ -46,6 +111,7 @@ class Bridged:
         self._bridge: Bridge | None = None
         self._awaited = bridge()
         self.plant: Plant = self._awaited.plant
+        self._most = MOST if alone else self.plant.interval  # ticks at once
         self.truth = TruthHistory(self.plant, self._awaited.truths)
         self.began_ns = 0  # time of the world at which that of this firmware began
         self._silent_since: float | None = None  # wall time
@@ -77,13 +143,14 @@ class Bridged:
 
     def look(self) -> bool:
         """Take a firmware that has come, and say whether one is there; while time stands still."""
-        if self._bridge is None and self._awaited.called():
-            self._awaited.rest()
-            if self._awaited.connected:
-                self.began_ns += self.t_ns
-                self.plant = self._awaited.plant
-                self.truth = TruthHistory(self.plant, self._awaited.truths)
-                self._bridge, self._silent_since = self._awaited, None
+        awaited = self._awaited
+        if self._bridge is None and awaited.called():
+            awaited.rest()
+        if self._bridge is None and awaited.connected:
+            self.began_ns += self.t_ns
+            if self.plant is not awaited.plant:
+                self.plant, self.truth = awaited.plant, TruthHistory(awaited.plant, awaited.truths)
+            self._bridge, self._silent_since = awaited, None
         return self.there
 
     def step(self) -> bool:
@@ -98,8 +165,7 @@ class Bridged:
             FirmwareError: the firmware runs on a clock of its own.
             ModelDivergedError: the physics has left the numbers.
         """
-        plant = self.plant
-        ticks = _MOST if self._alone else plant.interval
+        plant, ticks = self.plant, self._most
         if until_ns < math.inf:
             ticks = min(ticks, math.ceil((until_ns - plant.t_ns) / plant.dt_ns))
         if self._bridge is None:
@@ -158,75 +224,3 @@ class Bridged:
 
     def overhear(self, said: Transponder) -> None:
         """Nothing: a firmware cannot be told of others."""
-
-
-class SharedClock(TimeGiven, Bridged):
-    """The clock of one firmware of several that we started ourselves, which is that of their world.
-
-    Time goes on for all while it is given to one. All are called in one thread. A firmware that
-    has ended is not followed by another one; `error` says how.
-    """
-
-    def __init__(
-        self,
-        bridge: Bridge,
-        listen: Callable[[], None],
-        *,
-        number: int,
-        near_m: float,
-        say: Callable[[str], None],
-    ) -> None:
-        """`bridge` is open; `listen` reads the telemetry that has come."""
-        TimeGiven.__init__(self)
-        Bridged.__init__(self, number, lambda: bridge, near_m=near_m, say=say)
-        self._listen = listen
-        self.fall: list[tuple[int, Vector]] = []  # when and where it was without its firmware
-        self.wake: Callable[[], None] = lambda: None  # of the world, which may be at rest
-
-    def start(self) -> None:
-        """Nothing: the world steps it."""
-
-    def stop(self) -> None:
-        """Close the bridge; may be called twice."""
-        self.close()
-
-    def run(self, until_ns: float = math.inf) -> None:
-        super().run(until_ns)
-        self.wake()
-
-    @property
-    def moving(self) -> bool:
-        return self._may_run.is_set() and self.error is None and self.t_ns < self._until_ns
-
-    def exchange_battery(self) -> None:
-        """Put in a fresh battery."""
-        self.plant.exchange_battery()
-        self.truth.keep_battery(exchanged=True)
-
-    def look(self) -> bool:
-        """Take the firmware when it comes, and what it says while time stands still."""
-        if self.error is not None:
-            return False
-        if self._bridge is not None and self._bridge.called():
-            try:
-                self._bridge.rest()
-            except FirmwareRestartedError as error:
-                self._leave(error)
-        return super().look()
-
-    def stride(self, until_ns: float = math.inf) -> bool:
-        since_s = time.monotonic()
-        while self._ahead(self.t_ns) and self.there:
-            self._listen()
-            if time.monotonic() - since_s > STALL_S:
-                self._leave(self._unheard(self.t_ns, STALL_S))
-            time.sleep(LISTEN_S)
-        moving = super().stride(until_ns)
-        if self.error is not None and not self.plant.crashed:
-            self.fall.append((self.t_ns, self.plant.truth.pos_ned_m))
-        return moving
-
-    def _leave(self, why: FirmwareSilentError) -> None:
-        """Go on without the firmware: its motors are off."""
-        self.error = why
-        self._stand_alone()

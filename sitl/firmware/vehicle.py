@@ -21,11 +21,10 @@ from sitl.block import following
 from sitl.config import VehicleConfig
 from sitl.firmware.ardupilot import LOOPS_HZ, ardupilot_launch, check_arducopter, slowest_rate_hz
 from sitl.firmware.bridge import Bridge, bound
-from sitl.firmware.clock import FirmwareClock
+from sitl.firmware.clock import FirmwareClock, SharedClock
 from sitl.firmware.launch import FirmwareProcess, LaunchOptions
 from sitl.firmware.px4 import etc_of, px4_launch
 from sitl.firmware.relay import Hear, Relay, Writer
-from sitl.firmware.together import SharedClock
 from sitl.links import Link
 
 # Makes the clock of a firmware in a world with others, from its bridge and what reads telemetry.
@@ -98,7 +97,7 @@ class FirmwareVehicle:
     what was wrong.
     """
 
-    clock: FirmwareClock | SharedClock
+    clock: SharedClock
     relay: Relay
     process: FirmwareProcess
 

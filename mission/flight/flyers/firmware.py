@@ -28,7 +28,6 @@ from mission.flight.pilot.pilot import Pilot
 from mission.flight.track import FlightRecorder, FlownTrack, reported_in_turn
 from native.errors import FirmwareError, FirmwareSilentError
 from sitl.autopilot.codec.orders import MissionItem
-from sitl.firmware.together import SharedClock
 from sitl.firmware.vehicle import FirmwareVehicle, ShareClock, check_firmware, plant_for
 from sitl.links import RawLink
 from sitl.observer import VehicleEvent, VehicleSample
@@ -115,10 +114,8 @@ class FirmwareFlyer(ExternalFlyer):
 
     def _fallen(self, flight: FlownTrack) -> FlownTrack:
         """A flight with the fall of the aircraft behind it, of which nobody believes anything."""
-        clock = self.vehicle.clock
-        assert isinstance(clock, SharedClock)
-        t_ns = [t_ns for t_ns, _ in clock.fall]
-        places = [place for _, place in clock.fall]
+        fall = self.vehicle.clock.fall
+        t_ns, places = [t_ns for t_ns, _ in fall], [place for _, place in fall]
         return replace(
             flight,
             t_ns=np.append(flight.t_ns, np.array(t_ns, dtype=np.int64)),

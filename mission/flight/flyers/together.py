@@ -16,7 +16,7 @@ from mission.flight.flyers.firmware import FirmwareBackend, FirmwareFlyer, silen
 from mission.flight.missions.round_mission import FlightPlan
 from mission.flight.pilot.connection import connect
 from sitl.block import following
-from sitl.firmware.together import SharedClock
+from sitl.firmware.clock import SharedClock
 from sitl.links import RawLink
 from sitl.pace import Simulation
 
@@ -161,9 +161,7 @@ class _Started:
 
     @property
     def clock(self) -> SharedClock:
-        clock = self._wired.vehicle.clock
-        assert isinstance(clock, SharedClock)
-        return clock
+        return self._wired.vehicle.clock
 
     async def start(self, opened: AsyncExitStack) -> None:
         with self._named():

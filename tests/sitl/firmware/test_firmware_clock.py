@@ -35,6 +35,9 @@ class Eager:
         self.rests += 1
         time.sleep(0.001)
 
+    def called(self) -> bool:
+        return False
+
     def close(self) -> None: ...
 
 

@@ -16,11 +16,13 @@ from flightdyn.config import AircraftConfig
 from flightdyn.frames import LocalFrame
 from flightdyn.plant import Plant
 from flightdyn.random import RandomStreams
+from sitl.firmware import clock as clock_module
 from sitl.firmware import together
 from sitl.firmware.ardupilot import RATE_HZ, ArduPilotBridge
 from sitl.firmware.bridge import Bridge
+from sitl.firmware.clock import SharedClock
 from sitl.firmware.px4 import Px4Bridge
-from sitl.firmware.together import Bridged, SharedClock
+from sitl.firmware.together import Bridged
 from sitl.world import World
 
 INTERVAL_S = 0.02
@@ -277,7 +279,7 @@ def test_time_waits_until_telemetry_of_half_a_second_ago_is_read() -> None:
 
 
 def test_a_firmware_of_several_that_tells_nothing_is_left(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(together, "STALL_S", 0.1)
+    monkeypatch.setattr(clock_module, "STALL_S", 0.1)
     clock = shared([])
     with closed(clock):
         firmware = ArduPilot(clock.port)
@@ -286,4 +288,25 @@ def test_a_firmware_of_several_that_tells_nothing_is_left(monkeypatch: pytest.Mo
         while clock.error is None:
             clock.step()
         assert str(clock.error).startswith("no telemetry for 0.1 s: the newest is of t 0.00 s")
+        firmware.end()
+
+
+def test_rest_is_no_time_in_which_a_firmware_asks_for_nothing(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A round may be planned for longer than a firmware is waited for."""
+    clock = shared([])
+    with closed(clock):
+        firmware = ArduPilot(clock.port)
+        come(clock)
+        clock.step()
+        firmware.hold()
+        until(lambda: not clock.step() or clock._silent_since is not None)
+        clock.rest()
+        monkeypatch.setattr(together, "STALL_S", 0.0)
+        clock.run()
+        clock.step()
+        assert clock.error is None
+        clock.step()
+        assert str(clock.error) == "its firmware has asked for nothing for 0 s"
         firmware.end()

@@ -5,8 +5,8 @@ import pytest
 from firmware_stand_ins import plant
 
 from flightdyn.plant import Plant
-from sitl.firmware.clock import TruthHistory
 from sitl.firmware.native.library import Hil, Stepped
+from sitl.firmware.together import TruthHistory
 
 INTERVAL_NS = 20_000_000
 
