@@ -13,9 +13,9 @@ from itertools import pairwise
 
 import numpy as np
 
-from mission.planner.certified import Case, CertifiedPlanner, Goal, case_of, in_usual_size, search
+from mission.planner.certified import Case, CertifiedPlanner, case_of, in_usual_size, search
 from mission.planner.evaluate import bounded, finish, fit_budget, plan_along, plan_without_moving
-from mission.planner.native.library import Found
+from mission.planner.native.library import Found, Goal
 from mission.planner.plan import Planner, RoundPlan
 from mission.planner.problem import RoundProblem
 

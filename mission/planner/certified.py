@@ -12,8 +12,8 @@ from mission.planner.native.crews import Crew, polished, search_orders
 from mission.planner.native.library import (
     MOST_DEVICES,
     Devices,
-    Effort,
     Found,
+    Goal,
     PathLimits,
     Relaxation,
     explore,
@@ -25,7 +25,6 @@ from mission.planner.problem import RoundProblem
 from mission.planner.reward import Altitudes, conjugates, reward_table
 
 REACH_STEP_M = 512  # of tables, so that the rounds of a mission share them
-MAX_OPEN = 50_000
 # Searches stop at steps and gains of some absolute size: importance that is larger or smaller than
 # 2 to this power is scaled first.
 USUAL_EXPONENT = 10
@@ -147,24 +146,6 @@ def in_usual_size(planner: Planner, problem: RoundProblem) -> RoundPlan | None:
 
 
 @dataclass(frozen=True)
-class Goal:
-    """Gap at which a search stops, and its cap of nodes."""
-
-    gap: float  # relative gap (bound - value) / bound that is enough
-    max_nodes: int
-    slack: float = 0.0  # bound - value that is enough, whatever the gap
-    scale: float = 0.0  # size of a value that bounds are worked out for; 0: that of the plan
-
-    def effort(self, plan: Found, max_nodes: int, aircraft: int = 1) -> Effort | None:
-        """Return the effort left for a search up to `max_nodes` in all; None: it need not begin."""
-        left = min(max_nodes, self.max_nodes) - plan.nodes
-        most_open = max(1, min(MAX_OPEN // aircraft, left * (len(plan.assigned) + 2)))
-        effort = Effort(self.gap, max(0, left), most_open, self.slack, self.scale)
-        nothing = left <= 0 or not max(plan.value, self.scale) > 0.0
-        return None if nothing or effort.met_by(plan) else effort
-
-
-@dataclass(frozen=True)
 class Case(Crew):
     """Input of a search: devices and limits of a problem, and the tables of its dual bound."""
 
@@ -216,12 +197,12 @@ def branched(case: Case, found: Found, goal: Goal) -> Found:
     scarce = limits.steps * limits.per_step < count
     by_place = limits.steps <= (SOME_SCARCE_STEPS if scarce else SOME_STEPS)
     order_nodes = int(goal.max_nodes * ORDER_SHARE[limits.steps]) if by_place else goal.max_nodes
-    if count <= MOST_DEVICES and (effort := goal.effort(found, order_nodes)) is not None:
-        found = search_orders([case], plan=found, effort=effort)
+    if count <= MOST_DEVICES and (more := goal.left(found, order_nodes)) is not None:
+        found = search_orders([case], plan=found, goal=more)
     if by_place:
         most_nodes = goal.max_nodes if count <= MOST_DEVICES else SHARED_NODES // count
-        if (effort := goal.effort(found, most_nodes)) is not None:
-            found = search_places(devices, limits, plan=found, effort=effort)
+        if (more := goal.left(found, most_nodes)) is not None:
+            found = search_places(devices, limits, plan=found, goal=more)
     return found
 
 

@@ -6,11 +6,12 @@ from fl.plugins import PlugIn
 from mission.base.errors import InfeasiblePlanError, PlanError
 from mission.base.explain import shown
 from mission.planner.altitudes import CertifiedAltitudes, SampledAltitudes
-from mission.planner.certified import CertifiedPlanner, ExploringPlanner, Goal
+from mission.planner.certified import CertifiedPlanner, ExploringPlanner
 from mission.planner.check import check_plan
 from mission.planner.config import PlannerConfig
 from mission.planner.fleet.planner import FleetPlanner
 from mission.planner.limited import LimitedPlanner
+from mission.planner.native.library import Goal
 from mission.planner.plan import Planner, RoundPlan
 from mission.planner.problem import RoundProblem
 

@@ -12,10 +12,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mission.base.arrays import Floats
-from mission.planner.certified import Goal, in_usual_size
+from mission.planner.certified import in_usual_size
 from mission.planner.evaluate import bounded, success_bounds
 from mission.planner.flyable import foresee_round
 from mission.planner.improving import fitted, improved, standing
+from mission.planner.native.library import Goal
 from mission.planner.plan import Planner, RoundPlan
 from mission.planner.problem import RoundProblem
 from mission.planner.timed import timed_bound

@@ -14,10 +14,10 @@ from itertools import pairwise
 import numpy as np
 
 from mission.base.arrays import Floats
-from mission.planner.certified import Case, Goal, case_of
+from mission.planner.certified import Case, case_of
 from mission.planner.limits import PathAllowance
 from mission.planner.native.crews import search_orders
-from mission.planner.native.library import MOST_DEVICES, Found
+from mission.planner.native.library import MOST_DEVICES, Found, Goal
 from mission.planner.performance import AHEAD_S, AHEAD_SHARE
 from mission.planner.problem import RoundProblem
 
@@ -35,11 +35,10 @@ def searched(
     limits = replace(case.limits, length=allowance.whole, stop=allowance.stop, turn=allowance.turn)
     nobody = np.full(len(devices.delta), -1)
     found = Found(value, np.zeros((limits.steps, 2)), nobody, math.inf)
-    effort = goal.effort(found, goal.max_nodes)
-    if effort is None:
+    if (left := goal.left(found, goal.max_nodes)) is None:
         return math.inf
     case = replace(case, devices=devices, limits=limits)
-    return search_orders([case], plan=found, effort=effort).bound
+    return search_orders([case], plan=found, goal=left).bound
 
 
 def timed_bound(problem: RoundProblem, value: float, goal: Goal) -> float:

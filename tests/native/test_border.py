@@ -94,18 +94,18 @@ def test_problems_that_the_search_cannot_take():
     unread: Any = None  # refused before the relaxation is looked at
     limits = planner.PathLimits(3, 1, 100.0)
     plan = planner.Found(1.0, np.zeros((3, 2)), np.zeros(41, np.int64), 2.0)
-    effort = planner.Effort(0.1, 1, 1)
+    goal = planner.Goal(0.1, 1)
     with pytest.raises(ValueError, match="41 devices: a search takes at most 40"):
-        search_orders([Crew(devices(41), limits, unread)], plan=plan, effort=effort)
+        search_orders([Crew(devices(41), limits, unread)], plan=plan, goal=goal)
     wrong: dict[str, Any] = {"way": np.zeros((2, 2)), "assigned": np.full(41, 3), "value": 0.0}
     for what, value in wrong.items():
         with pytest.raises(ValueError, match=r"must be from|takes a contiguous|nothing to"):
             planner.search_places(
-                devices(41), limits, plan=replace(plan, **{what: value}), effort=effort
+                devices(41), limits, plan=replace(plan, **{what: value}), goal=goal
             )
-    for bad_effort in ((1.0, 1, 1), (0.1, -1, 1), (0.1, 1, 0)):
+    for gap, nodes, most_open in ((1.0, 1, 1), (0.1, -1, 1), (0.1, 1, 0)):
         with pytest.raises(ValueError, match="nothing to search for"):
-            planner.Effort(*bad_effort)
+            planner.Goal(gap, nodes, max_open=most_open)
     for bad in (
         planner.PathLimits(1, 1, 1.0),
         planner.PathLimits(2, 0, 1.0),

@@ -6,12 +6,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mission.base.arrays import Floats, Ints
-from mission.planner.certified import STARTS, Goal, tries
+from mission.planner.certified import STARTS, tries
 from mission.planner.fleet.parts import Parts, improved_in_turn, one_of_each, part_along
 from mission.planner.fleet.prices import columns_of, search_prices
 from mission.planner.fleet.team import Team, owners, partitions, team_of
 from mission.planner.native.crews import search_orders
-from mission.planner.native.library import MOST_DEVICES, Found, explore
+from mission.planner.native.library import MOST_DEVICES, Found, Goal, explore
 from mission.planner.problem import RoundProblem
 
 CHANGES = 20_000  # at random: more bring nothing
@@ -49,9 +49,9 @@ def plan_jointly(
     if goal.max_nodes <= 0 or not team.searchable or not found.value > 0.0:
         return Joint(team, max(_varied(alone, team, plans), found, key=lambda plan: plan.value))
     share = next((share for most, share in _ORDER_SHARES.items() if count <= most), 0.0)
-    effort = goal.effort(found, found.nodes + int(share * goal.max_nodes), len(alone))
-    if effort is not None and team.one_radio:
-        found = search_orders(team.joint, plan=found, effort=effort)
+    left = goal.left(found, found.nodes + int(share * goal.max_nodes), len(alone))
+    if left is not None and team.one_radio:
+        found = search_orders(team.joint, plan=found, goal=left)
     if found.gap <= goal.gap and not prices_wanted:
         return Joint(team, found)
     varied = _varied(alone, team, plans)

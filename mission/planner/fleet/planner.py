@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mission.planner.apart import hovering
-from mission.planner.certified import Goal, in_usual_size
+from mission.planner.certified import in_usual_size
 from mission.planner.evaluate import bounded, check_problem, success_bounds
 from mission.planner.fleet.joint import Joint, first_plans, parts_along, plan_jointly
 from mission.planner.fleet.mending import kept_apart
@@ -24,7 +24,7 @@ from mission.planner.fleet.team import LEAST_M, team_of
 from mission.planner.fleet.within import completed, drawn_plans, planned_within, shared_out
 from mission.planner.flyable import foresee_round
 from mission.planner.limited import reach_bound
-from mission.planner.native.library import assign
+from mission.planner.native.library import Goal, assign
 from mission.planner.plan import Planner, RoundPlan, relative_gap
 from mission.planner.problem import RoundProblem
 from mission.planner.timed import cases_of, timed_bound

@@ -16,11 +16,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mission.base.arrays import Floats
-from mission.planner.certified import Case, Goal, branched
+from mission.planner.certified import Case, branched
 from mission.planner.fleet.packing import Column, Master, packed
 from mission.planner.fleet.team import Team
 from mission.planner.native.crews import alike, search_orders
-from mission.planner.native.library import MOST_DEVICES, Found
+from mission.planner.native.library import MOST_DEVICES, Found, Goal
 
 INWARDS, CALMER = 0.3, 0.1  # weight of the best prices so far; taken off after a step in vain
 CALL_NODES, MOST_CALL_NODES = 10_000, 160_000  # looked into in a call of one aircraft's search
@@ -179,12 +179,10 @@ def priced(case: Case, prices: Floats) -> Case:
 
 def searched_alone(case: Case, begun: Found, goal: Goal) -> Found:
     """Search for one aircraft's best plan: by orders, unless steps are very few."""
-    effort = goal.effort(begun, goal.max_nodes)
     if case.limits.steps < LEAST_STEPS or len(begun.assigned) > MOST_DEVICES:
         return branched(case, begun, goal)
-    if effort is None:
-        return begun
-    return search_orders([case], plan=begun, effort=effort)
+    left = goal.left(begun, goal.max_nodes)
+    return begun if left is None else search_orders([case], plan=begun, goal=left)
 
 
 def bound_at(cases: Iterable[Case], prices: Floats, way: Floats, goal: Goal) -> tuple[float, int]:

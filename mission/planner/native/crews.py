@@ -17,8 +17,8 @@ from mission.planner.native.library import (
     PLANNER,
     POINT,
     Devices,
-    Effort,
     Found,
+    Goal,
     PathLimits,
     Relaxation,
     enough_memory,
@@ -62,7 +62,7 @@ def polished(crews: Sequence[Crew], ways: Floats) -> tuple[float, Floats, Ints]:
     return enough_memory(value), way, assigned
 
 
-def search_orders(crews: Sequence[Crew], *, plan: Found, effort: Effort) -> Found:
+def search_orders(crews: Sequence[Crew], *, plan: Found, goal: Goal) -> Found:
     """Improve on a plan, whose paths are (A, N, 2), or (N, 2) of one aircraft, by branching on the
     orders of visits. All relaxations have the same radii and promises.
 
@@ -78,7 +78,7 @@ def search_orders(crews: Sequence[Crew], *, plan: Found, effort: Effort) -> Foun
     first = alike(crews)
     given = len(crews), *map(ctypes.addressof, shared), first.ctypes.data
     shape = _shape(crews, plan.way)
-    return searched(PLANNER.search_orders, given, plan, effort, shape=shape, devices=count)
+    return searched(PLANNER.search_orders, given, plan, goal, shape=shape, devices=count)
 
 
 def _shape(crews: Sequence[Crew], ways: Floats) -> tuple[int, ...]:

@@ -175,14 +175,14 @@ def explore(
 
 
 @dataclass(frozen=True)
-class Effort:
+class Goal:
     """Gap at which a search stops, and its caps of nodes."""
 
     gap: float  # relative gap (bound - value) / bound that is enough
     max_nodes: int  # nodes that are looked into at most
-    max_open: int  # nodes that are open at most; others are closed with their bound
-    slack: float = 0.0  # bound - value that is enough
+    slack: float = 0.0  # bound - value that is enough, whatever the gap
     scale: float = 0.0  # size of a value that bounds are worked out for; 0: that of the plan
+    max_open: int = 50_000  # nodes that are open at most; others are closed with their bound
 
     def __post_init__(self) -> None:
         if not 0.0 <= self.gap < 1.0 or self.max_nodes < 0 or self.max_open < 1:
@@ -192,6 +192,14 @@ class Effort:
         """Whether the bound is near enough to the plan."""
         most = max(found.value / (1.0 - self.gap), found.value + self.slack)
         return found.bound <= most * (1.0 + 1e-9)
+
+    def left(self, plan: "Found", max_nodes: int, aircraft: int = 1) -> "Goal | None":
+        """Return what is left for a search up to `max_nodes` in all; None: it need not begin."""
+        left = min(max_nodes, self.max_nodes) - plan.nodes
+        if left <= 0 or not max(plan.value, self.scale) > 0.0 or self.met_by(plan):
+            return None
+        most_open = max(1, min(self.max_open // aircraft, left * (len(plan.assigned) + 2)))
+        return replace(self, max_nodes=left, max_open=most_open)
 
     def as_c(self) -> Any:
         """Gap, slack and scale as C takes them."""
@@ -215,7 +223,7 @@ class Found:
         return (self.bound - self.value) / self.bound if self.bound else 0.0
 
 
-def search_places(devices: Devices, limits: PathLimits, *, plan: Found, effort: Effort) -> Found:
+def search_places(devices: Devices, limits: PathLimits, *, plan: Found, goal: Goal) -> Found:
     """Improve on a plan by branching on where its stops are: for few of them.
 
     For a plan that earns something.
@@ -227,31 +235,31 @@ def search_places(devices: Devices, limits: PathLimits, *, plan: Found, effort: 
     shared = devices.as_c(), limits.as_c()
     given = tuple(map(ctypes.addressof, shared))
     shape, count = (limits.steps, POINT), len(devices.delta)
-    return searched(PLANNER.search_places, given, plan, effort, shape=shape, devices=count)
+    return searched(PLANNER.search_places, given, plan, goal, shape=shape, devices=count)
 
 
 def searched(
     function: Any,
     given: tuple[int, ...],
     plan: Found,
-    effort: Effort,
+    goal: Goal,
     *,
     shape: tuple[int, ...],
     devices: int,
 ) -> Found:
     """Improve on a plan by a search of the library's with these arguments first; the plan's paths
     have `shape` (N, 2), or (A, N, 2) of several aircraft."""
-    if not max(plan.value, effort.scale) > 0.0:
+    if not max(plan.value, goal.scale) > 0.0:
         raise ValueError(f"nothing to search for: {plan.value=}")
     _check_range("assigned", plan.assigned + 1, math.prod(shape[:-1]) + 1)
     way, assigned = plan.way.copy(), plan.assigned.copy()
     value, bound, ended = ctypes.c_double(plan.value), ctypes.c_double(), ctypes.c_int64()
-    target = effort.as_c()
+    target = goal.as_c()
     nodes = function(
         *given,
         ctypes.addressof(target),
-        effort.max_nodes,
-        effort.max_open,
+        goal.max_nodes,
+        goal.max_open,
         ctypes.addressof(value),
         address(way, np.float64, shape, written=True),
         address(assigned, np.int64, (devices,), written=True),
@@ -262,9 +270,9 @@ def searched(
         raise MemoryError("too little memory to search for a plan")
     lower, all_nodes = min(plan.bound, bound.value), plan.nodes + nodes
     found = Found(value.value, way, assigned, lower, all_nodes)
-    if effort.met_by(found):
+    if goal.met_by(found):
         return found
-    why = _ENDED[ended.value].format(nodes=all_nodes, most=plan.nodes + effort.max_nodes)
+    why = _ENDED[ended.value].format(nodes=all_nodes, most=plan.nodes + goal.max_nodes)
     return replace(found, ended=why)
 
 

@@ -14,9 +14,10 @@ from scipy.optimize import linear_sum_assignment, minimize
 
 from fl.radio.channel import CHANNEL_PRESETS, average_per
 from mission.planner import certified
-from mission.planner.certified import CertifiedPlanner, Goal, case_of, search
+from mission.planner.certified import CertifiedPlanner, case_of, search
 from mission.planner.check import check_plan
 from mission.planner.evaluate import bounded
+from mission.planner.native.library import Goal
 from mission.planner.plan import BoundError
 
 PRESETS = ("suburban+10dB", "suburban", "suburban+30dB", "literal-log-variance", "high-rise")
@@ -228,9 +229,9 @@ def test_few_stops_are_searched_by_place_and_many_by_order(
     asked = {}
 
     def searcher(name):
-        def spend(*_, plan, effort):
-            asked[name] = effort.max_nodes
-            return dataclasses.replace(plan, nodes=plan.nodes + effort.max_nodes)
+        def spend(*_, plan, goal):
+            asked[name] = goal.max_nodes
+            return dataclasses.replace(plan, nodes=plan.nodes + goal.max_nodes)
 
         return spend
 

@@ -11,7 +11,7 @@ import pytest
 from fl.radio.channel import CHANNEL_PRESETS, average_per
 from flightdyn.config import LimitsConfig
 from mission.base.airspace import Airspace
-from mission.planner.certified import CertifiedPlanner, Goal, case_of
+from mission.planner.certified import CertifiedPlanner, case_of
 from mission.planner.check import check_plan
 from mission.planner.config import PlannerConfig
 from mission.planner.factory import make_planner
@@ -22,7 +22,7 @@ from mission.planner.fleet.prices import columns_of, priced, search_prices, sear
 from mission.planner.fleet.team import partitions, team_of
 from mission.planner.limits import RoundLimits
 from mission.planner.native.crews import alike, search_orders
-from mission.planner.native.library import Effort, assign
+from mission.planner.native.library import Goal, assign
 from mission.planner.performance import Performance
 from mission.planner.plan import RoundPlan
 from mission.planner.problem import RoundProblem, Start
@@ -80,7 +80,7 @@ def test_no_random_plan_is_above_the_bounds(seed: int, places: Any) -> None:
     problem = drawn(seed, aircraft=2 + seed % 2, places=places)
     team, rng = team_of(alone(problem)), np.random.default_rng(seed)
     begun = first_plans(team)[-1]
-    orders = search_orders(team.joint, plan=begun, effort=Effort(0.001, 2000, 2000))
+    orders = search_orders(team.joint, plan=begun, goal=Goal(0.001, 2000, max_open=2000))
     columns = columns_of(team, begun)
     by_prices, _ = search_prices(team, begun, columns, Goal(0.002, 100_000))
     assert by_prices.bound <= begun.bound
@@ -139,7 +139,7 @@ def test_the_bound_of_one_chain_is_that_of_the_search_for_one() -> None:
     problem = drawn(3, aircraft=1)
     team, case = team_of([problem]), case_of(problem)
     begun = team.plan_along(np.zeros((1, 6, 2)))
-    joint = search_orders(team.joint, plan=begun, effort=Effort(0.001, 20_000, 20_000))
+    joint = search_orders(team.joint, plan=begun, goal=Goal(0.001, 20_000, max_open=20_000))
     single = CertifiedPlanner(gap=0.001).plan(problem)
     assert joint.gap <= 0.001 * (1.0 + 1e-9)
     assert case.limits.length == problem.path_budget_m
@@ -160,7 +160,9 @@ def test_equal_aircraft_are_searched_once_and_as_well() -> None:
         team = team_of(alone(problem))
         assert alike(team.cases).tolist() == same
         begun = first_plans(team)[0]
-        found.append(search_orders(team.joint, plan=begun, effort=Effort(0.002, 60_000, 10_000)))
+        found.append(
+            search_orders(team.joint, plan=begun, goal=Goal(0.002, 60_000, max_open=10_000))
+        )
     assert found[0].gap <= 0.0021
     assert found[1].gap <= 0.0021
     assert found[0].bound >= found[1].value * (1.0 - 1e-6)

@@ -14,8 +14,8 @@ from mission.planner.check import check_plan
 from mission.planner.evaluate import path_length
 from mission.planner.native.crews import Crew, search_orders
 from mission.planner.native.library import (
-    Effort,
     Found,
+    Goal,
     search_places,
 )
 
@@ -178,9 +178,9 @@ def test_both_searches_prove_no_less_than_the_best_plan(seed, channel, steps, pe
     found = []
     for plan, most_nodes in ((poor, 64), (known, 1000)):
         for nodes in (1, 8, most_nodes):
-            effort, less = Effort(1e-3, nodes, 50_000), Effort(1e-3, min(nodes, 64), 50_000)
-            found.append(search_orders([crew], plan=plan, effort=effort))
-            found.append(search_places(devices, limits, plan=plan, effort=less))
+            goal, less = Goal(1e-3, nodes), Goal(1e-3, min(nodes, 64))
+            found.append(search_orders([crew], plan=plan, goal=goal))
+            found.append(search_places(devices, limits, plan=plan, goal=less))
     assert min(one.bound for one in found) >= max(one.value for one in found) * (1.0 - 1e-6)
 
 

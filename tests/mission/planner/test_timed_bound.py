@@ -11,9 +11,10 @@ from one_aircraft import changed, round_problem
 from fl.radio.channel import CHANNEL_PRESETS, average_per
 from flightdyn.config import LimitsConfig
 from mission.base.arrays import Floats
-from mission.planner.certified import Goal, case_of
+from mission.planner.certified import case_of
 from mission.planner.improving import fitted
 from mission.planner.limits import RoundLimits
+from mission.planner.native.library import Goal
 from mission.planner.performance import AHEAD_S, AHEAD_SHARE, Performance
 from mission.planner.problem import RoundProblem
 from mission.planner.timed import _limits, searched, timed_bound
