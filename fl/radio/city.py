@@ -17,7 +17,7 @@ from typing import Literal, Self, TypeAlias
 
 import numpy as np
 
-from fl.arrays import Bools, Floats, Ints
+from fl.arrays import Floats, Ints
 from fl.native import library
 from fl.radio.place import drawn_waves
 
@@ -83,11 +83,6 @@ class City:
     def gain_db(self, device: Ints, place_m: Floats) -> Floats:
         """Return path gains (n,) in dB, as `Gains.gain_db`; includes the way out of buildings."""
         return self._native.gains(device, place_m).gain_db
-
-    def in_sight(self, device: Ints, place_m: Floats) -> Bools:
-        """(n,) whether no building stands between devices (n,) and places (n, 3), but that which
-        a device is in."""
-        return self._native.gains(device, place_m).seen
 
     def unknown_db(self, device: Ints, place_m: Floats) -> Floats:
         """(n,) standard deviation of shadowing and walls on paths from devices to places (n, 3)."""

@@ -8,8 +8,7 @@ from fl.plugin_code import label_of
 from mission.base.errors import InputError
 from mission.base.run_folder import VEHICLE, RunFolder, RunSummary
 from mission.base.user_files import read_json
-from mission.flight.logs.reading import read_flight
-from mission.log import DamagedLogError, ForeignLogError
+from mission.log import SPOILT, DamagedLogError, ForeignLogError
 from mission.log.contents import load_damaged
 from mission.log.reader import decode, read_log
 from mission.log.records import RoundRecord
@@ -148,7 +147,7 @@ def _flights_in(path: Path) -> list[Path]:
 def _load(path: Path) -> LoadedRun:
     if path.is_file():
         if path.suffix.lower() in FOREIGN:
-            return LoadedRun(path, read_flight(path), {})
+            return LoadedRun(path, _read_flight(path), {})
         try:
             return LoadedRun(path, read_log(path), {})
         except ForeignLogError as error:
@@ -176,6 +175,31 @@ def _load(path: Path) -> LoadedRun:
         if summary.get("status", _FINISHED) == _FINISHED:
             raise
     return LoadedRun(path, _whole_rounds(decode(load_damaged(log))), summary)
+
+
+def _read_flight(path: Path) -> FlightData:
+    """A flight of a PX4 ULog (.ulg), an ArduPilot DataFlash log (.bin) or a telemetry log (.tlog).
+
+    Raises:
+        InputError: it cannot be read, is none, or holds no flight.
+    """
+    kind = path.suffix.lower()
+    if not path.stat().st_size:
+        raise InputError(f"{path}: the file is empty")
+    try:  # pymavlink takes 90 ms, which nobody waits for who has a log of ours
+        if kind == ".ulg":
+            from mission.flight.logs.ulog import read_ulog as read
+        elif kind == ".bin":
+            from mission.flight.logs.dataflash import read_dataflash as read
+        else:
+            from mission.flight.logs.tlog import read_tlog as read
+        return read(path)
+    except SPOILT as error:
+        what = " ".join(str(error).split())[:100]
+        raise InputError(
+            f"{path}: cannot be read as a {kind} flight log: damaged, cut off, "
+            f"or of another kind ({type(error).__name__}: {what})"
+        ) from None
 
 
 def flown(run: FlightData, record: RoundRecord) -> Track:

@@ -179,9 +179,7 @@ class Together:
         (place,) = on_globe(self.area, np.array([[x, y]]), z)
         return {"lat_deg": place.lat_deg, "lon_deg": place.lon_deg, "height_m": z}
 
-    def row(self, pair: Pair) -> dict[str, object]:
-        """A pair's numbers: each least distance, when and where, and as planned. Where positions
-        are missing, those flown are not known (NaN)."""
+    def _row(self, pair: Pair) -> dict[str, object]:
         row: dict[str, object] = {
             "first": self.names[pair.first],
             "second": self.names[pair.second],
@@ -199,8 +197,9 @@ class Together:
 
     @property
     def rows(self) -> list[dict[str, object]]:
-        """The numbers of each pair."""
-        return [self.row(pair) for pair in self.pairs]
+        """The numbers of each pair: each least distance, when and where, and as planned. Where
+        positions are missing, those flown are not known (NaN)."""
+        return [self._row(pair) for pair in self.pairs]
 
     @property
     def lines(self) -> Iterator[str]:

@@ -10,6 +10,7 @@ from mission.api.life import Life, Simulated, is_time
 from mission.api.simulated_vehicle import SimulatedVehicle
 from mission.base.errors import InputError
 from mission.flight.serve.hosts import BuiltInWorld, FirmwareHost, Order
+from mission.flight.serve.separation import Pair
 
 
 class Fleet(Simulated, Sequence[SimulatedVehicle]):
@@ -114,8 +115,5 @@ class Fleet(Simulated, Sequence[SimulatedVehicle]):
         A row each: `one`, `two`, `least_m` (3D), `horizontal_m` and `vertical_m` of it, `t_s`, and
         where the middle of the two was: `x_m` east and `y_m` north of the first home, `height_m`.
         """
-        return pd.DataFrame(
-            self._life.look(lambda: self._life.world.pairs),
-            columns=["one", "two", "least_m", "horizontal_m", "vertical_m", "t_s", "x_m", "y_m",
-                     "height_m"],
-        )  # fmt: skip
+        pairs = self._life.look(lambda: self._life.world.pairs)
+        return pd.DataFrame(pairs, columns=Pair._fields)

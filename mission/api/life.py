@@ -39,7 +39,7 @@ class Life:
         self._thread = threading.Thread(target=self._loop.run_forever, name="vehicle", daemon=True)
         self._thread.start()
         try:
-            self.do(lambda: _result(opened))
+            self.do(lambda: asyncio.wait_for(opened, None))
         except BaseException:
             self.close(cancel=True)
             raise
@@ -128,10 +128,6 @@ class Life:
             return at()
 
         return self.do(look)
-
-
-async def _result(future: "asyncio.Future[T]") -> T:
-    return await future
 
 
 class NotInTimeError(AerofedError, TimeoutError):

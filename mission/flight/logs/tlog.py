@@ -132,9 +132,6 @@ class _Reader:
         heard = [(ms * 1_000_000, us * 1000) for us, ms in self.clock]
         self.found.utc_ns = self.found.utc_ns or heard
 
-    def _late_ms(self, message: Any) -> int:
-        return int(self.clock[-1][1] - message.time_boot_ms) if self.clock else 0
-
     def take(self, at: int, wall_us: int, message: Any) -> None:
         """Keep what a message says."""
         kind, found = message.get_type(), self.found
@@ -160,7 +157,8 @@ class _Reader:
         elif kind == "GLOBAL_POSITION_INT":
             # Packets may overtake each other on their way; the vehicle numbers them.
             overtaken = 0 < (self._number - message.get_seq()) % 256 < 128
-            if overtaken and 0 < self._late_ms(message) < _MOST_LATE_MS:
+            late_ms = int(self.clock[-1][1] - message.time_boot_ms) if self.clock else 0
+            if overtaken and 0 < late_ms < _MOST_LATE_MS:
                 found.skipped["position that came late"] += 1
                 return
             self._number = message.get_seq()

@@ -218,6 +218,7 @@ def write_round_plan(path: Path, plan: FlightPlan, area: Area) -> None:
     items = []
     for item in mission_items(plan, area):
         place = item.command != mav.MAV_CMD_DO_CHANGE_SPEED
+        at = item.x, item.y, item.z
         where = {"Altitude": item.z, "AltitudeMode": 1, "AMSLAltAboveTerrain": None}
         items.append(
             {
@@ -226,7 +227,7 @@ def write_round_plan(path: Path, plan: FlightPlan, area: Area) -> None:
                 "command": item.command,
                 "doJumpId": item.seq + 1,
                 "frame": mav.MAV_FRAME_GLOBAL_RELATIVE_ALT if place else mav.MAV_FRAME_MISSION,
-                "params": [*map(_or_null, item.params), item.x, item.y, item.z],
+                "params": [*(None if math.isnan(p) else p for p in item.params), *at],
                 "type": "SimpleItem",
             }
         )
@@ -255,7 +256,3 @@ def write_round_plan(path: Path, plan: FlightPlan, area: Area) -> None:
     with or_input_error(path, "cannot write"):
         path.parent.mkdir(exist_ok=True)
     write_atomically(path, json.dumps(document, indent=2, allow_nan=False) + "\n")
-
-
-def _or_null(value: float) -> float | None:
-    return None if math.isnan(value) else value

@@ -99,21 +99,14 @@ def _highres_imu(s: Snapshot) -> mav.MAVLink_message:
     )
 
 
-def _imu(i: Instruments) -> dict[str, int]:
-    """Fields of SCALED_IMU: mG, mrad/s, mgauss and hundredths of a degree."""
+def _imu(s: Snapshot) -> dict[str, int]:
+    """Fields of RAW_IMU and SCALED_IMU: mG, mrad/s, mgauss and hundredths of a degree."""
+    i = s.deferred.instruments
     r = i.readings
     names = (f"{axis}{kind}" for kind in ("acc", "gyro", "mag") for axis in "xyz")
     others = (u.int16(value * 1e3) for value in (*r.rates_radps, *_field(i)))
     imu = dict(zip(names, (*map(u.mg, r.specific_force_mps2), *others), strict=True))
     return imu | {"temperature": u.int16(_temperature_c(i) * 100) or 1}  # 0: no thermometer
-
-
-def _scaled_imu(s: Snapshot) -> mav.MAVLink_message:
-    return mav.MAVLink_scaled_imu_message(u.ms(s.t_ns), **_imu(s.deferred.instruments))
-
-
-def _raw_imu(s: Snapshot) -> mav.MAVLink_message:
-    return mav.MAVLink_raw_imu_message(u.us(s.t_ns), **_imu(s.deferred.instruments))
 
 
 def _scaled_pressure(s: Snapshot) -> mav.MAVLink_message:
@@ -269,8 +262,10 @@ def _orbit(s: Snapshot) -> mav.MAVLink_message | None:
 
 
 INSTRUMENTS: Mapping[int, Callable[[Snapshot], mav.MAVLink_message | None]] = {
-    mav.MAVLINK_MSG_ID_RAW_IMU: _raw_imu,
-    mav.MAVLINK_MSG_ID_SCALED_IMU: _scaled_imu,
+    mav.MAVLINK_MSG_ID_RAW_IMU: lambda s: mav.MAVLink_raw_imu_message(u.us(s.t_ns), **_imu(s)),
+    mav.MAVLINK_MSG_ID_SCALED_IMU: lambda s: mav.MAVLink_scaled_imu_message(
+        u.ms(s.t_ns), **_imu(s)
+    ),
     mav.MAVLINK_MSG_ID_SCALED_PRESSURE: _scaled_pressure,
     mav.MAVLINK_MSG_ID_SERVO_OUTPUT_RAW: _servos,
     mav.MAVLINK_MSG_ID_ATTITUDE_TARGET: _attitude_target,

@@ -191,10 +191,6 @@ def _origin(s: Snapshot) -> mav.MAVLink_message:
     )
 
 
-def _extended_state(s: Snapshot) -> mav.MAVLink_message:
-    return mav.MAVLink_extended_sys_state_message(mav.MAV_VTOL_STATE_UNDEFINED, s.landed_state)
-
-
 def _battery(s: Snapshot) -> mav.MAVLink_message:
     return mav.MAVLink_battery_status_message(
         id=0,
@@ -277,7 +273,9 @@ TELEMETRY: Mapping[int, Callable[[Snapshot], mav.MAVLink_message | None]] = {
     mav.MAVLINK_MSG_ID_ALTITUDE: _altitude,
     mav.MAVLINK_MSG_ID_HOME_POSITION: _home,
     mav.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN: _origin,
-    mav.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: _extended_state,
+    mav.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: lambda s: mav.MAVLink_extended_sys_state_message(
+        mav.MAV_VTOL_STATE_UNDEFINED, s.landed_state
+    ),
     mav.MAVLINK_MSG_ID_BATTERY_STATUS: _battery,
     mav.MAVLINK_MSG_ID_AUTOPILOT_VERSION: _version,
     mav.MAVLINK_MSG_ID_FLIGHT_INFORMATION: _flight_information,
