@@ -74,16 +74,8 @@ class StaleStart(Protocol):
         """Return the model (P,) a device trains from, such as the last it got, kept in `state`."""
 
 
-class _Uncorrected:
-    """Base class of algorithms that add nothing to the devices' gradients."""
-
-    def correction(self, state: AlgorithmState, device: int) -> Vector | None:  # noqa: ARG002
-        """Return None: nothing is added to the gradients."""
-        return None
-
-
-@dataclass(frozen=True)
-class FedAvg(_Uncorrected):
+@dataclass(frozen=True, kw_only=True)
+class FedAvg:
     """Federated averaging, weighted by p_k; with mu > 0 in local training this is FedProx.
 
     McMahan et al. 2017; Li et al. 2020 (FedProx).
@@ -96,6 +88,10 @@ class FedAvg(_Uncorrected):
         """Return an empty state."""
         return {}
 
+    def correction(self, state: AlgorithmState, device: int) -> Vector | None:  # noqa: ARG002
+        """Return None: nothing is added to the gradients."""
+        return None
+
     def apply(
         self, state: AlgorithmState, model: Vector, updates: Sequence[Update]
     ) -> tuple[Vector, AlgorithmState]:
@@ -103,17 +99,15 @@ class FedAvg(_Uncorrected):
         return _moved(model, mean_step(model, updates)), state
 
 
-@dataclass(frozen=True)
-class FedAvgM(_Uncorrected):
+@dataclass(frozen=True, kw_only=True)
+class FedAvgM(FedAvg):
     """Averaging with server momentum: v' = beta v + step, theta' = theta + eta v'.
 
     Hsu, Qi, Brown 2019.
     """
 
-    momentum: float
     server_learning_rate: float
     server_momentum: float
-    mu: float = 0.0
 
     def init(self, model: Vector, devices: int) -> AlgorithmState:  # noqa: ARG002  # protocol
         """Return the state with velocity 0."""
@@ -128,20 +122,18 @@ class FedAvgM(_Uncorrected):
         return moved, {"velocity": velocity.astype(np.float32)}
 
 
-@dataclass(frozen=True)
-class FedAdam(_Uncorrected):
+@dataclass(frozen=True, kw_only=True)
+class FedAdam(FedAvg):
     """Adam on the server, the mean update as its gradient, without bias correction.
 
     m' = b1 m + (1 - b1) step, v' = b2 v + (1 - b2) step^2, theta' = theta + eta m' / (sqrt v' +
     tau), from v = tau^2. Reddi et al. 2021.
     """
 
-    momentum: float
     server_learning_rate: float
     beta1: float
     beta2: float
     tau: float
-    mu: float = 0.0
 
     def init(self, model: Vector, devices: int) -> AlgorithmState:  # noqa: ARG002  # protocol
         """Return the state with first moment 0 and second moment tau^2."""

@@ -41,12 +41,15 @@ def momentum(at: Parameters) -> Strategy:
 def test_flowers_average_is_ours() -> None:
     theirs = FlowerAlgorithm(average, 0.9)
     after, _ = theirs.apply(theirs.init(MODEL, 3), MODEL, SENT)
-    ours, _ = algorithms.FedAvg(0.9).apply({}, MODEL, SENT)
+    ours, _ = algorithms.FedAvg(momentum=0.9).apply({}, MODEL, SENT)
     assert after == pytest.approx(ours, rel=1e-5, abs=1e-6)
 
 
 def test_flowers_momentum_is_ours_over_rounds() -> None:
-    theirs, ours = FlowerAlgorithm(momentum, 0.9), algorithms.FedAvgM(0.9, 0.7, 0.5)
+    theirs, ours = (
+        FlowerAlgorithm(momentum, 0.9),
+        algorithms.FedAvgM(momentum=0.9, server_learning_rate=0.7, server_momentum=0.5),
+    )
     one = two = MODEL
     state, known = theirs.init(MODEL, 3), ours.init(MODEL, 3)
     for _ in range(3):

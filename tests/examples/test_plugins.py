@@ -141,7 +141,7 @@ def test_fednova_counts_the_work_that_momentum_piles_up() -> None:
         assert algorithm.work(steps) == pytest.approx(moved)
     model = np.zeros(2, np.float32)
     same = updates((1.0, 0.0), (0.0, 2.0), steps=(5, 5))
-    average, _ = FedAvg(0.9).apply({}, model, same)
+    average, _ = FedAvg(momentum=0.9).apply({}, model, same)
     assert algorithm.apply({}, model, same)[0] == pytest.approx(average)
     # Twice the steps along one gradient are no louder than one: [1, 0] and [0, 1] weigh alike.
     plain = fednova.FedNova(momentum=0.0)
@@ -217,7 +217,7 @@ def test_late_updates_weigh_less_and_move_from_where_they_began() -> None:
     model, old = np.array([1.0, 1.0], np.float32), np.array([0.0, 0.0], np.float32)
     new = [Update(k, 0.2, m, 1, model) for k, m in enumerate((2.0 * model, 3.0 * model))]
     after, _ = algorithm.apply({}, model, new)
-    assert after == pytest.approx(FedAvg(0.9).apply({}, model, new)[0])
+    assert after == pytest.approx(FedAvg(momentum=0.9).apply({}, model, new)[0])
     late = Update(1, 0.6, np.array([4.0, 0.0], np.float32), 1, old, staleness=3)
     after, _ = algorithm.apply({}, model, [new[0], late])
     assert after == pytest.approx([1.0 + (0.2 + 0.6 * 4.0 / 2.0) / 0.8, 1.0 + 0.2 / 0.8])
