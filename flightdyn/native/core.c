@@ -1,7 +1,6 @@
 /* The functions of one level. */
 
 #include "control.h"
-#include "cruise.h"
 #include "error_state.h"
 #include "guidance.h"
 #include "landing.h"

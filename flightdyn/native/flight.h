@@ -3,7 +3,6 @@
 #ifndef FLIGHT_H
 #define FLIGHT_H
 
-#include "inner.h"
 #include "ticks.h"
 #include "trajectory.h"
 #include <stdint.h>

@@ -1,12 +1,12 @@
 /* Along a trajectory: a clock that waits for an aircraft that cannot keep up, the reference at its
-   time, the heading. */
+   time, the heading; guidance steps, what the log has of them, and the ticks between them. */
 #ifndef GUIDANCE_H
 #define GUIDANCE_H
 
 #include "control.h"
 #include "flight.h"
 #include "landing.h"
-#include "trace.h"
+#include "strapdown.h"
 #include "vectors.h"
 
 static const double LAG_FREE_M = 1.5;   /* lag along the path that the governor lets pass */
@@ -133,6 +133,34 @@ static int near_corner(const Guide *g, const Gains *k, const State *nav)
     return beyond + 2 * k->dt * speed + NEAR_M > 0;
 }
 
+/* Add a row of what is believed and ordered to the log's, where it is time to. Whether it went well;
+   where not, Python has an error set. */
+static int note(Trace *trace, const Guide *g, const State *nav, const Inner *inner)
+{
+    const int64_t step = ++trace->steps;
+    if (!g->armed || step % trace->every || trace->count == trace->room) return 1;
+    double *row = trace->rows[trace->count], turn[4], seen[ACTUATORS];
+    if (!read_gauges(inner->python, trace->gauges, ACTUATORS, seen)) return 0;
+    rotation(turn, g->error);
+    *row++ = (double)step;
+    for (int i = 0; i < 4; i++) row[i] = nav->q[i];
+    for (int i = 0; i < 3; i++) row[4 + i] = inner->rate[i];
+    product(row + 7, nav->q, turn);
+    for (int i = 0; i < 3; i++) row[11 + i] = seen[i];
+    row[14] = g->collective;
+    for (int i = 0; i < 4; i++) row[15 + i] = seen[3 + i];
+    for (int i = 0; i < 3; i++) {
+        row[19 + i] = g->p[i];
+        row[22 + i] = g->v[i];
+        row[25 + i] = g->a[i];
+    }
+    row[28] = g->yaw;
+    row[29] = g->yaw_rate;
+    for (int i = 19; i < 30 && !g->pointed; i++) row[i] = __builtin_nan("");
+    trace->count++;
+    return 1;
+}
+
 static int guide(const Guidance *guidance, const Strapdown *carried, Inner *inner)
 {
     Guide *g = guidance->memory;
@@ -175,6 +203,29 @@ static int guide(const Guidance *guidance, const Strapdown *carried, Inner *inne
                (near_corner(g, k, nav) ? NEAR : 0);
     return order(inner, g->error, g->feed, g->collective) &&
            (!guidance->trace || note(guidance->trace, g, nav, inner));
+}
+
+/* A tick of the physics, sampled by the IMU; its rates go to the inner loops. */
+static inline int tick(Imu *imu, Inner *inner, Object run, double *values)
+{
+    return call(imu->python, run) && sample(imu, values) && feed(inner, imu->rates);
+}
+
+/* From tick to tick, and over the guidance steps on the way, while nobody has anything else to do. */
+static int64_t cruise(Loop *loop, Object run, int64_t ticks, Increment *sums, const Guidance *guidance)
+{
+    const int64_t noted = guidance->memory->noted;
+    for (int64_t flown = 0; flown < ticks;) {
+        if (!tick(loop->imu, loop->inner, run, loop->samples + AXES * loop->taken)) return -1;
+        flown++;
+        if (++loop->taken < loop->interval) continue;
+        integrate((const Sample *)loop->samples, loop->interval, loop->dt, sums++, loop->carried);
+        loop->taken = 0;
+        if (flown == ticks) break;
+        if (!guide(guidance, loop->carried, loop->inner)) return -1;
+        if (guidance->memory->noted != noted) return flown;
+    }
+    return ticks;
 }
 
 #endif
