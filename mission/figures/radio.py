@@ -20,7 +20,6 @@ from mission.figures.style import (
     SOFT,
     WARM,
     Chart,
-    arranged,
     heading,
     keys,
     named,
@@ -113,12 +112,6 @@ def beliefs(run: FlightData) -> list[Chart]:
             _belief(run, frame, grids[number], device, f"believed as round {number} began", lines)
         )
     return [*panels, _belief(run, frame, run.radio_true, device, "true", [])]
-
-
-def belief_picture(panels: Sequence[Chart], about: str) -> Chart:
-    """Arrange the maps of `beliefs` as one picture."""
-    title = heading("What was believed of a device's radio, and what was true", about)
-    return arranged(panels, how="concat", columns=3, spacing=24, title=title)
 
 
 def _belief(

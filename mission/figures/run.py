@@ -16,9 +16,9 @@ from mission.figures.charts import Series, line_chart
 from mission.figures.flight import profiles
 from mission.figures.learning import experiment_charts, learning_charts
 from mission.figures.maps import overview, round_map, round_maps
-from mission.figures.radio import belief_picture, beliefs
+from mission.figures.radio import beliefs
 from mission.figures.render import engine, save_all, stacked
-from mission.figures.style import Chart
+from mission.figures.style import Chart, arranged, heading
 from mission.figures.together import separation_chart, timetable, together_map
 from mission.figures.told import side_by_side_charts
 
@@ -78,7 +78,9 @@ def run_pictures(loaded: LoadedRun) -> dict[str, Chart]:
         pictures["map.png"] = overview(run, about)
         pictures["rounds.png"] = round_maps(run, about)
         if panels := beliefs(run):
-            pictures["belief.png"] = belief_picture(panels, about)
+            title = heading("What was believed of a device's radio, and what was true", about)
+            rows = arranged(panels, how="concat", columns=3, spacing=24, title=title)
+            pictures["belief.png"] = rows
     if run.rounds:
         charts = learning_charts(run)
         pictures["learning.png"] = stacked(charts, title="What was learnt", about=about)

@@ -124,11 +124,6 @@ class Experiment(ABC):
         rounds = self.scenario.config.mission.rounds
         self.recorder.progress.phase(f"round {self.totals.next_round}/{rounds}: {what}")
 
-    @property
-    def _leaving_m(self) -> float | None:
-        """How far apart a pair is from when on its distance counts: homes may be nearer."""
-        return self.scenario.config.mission.separation_m if self.totals.next_round == 1 else None
-
     def _finish(
         self,
         record: RoundRecord,
@@ -137,7 +132,9 @@ class Experiment(ABC):
     ) -> None:
         again = self._recalled() is not None
         served = tuple(item for one in outings for item in one.served)
-        pairs = pairs_of(outings, leaving_m=self._leaving_m)
+        # How far apart a pair is from when on its distance counts: homes may be nearer.
+        apart_m = self.scenario.config.mission.separation_m
+        pairs = pairs_of(outings, leaving_m=apart_m if record.round == 1 else None)
         rows = tuple(row(one, record, pairs) for one in outings)
         report = RoundReport(record, served, memory.learnt, rows, again=again)
         with self.stopwatch("log"):

@@ -66,12 +66,9 @@ class FolderRecorder:
         if len(self.logs) == 1:
             return [Attached(self.logs, self.run.folder.path, self.notice)]
         return [
-            Attached((log,), self.run.folder.of_vehicle(name).path, partial(self._said_by, name))
+            Attached((log,), self.run.folder.of_vehicle(name).path, partial(self.notice, of=name))
             for name, log in zip(self.run.scenario.aircraft, self.logs, strict=True)
         ]
-
-    def _said_by(self, name: str, text: str) -> None:
-        self.notice(f"{name}: {text}")
 
     def planned(self, t_ns: int, round_number: int, one: Outing) -> None:
         """Log a plan of an aircraft before it is flown, and write it as a plan file."""
@@ -134,8 +131,9 @@ class FolderRecorder:
             log.learning(round_number, accuracy=learnt.accuracy, cov=learnt.cov, loss=learnt.loss)
         self.devices.extend(self._devices(round_number, learnt))
 
-    def notice(self, text: str) -> None:
-        """Log and show a line."""
+    def notice(self, text: str, of: str = "") -> None:
+        """Log and show a line, with the name of the aircraft that it is of."""
+        text = f"{of}: {text}" if of else text
         for log in self.logs:
             log.note(text, severity=4)
         self.progress.notice(text)

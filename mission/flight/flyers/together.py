@@ -4,7 +4,7 @@ firmwares that are started for them."""
 import asyncio
 import math
 import time
-from collections.abc import AsyncIterator, Callable, Iterator, Mapping, Sequence
+from collections.abc import AsyncIterator, Iterator, Mapping, Sequence
 from contextlib import AsyncExitStack, asynccontextmanager, contextmanager
 from dataclasses import dataclass
 from functools import partial
@@ -14,13 +14,12 @@ from mission.flight.flyers.base import Attached, Fleet, FleetBackend, Flights, F
 from mission.flight.flyers.built_in import BuiltInBackend, BuiltInFlyer, held_at_interruption
 from mission.flight.flyers.firmware import FirmwareBackend, FirmwareFlyer, silent
 from mission.flight.missions.round_mission import FlightPlan
-from mission.flight.pilot.connection import connect
+from mission.flight.pilot.connection import connect, until
 from sitl.block import following
 from sitl.firmware.clock import SharedClock
 from sitl.links import RawLink
 from sitl.pace import Simulation
 
-_POLL_S = 0.002  # wall time
 _LOOK_S = 0.05  # wall time between looks at firmwares while time stands still
 
 
@@ -45,7 +44,7 @@ class WorldFleet(Fleet):
         }
         tasks = {n: asyncio.ensure_future(flyer.order(plans[n])) for n, flyer in ours.items()}
         try:
-            await _until(
+            await until(
                 lambda: all(ours[n].vehicle.moving or task.done() for n, task in tasks.items())
             )
             self.simulation.runs = "moving"
@@ -54,7 +53,7 @@ class WorldFleet(Fleet):
                     tasks[n] = asyncio.ensure_future(flyer.order(plans[n]))
             await asyncio.gather(*tasks.values(), return_exceptions=True)
             # Who is lost may still be on its way down, and a failsafe may have begun.
-            await _until(lambda: not self.simulation.world.moving)
+            await until(lambda: not self.simulation.world.moving)
         finally:
             self.simulation.runs = "moving"
             for task in tasks.values():
@@ -75,11 +74,6 @@ class WorldFleet(Fleet):
         flyer = self.aloft[number]
         assert isinstance(flyer, BuiltInFlyer | FirmwareFlyer)
         return flyer
-
-
-async def _until(met: Callable[[], bool]) -> None:
-    while not met():  # noqa: ASYNC110  of another thread's making
-        await asyncio.sleep(_POLL_S)
 
 
 @dataclass(frozen=True)
@@ -169,16 +163,15 @@ class _Started:
 
     async def come(self) -> None:
         """Wait until it asks for the first tick."""
-        config = self._backend.task.config
+        config, failure = self._backend.task.config, self._wired.vehicle.failure
         with self._named():
             try:
                 async with asyncio.timeout(config.link.connect_timeout_s):
-                    while not self.clock.there:
-                        if (error := self._wired.vehicle.failure()) is not None:
-                            raise error
-                        await asyncio.sleep(_POLL_S)
+                    await until(lambda: self.clock.there or failure() is not None)
             except TimeoutError:
                 raise silent(self._wired, config) from None
+            if (error := failure()) is not None:
+                raise error
 
     async def connected(self, opened: AsyncExitStack) -> FirmwareFlyer:
         with self._named():
