@@ -1,7 +1,7 @@
 /* What one device does: local training; and what a model gets right. Compiled once for every kind
    of processor, as LEVEL names it. */
 
-#include "levelled.h"
+#include "exported.h"
 #include "network.h"
 
 /* What the steps of a training change and keep, (P,) each. */

@@ -4,7 +4,7 @@
 #include "error_state.h"
 #include "guidance.h"
 #include "landing.h"
-#include "levelled.h"
+#include "exported.h"
 #include "strapdown.h"
 
 static void pass_points(PathProfile *path, const Steering *steering, double *passed)

@@ -1,14 +1,17 @@
 """Reads a log back into values."""
 
+import tomllib
 from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, FiniteFloat
 
 from fl.radio.per_grid import PerGrid
 from mission.base.arrays import Floats, Ints
+from mission.base.explain import Blame, explained
 from mission.log import SPOILT, ForeignLogError, control, topics
 from mission.log.contents import Contents, load
 from mission.log.records import (
@@ -19,7 +22,6 @@ from mission.log.records import (
     described,
     from_json,
 )
-from mission.log.settings import check_settings
 from mission.log.signals import Signal
 from mission.log.topics import Topic
 from mission.log.values import (
@@ -64,7 +66,7 @@ def decode(contents: Contents) -> FlightData:
         InputError: its configuration is none.
     """
     area = contents.area
-    check_settings(contents.path, contents.attachments.get("config.toml", b""))
+    _check_settings(contents.path, contents.attachments.get("config.toml", b""))
     try:
         devices, told = _devices(contents), _control(contents)
         truth, belief = _common(track(contents, topics.TRUE_POSE), track(contents, topics.EST_POSE))
@@ -234,3 +236,70 @@ def _innovations(contents: Contents) -> dict[str, InnovationTrack]:
                 accepted=np.array([item["accepted"] for _, item in rows], dtype=np.bool_),
             )
     return found
+
+
+_Ring = Annotated[
+    list[Annotated[list[FiniteFloat], Field(min_length=2, max_length=2)]], Field(min_length=3)
+]
+
+
+class _Read(BaseModel):
+    """A table of the configuration that a log holds: what is read back from it has to be of its
+    kind. Of another version keys may be missing or unknown; nobody reads those."""
+
+    model_config = ConfigDict(strict=True)
+
+
+class _Area(_Read):
+    class NoFly(_Read):
+        name: str
+        polygon_m: _Ring
+        from_m: FiniteFloat = 0.0
+        to_m: FiniteFloat | None = None
+
+    class Building(_Read):
+        model_config = ConfigDict(extra="forbid")
+        polygon_m: _Ring
+        height_m: FiniteFloat
+        from_m: FiniteFloat = 0.0
+        holes_m: list[_Ring] = []
+
+    no_fly: list[NoFly] = []
+    buildings: list[Building] = []
+
+
+class _Wind(_Read):
+    speed_mps: FiniteFloat = 0.0
+    from_deg: FiniteFloat = 0.0
+    turbulence_severity: int = 0
+    gusts: list[Any] = []
+
+
+class _Aircraft(_Read):
+    wind: _Wind = _Wind()
+
+
+class _Vehicle(_Read):
+    aircraft: _Aircraft = _Aircraft()
+
+
+class _Settings(_Read):
+    mission: dict[str, Any] = {}
+    link: dict[str, Any] = {}
+    radio: dict[str, Any] = {}
+    area: _Area = _Area()
+    vehicle: _Vehicle = _Vehicle()
+
+
+def _check_settings(path: Path, text: bytes) -> None:
+    """Check the configuration that the log `path` holds.
+
+    Raises:
+        InputError: it is no TOML, or what is read back of it is not of its kind.
+    """
+    try:
+        values = tomllib.loads(text.decode())
+    except ValueError as error:
+        raise ForeignLogError(path, f"its config.toml is not valid TOML: {error}") from None
+    with explained(_Settings, values, Blame(f"{path}: config.toml")):
+        _Settings.model_validate(values)

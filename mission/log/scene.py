@@ -1,7 +1,10 @@
-"""What the 3D and map panels show beside the aircraft: ground, devices, links, plan."""
+"""What a viewer shows: its panels, and in 3D and on the map ground, devices, links, plan."""
 
+import json
 import math
 from collections.abc import Mapping, Sequence
+from importlib.resources import files
+from string import Template
 
 import numpy as np
 from foxglove import messages as fox
@@ -15,6 +18,10 @@ from mission.log.records import UplinkRecord
 from mission.log.topics import FRAME
 from mission.log.values import Devices, PlanRecord, Zone
 
+LAYOUT = "foxglove-layout.json"
+_MAP_PX = 300  # what the map panel has to spare on an ordinary screen
+_WORLD_PX = 256  # of a web map at zoom 0
+_EQUATOR_M = 40_075_017.0
 _LINK_SHOWN = fox.Duration(4)  # simulated time for which a link stays in the picture
 _DEVICE_SIZE_M = (8.0, 22.0)  # smallest and largest importance
 _LABEL_M = 18.0  # so far above what it names that it does not hide it
@@ -238,3 +245,46 @@ def _entity(t_ns: int, name: str, frame: str = FRAME, **parts: object) -> object
 
 def _update(entities: Sequence[object]) -> bytes:
     return encoded(fox.SceneUpdate, entities=list(entities))
+
+
+def layout(area: Area, communities: Sequence[str]) -> bytes:
+    """The layout that fits our topics, in the JSON of Foxglove's SDK: scene, map, log; modes,
+    learning, links, flight, estimator, battery.
+
+    It goes into every log as an attachment; `aerofed log export FILE --to attachments` takes it
+    out. What does not depend on the run stands in `foxglove-layout.json`. Without communities, as
+    in a flight of a plan file, it has no learning and no links.
+    """
+    text = Template(files(__package__).joinpath(LAYOUT).read_text(encoding="utf-8"))
+    document = json.loads(text.safe_substitute(planned=palette.PLANNED, flown=palette.FLOWN))
+    seen, numbers = (item["content"]["items"] for item in document["content"]["items"])
+    width, height = area.size_m
+    seen[0]["content"]["config"]["cameraState"] |= {
+        "distance": 1.3 * max(width, height),
+        "targetOffset": [width / 2, height / 2, 0.0],
+        "far": 20 * max(width, height),
+    }
+    seen[1]["content"]["items"][0]["content"]["config"]["zoomLevel"] = _zoom(area)
+    learning = numbers[1]["content"]["config"]
+    learning["paths"] = [
+        _of_community(learning["paths"][0], name, palette.community_colour(index))
+        for index, name in enumerate(communities)
+    ]
+    if not communities:
+        del numbers[1:3]
+    return json.dumps(document, separators=(",", ":"), ensure_ascii=False).encode()
+
+
+def _of_community(series: dict[str, str], name: str, colour: str) -> dict[str, str]:
+    value = series["value"].replace("$name", name)
+    return series | {"color": colour, "label": name, "value": value}
+
+
+def _zoom(area: Area) -> int:
+    """Zoom level of the map at which the area fits about the take-off point, its centre."""
+    reach_m = max(
+        max(home, size - home) for home, size in zip(area.home_m, area.size_m, strict=True)
+    )
+    parallel_m = _EQUATOR_M * math.cos(math.radians(area.home.lat_deg))
+    zoom = math.log2(parallel_m / _WORLD_PX * _MAP_PX / (2 * reach_m))
+    return min(max(math.floor(zoom), 0), 19)

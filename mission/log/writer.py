@@ -11,8 +11,6 @@ from fl.radio.per_grid import PerGrid
 from mission.base import polyline
 from mission.base.area import Area
 from mission.log import messages, scene, topics
-from mission.log.layout import ATTACHMENT as LAYOUT
-from mission.log.layout import layout
 from mission.log.records import LATE, RoundRecord, UplinkRecord
 from mission.log.sink import McapSink, Sink
 from mission.log.topics import Topic
@@ -75,7 +73,7 @@ class FlightLog:
         self._write_world(start_ns)
         if area.buildings:
             self._write(topics.SCENE_BUILDINGS, start_ns, scene.buildings(start_ns, area))
-        self.attach(LAYOUT, "application/json", layout(area, devices.communities))
+        self.attach(scene.LAYOUT, "application/json", scene.layout(area, devices.communities))
 
     def sampled(self, sample: VehicleSample) -> None:
         """Write one sample of the vehicle."""

@@ -1,6 +1,6 @@
 /* Planning, compiled once for every kind of processor, as LEVEL names it. */
 
-#include "levelled.h"
+#include "exported.h"
 #include "following.h"
 #include "search.h"
 #include "space.h"

@@ -19,8 +19,8 @@ from mcap_protobuf.decoder import DecoderFactory
 from synthetic_flight import AREA, Fixed, fly
 
 from mission.base.area import Area
-from mission.log.layout import ATTACHMENT, layout
 from mission.log.reader import read_log
+from mission.log.scene import LAYOUT, layout
 from mission.log.topics import fields
 
 NUMBERS = frozenset({FieldDescriptor.TYPE_DOUBLE, FieldDescriptor.TYPE_FLOAT})
@@ -34,7 +34,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Fixed:
 
 @pytest.fixture(scope="module")
 def ours(made: Fixed) -> Any:
-    return json.loads(read_log(made.log).attachments[ATTACHMENT])
+    return json.loads(read_log(made.log).attachments[LAYOUT])
 
 
 def panels(content: dict[str, Any]) -> Iterator[dict[str, Any]]:
