@@ -6,11 +6,11 @@ takes orders, whose answers take it some of its own time.
 """
 
 import math
-from collections.abc import AsyncIterator, Callable, Sequence
+from collections.abc import AsyncIterator, Awaitable, Callable, Coroutine
 from contextlib import AsyncExitStack, asynccontextmanager
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import NamedTuple, Self
+from typing import Any, Concatenate, NamedTuple, ParamSpec, Self, TypeVar
 
 import numpy as np
 
@@ -19,18 +19,18 @@ from mission.base.errors import FlightError, InputError
 from mission.config.models import RunConfig
 from mission.flight.flyers.base import Attached, Backend, Flyer, Task, station_links
 from mission.flight.flyers.external import ExternalFlyer, limits_of
-from mission.flight.missions.plan_check import CheckedPath
-from mission.flight.missions.plan_file import PlanFile
 from mission.flight.missions.round_mission import FlightPlan, stop_items
 from mission.flight.pilot.connection import NoVehicleError, located
 from mission.flight.pilot.feed import Known, Takers
 from mission.flight.pilot.pilot import Pilot
 from mission.flight.track import FlightRecorder, FlownTrack, reported_in_turn
 from native.errors import FirmwareError, FirmwareSilentError
-from sitl.autopilot.codec.orders import MissionItem
 from sitl.firmware.vehicle import FirmwareVehicle, ShareClock, check_firmware, plant_for
 from sitl.links import RawLink
 from sitl.observer import VehicleEvent, VehicleSample
+
+P = ParamSpec("P")
+T = TypeVar("T")
 
 NAMES = {"px4": "PX4", "ardupilot": "ArduPilot"}
 FOLDER = "firmware"  # of a run, where the firmware lives
@@ -57,32 +57,34 @@ class Milestones:
             self.plant.faults.happened(event.seq)
 
 
+def _given_time(
+    order: Callable[Concatenate["FirmwareFlyer", P], Awaitable[T]],
+) -> Callable[Concatenate["FirmwareFlyer", P], Coroutine[Any, Any, T]]:
+    """The order, for which the firmware is given some of its time."""
+
+    async def timed(self: "FirmwareFlyer", /, *given: P.args, **named: P.kwargs) -> T:
+        async with self.vehicle.going():
+            return await order(self, *given, **named)
+
+    return timed
+
+
 @dataclass(kw_only=True)
 class FirmwareFlyer(ExternalFlyer):
     """Flyer of a firmware on the simulated aircraft: truth from physics, belief from telemetry."""
 
     vehicle: FirmwareVehicle
 
+    set_fence = _given_time(ExternalFlyer.set_fence)
+    take_off = _given_time(ExternalFlyer.take_off)
+    upload = _given_time(ExternalFlyer.upload)
+    fly = _given_time(ExternalFlyer.fly)
+    carry_out = _given_time(ExternalFlyer.carry_out)
+    land = _given_time(ExternalFlyer.land)
+
     @property
     def t_ns(self) -> int:
         return self.vehicle.plant.t_ns
-
-    async def set_fence(self, items: Sequence[MissionItem]) -> None:
-        async with self.vehicle.going():
-            await super().set_fence(items)
-
-    async def take_off(self) -> None:
-        async with self.vehicle.going():
-            await super().take_off()
-
-    async def upload(self, plan: FlightPlan) -> None:
-        """Give the firmware the stops; it needs some of its time for that, and hovers."""
-        async with self.vehicle.going():
-            await super().upload(plan)
-
-    async def fly(self, plan: FlightPlan) -> FlownTrack:
-        async with self.vehicle.going():
-            return await super().fly(plan)
 
     def begin(self, plan: FlightPlan) -> None:
         """Begin the flight of a plan among others, from now on."""
@@ -131,16 +133,6 @@ class FirmwareFlyer(ExternalFlyer):
     async def wait(self, until_ns: int) -> None:
         async with self.vehicle.going(until_ns + _TOLD_NS):
             await super().wait(until_ns)
-
-    async def carry_out(
-        self, plan: PlanFile, path: CheckedPath, *, begins: Callable[[], None]
-    ) -> None:
-        async with self.vehicle.going():
-            await super().carry_out(plan, path, begins=begins)
-
-    async def land(self) -> None:
-        async with self.vehicle.going():
-            await super().land()
 
     @property
     def battery_remaining(self) -> float:

@@ -20,6 +20,7 @@ from sitl.firmware.clock import SharedClock
 from sitl.links import RawLink
 from sitl.pace import Simulation
 
+_POLL_S = 0.002  # wall time
 _LOOK_S = 0.05  # wall time between looks at firmwares while time stands still
 
 
@@ -45,7 +46,8 @@ class WorldFleet(Fleet):
         tasks = {n: asyncio.ensure_future(flyer.order(plans[n])) for n, flyer in ours.items()}
         try:
             await until(
-                lambda: all(ours[n].vehicle.moving or task.done() for n, task in tasks.items())
+                lambda: all(ours[n].vehicle.moving or task.done() for n, task in tasks.items()),
+                poll_s=_POLL_S,
             )
             self.simulation.runs = "moving"
             for n, flyer in flyers.items():
@@ -53,7 +55,7 @@ class WorldFleet(Fleet):
                     tasks[n] = asyncio.ensure_future(flyer.order(plans[n]))
             await asyncio.gather(*tasks.values(), return_exceptions=True)
             # Who is lost may still be on its way down, and a failsafe may have begun.
-            await until(lambda: not self.simulation.world.moving)
+            await until(lambda: not self.simulation.world.moving, poll_s=_POLL_S)
         finally:
             self.simulation.runs = "moving"
             for task in tasks.values():

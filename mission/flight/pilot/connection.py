@@ -173,9 +173,7 @@ async def until_ready(pilot: Pilot, feed: TelemetryFeed, *, timeout_s: float) ->
         ) from None
 
 
-async def until(met: Callable[[], bool]) -> None:
-    """Wait for a condition that telemetry may meet."""
-    while True:
-        if met():
-            return
-        await asyncio.sleep(POLL_S)
+async def until(met: Callable[[], bool], *, poll_s: float = POLL_S) -> None:
+    """Wait for a condition that telemetry may meet; `poll_s`: wall time between looks."""
+    while not met():  # noqa: ASYNC110  of another thread's making
+        await asyncio.sleep(poll_s)
