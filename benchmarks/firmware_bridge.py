@@ -182,10 +182,9 @@ class Bridged(Part):
         _started(protocol, bridge.port, ticks)
 
     def _run_in_turn(self, ticks: int) -> int:
-        if self._ticks.tick == self._until:
-            self._clock._stopped = True
-            return 0
-        return self._run(min(ticks, self._until - self._ticks.tick))
+        done = self._run(min(ticks, self._until - self._ticks.tick))
+        self._clock._stopped = self._ticks.tick == self._until
+        return done
 
     def run(self, ticks: int) -> float:
         self._until = self._ticks.tick + ticks
