@@ -63,19 +63,9 @@ def plan(
             f"--{'gap' if method is None else 'method'}: mission.strategy = "
             f"{resolved.mission.strategy!r} has a fixed path and asks no planner; leave it out"
         )
-    scenario = task.scenario
-    plans, failure = planning.plan_problems(
-        task.problems,
-        method=lambda one: task.strategy.sortie(0, one),
-        out=out,
-        figure_dir=figure,
-        about=task.about,
-        aircraft=() if scenario is None else scenario.aircraft,
-        communities=() if scenario is None else scenario.community_of,
-        area=None if scenario is None else scenario.config.area,
-    )
-    if qgc is not None and scenario is not None:
-        planning.write_qgc(qgc, task.problems[0].problem, plans[0], scenario)
+    plans, failure = planning.plan_problems(task, out=out, figure_dir=figure)
+    if qgc is not None and task.scenario is not None:
+        planning.write_qgc(qgc, task.problems[0].problem, plans[0], task.scenario)
     if as_json:
         print_json(plans_as_json(plans))
     elif not plans:

@@ -3,9 +3,10 @@
 import math
 import re
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 from rich import box
 from rich.table import Table
@@ -14,7 +15,6 @@ from fl.plugin_code import label_of
 from mission.base.console import PLAIN, Terminal
 from mission.base.errors import InputError, PlanError
 from mission.base.tables import number
-from mission.config.area import AreaConfig
 from mission.config.models import RunConfig
 from mission.planner.apart import nearest
 from mission.planner.check import check_plan
@@ -28,35 +28,36 @@ from mission.scenario.scenario import Scenario, build_scenario
 from mission.scenario.strategies import FIXED_PATHS, Optimised, Sortie, Strategy
 
 
+@dataclass(frozen=True)
+class PlanningTask:
+    """Problems to plan, the strategy that plans them, and the scenario that they come from."""
+
+    problems: Sequence[NamedProblem]
+    strategy: Strategy
+    about: str  # for people: whose plans they are
+    scenario: Scenario | None = None  # None: the problems are of a file
+
+
 def plan_problems(
-    problems: Sequence[NamedProblem],
-    *,
-    method: Callable[[RoundProblem], Sortie],
-    out: Path | None = None,
-    figure_dir: Path | None = None,
-    about: str = "",
-    aircraft: Sequence[str] = (),
-    communities: Sequence[str] = (),
-    area: AreaConfig | None = None,
+    task: PlanningTask, *, out: Path | None = None, figure_dir: Path | None = None
 ) -> tuple[Sequence[NamedPlan], PlanError | None]:
     """Plan every problem, and write the plans and a picture of each where asked.
 
     Returns the plans, and an error with a line for each problem that could not be planned.
 
     A problem that cannot be planned costs none of the others' plans. Every plan is checked
-    against its problem before anything is written. `about` says on the pictures whose they are,
-    `aircraft` names several, `communities` colours their devices, and `area` is what they stand on.
+    against its problem before anything is written.
 
     Raises:
         InputError: the output cannot be written, or a picture is there already.
         PlanError: none of the problems can be planned; nothing is written.
     """
-    files = {entry.id: _file_name(n, entry.id) for n, entry in enumerate(problems)}
+    files = {entry.id: _file_name(n, entry.id) for n, entry in enumerate(task.problems)}
     there = [] if figure_dir is None else [figure_dir / file for file in files.values()]
     for picture in there:
         if picture.exists():
             raise InputError(f"{picture}: exists already; give another folder")
-    plans, failure = _plan_each(problems, method)
+    plans, failure = _plan_each(task)
     if failure is not None and not plans:
         raise failure
     if out is not None:
@@ -65,33 +66,36 @@ def plan_problems(
         from mission.figures.plan import plan_picture
         from mission.figures.render import save_all
 
-        tasks = {entry.id: entry.problem for entry in problems}
+        problems = {entry.id: entry.problem for entry in task.problems}
+        about = {"about": task.about, **_around(task.scenario)}
         pictures = {
-            files[made.id]: plan_picture(
-                tasks[made.id],
-                made.plan,
-                title=made.id,
-                about=about,
-                aircraft=aircraft,
-                communities=communities,
-                size_m=None if area is None else area.size_m,
-                no_fly=() if area is None else [zone.model_dump() for zone in area.no_fly],
-                buildings=() if area is None else area.build().buildings,
-            )
+            files[made.id]: plan_picture(problems[made.id], made.plan, title=made.id, **about)
             for made in plans
         }
         save_all(pictures, figure_dir)
     return plans, failure
 
 
-def _plan_each(
-    problems: Sequence[NamedProblem], method: Callable[[RoundProblem], Sortie]
-) -> tuple[Sequence[NamedPlan], PlanError | None]:
+def _around(scenario: Scenario | None) -> dict[str, Any]:
+    """What pictures show beside the problem of a scenario: who flies and stands there, on what."""
+    if scenario is None:
+        return {}
+    area = scenario.config.area
+    return {
+        "aircraft": scenario.aircraft,
+        "communities": scenario.community_of,
+        "size_m": area.size_m,
+        "no_fly": [zone.model_dump() for zone in area.no_fly],
+        "buildings": area.build().buildings,
+    }
+
+
+def _plan_each(task: PlanningTask) -> tuple[Sequence[NamedPlan], PlanError | None]:
     plans, failures = [], []
-    for entry in problems:
+    for entry in task.problems:
         started = time.perf_counter()
         try:
-            sortie = method(entry.problem)
+            sortie = task.strategy.sortie(0, entry.problem)
             seconds = time.perf_counter() - started
             check_plan(entry.problem, sortie.plan, hold_s=sortie.hold_s)
             made = _timed(entry.problem, sortie)
@@ -120,16 +124,6 @@ def _file_name(number: int, name: str) -> str:
     """Return the picture's file name for a problem's id (free text), unique by the number."""
     safe = re.sub(r"[^A-Za-z0-9._-]+", "_", name)[:60]
     return f"{number:03d}-{safe}.png"
-
-
-@dataclass(frozen=True)
-class PlanningTask:
-    """Problems to plan, the strategy that plans them, and the scenario that they come from."""
-
-    problems: Sequence[NamedProblem]
-    strategy: Strategy
-    about: str  # for people: whose plans they are
-    scenario: Scenario | None = None  # None: the problems are of a file
 
 
 def first_round(config: RunConfig, data_dir: Path | None) -> PlanningTask:

@@ -170,18 +170,14 @@ def _urls(udp: Sequence[str], number: int) -> dict[str, int]:
 def check_free(served: Sequence[Served]) -> None:
     """Raise LinkLostError if a UDP port is taken, as by another vehicle of PX4's or ours."""
     for port in (port for one in served for port in one.urls.values() if port):
-        _check_free(port)
-
-
-def _check_free(port: int) -> None:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        try:
-            probe.bind(("", port))
-        except OSError:
-            raise LinkLostError(
-                f"UDP port {port} is taken{_holder(port)}: a vehicle is there already; "
-                "--instance 1 (2, 3, ...) has ports and a system id of its own"
-            ) from None
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+            try:
+                probe.bind(("", port))
+            except OSError:
+                raise LinkLostError(
+                    f"UDP port {port} is taken{_holder(port)}: a vehicle is there already; "
+                    "--instance 1 (2, 3, ...) has ports and a system id of its own"
+                ) from None
 
 
 def _holder(port: int) -> str:

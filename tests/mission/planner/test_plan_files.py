@@ -2,7 +2,7 @@
 
 import json
 import re
-from collections.abc import Callable
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -12,14 +12,13 @@ from fl.radio.channel import CHANNEL_PRESETS, average_per, served_radius_m
 from flightdyn.config import LimitsConfig
 from mission.base.errors import InputError, PlanInputError
 from mission.base.explain import tables
-from mission.commands.planning import plan_problems
+from mission.commands.planning import PlanningTask, plan_problems
 from mission.planner.config import PlannerConfig
 from mission.planner.factory import make_planner
-from mission.planner.files import ProblemEntry, read_problems
+from mission.planner.files import NamedProblem, ProblemEntry, read_problems
 from mission.planner.limits import RoundLimits
 from mission.planner.performance import Performance
-from mission.planner.problem import RoundProblem
-from mission.scenario.strategies import Sortie
+from mission.scenario.strategies import Optimised
 
 CHANNEL = {
     key: getattr(CHANNEL_PRESETS["suburban"], key)
@@ -88,7 +87,7 @@ def test_all_that_a_round_may_have_is_read_and_kept_to(tmp_path):
     (either,) = read_problems(write(tmp_path, [other]))
     inside = np.array([[-195.0, -195], [-250, 350], [-410, 350], [-500, 350]])
     assert either.problem.airspace.allows(inside).tolist() == [True, True, True, False]
-    _, failure = plan_problems([entry], method=method("certified"), out=tmp_path / "plans.json")
+    _, failure = plan_problems(task("certified", [entry]), out=tmp_path / "plans.json")
     (made,) = json.loads((tmp_path / "plans.json").read_text()).values()
     assert made["value"] > 0.0
     assert made["duration_s"] <= 60.0
@@ -263,18 +262,16 @@ def test_a_missing_file_and_one_that_is_no_text(tmp_path):
         read_problems(tmp_path / "b.json")
 
 
-def method(kind: Any) -> Callable[[RoundProblem], Sortie]:
+def task(kind: Any, problems: Sequence[NamedProblem]) -> PlanningTask:
     planner = make_planner(PlannerConfig(kind=kind))
-    return lambda problem: Sortie(planner.plan(problem))
+    return PlanningTask(problems, Optimised(planner, fairness=True), "")
 
 
 @pytest.mark.parametrize("kind", ["certified", "sqp"])
 def test_plans_are_written_with_their_pictures(tmp_path, kind):
     problems = write(tmp_path, [GOOD, {**GOOD, "id": "b/../c", "steps": 1}])
     out, figures = tmp_path / "plans.json", tmp_path / "figures"
-    plan_problems(
-        read_problems(problems), method=method(kind), out=out, figure_dir=figures,
-    )  # fmt: skip
+    plan_problems(task(kind, read_problems(problems)), out=out, figure_dir=figures)
     plans = json.loads(out.read_text())
     assert list(plans) == ["a", "b/../c"]
     assert set(plans["a"]) == {
@@ -299,11 +296,11 @@ def test_plans_are_written_with_their_pictures(tmp_path, kind):
 
 def test_an_output_that_cannot_be_written(tmp_path):
     path = write(tmp_path, [GOOD])
-    problems, planner = read_problems(path), method("sqp")
+    asked = task("sqp", read_problems(path))
     with pytest.raises(InputError, match="cannot write"):
-        plan_problems(problems, method=planner, out=tmp_path / "no" / "plans.json")
+        plan_problems(asked, out=tmp_path / "no" / "plans.json")
     with pytest.raises(InputError, match="cannot write the figure"):
-        plan_problems(problems, method=planner, figure_dir=path)
+        plan_problems(asked, figure_dir=path)
 
 
 @pytest.mark.parametrize("preset", ["suburban+10dB", "suburban+30dB"])
