@@ -188,12 +188,12 @@ def _read_flight(path: Path) -> FlightData:
         raise InputError(f"{path}: the file is empty")
     try:  # pymavlink takes 90 ms, which nobody waits for who has a log of ours
         if kind == ".ulg":
-            from mission.flight.logs.ulog import read_ulog as read
+            from mission.flight.logs.ulog import KIND
         elif kind == ".bin":
-            from mission.flight.logs.dataflash import read_dataflash as read
+            from mission.flight.logs.dataflash import KIND
         else:
-            from mission.flight.logs.tlog import read_tlog as read
-        return read(path)
+            from mission.flight.logs.tlog import KIND
+        return KIND.flight(path)
     except SPOILT as error:
         what = " ".join(str(error).split())[:100]
         raise InputError(

@@ -7,7 +7,6 @@ https://ardupilot.org/dev/docs/code-overview-adding-a-new-log-message.html
 import re
 import struct
 from collections.abc import Iterator, Mapping, Sequence
-from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -17,11 +16,10 @@ from pymavlink.dialects.v20 import common as mav
 from flightdyn.frames import LocalFrame
 from flightdyn.state import GeodeticPoint
 from mission.base.errors import InputError
-from mission.base.user_files import read_bytes
-from mission.flight.logs.flight import MOST_BYTES, LogRows, ardupilot_mode, longest
+from mission.flight.logs.flight import LogKind, LogRows, ardupilot_mode
 from mission.flight.logs.sources import DATAFLASH
 from mission.log.signals import Columns, Signal, gathered, motors, while_controlled
-from mission.log.values import COPTER, PLANE, ROVER, FlightData
+from mission.log.values import COPTER, PLANE, ROVER
 from sitl.autopilot.codec.orders import MissionItem
 
 _MAGIC = b"\xa3\x95"
@@ -70,37 +68,27 @@ _FAILSAFES = {
 }  # fmt: skip
 
 
-def read_dataflash(path: Path) -> FlightData:
-    """The flight in a DataFlash log.
-
-    Raises:
-        InputError: it cannot be read, or has no positions.
-    """
-    content = read_bytes(path, most=MOST_BYTES)
+def _take(content: bytes, found: LogRows) -> None:
+    """Keep what the rows of a DataFlash log say. InputError: it is none."""
     if not content.startswith(_MAGIC):
-        raise InputError(f"{path}: not a DataFlash log: it does not begin as one")
+        raise InputError(f"{found.path}: not a DataFlash log: it does not begin as one")
+    reader, raw = _Reader(found), dict[_Format, list[bytes]]()
+    for kind, t_ns, row in _rows(content, found, raw):
+        reader.take(kind, t_ns, row)
+    reader.close()
+    tables = dict[str, Columns]()
+    for form, rows in raw.items():
+        tables |= form.tables(b"".join(rows), reader.multipliers(form))
+    if any(form.clock != "TimeUS" for form in raw):
+        found.clock += ", in whole milliseconds; rows without a time have that of the row before"
+    found.signals = while_controlled(gathered(tables, DATAFLASH))
+    if "units" not in tables.get("RATE", {"units": None}):
+        found.signals |= _in_degrees(found.signals)
+    found.signals |= motors(reader.params, tables.get("RCOU", {}), "C{}")
+    reader.hold_goals()
 
-    def read(part: range) -> tuple[LogRows, Sequence[str]]:
-        found = LogRows(path, "DataFlash of ArduPilot", "seconds since ArduPilot started", part)
-        reader, raw = _Reader(found), dict[_Format, list[bytes]]()
-        for kind, t_ns, row in _rows(content, found, raw):
-            reader.take(kind, t_ns, row)
-        reader.close()
-        tables = dict[str, Columns]()
-        for form, rows in raw.items():
-            tables |= form.tables(b"".join(rows), reader.multipliers(form))
-        if any(form.clock != "TimeUS" for form in raw):
-            found.clock += (
-                ", in whole milliseconds; rows without a time have that of the row before"
-            )
-        found.signals = while_controlled(gathered(tables, DATAFLASH))
-        if "units" not in tables.get("RATE", {"units": None}):
-            found.signals |= _in_degrees(found.signals)
-        found.signals |= motors(reader.params, tables.get("RCOU", {}), "C{}")
-        reader.hold_goals()
-        return found, _REGULAR
 
-    return longest(read)
+KIND = LogKind("DataFlash of ArduPilot", "seconds since ArduPilot started", _REGULAR, _take)
 
 
 def _in_degrees(signals: Mapping[str, Signal]) -> dict[str, Signal]:

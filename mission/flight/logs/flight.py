@@ -20,6 +20,7 @@ from mission.base.area import Area
 from mission.base.arrays import Bools, Floats, Ints
 from mission.base.errors import InputError
 from mission.base.gaps import HOLE, gaps, inside
+from mission.base.user_files import read_bytes
 from mission.flight.missions.mission_path import record_of
 from mission.log.signals import Signal
 from mission.log.values import (
@@ -317,29 +318,45 @@ class LogRows:
         return table[kept]
 
 
-def longest(read: Callable[[range], tuple[LogRows, Sequence[str]]]) -> FlightData:
-    """The flight of a log, of which `read` reads a part and says which kinds of messages are
-    regular. Where its clock goes back, as the vehicle started anew or logs were joined, that of the
-    stretch in which it was longest armed and away from where it began; the others are said.
+@dataclass(frozen=True)
+class LogKind:
+    """How a kind of log is read."""
 
-    Raises:
-        InputError: as `LogRows.flight`.
-    """
-    rows, regular = read(ALL)
-    if not (cuts := rows.cuts(regular)):
-        return rows.flight()
-    found, errors = list[FlightData](), list[InputError]()
-    for begin, end in pairwise([0, *cuts, MOST_BYTES]):
-        try:
-            found.append(read(range(begin, end))[0].flight())
-        except InputError as error:
-            errors.append(error)
-    if not found:
-        raise errors[0]
-    best = max(found, key=_flown)
-    spans_s = (of.truth.t_ns[[0, -1]] / NS_PER_S for of in found if of is not best)
-    others = {_OTHER.format(*span_s): 1 for span_s in spans_s}
-    return replace(best, source=replace(best.source, skipped={**best.source.skipped, **others}))
+    name: str
+    clock: str  # what its times count from
+    regular: Sequence[str]  # kinds of messages by which its clock is known, the best first
+    take: Callable[[bytes, LogRows], None]  # finds the rows of a part in the content of a file
+
+    def flight(self, path: Path) -> FlightData:
+        """The flight of a log. Where its clock goes back, as the vehicle started anew or logs were
+        joined, that of the stretch in which it was longest armed and away from where it began; the
+        others are said.
+
+        Raises:
+            InputError: it cannot be read, is no such log, or has no positions.
+        """
+        content = read_bytes(path, most=MOST_BYTES)
+        rows = self._rows(path, content, ALL)
+        if not (cuts := rows.cuts(self.regular)):
+            return rows.flight()
+        found, errors = list[FlightData](), list[InputError]()
+        for begin, end in pairwise([0, *cuts, MOST_BYTES]):
+            try:
+                found.append(self._rows(path, content, range(begin, end)).flight())
+            except InputError as error:
+                errors.append(error)
+        if not found:
+            raise errors[0]
+        best = max(found, key=_flown)
+        spans_s = (of.truth.t_ns[[0, -1]] / NS_PER_S for of in found if of is not best)
+        others = {_OTHER.format(*span_s): 1 for span_s in spans_s}
+        skipped = {**best.source.skipped, **others}
+        return replace(best, source=replace(best.source, skipped=skipped))
+
+    def _rows(self, path: Path, content: bytes, part: range) -> LogRows:
+        rows = LogRows(path, self.name, self.clock, part)
+        self.take(content, rows)
+        return rows
 
 
 def _flown(data: FlightData) -> tuple[bool, int]:

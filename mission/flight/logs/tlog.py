@@ -1,8 +1,7 @@
 """A ground station's telemetry log (.tlog) as a flight: MAVLink, each message after its time."""
 
 import re
-from collections.abc import Iterator, Sequence
-from pathlib import Path
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -10,12 +9,11 @@ from pymavlink.dialects.v20 import ardupilotmega
 from pymavlink.dialects.v20 import common as mav
 from pymavlink.mavutil import interpret_px4_mode
 
-from mission.base.user_files import read_bytes
-from mission.flight.logs.flight import DAMAGE, MOST_BYTES, LogRows, ardupilot_mode, longest
+from mission.flight.logs.flight import DAMAGE, LogKind, LogRows, ardupilot_mode
 from mission.flight.logs.sources import OF_ARDUPILOT, OF_PX4, TLOG
 from mission.flight.missions.mission_path import KINDS
 from mission.log.signals import Columns, Signal, gathered, motors
-from mission.log.values import PLANE, ROVER, FlightData
+from mission.log.values import PLANE, ROVER
 from sitl.autopilot.codec.orders import MissionItem, read_item
 from sitl.observer import FAILING
 
@@ -40,23 +38,15 @@ for _source in (*TLOG, *OF_ARDUPILOT, *OF_PX4):
 _FIELDS["SERVO_OUTPUT_RAW"] = [_OUTPUT.format(number) for number in range(1, 17)]
 
 
-def read_tlog(path: Path) -> FlightData:
-    """The flight in a telemetry log: of the first autopilot that speaks in it.
+def _take(content: bytes, found: LogRows) -> None:
+    """Keep what the first autopilot says that speaks in a telemetry log."""
+    reader = _Reader(found)
+    for at, wall_us, message in _messages(content, found):
+        reader.take(at, wall_us, message)
+    reader.close()
 
-    Raises:
-        InputError: it cannot be read, or has no positions.
-    """
-    content = read_bytes(path, most=MOST_BYTES)
 
-    def read(part: range) -> tuple[LogRows, Sequence[str]]:
-        found = LogRows(path, "telemetry log", "seconds since the autopilot started", part)
-        reader = _Reader(found)
-        for at, wall_us, message in _messages(content, found):
-            reader.take(at, wall_us, message)
-        reader.close()
-        return found, _REGULAR
-
-    return longest(read)
+KIND = LogKind("telemetry log", "seconds since the autopilot started", _REGULAR, _take)
 
 
 def _messages(content: bytes, found: LogRows) -> Iterator[tuple[int, int, Any]]:

@@ -7,22 +7,20 @@ setpoints in the mission mode are taken for the items, as far as they were flown
 import json
 import math
 from bisect import bisect
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator
 from itertools import pairwise
-from pathlib import Path
 
 import numpy as np
 from pymavlink.dialects.v20 import common as mav
 
 from flightdyn.frames import LocalFrame
 from flightdyn.state import GeodeticPoint
-from mission.base.user_files import read_bytes
-from mission.flight.logs.flight import MOST_BYTES, LogRows, longest
+from mission.flight.logs.flight import LogKind, LogRows
 from mission.flight.logs.sources import ULOG
 from mission.flight.logs.ulog_file import Columns, decoded
 from mission.log.records import from_json
 from mission.log.signals import gathered
-from mission.log.values import COPTER, OURS, PLANE, ROVER, FlightData, MissionRecord
+from mission.log.values import COPTER, OURS, PLANE, ROVER, MissionRecord
 from sitl.autopilot.codec.orders import MissionItem
 
 # vehicle_status.nav_state, as ground stations call the modes.
@@ -53,24 +51,9 @@ _REGULAR = (  # topics by which the clock is known, the best first
 )
 
 
-def read_ulog(path: Path) -> FlightData:
-    """The flight in a ULog.
-
-    Raises:
-        InputError: it cannot be read, or has no positions.
-    """
-    content = read_bytes(path, most=MOST_BYTES)
-
-    def read(part: range) -> tuple[LogRows, Sequence[str]]:
-        rows = LogRows(path, "ULog of PX4", "seconds since PX4 started", part)
-        _take(rows, *decoded(content, rows))
-        return rows, _REGULAR
-
-    return longest(read)
-
-
-def _take(rows: LogRows, topics: dict[str, Columns], told: Mapping[str, list[list[str]]]) -> None:
+def _take(content: bytes, rows: LogRows) -> None:
     """Keep what the topics of a ULog, and its texts by name, say."""
+    topics, told = decoded(content, rows)
     rows.places = list(_places(topics, ("vehicle_global_position", "vehicle_gps_position")))
     if not rows.places:
         rows.places = list(_local(topics.get("vehicle_local_position")))
@@ -99,6 +82,9 @@ def _take(rows: LogRows, topics: dict[str, Columns], told: Mapping[str, list[lis
     )
     timed = {name: {**of, "t_s": of["timestamp"] / 1e6} for name, of in topics.items()}
     rows.signals = gathered(timed, ULOG)
+
+
+KIND = LogKind("ULog of PX4", "seconds since PX4 started", _REGULAR, _take)
 
 
 def _ns(timestamp_us: float) -> int:

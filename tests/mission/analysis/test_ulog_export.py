@@ -21,7 +21,7 @@ from mission.analysis.compare import RunComparison, compare_run
 from mission.analysis.load import load_run
 from mission.base.errors import InputError
 from mission.cli import call
-from mission.flight.logs.ulog import MODES, read_ulog
+from mission.flight.logs.ulog import KIND, MODES
 from mission.flight.logs.ulog_export import export_ulog
 from mission.log.reader import read_log
 from mission.log.values import Devices
@@ -254,8 +254,8 @@ def test_a_log_that_ends_within_a_message_is_said_to(tmp_path: Path, exported: P
     cut = tmp_path / "cut.ulg"
     whole = exported.read_bytes()
     cut.write_bytes(whole[: len(whole) * 2 // 3 + 1])
-    assert read_ulog(exported).source.skipped == {}
-    assert read_ulog(cut).source.skipped == {"message that the end cut off": 1}
+    assert KIND.flight(exported).source.skipped == {}
+    assert KIND.flight(cut).source.skipped == {"message that the end cut off": 1}
 
 
 def test_a_log_without_a_flight_is_refused(tmp_path: Path) -> None:
