@@ -9,7 +9,7 @@ from synthetic_flight import CONFIG, fly
 from mission.base.errors import InputError
 from mission.cli import call
 from mission.config.area import BuildingConfig
-from mission.log import contents, settings
+from mission.log import contents, reader
 from mission.log.reader import read_log
 
 WRONG = [
@@ -68,4 +68,4 @@ def test_keys_of_other_versions_are_not_read(tmp_path: Path, text: bytes) -> Non
 
 
 def test_all_that_a_building_may_be_is_read_back() -> None:
-    assert settings._Area.Building.model_fields.keys() == BuildingConfig.model_fields.keys()
+    assert reader._Area.Building.model_fields.keys() == BuildingConfig.model_fields.keys()
