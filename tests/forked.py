@@ -8,6 +8,7 @@ import multiprocessing.forkserver
 import os
 import signal
 import sys
+from itertools import count
 from multiprocessing.connection import Connection
 from typing import Any
 
@@ -30,6 +31,7 @@ def _aerofed(
     path: tuple[str, ...],
     pictures: bool,
     at_ctrl_c: Any,
+    killed_at: int,
 ) -> None:
     for number, stream in enumerate(streams, start=1):
         os.dup2(stream.fileno(), number)
@@ -41,15 +43,33 @@ def _aerofed(
     signal.signal(signal.SIGINT, at_ctrl_c)
     if not pictures:
         undrawn.stand_in()
+    if killed_at:
+        os.fsync = _deadly(os.fsync, killed_at)
     main(words)
+
+
+def _deadly(fsync: Any, nth: int) -> Any:
+    calls = count(1)
+
+    def deadly(file: int) -> None:
+        if next(calls) == nth:
+            os.kill(os.getpid(), signal.SIGKILL)
+        fsync(file)
+
+    return deadly
 
 
 class Forked:
     """`aerofed WORDS`, with the folder and the environment of here, its `pictures` of runs, and
-    what it does at Ctrl-C until it says itself."""
+    what it does at Ctrl-C until it says itself. It is killed when it is about to have its nth
+    write on the disk: `killed_at`, from 1."""
 
     def __init__(
-        self, *words: str, pictures: bool = False, at_ctrl_c: Any = signal.default_int_handler
+        self,
+        *words: str,
+        pictures: bool = False,
+        at_ctrl_c: Any = signal.default_int_handler,
+        killed_at: int = 0,
     ) -> None:
         with pytest.MonkeyPatch.context() as patch:
             patch.setenv("PYTHONPATH", os.pathsep.join(_PATH))  # where `loaded` is found
@@ -57,7 +77,9 @@ class Forked:
         (said, out), (complained, err) = (_LOADED.Pipe(duplex=False) for _ in range(2))
         self._process = _LOADED.Process(
             target=_aerofed, args=(words, dict(os.environ), out, err),
-            kwargs={"path": _PATH, "pictures": pictures, "at_ctrl_c": at_ctrl_c},
+            kwargs={
+                "path": _PATH, "pictures": pictures, "at_ctrl_c": at_ctrl_c, "killed_at": killed_at
+            },
         )  # fmt: skip
         with said, complained, out, err:
             self._process.start()

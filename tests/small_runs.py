@@ -14,8 +14,15 @@ SETTINGS = (
     *("--set", "communities.0.devices=3", "--set", "communities.1.devices=3"),
     *("--set", "learning.local_epochs=1"),
 )
+# Every flight climbs and lands, which by default takes as long as the rounds of a small run.
+UP_AND_DOWN = (
+    *("--set", "vehicle.parameters={MPC_TKO_SPEED=5, MPC_Z_VEL_MAX_DN=5, MPC_LAND_SPEED=1.5}"),
+    *("--set", "vehicle.aircraft.limits.descent_mps=5"),
+)
+LOW = ("--set", "mission.altitude_m=30", *UP_AND_DOWN)
 QUIET = ("--quiet", "--no-report")
-SMALL = (*SETTINGS, *QUIET)
+OF_ANY_VEHICLE = (*SETTINGS, *QUIET)
+SMALL = (*OF_ANY_VEHICLE, *LOW)
 
 
 def last_counts(*words: str) -> list[str]:

@@ -32,6 +32,9 @@ from mission.log.tables import read_table
 SMALL = {
     "mission.steps": 4,
     "mission.path_budget_m": 250.0,
+    "mission.altitude_m": 30.0,
+    "vehicle.parameters.MPC_TKO_SPEED": 5.0,
+    "vehicle.parameters.MPC_LAND_SPEED": 1.5,
     "planner.gap": 0.1,
     "mission.rounds": 2,
     "communities.0.devices": 3,

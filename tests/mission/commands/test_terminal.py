@@ -113,15 +113,12 @@ def test_ctrl_c_while_the_program_loads_is_no_traceback(
 def test_ctrl_c_again_and_again_ends_a_run_once(tmp_path: Path) -> None:
     """Three times within half a second took MAVSDK down under its threads: SIGABRT."""
     out = tmp_path / "run"
-    command = [*UNDRAWN, "run", "--rounds", "500", "--out", str(out), *SMALL]
-    process = subprocess.Popen(
-        command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
-    )
+    process = Forked("run", "--rounds", "500", "--out", str(out), *SMALL)
     until(lambda: process.poll() is not None or begun(out))
     for _ in range(3):
         process.send_signal(signal.SIGINT)
-    _, errors = process.communicate(timeout=HANG_S)
-    assert (process.returncode, "Traceback" in errors) == (130, False), errors
+    code, _, errors = process.ended()
+    assert (code, "Traceback" in errors) == (130, False), errors
     assert json.loads((out / "summary.json").read_text())["status"] == "interrupted"
 
 

@@ -22,7 +22,7 @@ from mission.flight.pilot.connection import connect
 pytestmark = pytest.mark.slow
 
 QUICKSTART = str(Path(__file__).parents[3] / "configs" / "quickstart.toml")  # where a run flies
-SMALL = (*small_runs.SMALL, "--set", "planner.gap=0.1")
+SMALL = (*small_runs.OF_ANY_VEHICLE, "--set", "planner.gap=0.1")
 
 
 @pytest.fixture(scope="module")

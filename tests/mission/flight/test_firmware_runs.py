@@ -19,7 +19,7 @@ from mission.cli import call
 from mission.log.reader import read_log
 from sitl.firmware.launch import FirmwareProcess, Launch
 
-SMALL = (*small_runs.SMALL, "--set", "mission.steps=6")
+SMALL = (*small_runs.OF_ANY_VEHICLE, "--set", "mission.steps=6")
 REAL = {"px4": "AEROFED_PX4", "ardupilot": "AEROFED_ARDUCOPTER"}
 
 

@@ -11,7 +11,7 @@ from browser import Browser, browser, words_of
 from made_up_logs import write_ulog
 from one_world import head_on
 from patience import until
-from small_runs import SETTINGS, last_counts
+from small_runs import LOW, SETTINGS, last_counts
 from synthetic_flight import fly
 from test_sweep_report import SEEDS, result, state
 
@@ -136,7 +136,7 @@ def on_a_radio_map(folder: Path) -> Path:
         "mission.rounds=2",
         "radio.tx_power_dbm=0",
     )
-    words = [*WORLD, *SETTINGS, *(word for key in told for word in ("--set", key))]
+    words = [*WORLD, *SETTINGS, *LOW, *(word for key in told for word in ("--set", key))]
     assert call(["run", *last_counts(*words), "--out", str(folder / "out"), "--quiet"]) == 0
     return folder / "out" / "report.html"
 

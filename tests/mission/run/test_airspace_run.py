@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from small_runs import digests
+from small_runs import UP_AND_DOWN, digests
 
 from mission.analysis.load import load_run
 from mission.base.airspace import Airspace
@@ -51,7 +51,8 @@ pytestmark = pytest.mark.slow
 def fly(folder: Path, *more: str) -> Path:
     config = folder.parent / "walled.toml"
     config.write_text(WORLD)
-    assert call(["run", str(config), "--out", str(folder), "--quiet", *more]) == 0
+    words = (*UP_AND_DOWN, *more)
+    assert call(["run", str(config), "--out", str(folder), "--quiet", *words]) == 0
     return folder
 
 

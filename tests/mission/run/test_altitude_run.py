@@ -18,10 +18,12 @@ pytestmark = pytest.mark.slow
 # An urban channel, which is best from higher up: the climb before the first round is a long one.
 URBAN = ("--set", "mission.altitude_m=[40,120]", "--set", "channel.preset=urban")
 SMALL = (*small_runs.SMALL, *URBAN)
+UNFLOWN = ("--set", "mission.flight=none")
 
 
 def fly(out: Path, *more: str, rounds: int = 2) -> int:
-    return call(["run", "--out", str(out), "--rounds", str(rounds), *SMALL, *more])
+    words = small_runs.last_counts(*SMALL, *more)
+    return call(["run", "--out", str(out), "--rounds", str(rounds), *words])
 
 
 @pytest.fixture(scope="module")
@@ -69,18 +71,19 @@ def test_plan_files_have_the_altitude(run: Path) -> None:
         assert list(heights) == [pytest.approx(altitude_m)]
 
 
-def test_a_run_cut_short_is_resumed_to_the_same_bytes(run: Path, tmp_path: Path) -> None:
-    out = tmp_path / "cut"
+def test_a_run_cut_short_is_resumed_to_the_same_bytes(tmp_path: Path) -> None:
+    out, whole = tmp_path / "cut", tmp_path / "whole"
+    assert fly(whole, *UNFLOWN) == 0
     with cut_after(1):
-        assert fly(out) != 0
+        assert fly(out, *UNFLOWN) != 0
     assert call(["run", "--resume", str(out), "--quiet"]) == 0
-    assert small_runs.digests(out) == small_runs.digests(run)
+    assert small_runs.digests(out) == small_runs.digests(whole)
 
 
 @pytest.mark.parametrize("strategy", ["barycenter", "rectangular", "no_cov"])
 def test_every_strategy_chooses_an_altitude(tmp_path: Path, strategy: str) -> None:
     out = tmp_path / strategy
-    assert fly(out, "--set", f"mission.strategy={strategy}", "--set", "mission.flight=none") == 0
+    assert fly(out, "--set", f"mission.strategy={strategy}", *UNFLOWN) == 0
     for uplink in read_table(out / "uplinks.csv", UplinkRecord):
         assert uplink.true_alt_m == pytest.approx(planned_m(out)[uplink.round])
         assert uplink.true_per == pytest.approx(uplink.plan_per, abs=1e-9)

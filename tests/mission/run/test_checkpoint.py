@@ -4,10 +4,8 @@ import json
 import random
 import shutil
 import signal
-import subprocess
-import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -64,35 +62,10 @@ def test_resume_after_a_kill_ends_the_same(whole: Path, tmp_path: Path, after_ro
     assert json.loads((out / "summary.json").read_text())["status"] == "finished"
 
 
-# One process for all, which loads the program once: a child of it for each kill.
-KILLED_WRITING = """
-import os, signal, sys
-import aerofed, mission.commands.run, mission.run.flown_experiment, mission.run.session
-from mission.cli import main
-codes, words = [], sys.argv[1:]
-while words:
-    nth, count = int(words[0]), int(words[1])
-    command, words = words[2:2 + count], words[2 + count:]
-    child = os.fork()
-    if not child:
-        written = os.fsync
-        def fsync(number):
-            global nth
-            nth -= 1
-            if nth == 0:
-                os.kill(os.getpid(), signal.SIGKILL)
-            written(number)
-        os.fsync = fsync
-        main(command)
-    codes.append(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]))
-sys.exit(codes != [-signal.SIGKILL] * len(codes))
-"""
-
-
-def kill_writing(*kills: tuple[int, list[str]]) -> None:
-    """Run commands, each killed when it is about to have the nth of its writes on the disk."""
-    words = [word for nth, command in kills for word in (str(nth), str(len(command)), *command)]
-    assert subprocess.run([sys.executable, "-c", KILLED_WRITING, *words]).returncode == 0
+def kill_writing(nth: int, command: Sequence[str]) -> None:
+    """Run a command, killed when it is about to have the nth of its writes on the disk."""
+    code, _, errors = Forked(*command, killed_at=nth).ended()
+    assert code == -signal.SIGKILL, errors
 
 
 # The configuration, the learning's state and the first checkpoint are what is written first.
@@ -103,8 +76,8 @@ def test_the_same_command_begins_again_what_died_before_its_first_checkpoint(
     outs = {nth: tmp_path / f"killed{nth}" for nth in (1, 3)}
     more = ("--rounds", str(ROUNDS), *SMALL, *UNFLOWN)
     commands = {nth: ["run", "--out", str(out), *more] for nth, out in outs.items()}
-    kill_writing(*commands.items())
     for nth, out in outs.items():
+        kill_writing(nth, commands[nth])
         assert out.exists()
         assert call(["run", "--resume", str(out)]) == 2
         refused(capsys, "ended before its first checkpoint; the command that began it begins it ")
@@ -148,39 +121,37 @@ def of_so_many(out: Path, whole: Path) -> None:
 
 @pytest.mark.slow
 def test_a_finished_run_is_lengthened_as_if_it_had_begun_so(
-    whole: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    unflown: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = tmp_path / "short"
-    assert fly(out, rounds=1) == 0
+    assert fly(out, *UNFLOWN, rounds=1) == 0
     assert call(["run", "--resume", str(out), "--rounds", str(ROUNDS), "--quiet"]) == 0
-    of_so_many(out, whole)
+    of_so_many(out, unflown)
     assert call(["run", "--resume", str(out), "--rounds", str(ROUNDS)]) == 0
     assert "nothing to resume; --rounds N gives it more" in capsys.readouterr().out
     assert call(["run", "--resume", str(out), "--rounds", "1"]) == 2
     refused(capsys, f"--rounds 1: {out} has {ROUNDS} rounds already; give more")
     assert call(["run", "--resume", str(out), "--rounds", "1000000"]) == 2
     refused(capsys, "--rounds 1000000: must be less than or equal to 100000")
-    of_so_many(out, whole)
+    of_so_many(out, unflown)
 
 
 @pytest.mark.slow
 def test_killed_while_it_is_lengthened_it_goes_on(unflown: Path, tmp_path: Path) -> None:
     short = tmp_path / "short"
     assert fly(short, *UNFLOWN, rounds=1) == 0
-    longer = {}
     for nth in range(1, 7):
         shutil.copytree(short, out := tmp_path / f"short{nth}")
-        longer[nth] = ["run", "--resume", str(out), "--rounds", str(ROUNDS), "--quiet"]
-    kill_writing(*longer.items())
-    for nth, command in longer.items():
-        assert call(command) == 0
-        of_so_many(tmp_path / f"short{nth}", unflown)
+        longer = ["run", "--resume", str(out), "--rounds", str(ROUNDS), "--quiet"]
+        kill_writing(nth, longer)
+        assert call(longer) == 0
+        of_so_many(out, unflown)
 
 
 @pytest.mark.slow
 def test_python_lengthens_a_run_that_was_begun_with_more(unflown: Path, tmp_path: Path) -> None:
     out = tmp_path / "long"
-    kill_writing((9, ["run", "--out", str(out), "--rounds", "50", *SMALL, *UNFLOWN]))
+    kill_writing(9, ["run", "--out", str(out), "--rounds", "50", *SMALL, *UNFLOWN])
     done = len(json.loads((out / "checkpoint" / "rounds.json").read_text())["rounds"])
     assert done <= ROUNDS
     assert aerofed.resume(out, rounds=2).status == "finished"

@@ -27,6 +27,8 @@ from mission.planner.plan import RoundPlan
 SMALL = {
     "mission.steps": 4,
     "mission.path_budget_m": 300.0,
+    "vehicle.parameters.MPC_TKO_SPEED": 5.0,
+    "vehicle.parameters.MPC_LAND_SPEED": 1.5,
     "planner.gap": 0.1,
     "planner.max_nodes": 20,
     "communities.0.devices": 4,

@@ -21,7 +21,7 @@ from mission.cli import call
 BINARIES = {"px4": "AEROFED_PX4", "ardupilot": "AEROFED_ARDUCOPTER"}
 TRIO = 'vehicles=[{name="px", autopilot="px4"}, {name="ardu", autopilot="ardupilot"}, {name="own"}]'
 NAMES, XY = ("px", "ardu", "own"), ("x_m", "y_m")
-SMALL = (*small_runs.SMALL, "--set", "mission.steps=6", "--set", TRIO)
+SMALL = (*small_runs.OF_ANY_VEHICLE, "--set", "mission.steps=6", "--set", TRIO)
 
 
 def binary(autopilot: str) -> str:
@@ -42,7 +42,7 @@ def test_one_that_does_not_start_ends_the_run_with_both_names(
     px4.write_text("#!/bin/sh\necho no gyroscope; exit 3\n")
     px4.chmod(0o755)
     two = f'vehicles=[{{name="px", autopilot="px4", firmware={{path="{px4}"}}}}, {{name="own"}}]'
-    assert call(["run", "--out", str(out), *small_runs.SMALL, "--set", two]) == 5
+    assert call(["run", "--out", str(out), *small_runs.OF_ANY_VEHICLE, "--set", two]) == 5
     error = capsys.readouterr().err
     assert error.startswith(
         "aerofed: px: PX4 at its start: px4 has ended with exit code 3; its console "

@@ -17,11 +17,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+import small_runs
 from described import charts, rows
 from drawing import drawn
 from mcap.reader import make_reader
 from patience import HANG_S
-from small_runs import QUIET, refused
+from small_runs import UP_AND_DOWN, refused
 from test_planfile import HOME_ROW, ROW, plan_document, simple
 
 from mission.analysis.load import LoadedRun, load_run
@@ -32,6 +33,7 @@ from mission.log import DamagedLogError
 from mission.log.reader import read_log
 from mission.run import plan_flight
 
+QUIET = (*small_runs.QUIET, *UP_AND_DOWN)
 TAKE_OFF = simple(22, 15, 0, 0, None, 47.4, 8.5, 50)
 SPEED = simple(178, 1, 15, -1, 0, 0, 0, 0, frame=2)
 RETURN = simple(20, 0, 0, 0, 0, 0, 0, 0, frame=2)

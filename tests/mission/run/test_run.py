@@ -24,6 +24,8 @@ from mission.cli import call
 
 SMALL = (*small_runs.SMALL, "--set", "planner.gap=0.1")
 UNFLOWN = ("--set", "mission.flight=none")
+# What a climb and a landing take counts, or how the first round begins.
+AS_USUAL = ("--set", "mission.altitude_m=60", "--set", "vehicle.parameters={}")
 
 
 def fly(out: Path, *more: str, rounds: int = 2) -> int:
@@ -88,7 +90,7 @@ def test_slots_are_served_where_the_aircraft_truly_was(run: Path) -> None:
         # The autopilot may cut a corner by 5 m of its belief, which GNSS puts a metre or two off.
         assert abs(est - plan) < 6.0
         assert 0.0 < abs(true - est) < 6.0
-        assert abs(float(uplink["true_alt_m"]) - 60.0) < 2.0
+        assert abs(float(uplink["true_alt_m"]) - 30.0) < 2.0
 
 
 @pytest.mark.slow
@@ -140,7 +142,7 @@ def test_another_seed_gives_other_devices(run: Path, tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("strategy", ["no_cov", "barycenter", "rectangular"])
+@pytest.mark.parametrize("strategy", ["barycenter", "rectangular"])
 def test_every_flying_strategy_flies(tmp_path: Path, strategy: str) -> None:
     out = tmp_path / strategy
     wanted = 2 if strategy == "barycenter" else 1
@@ -166,7 +168,7 @@ def test_ideal_takes_everybody_and_flies_nothing(tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_the_mission_ends_when_the_budget_is_spent(tmp_path: Path) -> None:
     out = tmp_path / "budget"
-    assert fly(out, "--set", "mission.total_budget_m=650", rounds=9) == 0
+    assert fly(out, "--set", "mission.total_budget_m=650", *UNFLOWN, rounds=9) == 0
     rounds = rows(out / "rounds.csv")
     # Of 300 m each; the 50 m that are left pay for no third one.
     assert len(rounds) == 2
@@ -178,7 +180,8 @@ def test_a_flight_longer_than_its_plan_costs_no_round(tmp_path: Path) -> None:
     """Rounds this short are flown longer than planned: a waver of the track is a share of them."""
     out = tmp_path / "tight"
     tight = ("--set", "mission.path_budget_m=40", "--set", "mission.total_budget_m=120")
-    assert fly(out, *tight, "--set", "mission.acceptance_radius_m=0.5", rounds=9) == 0
+    tight = (*tight, "--set", "mission.acceptance_radius_m=0.5")
+    assert fly(out, *tight, *AS_USUAL, rounds=9) == 0
     rounds = rows(out / "rounds.csv")
     assert len(rounds) == 3
     flown = [float(row["flown_path_m"]) for row in rounds]
@@ -361,7 +364,7 @@ def test_the_battery_is_changed_between_rounds(tmp_path: Path) -> None:
 def test_a_battery_is_changed_that_does_not_pay_for_another_round(tmp_path: Path) -> None:
     out, small = tmp_path / "battery", "vehicle.aircraft.battery.capacity_mah=400"
     # A round takes more than a quarter, so that the second leaves little more than the reserve.
-    assert fly(out, "--set", small, rounds=3) == 0
+    assert fly(out, "--set", small, *AS_USUAL, rounds=3) == 0
     left = [float(row["battery_remaining"]) for row in rows(out / "rounds.csv")]
     assert json.loads((out / "summary.json").read_text())["battery_changes"] == 1
     assert left[2] > left[1] > 0.25

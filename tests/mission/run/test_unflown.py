@@ -55,7 +55,7 @@ def test_every_slot_is_met_exactly_and_in_time(run: Path) -> None:
         assert place(uplink, "true") == pytest.approx(place(uplink, "plan"), abs=0.5)
         assert place(uplink, "est") == place(uplink, "true")
         assert uplink.true_per == pytest.approx(uplink.plan_per, abs=1e-3)
-        assert uplink.true_alt_m == 60.0
+        assert uplink.true_alt_m == 30.0
     for record in rounds:
         assert record.flown_path_m == pytest.approx(record.plan_path_m, abs=2.5)
         assert record.duration_s == pytest.approx(record.flown_path_m / 20.0, abs=1e-6)

@@ -32,6 +32,10 @@ name = "own"
 [mission]
 steps = 3
 path_budget_m = 100.0
+altitude_m = 30.0
+[vehicle.parameters]
+MPC_TKO_SPEED = 5
+MPC_LAND_SPEED = 1.5
 [learning]
 local_epochs = 1
 [[communities]]

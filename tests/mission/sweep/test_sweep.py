@@ -19,7 +19,7 @@ from joblib.externals.loky.backend.queues import Queue
 from joblib.externals.loky.process_executor import TerminatedWorkerError
 from patience import HANG_S, until
 from processes import writer_of
-from small_runs import QUIET, refused, rows
+from small_runs import LOW, QUIET, refused, rows
 
 from mission.base.errors import FlightError
 from mission.cli import call
@@ -30,7 +30,7 @@ from mission.sweep.execute.worker import RunEnd, RunOrder, execute
 TINY = (
     "--set", "mission.steps=3", "mission.path_budget_m=100", "learning.local_epochs=1",
     "communities.0.devices=2", "communities.1.devices=2",
-    "communities.0.labels_per_device=5", "communities.1.labels_per_device=5",
+    "communities.0.labels_per_device=5", "communities.1.labels_per_device=5", *LOW,
 )  # fmt: skip
 TABLES = ("runs.csv", "rounds.csv")
 PROCFS = Path("/proc/self/fd")
