@@ -17,12 +17,13 @@ run: $(BASE)
 
 # In three processes, also on two cores: where one waits for a vehicle or a process, another computes.
 # A file's tests stay together: they share what they have flown. tests/conftest.py has the order.
+# Draws that are marked `again` are left to the nightly job.
 test: $(READY)
 	$(BIN)/python -m pytest @tests/in-parallel
 
 # A minute and a half: without whole runs, and without what needs more than a clone brings.
 test-fast: $(READY)
-	$(BIN)/python -m pytest @tests/in-parallel -m "not slow and not real"
+	$(BIN)/python -m pytest @tests/in-parallel -m "not slow and not real and not again"
 
 # Flower asks for other versions of libraries than the lock has: they lie over those of $(VENV), in
 # an environment of its own.

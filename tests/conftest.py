@@ -39,13 +39,15 @@ def pytest_collection_finish() -> None:
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Whatever reads the real data sets is `real`. Files with many slow tests come first, so that
-    at the end no process waits for one that has just begun such a file."""
+    """Whatever reads the real data sets is `real`. Files with many slow tests come first, and of
+    those with none the ones with many tests, so that at the end no process waits for one that has
+    just begun such a file."""
     for item in items:
         if "shared_data" in getattr(item, "fixturenames", ()):
             item.add_marker(pytest.mark.real)
     slow = Counter(item.path for item in items if item.get_closest_marker("slow"))
-    items.sort(key=lambda item: -slow[item.path])
+    every = Counter(item.path for item in items)
+    items.sort(key=lambda item: (-slow[item.path], -every[item.path]))
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -10,6 +10,7 @@ from xml.etree import ElementTree as ET
 
 import numpy as np
 import pytest
+from again import again
 from mcap.reader import make_reader
 from one_world import UNTIL_S, Floats, Way, head_on, straight, write_ours
 from told_logs import HOME, WRITERS, made
@@ -56,11 +57,12 @@ def judged(*paths: Path, **offsets: float) -> Together:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", [".mcap", "exported .ulg", ".ulg", ".bin", ".tlog"])
-def test_every_conflict_is_found(kind: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize("seeds", [range(3), *again([range(3, 8)])], ids=str)
+def test_every_conflict_is_found(kind: str, seeds: range, tmp_path: Path) -> None:
     """To a centimetre, and in ArduPilot's and MAVLink's degrees (1e-7: 1.1 cm) to that of the
     roundings of both more."""
     noise_m = math.hypot(0.011, 0.008) if kind in (".bin", ".tlog") else 1e-3
-    for seed in range(8):
+    for seed in seeds:
         away_m, at_s, *ways = conflict(100 * len(kind) + seed)
         paths = [tmp_path / f"{n}-{seed}{kind[-5:].strip()}" for n in range(2)]
         for n, (path, way) in enumerate(zip(paths, ways, strict=True)):

@@ -5,6 +5,7 @@ import itertools
 
 import numpy as np
 import pytest
+from again import again
 from drawn_problems import drawn_problem, plan
 from one_aircraft import changed
 
@@ -31,9 +32,10 @@ def problem(seed: int = 1, *, devices: int = 6, channel: str = "suburban", **mor
 
 @pytest.mark.slow
 @pytest.mark.parametrize("channel", ["suburban", "suburban+10dB", "urban", "suburban-log-variance"])
-@pytest.mark.parametrize(("seed", "steps"), [(1, 3), (2, 4), (3, 6)])
-def test_no_altitude_beats_the_plan_by_more_than_the_gap(channel: str, seed: int, steps: int):
+@pytest.mark.parametrize("case", [(3, 6), *again([(1, 3), (2, 4)])])
+def test_no_altitude_beats_the_plan_by_more_than_the_gap(channel: str, case: tuple[int, int]):
     """Against the planner for one altitude, metre by metre: another way to the same answer."""
+    seed, steps = case
     given = problem(seed, channel=channel, steps=steps, altitudes_m=(40.0, 70.0))
     made = plan(given)
     single = [CertifiedPlanner().plan(given.at(float(h))) for h in range(40, 71)]
@@ -44,7 +46,7 @@ def test_no_altitude_beats_the_plan_by_more_than_the_gap(channel: str, seed: int
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("seed", [*range(3), *again(range(3, 8))])
 def test_no_path_from_any_altitude_exceeds_the_bound(seed: int) -> None:
     rng = np.random.default_rng([7, seed])
     channel = str(rng.choice(list(CHANNEL_PRESETS)))
@@ -73,7 +75,7 @@ def drawn(seed: int) -> Channel:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("channel", [*CHANNEL_PRESETS, *range(12)])
+@pytest.mark.parametrize("channel", [*CHANNEL_PRESETS, *range(3), *again(range(3, 12))])
 @pytest.mark.parametrize("ends", [(40.0, 60.0), (10.0, 12.5), (95.0, 100.0), (10.0, 132.5)])
 def test_what_is_earned_in_between_stays_below_the_raised_chord(channel: str | int, ends) -> None:
     reach = 512

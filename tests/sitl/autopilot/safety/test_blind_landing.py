@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from again import again
 from sitl_mavsdk import HOME, Recorder, make_vehicle
 
 from flightdyn.config import AircraftConfig
@@ -40,7 +41,7 @@ def finish(vehicle: Vehicle) -> None:
 
 
 @pytest.mark.parametrize("wind_mps", [0.0, 5.0, 8.0])
-@pytest.mark.parametrize("seed", range(1, 5))
+@pytest.mark.parametrize("seed", [1, 2, *again([3, 4])])
 def test_a_landing_without_gnss(seed: int, wind_mps: float) -> None:
     recorder = Recorder()
     vehicle = hovering(seed, wind_mps=wind_mps, recorder=recorder)
