@@ -103,7 +103,7 @@ class ExternalFlyer(Flyer):
         reserve = self.mission.battery_reserve
         if reserve > 0.0:
             await self._battery_told()
-        if self.feed.battery_remaining < reserve:
+        if self.battery_remaining < reserve:
             self.say(f"{self._low(reserve)}: no take-off before it is charged")
             await self._change_battery(reserve)
         await self.pilot.take_off(self.altitude_m)
