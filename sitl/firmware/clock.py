@@ -115,16 +115,7 @@ class SharedClock(Bridged):
     def stride(self, until_ns: float = math.inf) -> bool:
         since_s = time.monotonic()
         while self._ahead and self.there:
-            self._listen()
-            if time.monotonic() - since_s > STALL_S:
-                self._leave(
-                    FirmwareSilentError(
-                        f"no telemetry for {STALL_S:g} s: the newest is of t "
-                        f"{(self._heard_ns or 0) / 1e9:.2f} s, and time waits for more at "
-                        f"{self.t_ns / 1e9:.2f} s"
-                    )
-                )
-            time.sleep(_LISTEN_S)
+            self._hear(since_s)
         moving = super().stride(until_ns)
         if self.error is not None and not self.plant.crashed:
             self.fall.append((self.t_ns, self.plant.truth.pos_ned_m))
@@ -134,6 +125,15 @@ class SharedClock(Bridged):
     def _ahead(self) -> bool:
         """Whether telemetry is to be read before time goes on."""
         return self._heard_ns is not None and self.t_ns > self._heard_ns + _AHEAD_NS
+
+    def _hear(self, since_s: float) -> None:
+        """Wait a moment for telemetry, which is waited for since a wall time."""
+        self._listen()
+        if time.monotonic() - since_s > STALL_S:
+            told_s, now_s = (self._heard_ns or 0) / 1e9, self.t_ns / 1e9
+            words = f"the newest is of t {told_s:.2f} s, and time waits for more at {now_s:.2f} s"
+            self._leave(FirmwareSilentError(f"no telemetry for {STALL_S:g} s: {words}"))
+        time.sleep(_LISTEN_S)
 
     def _leave(self, why: FirmwareSilentError) -> None:
         """Go on without the firmware: its motors are off."""
@@ -161,10 +161,6 @@ class FirmwareClock(SharedClock):
         self._thread = threading.Thread(target=self._turn, name="firmware clock", daemon=True)
         self.answers = False  # whether time goes on at wall pace while somebody is answered
 
-    @property
-    def there(self) -> bool:
-        return super().there and not self._stopped
-
     def start(self) -> None:
         """Start the thread; simulated time stands still until `run`."""
         self._thread.start()
@@ -185,16 +181,20 @@ class FirmwareClock(SharedClock):
             self.error = error
 
     def _run_until_stopped(self) -> None:
-        due_s = time.monotonic()
+        due_s = heard_s = time.monotonic()
         while not self._stopped and self.error is None:
             answers = self.answers and time.monotonic() < self._slow_until
             until_ns = math.inf if answers else self._until_ns if self._may_run else 0.0
             before_ns = self.t_ns
             if until_ns <= before_ns or not (self.there or self.look()):
                 self._awaited.rest()
-                due_s = time.monotonic()
+                due_s = heard_s = time.monotonic()
                 continue
-            speed = self.pace(time.monotonic())
+            if self._ahead:
+                self._hear(heard_s)
+                continue
+            heard_s = time.monotonic()
+            speed = self.pace(heard_s)
             self._most = MOST if math.isinf(speed) else self.plant.interval
             self.stride(until_ns)
             now_s = time.monotonic()
