@@ -9,7 +9,7 @@ from native import building, loading
 
 pytestmark = pytest.mark.slow
 
-FLAGS = ("-fsanitize=address,undefined", "-fno-sanitize-recover=all", "-O1", "-g1")
+FLAGS = ("-fsanitize=address,undefined", "-fno-sanitize-recover=all", "-O0", "-g1")
 
 
 @pytest.fixture(scope="module")
