@@ -180,8 +180,8 @@ def test_a_flight_longer_than_its_plan_costs_no_round(tmp_path: Path) -> None:
     """Rounds this short are flown longer than planned: a waver of the track is a share of them."""
     out = tmp_path / "tight"
     tight = ("--set", "mission.path_budget_m=40", "--set", "mission.total_budget_m=120")
-    tight = (*tight, "--set", "mission.acceptance_radius_m=0.5")
-    assert fly(out, *tight, *AS_USUAL, rounds=9) == 0
+    waver = ("--set", "mission.acceptance_radius_m=0.5", *AS_USUAL)
+    assert fly(out, *tight, *waver, rounds=9) == 0
     rounds = rows(out / "rounds.csv")
     assert len(rounds) == 3
     flown = [float(row["flown_path_m"]) for row in rounds]
