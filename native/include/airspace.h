@@ -239,6 +239,16 @@ static inline int64_t way_to(const Airspace *space, Point from, Point to, Point 
     return points + 2;
 }
 
+/* The points after its first of the way to a waypoint, which is moved to where may be flown; where no way
+   leads there, the place where it begins. Returns how many, V + 2 at most. */
+static inline int64_t way_towards(const Airspace *space, Point from, Point to, Point *way, double *spare)
+{
+    const int64_t points = move_out(space, &to) ? way_to(space, from, to, way, spare) : 0;
+    if (points) return points;
+    way[0] = from;
+    return 1;
+}
+
 /* The route through waypoints (count,), which are moved to where may be flown, and around areas; `at`
    (count,) is which of its points they are. Returns how many it has, count (V + 2) at most. The start
    stays; a waypoint to which no way leads is where the one before it is. */
@@ -250,12 +260,7 @@ static inline int64_t route_through(
     route[0] = waypoint[0];
     at[0] = 0;
     for (int64_t n = 1; n < count; n++) {
-        Point place = waypoint[n];
-        int64_t more = 0;
-        if (move_out(space, &place))
-            more = way_to(space, route[points - 1], place, route + points, spare);
-        if (!more) route[points] = route[points - 1];
-        points += more ? more : 1;
+        points += way_towards(space, route[points - 1], waypoint[n], route + points, spare);
         at[n] = points - 1;
     }
     return points;

@@ -319,55 +319,111 @@ static inline void unsmoothed(const Trajectory *path, double t, double area[3], 
     drawn_at(piece_at(path, t), t, area, p, v);
 }
 
-/* Watts of the whole aircraft at a speed through the air and a size of acceleration.
-
-   Level flight at constant speed is a table; other air scales it by equivalent airspeed. Rotors that
-   also accelerate the mass push with m sqrt(g^2 + a^2). That adds what it adds in a hover, where
-   power goes with thrust to 3/2 (momentum theory): drag takes no more. */
-static inline double power_at(double speed, double accel, const Air *air)
+/* Watts of level flight at a speed through the air: a table; other air scales it by equivalent airspeed. */
+static inline double level_power_at(double speed, double root, const Air *air)
 {
-    const double root = sqrt(air->density), x = speed * root, last = (double)(air->rows - 1);
+    const double x = speed * root, last = (double)(air->rows - 1);
     const double within = x < last ? x : last;
     const int64_t row = (int64_t)within, i = row < air->rows - 2 ? row : air->rows - 2;
-    const double level = air->watts[i] + (air->watts[i + 1] - air->watts[i]) * (within - (double)i);
+    return air->watts[i] + (air->watts[i + 1] - air->watts[i]) * (within - (double)i);
+}
+
+/* Watts of the whole aircraft at a speed through the air and a size of acceleration.
+
+   Rotors that also accelerate the mass push with m sqrt(g^2 + a^2). That adds to level flight what it adds
+   in a hover, where power goes with thrust to 3/2 (momentum theory): drag takes no more. */
+static inline double power_at(double speed, double accel, const Air *air)
+{
+    const double root = sqrt(air->density), level = level_power_at(speed, root, air);
     const double push = sqrt(1 + accel * accel / (GRAVITY_MPS2 * GRAVITY_MPS2));
     return (level + air->watts[0] * (push * sqrt(push) - 1)) / root;
+}
+
+/* Samples of power worked out at once, those of one turn of vector instructions, and room for a turn more. */
+enum { SOME = 64, FEW = 8, ROOM = SOME + FEW };
+
+/* Fill in position (rows 0 to 2) and velocity (3 to 5) at times `t`, shifted by `away`, of samples on a piece
+   from `s` on, of `some`, along so many axes; returns the first one after it. What is written beyond is
+   written again. */
+static inline int64_t fill_along(
+    const Piece *piece, const Piece *last, int axes, double away, double step, int64_t s, int64_t some,
+    const double *t, double (*at)[ROOM])
+{
+    const int early = t[s] + away < piece->t0; /* before the first piece: at its speed */
+    const double until = early ? piece->t0 : piece < last ? piece[1].t0 : INFINITY;
+    const double guess = (until - away - t[s]) / step;
+    int64_t end = guess < (double)(some - s) ? s + 1 + (int64_t)guess : some;
+    end = end < some ? end : some;
+    while (end > s + 1 && !(t[end - 1] + away < until)) end--;
+    while (end < some && t[end] + away < until) end++;
+    for (int i = 0; i < axes; i++) {
+        const double t0 = piece->t0, from = piece->p[i], speed = piece->v[i], a = early ? 0 : piece->a[i];
+        for (int64_t first = s; first < end; first += FEW)
+            for (int64_t n = first; n < first + FEW; n++) {
+                const double since = t[n] + away - t0;
+                at[i][n] = from + speed * since + a * (since * since / 2);
+                at[i + 3][n] = speed + a * since;
+            }
+    }
+    return end;
+}
+
+/* Watts of a few samples from `s` on, from both ends of the window about each. */
+static inline void watts_of(
+    double (*before)[ROOM], double (*after)[ROOM], int axes, int64_t s, double half, const Air *air,
+    double *watts)
+{
+    const double root = sqrt(air->density);
+    double speed[FEW], accel[FEW];
+    int64_t steady = 1; /* the table alone says what it takes */
+    for (int n = 0; n < FEW; n++) {
+        double flown[3] = {0}, gained[3] = {0};
+        for (int i = 0; i < axes; i++) {
+            flown[i] = (after[i][s + n] - before[i][s + n]) / (2 * half);
+            gained[i] = after[i + 3][s + n] - before[i + 3][s + n];
+        }
+        steady &= gained[0] == 0 && gained[1] == 0 && gained[2] == 0;
+        speed[n] = size3(flown[0] - air->wind[0], flown[1] - air->wind[1], flown[2] - air->wind[2]);
+    }
+    if (steady) {
+        for (int n = 0; n < FEW; n++) watts[n] = level_power_at(speed[n], root, air) / root;
+        return;
+    }
+    for (int n = 0; n < FEW; n++) {
+        double gained[3] = {0};
+        for (int i = 0; i < axes; i++)
+            gained[i] = (after[i + 3][s + n] - before[i + 3][s + n]) / (2 * half);
+        accel[n] = size3(gained[0], gained[1], gained[2]);
+    }
+    for (int n = 0; n < FEW; n++) watts[n] = power_at(speed[n], accel[n], air);
 }
 
 /* Joules of a trajectory from its start to its end, in samples of power; several at once are worked out
    by vector instructions. */
 static inline double joules_of(const Trajectory *path, const Air *air)
 {
-    enum { SOME = 32 };
-    const double moving = path->end - path->start, h = path->half;
+    const double moving = path->end - path->start;
     const int64_t count = (int64_t)ceil(moving / SAMPLE_S);
     const double step = moving / (double)count;
     const Piece *at[2] = {path->pieces, path->pieces}, *last = path->pieces + path->count - 1;
-    double total = 0, moved[3][SOME] = {{0}}, gained[3][SOME] = {{0}}, watts[SOME];
+    double total = 0, t[ROOM], ends[2][6][ROOM] = {{{0}}}, watts[SOME];
+    int level = 1;
+    for (const Piece *piece = path->pieces; piece <= last; piece++)
+        level &= piece->p[2] == 0 && piece->v[2] == 0 && piece->a[2] == 0;
     for (int64_t first = 0; first <= count; first += SOME) {
         const int64_t some = count + 1 - first < SOME ? count + 1 - first : SOME;
-        for (int64_t s = 0; s < some; s++) {
-            const double t = first + s < count ? path->start + step * (double)(first + s) : path->end;
-            double area[3], p[2][3], v[2][3];
-            for (int side = 0; side < 2; side++) {
-                const double here = side ? t + h : t - h;
-                while (at[side] < last && at[side][1].t0 <= here) at[side]++;
-                drawn_at(at[side], here, area, p[side], v[side]);
-            }
-            for (int i = 0; i < 3; i++) {
-                moved[i][s] = p[1][i] - p[0][i];
-                gained[i][s] = v[1][i] - v[0][i];
+        for (int64_t s = 0; s < ROOM; s++) t[s] = path->start + step * (double)(first + s);
+        if (first + some > count) t[some - 1] = path->end;
+        for (int side = 0; side < 2; side++) {
+            const double away = side ? path->half : -path->half;
+            for (int64_t s = 0; s < some;) {
+                while (at[side] < last && at[side][1].t0 <= t[s] + away) at[side]++;
+                s = fill_along(at[side], last, level ? 2 : 3, away, step, s, some, t, ends[side]);
             }
         }
-        for (int64_t s = 0; s < SOME; s++) {
-            double flown[3], accel[3];
-            for (int i = 0; i < 3; i++) {
-                flown[i] = moved[i][s] / (2 * h) - air->wind[i];
-                accel[i] = gained[i][s] / (2 * h);
-            }
-            watts[s] = power_at(
-                size3(flown[0], flown[1], flown[2]), size3(accel[0], accel[1], accel[2]), air);
-        }
+        for (int64_t s = 0; s < some; s += FEW)
+            if (level) watts_of(ends[0], ends[1], 2, s, path->half, air, watts + s);
+            else watts_of(ends[0], ends[1], 3, s, path->half, air, watts + s);
         if (!first) watts[0] /= 2;
         if (first + some > count) watts[some - 1] /= 2;
         for (int64_t s = 0; s < some; s++) total += watts[s];

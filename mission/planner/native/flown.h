@@ -142,7 +142,7 @@ static void schedule_steps(const Round *round, CandidatePlan *plan, Desk *desk)
     for (int turn = 0; turn < (round->upload ? ANEW : 1); turn++) {
         CandidatePlan other = *plan;
         other.schedule = desk->other;
-        time_steps(round, plan, desk);
+        if (!turn) time_steps(round, plan, desk); /* `leave_late` has timed what is better */
         assign_ready(round, 1, other.schedule, desk);
         leave_late(round, &other, desk);
         if (!(other.value > plan->value)) break;

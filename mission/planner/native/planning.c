@@ -130,11 +130,11 @@ static int fit(
 {
     Arena arena = {0};
     Desk desk;
-    double *ways;
+    Ways ways;
     lay_out_planning(&desk, &ways, &arena, round);
     if (!provide(&arena)) return -1;
     lay_out_planning(&desk, &ways, &arena, round);
-    const int fits = fit_way(round, waypoint, plan, metres, above, limited, &desk, ways);
+    const int fits = fit_way(round, waypoint, plan, metres, above, limited, &desk, &ways);
     release(&arena);
     return fits;
 }

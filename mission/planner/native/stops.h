@@ -9,7 +9,7 @@ static const double ASTRAY_M = 0.15; /* from where it holds to where it believes
                                         begins with that */
 static const double MOST_LOST = 0.01;  /* of a plan's value, with every corner cut as far as allowed */
 enum { ROWS = 1024 };
-enum { RUNS = 256, SHORT_RUN = 12 }; /* flights that are remembered, of so many points at most */
+enum { RUNS = 512, SHORT_RUN = 12 }; /* flights that are remembered, of so many points at most */
 
 typedef struct {
     Point p;
@@ -42,6 +42,8 @@ typedef struct {
     double *passed; /* (P + 1,) */
     Run *runs;      /* (RUNS,) of those that were foreseen */
     double *chances, *worth; /* (N, K) of success, (K, N) */
+    double *exact; /* (N, K) of success, not from the rows, where steps were last */
+    Point *exactly; /* (N,) there */
     double *row;             /* (ROWS,) of success at 0, 1, 2, ... m */
     int64_t rows;            /* that are filled in: those that may be relied on */
     double *best;            /* (K,) */
@@ -69,6 +71,9 @@ static void lay_out_desk(Desk *desk, Arena *arena, const Round *round, int64_t p
     desk->runs = claim(arena, RUNS, sizeof(Run));
     desk->chances = claim(arena, n * k, sizeof(double));
     desk->worth = claim(arena, n * k, sizeof(double));
+    desk->exact = claim(arena, n * k, sizeof(double));
+    desk->exactly = claim(arena, n, sizeof(Point));
+    for (int64_t i = 0; i < n && desk->exactly; i++) desk->exactly[i].x = NAN;
     desk->row = claim(arena, ROWS, sizeof(double));
     desk->rows = 0;
     desk->best = claim(arena, k, sizeof(double));
@@ -123,16 +128,20 @@ static void gather_stops(const Round *round, const CandidatePlan *plan, Desk *de
     desk->at[0].hold = most(desk->at[0].hold, plan->wait);
 }
 
-/* Where a run is remembered. */
-static Run *run_at(const Stop *stop, int64_t count, Desk *desk)
+static int is_same(Point a, Point b) { return a.x == b.x && a.y == b.y; }
+
+/* A key of all points that go into it, in turn. */
+static uint64_t mixed(uint64_t key, Point p)
 {
-    uint64_t key = 0;
-    for (int64_t i = 0; i < count; i++) {
-        uint64_t bits[2];
-        memcpy(bits, &stop[i].p, sizeof bits);
-        key = (key ^ bits[0]) * 0x9E3779B97F4A7C15u;
-        key = (key ^ key >> 29 ^ bits[1]) * 0xBF58476D1CE4E5B9u;
-    }
+    key = (key ^ bits_of(p.x)) * 0x9E3779B97F4A7C15u;
+    return (key ^ key >> 29 ^ bits_of(p.y)) * 0xBF58476D1CE4E5B9u;
+}
+
+/* Where a run is remembered. */
+static Run *run_at(const Stop *stop, int64_t count, double radius, Desk *desk)
+{
+    uint64_t key = bits_of(radius);
+    for (int64_t i = 0; i < count; i++) key = mixed(key, stop[i].p);
     return desk->runs + (key >> 32) % RUNS;
 }
 
@@ -140,7 +149,7 @@ static int is_run(const Run *run, const Stop *stop, int64_t count, double radius
 {
     if (run->count != count || run->radius != radius || run->weighed < weighed) return 0;
     for (int64_t i = 0; i < count; i++)
-        if (run->at[i].x != stop[i].p.x || run->at[i].y != stop[i].p.y) return 0;
+        if (!is_same(run->at[i], stop[i].p)) return 0;
     return 1;
 }
 
@@ -164,7 +173,8 @@ static PathProfile *path_through(
 static double fly_run(
     const Flying *flying, double radius, const Stop *stop, int64_t count, double *joules, Desk *desk)
 {
-    Run *run = count > SHORT_RUN ? NULL : run_at(stop, count, desk);
+    if (count < 3) radius = 0.0; /* there is no corner */
+    Run *run = count > SHORT_RUN ? NULL : run_at(stop, count, radius, desk);
     if (run && is_run(run, stop, count, radius, joules != NULL)) {
         memcpy(desk->passed, run->passed, (size_t)count * sizeof(double));
         if (joules) *joules = run->joules;
@@ -352,12 +362,31 @@ static double radius_of(const Round *round, const CandidatePlan *plan, Desk *des
     return round->radius[round->radii - 1];
 }
 
+/* Of each device's success at a place, into `chance` (K,); most steps are where they were. */
+static void set_exactly(const Round *round, Point place, double *chance, const Desk *desk)
+{
+    const int64_t devices = round->devices;
+    for (int64_t n = 0; n < round->steps; n++)
+        if (is_same(desk->exactly[n], place)) {
+            memcpy(chance, desk->exact + n * devices, (size_t)devices * sizeof(double));
+            return;
+        }
+    for (int64_t k = 0; k < devices; k++) chance[k] = chance_at(round, k, place, desk);
+}
+
 static void set_chances(const Round *round, const CandidatePlan *plan, Desk *desk)
 {
-    double *chance = desk->chances;
-    for (int64_t n = 0; n < round->steps; n++)
-        for (int64_t k = 0; k < round->devices; k++)
-            *chance++ = chance_at(round, k, plan->route[plan->at[n]], desk);
+    const int64_t devices = round->devices;
+    for (int64_t n = 0; n < round->steps; n++) {
+        const Point place = plan->route[plan->at[n]];
+        double *chance = desk->chances + n * devices;
+        if (!desk->rows) set_exactly(round, place, chance, desk);
+        else
+            for (int64_t k = 0; k < devices; k++) chance[k] = chance_at(round, k, place, desk);
+    }
+    if (desk->rows) return;
+    memcpy(desk->exact, desk->chances, (size_t)(round->steps * devices) * sizeof(double));
+    for (int64_t n = 0; n < round->steps; n++) desk->exactly[n] = plan->route[plan->at[n]];
 }
 
 #endif

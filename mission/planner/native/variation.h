@@ -18,23 +18,57 @@ static int64_t room_of(const Round *round)
     return round->steps * (round->space ? round->space->vertices + 2 : 1);
 }
 
+enum { WAYS = 512, SHORT_WAY = 6 }; /* ways that are remembered, of so many points at most */
+
+/* A way among areas, of `count` points after its first, 0 where there is none. */
+typedef struct {
+    int64_t count;
+    Point from, to, at[SHORT_WAY];
+} Way;
+
+/* Ways that were found, and memory for others. */
+typedef struct {
+    Way *known;    /* (WAYS,) */
+    double *spare; /* (2 V,) */
+} Ways;
+
 /* The desk of a round, with memory for ways among its areas. */
-static void lay_out_planning(Desk *desk, double **ways, Arena *arena, const Round *round)
+static void lay_out_planning(Desk *desk, Ways *ways, Arena *arena, const Round *round)
 {
     lay_out_desk(desk, arena, round, room_of(round));
-    *ways = claim(arena, round->space ? 2 * round->space->vertices : 0, sizeof(double));
+    ways->known = claim(arena, round->space ? WAYS : 0, sizeof(Way));
+    ways->spare = claim(arena, round->space ? 2 * round->space->vertices : 0, sizeof(double));
+}
+
+/* See `way_towards`: most changes of a way leave most of its legs as they were. */
+static int64_t known_way(const Airspace *space, Point from, Point to, Point *points, Ways *ways)
+{
+    Way *way = ways->known + (mixed(mixed(0, from), to) >> 32) % WAYS;
+    if (!way->count || !is_same(way->from, from) || !is_same(way->to, to)) {
+        const int64_t count = way_towards(space, from, to, points, ways->spare);
+        if (count > SHORT_WAY) return count;
+        *way = (Way){.count = count, .from = from, .to = to};
+        memcpy(way->at, points, (size_t)count * sizeof(Point));
+    }
+    memcpy(points, way->at, (size_t)way->count * sizeof(Point));
+    return way->count;
 }
 
 /* Make the plan along the way through waypoints, as `fit_path` does. */
 static int fit_way(
     const Round *round, const Point *waypoint, CandidatePlan *plan, double metres, double above,
-    int limited, Desk *desk, double *ways)
+    int limited, Desk *desk, Ways *ways)
 {
-    plan->points = round->steps;
-    if (round->space)
-        plan->points = route_through(round->space, round->steps, waypoint, plan->route, plan->at, ways);
-    else
-        for (int64_t n = 0; n < round->steps; n++) plan->route[plan->at[n] = n] = waypoint[n];
+    plan->route[plan->at[0] = 0] = waypoint[0];
+    plan->points = 1;
+    for (int64_t n = 1; n < round->steps; n++) {
+        Point *next = plan->route + plan->points;
+        if (round->space)
+            plan->points += known_way(round->space, next[-1], waypoint[n], next, ways);
+        else
+            plan->route[plan->points++] = waypoint[n];
+        plan->at[n] = plan->points - 1;
+    }
     return fit_path(round, plan, metres, above, limited, desk);
 }
 
@@ -94,10 +128,11 @@ static int vary(
     const int64_t steps = round->steps;
     uint64_t state = 0x9E3779B97F4A7C15u ^ (uint64_t)seed;
     int64_t *worth, count = 0;
-    double *ways, *begins, value = plan->value;
+    double *begins, value = plan->value;
     Point *now, *way;
     CandidatePlan other = {.wait = plan->wait};
     Desk desk;
+    Ways ways;
     Arena arena = {0};
     for (int pass = 0; pass < 2; pass++) {
         lay_out_planning(&desk, &ways, &arena, round);
@@ -122,13 +157,13 @@ static int vary(
         memcpy(way, now, (size_t)steps * sizeof(Point));
         change_way(round, worth[draw_under(count, &state)], begins, way, &state);
         desk.rows = ROWS;
-        if (!fit_way(round, way, &other, metres, above, limited, &desk, ways)) continue;
+        if (!fit_way(round, way, &other, metres, above, limited, &desk, &ways)) continue;
         desk.rows = 0;
         value = other.value;
         memcpy(begins, desk.begins, (size_t)steps * sizeof(double));
         for (int64_t n = 0; n < steps; n++) now[n] = other.route[other.at[n]];
         if (!(value > plan->value * (1.0 - TABLED)) ||
-            !fit_way(round, way, &other, metres, plan->value, limited, &desk, ways))
+            !fit_way(round, way, &other, metres, plan->value, limited, &desk, &ways))
             continue;
         memcpy(plan->route, other.route, (size_t)other.points * sizeof(Point));
         memcpy(plan->at, other.at, (size_t)steps * sizeof(int64_t));
