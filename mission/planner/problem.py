@@ -225,7 +225,14 @@ class RoundProblem:
         """The same problem at one altitude; None: the channel's."""
         if altitude_m is None:
             return self
-        return self.with_own(altitudes_m=None, altitude_m=altitude_m)
+        if altitude_m not in self._at:
+            self._at[altitude_m] = self.with_own(altitudes_m=None, altitude_m=altitude_m)
+        return self._at[altitude_m]
+
+    @cached_property
+    def _at(self) -> dict[float, Self]:
+        """The problem at altitudes that were asked for: the same ones again and again."""
+        return {}
 
 
 def refuse_old_form(given: Mapping[str, object], each: type, name: str, way: str) -> None:
