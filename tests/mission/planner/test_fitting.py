@@ -1,5 +1,6 @@
 """Plans made to fit limits: cut where these end, or shrunk."""
 
+import dataclasses
 import itertools
 import pickle
 
@@ -15,7 +16,7 @@ from mission.base.airspace import Airspace
 from mission.planner.check import check_plan
 from mission.planner.evaluate import plan_along
 from mission.planner.flyable import foresee_round, share_of
-from mission.planner.improving import fitted, serving_fewer
+from mission.planner.improving import fitted, serving_fewer, varied
 from mission.planner.limits import RoundLimits
 from mission.planner.performance import Performance
 from mission.planner.problem import RoundProblem
@@ -63,6 +64,27 @@ def test_where_nothing_is_in_the_way_a_path_is_shrunk(seed: int) -> None:
     along, whole = plan.waypoints_m - given.start_m, path(given, seed) - given.start_m
     scale = np.linalg.norm(along) / np.linalg.norm(whole)
     np.testing.assert_allclose(along, scale * whole, atol=1e-6)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_what_is_remembered_between_changes_is_what_a_new_look_finds(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    given = problem(seed, airspace=Airspace((WALL, WALL + 100.0), None, 15.0))
+    given = dataclasses.replace(
+        given.with_own(limits=RoundLimits(FLYING, 45.0, 8100.0)),
+        upload_s=rng.uniform(0.5, 6.0, len(given.devices_m)),
+        ready_in_s=rng.uniform(0.0, 30.0, len(given.devices_m)),
+    )
+    begun = fitted(given, path(given, seed))
+    assert begun is not None
+    found = varied(given, begun, 10_000, tolerance=0.02, seed=seed)
+    check_plan(given, found)
+    assert found.value > begun.value
+    assert share_of(given, found) <= 1.0
+    again = fitted(given, found.waypoints_m)
+    assert again is not None
+    np.testing.assert_allclose(again.route_m, found.route_m, atol=1e-6)
+    assert again.value == pytest.approx(found.value, rel=1e-9)
 
 
 def test_what_is_worth_too_little_is_not_given_back() -> None:
