@@ -194,7 +194,7 @@ def _read_flight(path: Path) -> FlightData:
         else:
             from mission.flight.logs.tlog import KIND
         return KIND.flight(path)
-    except SPOILT as error:
+    except (*SPOILT, MemoryError) as error:  # for what a broken one says that it holds
         what = " ".join(str(error).split())[:100]
         raise InputError(
             f"{path}: cannot be read as a {kind} flight log: damaged, cut off, "

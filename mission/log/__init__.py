@@ -13,7 +13,7 @@ from mission.base.errors import InputError
 # What values that are not what they should be make decoders, Python and NumPy raise.
 SPOILT = (
     *(ValueError, TypeError, LookupError, AttributeError, AssertionError, ArithmeticError),
-    *(EOFError, struct.error, zlib.error, RecursionError, MemoryError),
+    *(EOFError, struct.error, zlib.error, RecursionError),
 )
 
 

@@ -135,6 +135,19 @@ def test_cut_at_every_kind_of_place_keeps_every_whole_chunk(tmp_path: Path, smal
         assert check(target) == ()
 
 
+def test_a_machine_without_memory_is_no_damage(
+    made: Fixed, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """It was `an MCAP file without the devices`, and a recovery without the rest."""
+
+    def starved(*_: object, **__: object) -> None:
+        raise MemoryError
+
+    monkeypatch.setattr("mission.log.contents.breakup_chunk", starved)
+    assert call(["log", "check", str(made.log)]) == 1
+    assert capsys.readouterr().err == "aerofed: out of memory\n"
+
+
 def test_a_length_beyond_the_file_is_a_broken_record(tmp_path: Path, small: bytes) -> None:
     at = next(at for opcode, at, _ in frames_of(small) if opcode == 6)  # the first chunk
     length_at = small.index(b"zstd", at) + 4
