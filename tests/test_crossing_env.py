@@ -16,10 +16,13 @@ STILL = np.zeros(3, dtype=np.float32)
 
 
 @pytest.mark.slow
-def test_it_is_what_pettingzoo_calls_an_environment_and_repeats() -> None:
+def test_it_is_what_pettingzoo_calls_an_environment_and_repeats(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         parallel_api_test(CrossingEnv(3, radius_m=4.0, wind_mps=5), num_cycles=80)
+    assert "Passed" in capsys.readouterr().out  # both tests of PettingZoo's raise where it fails
     parallel_seed_test(lambda: CrossingEnv(2, wind_mps=5), num_cycles=30)
 
 

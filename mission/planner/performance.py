@@ -52,7 +52,8 @@ class Performance:
 
     def foresee(self, points_m: Floats, hold_s: Sequence[float], radius_m: float) -> Foreseen:
         """Predict a flight through stops (S, 2), hovers `hold_s` (S,), acceptance `radius_m`."""
-        arrived_s, counted = rounds.Flight(self._flying, points_m, hold_s, radius_m).foreseen()
+        flight = rounds.ForeseenFlight(self._flying, points_m, hold_s, radius_m)
+        arrived_s, counted = flight.foreseen()
         return Foreseen(arrived_s, *counted.tolist())
 
     def follow(
@@ -66,7 +67,7 @@ class Performance:
     ) -> Floats:
         """Predict where such a flight is (count, 2), every `step_s` from its start; where it ends
         it stays."""
-        flight = rounds.Flight(self._flying, points_m, hold_s, radius_m)
+        flight = rounds.ForeseenFlight(self._flying, points_m, hold_s, radius_m)
         return flight.followed(step_s=step_s, count=count)
 
     @cached_property

@@ -203,7 +203,7 @@ class Round:
         return plan._replace(route=plan.route[: given.points].copy(), value=given.value)
 
 
-class Flight:
+class ForeseenFlight:
     """A flight through stops (S, 2) with a hover at each, in the C library's form."""
 
     def __init__(
