@@ -329,7 +329,8 @@ def test_hovering_while_time_runs_freely() -> None:
     assert recorder.samples[-1].mode == "HOLD"
 
 
-def test_strides_tell_the_same_as_step_by_step() -> None:
+@pytest.mark.parametrize("hold_s", [0.55, 0.61])
+def test_strides_tell_the_same_as_step_by_step(hold_s: float) -> None:
     """Corners, waits, a turn on the spot and a landing: every sample and event at its tick."""
 
     def told(advance: Callable[[Vehicle], bool]) -> list[tuple[object, ...]]:
@@ -346,7 +347,7 @@ def test_strides_tell_the_same_as_step_by_step() -> None:
             (mav.MAV_CMD_CONDITION_YAW, (77.0, 0.0, 0.0, 0.0), 0.0, 0.0),
             (mav.MAV_CMD_NAV_WAYPOINT, (0.73, 5.0, 0.0, math.nan), 10.0, 30.0),
             (mav.MAV_CMD_NAV_WAYPOINT, (0.91, 5.0, 0.0, math.nan), 10.0, 10.0),
-            (mav.MAV_CMD_NAV_WAYPOINT, (0.55, 5.0, 0.0, math.nan), 0.0, 10.0),
+            (mav.MAV_CMD_NAV_WAYPOINT, (hold_s, 5.0, 0.0, math.nan), 0.0, 10.0),
             (mav.MAV_CMD_NAV_LAND, (0.0,) * 4, 0.0, 10.0),
         ):
             place = to(np.array([north, east, 0.0]))

@@ -132,9 +132,8 @@ class Turn(Manoeuvre):
 
 
 class Follow(Manoeuvre):
-    """Fly a path to its end; `passed(i)` is called in the tick in which point i is passed."""
-
-    patient = True
+    """Fly a path to its end; `passed(i)` is called in the tick in which point i is passed, of a
+    point where the path begins in the next step."""
 
     def __init__(
         self, aircraft: Aircraft, path: FlightPath, passed: Callable[[int], None] | None = None
@@ -143,6 +142,10 @@ class Follow(Manoeuvre):
         self._count = 0
         aircraft.follow(path)
         self._progress = aircraft.progress  # of this very path
+
+    @property
+    def patient(self) -> bool:
+        return self._progress.passed == self._count
 
     def tick(self) -> bool:
         progress = self._progress
