@@ -1,5 +1,6 @@
 """Records a run: vehicle samples and events, plans, rounds, uplinks and learning."""
 
+import time
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
@@ -30,15 +31,19 @@ from mission.planner.plan import RoundPlan
 from mission.planner.problem import RoundProblem
 from sitl.observer import VehicleEvent, VehicleSample
 
-_BLOCK_NS = NS_PER_S  # simulated time that goes to the file at once
+_BLOCK_NS = NS_PER_S  # simulated time that is one chunk of the file
+# Samples wait for each other so long, in simulated and in wall time: alone, each finds the caches
+# of the processor without what writes it, which then takes twice as long.
+_WAIT_NS = 9 * NS_PER_S
+_WAIT_S = 1.0
 
 
 class FlightLog:
     """The log of one run. A `VehicleObserver`; use it as a context manager.
 
-    Whatever happened up to a second of simulated time ago is out of this process's hands, so a
-    killed run loses at most that; leaving the context, also by an exception, completes the file.
-    The same run gives the same bytes.
+    A killed run loses at most the last ten seconds of simulated time, and where that runs slowly
+    the last second of both; leaving the context, also by an exception, completes the file. The
+    same run gives the same bytes.
     """
 
     def __init__(
@@ -67,6 +72,8 @@ class FlightLog:
         self._watched = bool(mirrors)  # and nobody watches a second late
         self._vehicle = VehicleTopics(area, self._send)
         self._now_ns = self._flushed_ns = start_ns
+        self._waiting: list[VehicleSample] = []
+        self._since_s = 0.0  # wall time of the first of them
         self._believed: PerGrid | None = None  # of the radio, by the last plan
         self._planned = 0  # the round, or the mission, of the last plan
         self._mcap.metadata("aerofed", {"format": topics.FORMAT_VERSION, **area_to_text(area)})
@@ -78,16 +85,26 @@ class FlightLog:
     def sampled(self, sample: VehicleSample) -> None:
         """Write one sample of the vehicle."""
         self._now_ns = sample.t_ns
-        self._vehicle.sample(sample)
-        if self._watched:
-            self._vehicle.write_samples()
-        if sample.t_ns - self._flushed_ns >= _BLOCK_NS:
-            self._flush()
+        if not self._waiting:
+            self._since_s = time.monotonic()
+        self._waiting.append(sample)
+        waited_ns = sample.t_ns - self._waiting[0].t_ns
+        if self._watched or waited_ns >= _WAIT_NS or time.monotonic() - self._since_s >= _WAIT_S:
+            self._catch_up()
+
+    def _catch_up(self) -> None:
+        """Write the samples that wait, and what is whole to the file."""
+        waiting, self._waiting = self._waiting, []
+        for sample in waiting:
+            self._vehicle.sample(sample)
+            if sample.t_ns - self._flushed_ns >= _BLOCK_NS:
+                self._end_chunk(sample.t_ns)
+        self._vehicle.write_samples()
 
     def happened(self, event: VehicleEvent) -> None:
         """Write one event: a line for people, a record for programs."""
         self._now_ns = event.t_ns
-        self._vehicle.write_samples()
+        self._catch_up()
         self._vehicle.event(event)
 
     def plan(
@@ -220,6 +237,7 @@ class FlightLog:
             for sink in reversed(self._sinks):
                 each.callback(sink.close)
             each.callback(self._vehicle.write_all)
+            each.callback(self._catch_up)
 
     def __enter__(self) -> Self:
         return self
@@ -229,7 +247,7 @@ class FlightLog:
 
     def _write(self, topic: Topic, t_ns: int, data: bytes) -> None:
         """Write a message after the queued samples, which come before it."""
-        self._vehicle.write_samples()
+        self._catch_up()
         self._send(topic, t_ns, data)
 
     def _send(self, topic: Topic, t_ns: int, data: bytes) -> None:
@@ -237,7 +255,12 @@ class FlightLog:
             sink.write(topic, t_ns, data)
 
     def _flush(self) -> None:
-        self._flushed_ns = self._now_ns
+        """Hand everything to the operating system."""
+        self._catch_up()
+        self._end_chunk(self._now_ns)
+
+    def _end_chunk(self, t_ns: int) -> None:
+        self._flushed_ns = t_ns
         self._vehicle.write_all()
         for sink in self._sinks:
             sink.flush()

@@ -342,7 +342,7 @@ def test_recovery_never_overwrites(tmp_path: Path, made: Fixed) -> None:
 
 @pytest.mark.slow
 def test_killed_at_random_moments(tmp_path: Path) -> None:
-    """`kill -9` while the log is being written: all but the last second comes back, unaltered."""
+    """`kill -9` while the log is written: all but the last ten seconds come back, unaltered."""
     reference = tmp_path / "reference"
     reference.mkdir()
     everything = messages_of(whole := fly(reference, rounds=2).log)
@@ -360,12 +360,12 @@ def test_killed_at_random_moments(tmp_path: Path) -> None:
         try:
             recover(log, saved)
         except LogError:
-            assert sampled_ns < 1_000_000_000
+            assert sampled_ns < 10_000_000_000
             continue
         found = messages_of(saved)
         assert found == everything[: len(found)]
         assert check(saved) == ()
         poses = load(saved).messages.get("/true/pose", [])
         newest = poses[-1].log_time if poses else 0
-        assert newest > sampled_ns - 1_000_000_000
+        assert newest > sampled_ns - 10_000_000_000
     assert len({sampled_ns for _, sampled_ns in reports}) > KILLS // 6  # not always the same
