@@ -134,8 +134,8 @@ class FlightRecorder:
     def _keep(self, t_ns: int, true_ned_m: Floats, est_ned_m: Floats) -> None:
         if not self._t_ns or t_ns > self._t_ns[-1]:
             self._t_ns.append(t_ns)
-            self._true_m.extend(true_ned_m.tolist())
-            self._est_m.extend(est_ned_m.tolist())
+            self._true_m.frombytes(true_ned_m.tobytes())
+            self._est_m.frombytes(est_ned_m.tobytes())
 
 
 def passages(

@@ -29,7 +29,7 @@ QUATERNION_GRID = 2.0**16
 DEGREE_GRID = 2.0**27
 GRID_PLACES = 81  # along the longer side of a grid: 80 kB for 12 devices, before they are packed
 
-_ENCODER = json.JSONEncoder(separators=(",", ":"), allow_nan=False)
+_ENCODER = json.JSONEncoder(separators=(",", ":"), allow_nan=False, check_circular=False)
 
 Pose: TypeAlias = tuple[Any, Any]  # fox.Vector3 and fox.Quaternion
 
@@ -42,9 +42,9 @@ _LEVELS = {
 }
 
 
-def encoded(kind: Any, **fields: object) -> bytes:
-    """A Foxglove message of a kind as protobuf."""
-    data: bytes = kind(**fields).encode()
+def encoded(message: Any) -> bytes:
+    """A Foxglove message as protobuf."""
+    data: bytes = message.encode()
     return data
 
 
@@ -86,10 +86,11 @@ def area_pose(area: Area, state: Kinematics) -> Pose:
 def pose(stamp: fox.Timestamp, where: Pose) -> bytes:
     """PoseInFrame in the area's frame."""
     return encoded(
-        fox.PoseInFrame,
-        timestamp=stamp,
-        frame_id=FRAME,
-        pose=fox.Pose(position=where[0], orientation=where[1]),
+        fox.PoseInFrame(
+            timestamp=stamp,
+            frame_id=FRAME,
+            pose=fox.Pose(position=where[0], orientation=where[1]),
+        )
     )
 
 
@@ -102,31 +103,33 @@ def success_grid(t_ns: int, grid: PerGrid) -> bytes:
     x, y = (first - 0.5 * cell_m for first in grid.first_m)  # a place is the middle of its cell
     byte = fox.PackedElementFieldNumericType.Uint8
     return encoded(
-        fox.Grid,
-        timestamp=timestamp(t_ns),
-        frame_id=FRAME,
-        pose=fox.Pose(position=fox.Vector3(x=x, y=y, z=0.0), orientation=fox.Quaternion(w=1.0)),
-        column_count=columns,
-        cell_size=fox.Vector2(x=cell_m, y=cell_m),
-        row_stride=columns * devices,
-        cell_stride=devices,
-        fields=[
-            fox.PackedElementField(name=f"device {device}", offset=device, type=byte)
-            for device in range(devices)
-        ],
-        data=shares.astype(np.uint8).tobytes(),
+        fox.Grid(
+            timestamp=timestamp(t_ns),
+            frame_id=FRAME,
+            pose=fox.Pose(position=fox.Vector3(x=x, y=y, z=0.0), orientation=fox.Quaternion(w=1.0)),
+            column_count=columns,
+            cell_size=fox.Vector2(x=cell_m, y=cell_m),
+            row_stride=columns * devices,
+            cell_stride=devices,
+            fields=[
+                fox.PackedElementField(name=f"device {device}", offset=device, type=byte)
+                for device in range(devices)
+            ],
+            data=shares.astype(np.uint8).tobytes(),
+        )
     )
 
 
 def transform(stamp: fox.Timestamp, where: Pose) -> bytes:
     """FrameTransform from the area's frame to the aircraft's."""
     return encoded(
-        fox.FrameTransform,
-        timestamp=stamp,
-        parent_frame_id=FRAME,
-        child_frame_id=BODY_FRAME,
-        translation=where[0],
-        rotation=where[1],
+        fox.FrameTransform(
+            timestamp=stamp,
+            parent_frame_id=FRAME,
+            child_frame_id=BODY_FRAME,
+            translation=where[0],
+            rotation=where[1],
+        )
     )
 
 
@@ -134,32 +137,33 @@ def velocity(vel_ned_mps: Vector) -> bytes:
     """Vector3, east-north-up metres per second."""
     north, east, down = vel_ned_mps.tolist()
     x, y, z = (round(value * VELOCITY_GRID) / VELOCITY_GRID for value in (east, north, -down))
-    return encoded(fox.Vector3, x=x, y=y, z=z)
+    return encoded(fox.Vector3(x=x, y=y, z=z))
 
 
 def path(stamp: fox.Timestamp, points_m: Iterable[Sequence[float]]) -> bytes:
     """PosesInFrame of points (x, y, z) in the area's frame, without orientation."""
     level = fox.Quaternion(w=1.0)
     poses = [fox.Pose(position=vector(p, grid=PATH_GRID), orientation=level) for p in points_m]
-    return encoded(fox.PosesInFrame, timestamp=stamp, frame_id=FRAME, poses=poses)
+    return encoded(fox.PosesInFrame(timestamp=stamp, frame_id=FRAME, poses=poses))
 
 
 def gnss(frame: LocalFrame, fix: GnssFix) -> bytes:
     """LocationFix of a receiver's solution, stamped with the instant that it describes."""
     h, v = fix.std_horizontal_m**2, fix.std_vertical_m**2
     return encoded(
-        fox.LocationFix,
-        timestamp=timestamp(max(fix.t_ns, 0)),  # the first may describe instants before zero
-        frame_id="gnss",
-        position_covariance=[h, 0.0, 0.0, 0.0, h, 0.0, 0.0, 0.0, v],
-        position_covariance_type=fox.LocationFixPositionCovarianceType.DiagonalKnown,
-        **_geodetic(frame.to_geodetic(fix.pos_ned_m)),
+        fox.LocationFix(
+            timestamp=timestamp(max(fix.t_ns, 0)),  # the first may describe instants before zero
+            frame_id="gnss",
+            position_covariance=[h, 0.0, 0.0, 0.0, h, 0.0, 0.0, 0.0, v],
+            position_covariance_type=fox.LocationFixPositionCovarianceType.DiagonalKnown,
+            **_geodetic(frame.to_geodetic(fix.pos_ned_m)),
+        )
     )
 
 
 def location(stamp: fox.Timestamp, where: GeodeticPoint) -> bytes:
     """LocationFix of a position without error."""
-    return encoded(fox.LocationFix, timestamp=stamp, frame_id=BODY_FRAME, **_geodetic(where))
+    return encoded(fox.LocationFix(timestamp=stamp, frame_id=BODY_FRAME, **_geodetic(where)))
 
 
 def feature(geometry: str, coordinates: object, /, **properties: object) -> dict[str, object]:
@@ -177,7 +181,7 @@ def geojson(features: Sequence[Mapping[str, object]]) -> str:
 def log_line(t_ns: int, text: str, *, severity: int, source: str) -> bytes:
     """Foxglove Log message of the level that matches a MAV_SEVERITY."""
     return encoded(
-        fox.Log, timestamp=timestamp(t_ns), level=_LEVELS[severity], message=text, name=source
+        fox.Log(timestamp=timestamp(t_ns), level=_LEVELS[severity], message=text, name=source)
     )
 
 

@@ -165,7 +165,7 @@ def plan_map(area: Area, world: Devices, fence: Sequence[Zone], plan: PlanRecord
         name = "fence" if zone.keep_in else "no-fly area"
         ring = _ring(area, zone.outline_m)
         features.append(feature("LineString", ring, name=name, style=style))
-    return encoded(fox.GeoJson, geojson=geojson(features))
+    return encoded(fox.GeoJson(geojson=geojson(features)))
 
 
 def world(
@@ -244,7 +244,7 @@ def _entity(t_ns: int, name: str, frame: str = FRAME, **parts: object) -> object
 
 
 def _update(entities: Sequence[object]) -> bytes:
-    return encoded(fox.SceneUpdate, entities=list(entities))
+    return encoded(fox.SceneUpdate(entities=list(entities)))
 
 
 def layout(area: Area, communities: Sequence[str]) -> bytes:

@@ -136,16 +136,14 @@ def _mcap(target: Path, area: Area, seen: Sequence[Seen], met: Sequence[Met]) ->
             places = on_globe(area, pos_m[:, :2], pos_m[:, 2])
             for at_ns, (x, y, z), place in zip(t_ns.tolist(), pos_m.tolist(), places, strict=True):
                 stamp = timestamp(at_ns)
-                moved = encoded(
-                    fox.FrameTransform, timestamp=stamp, parent_frame_id=FRAME,
+                moved = encoded(fox.FrameTransform(timestamp=stamp, parent_frame_id=FRAME,
                     child_frame_id=one.name, translation=fox.Vector3(x=x, y=y, z=z),
                     rotation=fox.Quaternion(w=1.0),
-                )  # fmt: skip
+                ))  # fmt: skip
                 write("/tf", fox.FrameTransform, at_ns, moved)
-                fix = encoded(
-                    fox.LocationFix, timestamp=stamp, latitude=place.lat_deg,
+                fix = encoded(fox.LocationFix(timestamp=stamp, latitude=place.lat_deg,
                     longitude=place.lon_deg, altitude=place.alt_msl_m,
-                )  # fmt: skip
+                ))  # fmt: skip
                 write(f"/{one.name}/location", fox.LocationFix, at_ns, fix)
         for near in met:
             known = np.isfinite(near.distances_m)
