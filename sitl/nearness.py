@@ -84,14 +84,15 @@ class Nearness:
 
         Returns the pairs that touched, and how each began that has come near.
         """
-        one, two = places[self._one], places[self._two]
-        apart, by = (one - two)[:, :-1], np.diff(one - two, axis=1)
-        speed2 = (by * by).sum(axis=2)
+        axes = np.ascontiguousarray(np.moveaxis(places, 2, 0))  # sums over the first axis are fast
+        one, two = axes[:, self._one], axes[:, self._two]
+        apart, by = (one - two)[..., :-1], np.diff(one - two)
+        speed2 = (by * by).sum(axis=0)
         with np.errstate(invalid="ignore", divide="ignore"):
-            share = -(apart * by).sum(axis=2) / speed2
+            share = -(apart * by).sum(axis=0) / speed2
         share = np.clip(np.where(speed2 > 0.0, share, 0.0), 0.0, 1.0)
-        distance = np.linalg.norm(apart + share[..., None] * by, axis=2)
-        flies = np.maximum(-one[..., 2], -two[..., 2])[:, 1:] > _AIRBORNE_M
+        distance = np.linalg.norm(apart + share * by, axis=0)
+        flies = np.maximum(-one[2], -two[2])[:, 1:] > _AIRBORNE_M
         counted = flies & (counts[self._one] & counts[self._two])[:, None]
         distance[~counted] = np.inf
         at = distance.argmin(axis=1)
@@ -101,7 +102,7 @@ class Nearness:
 
         def found(pair: int, k: int) -> Nearest:
             part = share[pair, k]
-            here, there = (each[pair, k] + part * (each[pair, k + 1] - each[pair, k])
+            here, there = (each[:, pair, k] + part * (each[:, pair, k + 1] - each[:, pair, k])
                            for each in (one, two))  # fmt: skip
             when = int(t_ns[k] + round(part * span[k]))
             pairs = int(self._one[pair]), int(self._two[pair])

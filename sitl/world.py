@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Mapping
+from operator import attrgetter
 from typing import Protocol
 
 import numpy as np
@@ -17,6 +18,7 @@ from sitl.nearness import STEP_S, TOUCH_M, Nearest, Nearness, straight_pieces
 _STEP_NS = round(STEP_S * 1e9)
 _LOOK_NS = 5 * _STEP_NS  # where nobody can touch another: when they look at themselves anyway
 _SECOND_NS = 10**9
+_MOVING = attrgetter("moving")
 _AXES = np.vstack((np.zeros(3), np.eye(3)))
 
 
@@ -95,7 +97,7 @@ class World:
     @property
     def moving(self) -> bool:
         """Whether a manoeuvre of anybody is under way, for which simulated time should run."""
-        return any(one.moving for one in self._flown)
+        return any(map(_MOVING, self._flown))
 
     @property
     def least(self) -> list[Nearest]:
@@ -127,19 +129,24 @@ class World:
     def _run(self, end_ns: int, step_ns: int = _STEP_NS) -> None:
         """Run all up to an instant, with the distances at each step on the way."""
         ends = [*range((self._t_ns // step_ns + 1) * step_ns, end_ns, step_ns), end_ns]
-        places = np.empty((len(self._flown), 1 + len(ends), 3))
-        speeds = np.empty_like(places)
+        seen = []  # places and velocities
         for i, one in enumerate(self._flown):
             if one.aircraft is not self._aircraft[i]:  # it was rebooted
                 self._aircraft[i], self._since_ns[i] = one.aircraft, self._t_ns - one.t_ns
                 self._places[i], self._speeds[i] = self._here()[i], 0.0
             since, aircraft = self._since_ns[i], one.aircraft
-            for k, end in enumerate(ends, 1):
+            for end in ends:
                 while one.t_ns + since < end:
                     one.stride(end - since)
-                places[i, k], speeds[i, k] = aircraft.pos_ned_m, aircraft.vel_ned_mps
-        places, speeds = places @ self._turns + self._shifts[:, None], speeds @ self._turns
-        places[:, 0], speeds[:, 0] = self._places, self._speeds
+                seen.append((aircraft.pos_ned_m, aircraft.vel_ned_mps))
+        rows = np.array(seen).reshape(len(self._flown), len(ends), 2, 3)
+        places, speeds = (
+            np.concatenate((before[:, None], after), axis=1)
+            for before, after in (
+                (self._places, rows[:, :, 0] @ self._turns + self._shifts[:, None]),
+                (self._speeds, rows[:, :, 1] @ self._turns),
+            )
+        )
         self._places, self._speeds = places[:, -1], speeds[:, -1]
         self._meet(*straight_pieces(np.array([self._t_ns, *ends]), places, speeds))
         self._t_ns = end_ns
