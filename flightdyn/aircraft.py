@@ -61,13 +61,13 @@ class Aircraft(Plant):
 
     def advance(self, most: int) -> int:
         """Run up to `most` ticks, fewer where there is something to do: a sensor or a correction is
-        due, the ground or a corner is near, or the path's progress has changed.
+        due, the ground is near, or the path's progress has changed.
 
         Returns how many.
         """
         navigation, guidance = self.navigation, self._guidance
         self._belief = None
-        if guidance.corner_near or self.low:
+        if self.low:
             most = 1
         elif guidance.pursuing:  # the reference is made anew for each guidance step
             most = min(most, self.to_guidance_step)

@@ -122,7 +122,6 @@ class Plant:
             self.vehicle.set_gust((gust[0] + burst[0], gust[1] + burst[1], gust[2] + burst[2]))
         self.due = self._after(self.clock.tick)
         if self.clock.tick % self._slow == 0:
-            self.vehicle.check()
             volts = self._battery.draw(
                 self.vehicle.electrical_power_w(), _SLOW * self.config.guidance_interval_s
             )

@@ -185,18 +185,13 @@ class Guidance:
         if self._next < len(self._corners) - 1:
             corner = self._corners[self._next]
             m.soon = corner.t - corner.half - _EARLY_S
+            m.late = corner.t + corner.half + _LATE_S
             m.corner[:], m.normal[:] = corner.p, corner.normal
 
     def pass_corners(self, pos: Triple, vel: Triple) -> None:
-        """Count the corner whose plane of closest approach the position has crossed."""
-        t = self._memory.t
-        while t >= self._memory.soon:
-            corner = self._corners[self._next]
-            n = corner.normal if any(corner.normal) else vel  # zeros at a reversal
-            beyond = sum((pos[i] - corner.p[i]) * n[i] for i in range(3))
-            if beyond < 0 and t < corner.t + corner.half + _LATE_S:
-                return
-            self.progress.passed = corner.passed
+        """Count the corners whose planes of closest approach the position has crossed."""
+        while self._guide.passed(pos, vel):
+            self.progress.passed = self._corners[self._next].passed
             self._next += 1
             self._look_ahead()
 

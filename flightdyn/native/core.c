@@ -20,6 +20,6 @@ static void power(
 
 const Flight NAMED(flight) = {
     .integrate = integrate, .carry = carry, .transition = transition, .innovate = innovate,
-    .reference = reference, .guide = guide, .land = land, .cruise = cruise,
+    .reference = reference, .guide = guide, .land = land, .passed = passed, .cruise = cruise,
     .compute_trajectory = compute_trajectory, .pass_points = pass_points, .power = power,
     .read_gauges = read_gauges, .sample = sample, .drive = drive_tick};

@@ -63,7 +63,8 @@ typedef struct {
     double interest[3];
     double yaw_order, spin;     /* heading to turn to (rad), which turns by itself (rad/s) */
     int64_t path, too_fast;     /* whether the trajectory is a path; beyond the limits */
-    double soon, corner[3], normal[3]; /* when the next corner may be passed, its plane or zeros */
+    double soon, late, corner[3], normal[3]; /* of the next corner: when it may and when it must have
+                                                been passed, its plane or zeros */
     int64_t oriented;                  /* whether an attitude is ordered, or rates alone */
     double q[4], rates[3], thrust_order, climb; /* of an attitude; thrust may be NaN */
     /* The reference: */
@@ -86,13 +87,13 @@ typedef struct {
 
 enum { TRACE = 31, ACTUATORS = 7 };
 
-/* What is believed and ordered at every so many guidance steps while armed, a row each: number of the
-   step; attitude, body rates; attitude and body rates that are wanted; thrust; motors; position,
+/* What is believed and ordered at every so many guidance steps while armed, a row each: its time in
+   ns; attitude, body rates; attitude and body rates that are wanted; thrust; motors; position,
    velocity, acceleration, heading and its rate of the setpoint, NaN where there is none. */
 typedef struct {
     double (*rows)[TRACE];
     const Gauge *gauges; /* (7,) wanted rates, duty cycles */
-    int64_t room, every, count, steps;
+    int64_t room, every, count, steps, step_ns;
 } Trace;
 
 typedef struct {
@@ -102,12 +103,23 @@ typedef struct {
     Trace *trace;           /* may be missing */
 } Guidance;
 
+enum { READINGS = 128 };
+
+/* A sensor that is read at every so many ticks. */
+typedef struct {
+    const Gauge *gauge;
+    int64_t every, waited, count;
+    double values[READINGS];
+} Probe;
+
 /* What carries a state from guidance step to guidance step: so many ticks of the IMU lie between
    them, `dt` each, of whose samples so many are taken. */
 typedef struct {
     Imu *imu;
     Inner *inner;
     Strapdown *carried;
+    Strapdown *ahead; /* for the state between steps; may be missing: no corner is looked for */
+    Probe *probe;     /* may be missing */
     double *samples; /* (interval, 6): the newest ones */
     int64_t interval, taken;
     double dt;
@@ -136,9 +148,12 @@ typedef struct {
     int (*guide)(const Guidance *, const Strapdown *, Inner *);
     /* The land detector's part of it, `dt` after the last. */
     void (*land)(Guide *, double dt);
+    /* Whether the next corner has been passed at a place with a velocity. */
+    int (*passed)(const Guide *, const double p[3], const double v[3]);
     /* So many ticks, and the guidance steps between them, but none after the last tick. It ends
-       before, with a guidance step, where that notes something else. Sums of the samples up to each
-       step are left in `sums`. Returns the ticks, -1 where Python has an error set. */
+       before, with a guidance step, where that notes something else, and where a corner is passed.
+       Sums of the samples up to each step are left in `sums`. Returns the ticks, -1 where Python has
+       an error set. */
     int64_t (*cruise)(Loop *, Object run, int64_t ticks, Increment *sums, const Guidance *);
     /* `compute_trajectory` and the times of `foresee_path` (trajectory.h). */
     double (*compute_trajectory)(PathProfile *, const Steering *, const double velocity[3],

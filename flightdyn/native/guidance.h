@@ -133,6 +133,17 @@ static int near_corner(const Guide *g, const Gains *k, const State *nav)
     return beyond + 2 * k->dt * speed + NEAR_M > 0;
 }
 
+/* Whether the plane of closest approach to the next corner is crossed, or it is too late for that. */
+static int passed(const Guide *g, const double p[3], const double v[3])
+{
+    if (!(g->t >= g->soon)) return 0;
+    const double *n = g->normal;
+    if (n[0] == 0 && n[1] == 0 && n[2] == 0) n = v; /* at a reversal */
+    double beyond = 0;
+    for (int i = 0; i < 3; i++) beyond += (p[i] - g->corner[i]) * n[i];
+    return !(beyond < 0 && g->t < g->late);
+}
+
 /* Add a row of what is believed and ordered to the log's, where it is time to. Whether it went well;
    where not, Python has an error set. */
 static int note(Trace *trace, const Guide *g, const State *nav, const Inner *inner)
@@ -142,7 +153,7 @@ static int note(Trace *trace, const Guide *g, const State *nav, const Inner *inn
     double *row = trace->rows[trace->count], turn[4], seen[ACTUATORS];
     if (!read_gauges(inner->python, trace->gauges, ACTUATORS, seen)) return 0;
     rotation(turn, g->error);
-    *row++ = (double)step;
+    *row++ = (double)(step * trace->step_ns);
     for (int i = 0; i < 4; i++) row[i] = nav->q[i];
     for (int i = 0; i < 3; i++) row[4 + i] = inner->rate[i];
     product(row + 7, nav->q, turn);
@@ -205,10 +216,31 @@ static int guide(const Guidance *guidance, const Strapdown *carried, Inner *inne
            (!guidance->trace || note(guidance->trace, g, nav, inner));
 }
 
-/* A tick of the physics, sampled by the IMU; its rates go to the inner loops. */
-static inline int tick(Imu *imu, Inner *inner, Object run, double *values)
+static inline int read_probe(Probe *probe, const Interpreter *python)
 {
-    return call(imu->python, run) && sample(imu, values) && feed(inner, imu->rates);
+    if (!probe || ++probe->waited < probe->every) return 1;
+    probe->waited = 0;
+    return read_gauges(python, probe->gauge, 1, probe->values + probe->count++);
+}
+
+/* A tick of the physics, sampled by the IMU; its rates go to the inner loops. */
+static inline int tick(Loop *loop, Object run)
+{
+    Imu *imu = loop->imu;
+    double *values = loop->samples + AXES * loop->taken++;
+    return call(imu->python, run) && sample(imu, values) && feed(loop->inner, imu->rates) &&
+           read_probe(loop->probe, imu->python);
+}
+
+/* Whether a corner is passed at this tick. */
+static inline int at_corner(const Loop *loop, const Guide *g)
+{
+    if (!loop->ahead || !(g->noted & NEAR)) return 0;
+    Increment sum;
+    *loop->ahead = *loop->carried;
+    if (loop->taken)
+        integrate((const Sample *)loop->samples, loop->taken, loop->dt, &sum, loop->ahead);
+    return passed(g, loop->ahead->state.p, loop->ahead->state.v);
 }
 
 /* From tick to tick, and over the guidance steps on the way, while nobody has anything else to do. */
@@ -216,12 +248,15 @@ static int64_t cruise(Loop *loop, Object run, int64_t ticks, Increment *sums, co
 {
     const int64_t noted = guidance->memory->noted;
     for (int64_t flown = 0; flown < ticks;) {
-        if (!tick(loop->imu, loop->inner, run, loop->samples + AXES * loop->taken)) return -1;
+        if (!tick(loop, run)) return -1;
         flown++;
-        if (++loop->taken < loop->interval) continue;
-        integrate((const Sample *)loop->samples, loop->interval, loop->dt, sums++, loop->carried);
-        loop->taken = 0;
-        if (flown == ticks) break;
+        const int whole = loop->taken == loop->interval;
+        if (whole) {
+            integrate((const Sample *)loop->samples, loop->interval, loop->dt, sums++, loop->carried);
+            loop->taken = 0;
+        }
+        if (flown == ticks || at_corner(loop, guidance->memory)) return flown;
+        if (!whole) continue;
         if (!guide(guidance, loop->carried, loop->inner)) return -1;
         if (guidance->memory->noted != noted) return flown;
     }

@@ -314,16 +314,16 @@ class Trace:
         """A row each `every` steps of `step_ns`, `room` at most until they are taken; `actuators`:
         `Multirotor.actuators`."""
         self._kept, self._rows = actuators, np.zeros((room, TRACE))
-        self._scale = np.array([step_ns, *[1.0] * (TRACE - 1)])
         where = address(self._rows, np.float64, (room, TRACE), written=True)
-        self._memory = FLIGHT.Trace(rows=where, gauges=actuators.at, room=room, every=every)
+        self._memory = FLIGHT.Trace(
+            rows=where, gauges=actuators.at, room=room, every=every, step_ns=step_ns
+        )
         self.at = ctypes.addressof(self._memory)
 
     def take(self) -> _Floats:
         """Return the rows (n, 31) since the last call, column 0 in ns, and empty the buffer."""
         count, self._memory.count = self._memory.count, 0
-        rows: _Floats = self._rows[:count] * self._scale
-        return rows
+        return self._rows[:count].copy()
 
 
 class Guide:
@@ -360,26 +360,64 @@ class Guide:
         self._trace = trace
         self._guidance.trace = trace.at
 
+    def passed(self, p: _Triple, v: _Triple) -> bool:
+        """Whether the next corner is passed at `p` (m, NED) with the velocity `v` (m/s)."""
+        three = ctypes.c_double * 3
+        return bool(FLIGHT.passed(ctypes.addressof(self.memory), three(*p), three(*v)))
+
     def step(self, nav: Strapdown) -> None:
         """Run one guidance step from the state `nav`; its events are flags in `memory.noted`."""
         FLIGHT.guide(self.at, nav.at, self._inner.at)
+
+
+class Probe:
+    """A sensor that is read at every so many ticks of a flight."""
+
+    def __init__(self, gauges: Gauges, *, every: int) -> None:
+        """`gauges` is one; it is read first after `every` ticks."""
+        if gauges.count != 1:
+            raise ValueError(f"a probe has one gauge, not {gauges.count}")
+        self._kept = gauges
+        self._memory = FLIGHT.Probe(gauge=gauges.at, every=every)
+        self.at = ctypes.addressof(self._memory)
+        self.most = FLIGHT.READINGS * every  # ticks until the values are taken
+
+    def take(self) -> list[float]:
+        """Return the values since the last call."""
+        count, self._memory.count = self._memory.count, 0
+        values: list[float] = self._memory.values[:count]
+        return values
 
 
 class Loop:
     """The loop of a flight in C: the ticks, and the guidance steps between them."""
 
     def __init__(
-        self, imu: Imu, inner: Inner, carried: Strapdown, *, interval: int, dt_s: float
+        self,
+        imu: Imu,
+        inner: Inner,
+        carried: Strapdown,
+        *,
+        interval: int,
+        dt_s: float,
+        ahead: Strapdown | None = None,
+        probe: Probe | None = None,
     ) -> None:
-        """`interval`: ticks of the IMU between guidance steps, by which `carried` is carried."""
+        """`interval`: ticks of the IMU between guidance steps, by which `carried` is carried.
+
+        With `ahead`, to carry the state between them in, the loop ends where a corner is passed.
+        `probe` is read on the way, its values taken after each call.
+        """
         self.interval = interval
         self.samples = array("d", bytes(8 * SAMPLE * interval))  # the newest ones
-        self._imu, self._kept = imu, (inner, carried)
+        self._imu, self._probe, self._kept = imu, probe, (inner, carried, ahead)
         where, _ = self.samples.buffer_info()
         self._memory = FLIGHT.Loop(
             imu=imu.at,
             inner=inner.at,
             carried=carried.at,
+            ahead=ahead and ahead.at,
+            probe=probe and probe.at,
             samples=where,
             interval=interval,
             dt=dt_s,
@@ -402,12 +440,15 @@ class Loop:
     ) -> int:
         """Run `ticks` ticks by `run`, and the guidance steps between them, but none after the last.
 
-        Ends early, after a guidance step, where that notes an event. Adds the sum of the samples
-        up to each step to `increments`. Returns the ticks run.
+        Ends early, after a guidance step, where that notes an event, and where a corner is passed.
+        Adds the sum of the samples up to each step to `increments`. Returns the ticks run.
 
         Raises:
-            ValueError: there is no room for the increments, or no trajectory to track.
+            ValueError: there is no room for the increments or the probe's values, or no trajectory
+                to track.
         """
+        if self._probe is not None and ticks > self._probe.most:
+            raise ValueError(f"{ticks} ticks at once, {self._probe.most} at most")
         self._imu.draw(ticks)
         before = self.count
         sums = increments.reserve((before + ticks) // self.interval)

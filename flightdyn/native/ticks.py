@@ -47,7 +47,8 @@ class Gauges:
         each = (FLIGHT.Gauge(get=get, offset=by, scale=scale) for get, by, scale in gauges)
         self._gauges = (FLIGHT.Gauge * self.count)(*each)
         self.at = ctypes.addressof(self._gauges)
-        self._values = (ctypes.c_double * self.count)()
+        self._values = np.zeros(self.count)
+        self._out = address(self._values, np.float64, (self.count,), written=True)
 
     def bind(self, getters: Sequence[Getter]) -> None:
         """Replace the getters; offsets and scales stay."""
@@ -56,8 +57,9 @@ class Gauges:
 
     def read(self) -> list[float]:
         """Values of the gauges at this tick."""
-        FLIGHT.read_gauges(PYTHON_AT, self.at, self.count, ctypes.addressof(self._values))
-        return self._values[:]
+        FLIGHT.read_gauges(PYTHON_AT, self.at, self.count, self._out)
+        values: list[float] = self._values.tolist()
+        return values
 
 
 class Inner:

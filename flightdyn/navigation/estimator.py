@@ -139,7 +139,7 @@ class Estimator:
         self.increments = Increments(most)
         self._from_horizon = Strapdown(earth, most=most)
         self.to_now = Strapdown(earth, most=most)
-        self._few, self._ahead = Increments(1), Strapdown(earth, most=1)
+        self._few, self.between = Increments(1), Strapdown(earth, most=1)
         self._take_over()
         self.t_ns = t_ns  # of the last update
         # Since the covariance was brought up to date: the attitude then, velocity gained, steps.
@@ -193,7 +193,7 @@ class Estimator:
         """Return the state at `t_ns`: `now` carried forward by IMU samples, six numbers each."""
         few = self._few
         few.drop(few.count)
-        ahead, (_, p, v, q), b = self._ahead, self.now, self.biases
+        ahead, (_, p, v, q), b = self.between, self.now, self.biases
         ahead.place(p, v, q)
         ahead.correct(b.gyro, b.accel)
         few.add(samples, dt_s=dt_s, carried=ahead)
@@ -292,7 +292,8 @@ class Estimator:
             for row, number in enumerate(use):
                 if number in extra:
                     R[row, row] = _AIR_STD_MPS**2
-        kf.update(z[:, None], R=R, H=H)
+        kf.R = R
+        kf.update(z[:, None], H=H)
         self._inject_error()
         return True
 

@@ -7,7 +7,7 @@ import numpy as np
 from flightdyn.frames import Triple
 from flightdyn.inertial import Earth, NavState
 from flightdyn.instruments import Readings
-from flightdyn.native.library import Guide, Loop
+from flightdyn.native.library import Guide, Loop, Probe
 from flightdyn.native.ticks import Inner
 from flightdyn.navigation.error_model import Alignment
 from flightdyn.navigation.estimator import Estimator
@@ -53,9 +53,11 @@ class InertialNavigation:
         self._corrected: Biases | None = None  # by which the inner loops are
         self.carried = self.estimator.to_now
         self.carried.set_force((0.0, 0.0, -earth.gravity_mps2))
+        self._barometer = Probe(plant.vehicle.static, every=sensors.baro_ticks)
         self._loop = Loop(
-            sensors.imu, inner, self.carried, interval=plant.interval, dt_s=self._dt_s
-        )
+            sensors.imu, inner, self.carried, interval=plant.interval, dt_s=self._dt_s,
+            ahead=self.estimator.between, probe=self._barometer,
+        )  # fmt: skip
 
     def _align(self) -> Estimator:
         clock, sensors = self._clock, self.sensors
@@ -99,20 +101,24 @@ class InertialNavigation:
 
     def fly(self, most: int, guide: Guide) -> int:
         """Run up to `most` ticks of physics and the guidance steps between them, until a correction
-        or a sensor other than the IMU is due, or `guide` notes an event. Returns how many."""
+        or receiver or magnetometer is due, a corner is passed, or `guide` notes an event. Returns
+        how many."""
         sensors, estimator, loop, tick = self.sensors, self.estimator, self._loop, self._clock.tick
         due_ns = min(estimator.due_ns, sensors.receiver.due_ns)
         steps = math.ceil(due_ns / self._step_ns)  # it is looked for at guidance steps
         ticks = min(most, sensors.due - tick, steps * loop.interval - tick)
-        return loop.fly(self._plant.run, ticks, estimator.increments, guide)
+        flown = loop.fly(self._plant.run, ticks, estimator.increments, guide)
+        for pressure_pa in self._barometer.take():
+            tick += sensors.baro_ticks - tick % sensors.baro_ticks
+            sample = sensors.feel_pressure(tick * self._clock.dt_ns, pressure_pa)
+            estimator.measurements.baro.append(sample)
+        return flown
 
     def sense(self) -> None:
-        """Read the sensors other than the IMU that are due."""
+        """Read receiver and magnetometer, if they are due."""
         if self._clock.tick < self.sensors.due:
             return
-        pressure, field = self.sensors.slow()
-        if pressure is not None:
-            self.estimator.measurements.baro.append(pressure)
+        _, field = self.sensors.slow(baro=False)
         if field is not None:
             self.estimator.measurements.mag.append(field)
 

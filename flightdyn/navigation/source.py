@@ -9,7 +9,7 @@ import numpy as np
 from flightdyn.frames import frozen
 from flightdyn.inertial import NavState
 from flightdyn.instruments import Readings
-from flightdyn.native.library import Guide, Increments, Loop, Strapdown
+from flightdyn.native.library import NEAR, Guide, Increments, Loop, Strapdown
 from flightdyn.native.ticks import AXES, Imu, Inner
 from flightdyn.plant import Plant
 from flightdyn.state import GnssFix, Innovation, Kinematics
@@ -36,6 +36,8 @@ class TrueNavigation:
         """Run ticks of physics with true rates, up to a guidance step or fix; return how many."""
         tick, interval = self._clock.tick, self._loop.interval
         ticks = min(most, interval - tick % interval, self._due - tick)
+        if guide.memory.noted & NEAR:  # corners are passed by the true state
+            ticks = 1
         self._unused.drop(self._unused.count)
         return self._loop.fly(self._plant.run, ticks, self._unused, guide)
 

@@ -104,12 +104,14 @@ class Multirotor:
             ]
         )
 
+        self.static = Gauges([(self._pressure, 0.0, _PA_PER_PSF)])  # pressure (Pa)
         # Body rates that the inner loops want (rad/s), duty cycles of the motors.
         self.actuators = Gauges([(get, 0.0, 1.0) for get in (*self._wanted, *self._throttle)])
 
     def _rebind(self) -> None:
         """Point the gauges of the native loop at this model's properties."""
         self.imu.bind((*self._rates, *self._accel))
+        self.static.bind((self._pressure,))
         place = (self._north, self._east, self._up)
         self.actuators.bind((*self._wanted, *self._throttle))
         self.all.bind((*place, *self._vel, *self._euler, *self._rates, *self._wind))
@@ -200,21 +202,18 @@ class Multirotor:
         """Let the inner loops drive the motors, or stop them and zero their integrators."""
         self._hold(0.0 if armed else -1.0)
 
-    def check(self) -> None:
-        """Raise ModelDivergedError where the height above ground is no longer a sane number."""
+    def watch_ground(self) -> bool:
+        """Switch ground contacts on near the ground, else off, which saves a fifth of the time.
+
+        To be called at least ten times a second: nothing falls 6 m in that time. Returns whether
+        the ground is that near. Raises ModelDivergedError where the height is no sane number.
+        """
         height = self._height()
         if not abs(height) < _ABSURD_FT:  # NaN is not less either
             raise ModelDivergedError(
                 f"the simulated aircraft failed: height above ground is {height * FT_M:g} m"
             )
-
-    def watch_ground(self) -> bool:
-        """Switch ground contacts on near the ground, else off, which saves a fifth of the time.
-
-        To be called at least ten times a second: nothing falls 6 m in that time. Returns whether
-        the ground is that near.
-        """
-        near = self._height() < _CONTACT_HEIGHT_FT
+        near = height < _CONTACT_HEIGHT_FT
         self._contacts(1.0 if near else 0.0)
         return near
 

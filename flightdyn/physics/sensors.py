@@ -204,25 +204,35 @@ class SensorSuite:
         self._baro = Baro(config.baro, streams)
         self._mag = Magnetometer(config.mag, streams)
         self._gnss_ticks = clock.ticks(config.gnss.interval_s, what="sensors.gnss.interval_s")
-        self._baro_ticks = clock.ticks(config.baro.interval_s, what="sensors.baro.interval_s")
+        self.baro_ticks = clock.ticks(config.baro.interval_s, what="sensors.baro.interval_s")
         self._mag_ticks = clock.ticks(config.mag.interval_s, what="sensors.mag.interval_s")
         self.pressure: BaroSample | None = None  # as read last
         self.field: MagSample | None = None
         self.due = 0  # the tick from which `slow` has something to read
 
-    def slow(self) -> tuple[BaroSample | None, MagSample | None]:
-        """Read the sensors due now; return barometer and magnetometer samples, None if not due."""
+    def slow(self, *, baro: bool = True) -> tuple[BaroSample | None, MagSample | None]:
+        """Read the sensors due now; return barometer and magnetometer samples, None if not due.
+
+        Without `baro`, that one is left to `feel_pressure`.
+        """
         clock, tick, vehicle = self._clock, self._clock.tick, self._vehicle
         pressure = field = None
+        due = [self._gnss_ticks, self._mag_ticks]
         if tick % self._gnss_ticks == 0:
             self.receiver.measure(clock.t_ns, vehicle.position_ned(), vehicle.velocity_ned())
-        if tick % self._baro_ticks == 0:
-            pressure = self.pressure = self._baro.measure(clock.t_ns, vehicle.pressure_pa())
+        if baro:
+            due.append(self.baro_ticks)
+            if tick % self.baro_ticks == 0:
+                pressure = self.feel_pressure(clock.t_ns, vehicle.pressure_pa())
         if tick % self._mag_ticks == 0:
             field = self.field = self._mag.measure(clock.t_ns, vehicle.attitude())
-        gnss, baro, mag = self._gnss_ticks, self._baro_ticks, self._mag_ticks
-        self.due = tick + min(gnss - tick % gnss, baro - tick % baro, mag - tick % mag)
+        self.due = tick + min(every - tick % every for every in due)
         return pressure, field
+
+    def feel_pressure(self, t_ns: int, pressure_pa: float) -> BaroSample:
+        """Read the barometer in air of the given pressure, at the tick at which that is due."""
+        self.pressure = self._baro.measure(t_ns, pressure_pa)
+        return self.pressure
 
     def fix(self) -> GnssFix | None:
         """Return the GNSS solution that has arrived by this tick, or None."""

@@ -26,6 +26,7 @@ from flightdyn.native.library import (
     Increments,
     Innovations,
     Loop,
+    Probe,
     Strapdown,
     Transition,
 )
@@ -202,10 +203,14 @@ def fly():
         contents(memory)
     memory.mode = TRACK
     imu = Imu(Gauges([(rng.standard_normal, 0.1, 0.3)] * 6), lambda: rng.normal(size=(50, 6)))
-    loop = Loop(imu, inner, carried, interval=5, dt_s=dt)
+    probe = Probe(Gauges([(rng.standard_normal, 0.1, 0.3)]), every=3)
+    ahead = Strapdown(earth, most=1)
+    loop = Loop(imu, inner, carried, interval=5, dt_s=dt, ahead=ahead, probe=probe)
+    memory.soon = 0.0  # the corner at the origin is near from time to time
     for _ in range(200):
         increments.drop(increments.count)
         digest.update(np.array([loop.fly(dict, 12, increments, guide), *carried.numbers]).tobytes())
+        digest.update(np.array([*probe.take(), guide.passed((1, 2, 3), (4, 5, 6))]).tobytes())
         contents(memory)
     digest.update(np.array(told).tobytes())
     matrix, noise = rng.normal(size=(8, 22)), np.eye(8)
