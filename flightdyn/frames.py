@@ -77,6 +77,7 @@ class LocalFrame:
         self._north = (-sin_lat * cos_lon, -sin_lat * sin_lon, cos_lat)
         self._east = (-sin_lon, cos_lon, 0.0)
         self._down = (-cos_lat * cos_lon, -cos_lat * sin_lon, -sin_lat)
+        self._rows = tuple(zip(self._ecef, self._north, self._east, self._down, strict=True))
 
     def to_ned(self, lat_deg: float, lon_deg: float, alt_msl_m: float) -> Vector:
         """Position (3,) in m of a geodetic point."""
@@ -87,11 +88,8 @@ class LocalFrame:
 
     def to_geodetic(self, pos_ned_m: Vector) -> GeodeticPoint:
         """The geodetic point of a position (3,) in m."""
-        n, e, d = (float(v) for v in pos_ned_m)
-        x, y, z = (
-            self._ecef[i] + n * self._north[i] + e * self._east[i] + d * self._down[i]
-            for i in range(3)
-        )
+        n, e, d = map(float, pos_ned_m)
+        x, y, z = (o + n * a + e * b + d * c for o, a, b, c in self._rows)
         return GeodeticPoint(*ecef_to_geodetic(x, y, z))
 
     def in_frame(self, pos_ned_m: Vector, other: "LocalFrame") -> Vector:

@@ -2,12 +2,14 @@
 
 import math
 from dataclasses import dataclass
+from struct import Struct
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 Vector = NDArray[np.float64]
+_THIRTEEN = Struct("13d")
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,8 +33,7 @@ class Kinematics(NamedTuple):
     @classmethod
     def of(cls, t_ns: int, *numbers: float) -> "Kinematics":
         """Make it of thirteen numbers: position, velocity, attitude (w, x, y, z), body rates."""
-        all_of_them = np.array(numbers)
-        all_of_them.setflags(write=False)
+        all_of_them = np.frombuffer(_THIRTEEN.pack(*numbers))  # read-only, as its bytes are
         return cls(t_ns, all_of_them[:3], all_of_them[3:6], all_of_them[6:10], all_of_them[10:])
 
     @property

@@ -111,7 +111,7 @@ class Failsafes:
         for cause, threshold in _CHARGE.items():
             self.update(cause, below[threshold], lambda: f"{charge * 100:.0f} % left")
         age_s = guard.gnss_age_s()
-        lost = age_s < math.inf and not guard.position_ok()
+        lost = self.parameters["COM_POS_FS_DELAY"] <= age_s < math.inf
         self.update(Cause.GNSS_LOST, lost, lambda: f"no solution for {age_s:.0f} s")
         breach = ""
         if self.flight.airborne:
@@ -141,6 +141,8 @@ class Failsafes:
 
     def update(self, cause: Cause, present: bool, detail: Callable[[], str] = str) -> None:
         """Set whether a cause is present, act on a new one, and report that with `detail`."""
+        if not (present or self._present):
+            return
         was = cause in self._present
         if not present:
             if was:

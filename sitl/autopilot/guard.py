@@ -81,9 +81,10 @@ class Guard:
     def fenced(self) -> bool:
         """Whether there is a fence, drawn or by parameters, and it is not switched off."""
         p = self._parameters
-        cylinder = p["GF_MAX_HOR_DIST"] > 0 or p["GF_MAX_VER_DIST"] > 0
+        if not self.fence_enabled or p["GF_ACTION"] == 0:
+            return False
         drawn = bool(self._fence.inclusions or self._fence.exclusions)
-        return self.fence_enabled and p["GF_ACTION"] != 0 and (cylinder or drawn)
+        return drawn or p["GF_MAX_HOR_DIST"] > 0 or p["GF_MAX_VER_DIST"] > 0
 
     def forbidden(self, places_ned_m: Vector) -> str:
         """Describe how places, (3,) or (n, 3), breach the fence; empty if they do not."""
