@@ -67,13 +67,19 @@ static inline int is_near(Point a, Point b, Point low, Point high, double away)
            most(a.y, b.y) + away >= low.y && least(a.y, b.y) - away <= high.y;
 }
 
+static const double BEYOND = 1e-9; /* relative: further is no rounding */
+
 /* Whether two segments are so near, or cross. */
 static inline int are_within(Point a, Point b, Point c, Point d, double away)
 {
     const double square = away * away;
     const Point low = {least(c.x, d.x), least(c.y, d.y)}, high = {most(c.x, d.x), most(c.y, d.y)};
     if (!is_near(a, b, low, high, away)) return 0;
-    if (turn_of(a, b, c) * turn_of(a, b, d) < 0 && turn_of(c, d, a) * turn_of(c, d, b) < 0) return 1;
+    const double left = turn_of(a, b, c), right = turn_of(a, b, d);
+    /* Beyond that distance from the whole line, on one side: most are. */
+    const double beside = square * square_between(a, b) * (1 + BEYOND);
+    if (left * right > 0 && left * left > beside && right * right > beside) return 0;
+    if (left * right < 0 && turn_of(c, d, a) * turn_of(c, d, b) < 0) return 1;
     return square_between(a, foot_of(a, c, d)) <= square || square_between(b, foot_of(b, c, d)) <= square ||
            square_between(c, foot_of(c, a, b)) <= square || square_between(d, foot_of(d, a, b)) <= square;
 }

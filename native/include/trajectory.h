@@ -261,6 +261,21 @@ static inline void draw_leg(Pen *pen, Vertex *end, int is_last)
     end->t = pen->t - end->half;
 }
 
+/* Draw the legs between vertices whose speeds are set; returns when the trajectory ends, before averaging. */
+static inline double draw_legs(PathProfile *path, int64_t legs, Pen pen)
+{
+    static const double STILL[3] = {0, 0, 0};
+    Vertex *at = path->at;
+    at[0].t = pen.t;
+    for (int64_t i = 1; i <= legs; i++) draw_leg(&pen, at + i, i == legs);
+    const double end = pen.t; /* it stands still from then on */
+    for (int i = 0; i < 3; i++) pen.p[i] = at[legs].p[i];
+    draw(&pen, STILL, STILL, 1, NULL);
+    path->piece_count = pen.count;
+    path->legs = legs;
+    return end;
+}
+
 /* Compute the trajectory along a path from its first point. A velocity at the start that leads along the
    first leg is kept, unless it is `braking`; any other is braked off first, on the present course.
    Returns when it ends, before averaging. */
@@ -280,14 +295,7 @@ static inline double compute_trajectory(
         n = vertices_of(path, pen.p, steering);
         if (n) set_speeds(at, n, steering, STILL);
     }
-    at[0].t = pen.t;
-    for (int64_t i = 1; i <= n; i++) draw_leg(&pen, at + i, i == n);
-    const double end = pen.t; /* it stands still from then on */
-    for (int i = 0; i < 3; i++) pen.p[i] = at[n].p[i];
-    draw(&pen, STILL, STILL, 1, NULL);
-    path->piece_count = pen.count;
-    path->legs = n;
-    return end;
+    return draw_legs(path, n, pen);
 }
 
 /* The piece of an instant, or the first one. */
@@ -442,7 +450,9 @@ static inline double foresee_path(
     const double moving = passing_times(path->at, legs, steering->smoothing_s, passed);
     if (air) {
         const double half = fmax(steering->smoothing_s / 2, 1e-3);
-        const double end = compute_trajectory(path, steering, STILL, 0);
+        const double *start = path->points[0];
+        const Pen pen = {.pieces = path->pieces, .p = {start[0], start[1], start[2]}};
+        const double end = draw_legs(path, legs, pen);
         const Trajectory trajectory = {
             .pieces = path->pieces, .count = path->piece_count, .half = half, .start = -half,
             .end = end + half};

@@ -19,12 +19,19 @@ static void assign_steps(
     int64_t devices, int64_t steps, const double *worth, double *best, int64_t *assigned,
     const Places *places)
 {
+    int fits = 1;
+    memset(places->load, 0, (size_t)steps * sizeof(int64_t));
     for (int64_t k = 0; k < devices; k++) {
-        double *row = (double *)(places->worth + k * wides(steps));
-        memcpy(row, worth + k * steps, (size_t)steps * sizeof(double));
-        places->known[k] = 1;
         best[k] = 0.0;
-        for (int64_t n = 0; n < steps; n++) best[k] = most(best[k], row[n]);
+        assigned[k] = -1;
+        for (int64_t n = 0; n < steps; n++)
+            if (worth[k * steps + n] > best[k]) best[k] = worth[k * steps + (assigned[k] = n)];
+        if (assigned[k] >= 0 && ++places->load[assigned[k]] > places->places) fits = 0;
+    }
+    if (fits) return; /* each is at its best step */
+    for (int64_t k = 0; k < devices; k++) {
+        memcpy(places->worth + k * wides(steps), worth + k * steps, (size_t)steps * sizeof(double));
+        places->known[k] = 1;
     }
     solve_assignment(NULL, NULL, devices, best, assigned, places);
 }
@@ -70,15 +77,11 @@ static void leave_late(const Round *round, CandidatePlan *plan, Desk *desk)
             if (plan->schedule[i]) plan->value += gain_of(round, k, desk->chances[i]);
 }
 
-/* Seconds of hovers that a flight of so many metres leaves at most. */
-static double left_to_hover(const Flying *flying, double length)
+/* Seconds of hovers that a flight leaves which takes so much without them. */
+static double left_to_hover(const Flying *flying, const double *way)
 {
     const Air *air = &flying->air;
-    const double wind = size3(air->wind[0], air->wind[1], 0.0), hover_w = power_at(wind, 0.0, air);
-    double per_metre = INFINITY;
-    for (int64_t v = 1; v < air->rows; v++)
-        per_metre = least(per_metre, power_at((double)v, 0.0, air) / ((double)(v + 1) + wind));
-    const double way[COUNTED] = {length / flying->speed * flying->pace, length * per_metre, length};
+    const double hover_w = power_at(size3(air->wind[0], air->wind[1], 0.0), 0.0, air);
     const double hover[COUNTED] = {[SECONDS] = 1.0, [JOULES] = hover_w, [HOVERED] = 1.0};
     double left_s = INFINITY;
     for (const Limit *limit = flying->limit; limit < flying->limit + flying->limits; limit++) {
@@ -102,6 +105,21 @@ static double best_chance(const Round *round, const CandidatePlan *plan, int64_t
     return round->grid ? best : chance_by(round, sqrt(square), desk);
 }
 
+/* What devices of so much worth (K,) earn at most with hovers of so many seconds in all. */
+static double worth_in(const Round *round, double room, Desk *desk)
+{
+    for (int64_t k = 0; k < round->devices; k++)
+        desk->best[k] = desk->worth[k] / most(round->upload[k], 1e-9);
+    const int64_t *order = descending(desk->best, round->devices, desk->order, desk->spare);
+    double total = 0.0;
+    for (int64_t i = 0; i < round->devices && room > 0.0; i++) {
+        const int64_t k = order[i];
+        total += desk->worth[k] * least(1.0, room / most(round->upload[k], 1e-9));
+        room -= round->upload[k];
+    }
+    return total * (1.0 + WITHIN);
+}
+
 /* What a path of so many metres is worth at most: each device from the nearest step, the hovers for them
    within what the flight leaves. */
 static double promised(const Round *round, const CandidatePlan *plan, double length, Desk *desk)
@@ -111,19 +129,16 @@ static double promised(const Round *round, const CandidatePlan *plan, double len
         desk->worth[k] = most(0.0, gain_of(round, k, best_chance(round, plan, k, desk)));
         total += desk->worth[k];
     }
-    if (!round->upload || !round->flying) return total;
-    double room = left_to_hover(round->flying, length);
-    if (!(room > 0.0)) return total; /* it will be cut */
-    for (int64_t k = 0; k < round->devices; k++)
-        desk->best[k] = desk->worth[k] / most(round->upload[k], 1e-9);
-    const int64_t *order = descending(desk->best, round->devices, desk->order, desk->spare);
-    total = 0.0;
-    for (int64_t i = 0; i < round->devices && room > 0.0; i++) {
-        const int64_t k = order[i];
-        total += desk->worth[k] * least(1.0, room / most(round->upload[k], 1e-9));
-        room -= round->upload[k];
-    }
-    return total;
+    if (!round->upload || !round->flying) return total * (1.0 + WITHIN);
+    const Flying *flying = round->flying;
+    const Air *air = &flying->air;
+    const double wind = size3(air->wind[0], air->wind[1], 0.0);
+    double per_metre = INFINITY;
+    for (int64_t v = 1; v < air->rows; v++)
+        per_metre = least(per_metre, power_at((double)v, 0.0, air) / ((double)(v + 1) + wind));
+    const double way[COUNTED] = {length / flying->speed * flying->pace, length * per_metre, length};
+    const double room = left_to_hover(flying, way);
+    return room > 0.0 ? worth_in(round, room, desk) : total * (1.0 + WITHIN); /* it will be cut */
 }
 
 /* The best schedule along a path; where devices have to get ready, one that waits for nobody but by
@@ -144,6 +159,7 @@ static void schedule_steps(const Round *round, CandidatePlan *plan, Desk *desk)
         other.schedule = desk->other;
         if (!turn) time_steps(round, plan, desk); /* `leave_late` has timed what is better */
         assign_ready(round, 1, other.schedule, desk);
+        if (turn && !memcmp(other.schedule, plan->schedule, size)) break; /* it is what it was */
         leave_late(round, &other, desk);
         if (!(other.value > plan->value)) break;
         memcpy(plan->schedule, other.schedule, size);
@@ -152,52 +168,91 @@ static void schedule_steps(const Round *round, CandidatePlan *plan, Desk *desk)
 }
 
 /* Make the plan serve the first `count` of those that are chosen, and work out the share of the limits
-   that it takes then. */
-static double serve_chosen(const Round *round, CandidatePlan *plan, int64_t count, Desk *desk)
+   that it takes then; `kept` becomes like it if it fits. */
+static double serve_chosen(
+    const Round *round, CandidatePlan *plan, int64_t count, CandidatePlan *kept, Desk *desk)
 {
-    memset(plan->schedule, 0, (size_t)(round->steps * round->devices));
+    const size_t size = (size_t)(round->steps * round->devices);
+    memset(plan->schedule, 0, size);
     for (int64_t i = 0; i < count; i++) {
         const Turn *turn = desk->turns + desk->chosen[i];
         plan->schedule[turn->step * round->devices + turn->device] = 1;
     }
     leave_late(round, plan, desk);
-    return share_of(round, plan, radius_of(round, plan, desk), desk);
+    if (!round->ready) hover_at_stops(round, plan, desk);
+    const double share = share_of(round->flying, radius_of(round, plan, desk), desk);
+    if (share > 1.0) return share;
+    memcpy(kept->schedule, plan->schedule, size);
+    kept->value = plan->value;
+    return share;
+}
+
+/* Whether a turn is among the first `count` that are chosen. */
+static int is_chosen(int64_t turn, int64_t count, const Desk *desk)
+{
+    for (int64_t i = 0; i < count; i++)
+        if (desk->chosen[i] == turn) return 1;
+    return 0;
+}
+
+/* What may be earned at most by the first `count` turns that are chosen and, in so much room, by those of
+   `others` that are not, the most for what they take first. */
+static double worth_within(int64_t count, const int64_t *others, int64_t left, double room, const Desk *desk)
+{
+    double worth = 0.0;
+    for (int64_t i = 0; i < count; i++) worth += desk->turns[desk->chosen[i]].gain;
+    for (int64_t i = 0; i < left && room > 0.0; i++) {
+        const Turn *turn = desk->turns + others[i];
+        if (is_chosen(others[i], count, desk)) continue;
+        worth += turn->taken > room ? turn->gain * room / turn->taken : turn->gain;
+        room -= turn->taken;
+    }
+    return worth * (1.0 + WITHIN);
+}
+
+/* Let nobody be served, for whom a flight hovers; returns the share of the limits that it takes then. */
+static double serve_nobody(const Round *round, CandidatePlan *plan, Desk *desk)
+{
+    memset(plan->schedule, 0, (size_t)(round->steps * round->devices));
+    plan->value = 0.0;
+    hover_at_stops(round, plan, desk);
+    return share_of(round->flying, radius_of(round, plan, desk), desk);
 }
 
 /* Leave out the devices whose sending takes a plan beyond the limits, least worth a second first; it
-   may still not fit, if the path alone does not, and is worth nothing where it seems that it would be
-   worth no more than `above`. Its chances are worked out. Returns the share of the limits that it
-   takes. */
-static double serve_fewer(const Round *round, CandidatePlan *plan, double above, Desk *desk)
+   may still not fit, if the path does not, which takes the share `alone` of the limits, and is worth nothing
+   where it seems that it would be worth no more than `above`. Its chances are worked out, and its stops
+   gathered. Returns the share that it takes. */
+static double serve_fewer(
+    const Round *round, CandidatePlan *plan, double alone, double above, Desk *desk)
 {
-    const double whole = share_of(round, plan, radius_of(round, plan, desk), desk);
+    hover_at_stops(round, plan, desk);
+    const double whole = share_of(round->flying, radius_of(round, plan, desk), desk);
     if (whole <= 1.0 || !round->upload) return whole;
-    int64_t served = 0, count = 0;
+    if (alone > 1.0) {
+        serve_nobody(round, plan, desk);
+        return alone;
+    }
+    int64_t served = 0, count = 0, failed = -1;
     double seconds = 0.0;
-    for (int64_t n = 0; n < round->steps; n++)
-        for (int64_t k = 0; k < round->devices; k++)
-            if (plan->schedule[n * round->devices + k] && served < round->devices) {
-                desk->turns[served++] = (Turn){n, k, 0.0};
+    for (int64_t n = 0, i = 0; n < round->steps; n++)
+        for (int64_t k = 0; k < round->devices; k++, i++)
+            if (plan->schedule[i] && served < round->devices) {
+                desk->turns[served++] = (Turn){n, k, gain_of(round, k, desk->chances[i]), 0.0};
                 seconds += round->upload[k];
             }
-    double taken = serve_chosen(round, plan, 0, desk), share = taken;
-    if (taken > 1.0) return taken;
+    CandidatePlan kept = {.schedule = desk->kept};
+    const size_t size = (size_t)(round->steps * round->devices);
+    double taken = alone, share = alone;
+    memset(kept.schedule, 0, size);
     /* What one of them takes, about: its stop's braking goes with the seconds of its hover. */
     for (int64_t i = 0; i < served; i++) {
         Turn *turn = desk->turns + i;
-        const int64_t k = turn->device;
-        turn->taken = (whole - taken) * round->upload[k] / most(seconds, 1e-9);
-        desk->best[i] = gain_of(round, k, desk->chances[turn->step * round->devices + k]) /
-                        most(turn->taken, 1e-9);
+        turn->taken = (whole - alone) * round->upload[turn->device] / most(seconds, 1e-9);
+        desk->best[i] = turn->gain / most(turn->taken, 1e-9);
     }
     const int64_t *order = descending(desk->best, served, desk->order, desk->spare);
-    double room = FILLED - taken, worth = 0.0;
-    for (int64_t i = 0; i < served && room > 0.0; i++) {
-        const double more = least(room, desk->turns[order[i]].taken);
-        worth += more * desk->best[order[i]];
-        room -= more;
-    }
-    if (!(worth > above)) {
+    if (!(worth_within(0, order, served, FILLED - taken, desk) > above)) {
         plan->value = 0.0;
         return taken;
     }
@@ -206,23 +261,29 @@ static double serve_fewer(const Round *round, CandidatePlan *plan, double above,
             taken += desk->turns[order[i]].taken;
             desk->chosen[count++] = order[i];
         }
-    int64_t made = 0; /* how many of them the plan serves */
-    for (; count; taken -= desk->turns[desk->chosen[--count]].taken) {
-        share = serve_chosen(round, plan, made = count, desk);
-        if (share <= 1.0) break;
+    for (; count; taken -= desk->turns[failed].taken) {
+        const double all = serve_chosen(round, plan, count, &kept, desk);
+        if (all <= 1.0) {
+            share = all;
+            break;
+        }
+        failed = desk->chosen[--count];
     }
     for (int64_t i = 0; i < served; i++) {
         const double more = desk->turns[order[i]].taken;
-        int64_t at = 0;
-        while (at < count && desk->chosen[at] != order[i]) at++;
-        if (at < count || taken + more > FILLED) continue;
+        if (order[i] == failed || taken + more > FILLED || is_chosen(order[i], count, desk)) continue;
+        if (!(worth_within(count, order + i, served - i, FILLED - taken, desk) > above)) break;
         desk->chosen[count] = order[i];
-        share = serve_chosen(round, plan, made = count + 1, desk);
-        if (share > 1.0) continue;
+        const double all = serve_chosen(round, plan, count + 1, &kept, desk);
+        if (all > 1.0) continue;
+        share = all;
         taken += more;
         count++;
     }
-    return made == count ? share : serve_chosen(round, plan, count, desk);
+    memcpy(plan->schedule, kept.schedule, size);
+    plan->value = kept.value;
+    hover_at_stops(round, plan, desk);
+    return share;
 }
 
 /* The first metres of a path: where everywhere may be flown it is shrunk about its start, among areas
@@ -275,11 +336,19 @@ static int fit_path(
     memcpy(whole->route, plan->route, (size_t)plan->points * sizeof(Point));
     for (int cut = 0; cut < CUTS; cut++) {
         const double length = cut_path(round, whole, metres, plan);
-        if (!(promised(round, plan, length, desk) * (1.0 + WITHIN) > above)) return 0;
+        double alone = 0.0;
+        if (!(promised(round, plan, length, desk) > above)) return 0;
+        if (limited || round->ready) gather_stops(round, plan, desk);
+        if (limited && round->upload) {
+            alone = serve_nobody(round, plan, desk);
+            double room = left_to_hover(round->flying, desk->counted);
+            for (int64_t s = 0; s < desk->stops; s++) room += desk->at[s].hold; /* in which others send */
+            if (alone <= 1.0 && !(worth_in(round, room, desk) > above)) return 0;
+        }
         schedule_steps(round, plan, desk);
         if (!(plan->value > above)) return 0;
         if (!limited) return 1;
-        const double taken = serve_fewer(round, plan, above, desk);
+        const double taken = serve_fewer(round, plan, alone, above, desk);
         if (taken <= 1.0) return plan->value > above;
         /* By the last two cuts: what the rest of the path takes, corners included. */
         double rate = taken / most(length, 1e-9);

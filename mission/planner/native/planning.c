@@ -145,7 +145,14 @@ static int leave_out(const Round *round, CandidatePlan *plan)
     Desk desk;
     if (!open_desk(&desk, &arena, round, plan->points)) return -1;
     set_chances(round, plan, &desk);
-    serve_fewer(round, plan, -INFINITY, &desk);
+    gather_stops(round, plan, &desk);
+    const size_t size = (size_t)(round->steps * round->devices);
+    const double value = plan->value;
+    memcpy(desk.other, plan->schedule, size);
+    const double alone = serve_nobody(round, plan, &desk);
+    memcpy(plan->schedule, desk.other, size);
+    plan->value = value;
+    serve_fewer(round, plan, alone, -INFINITY, &desk);
     release(&arena);
     return 0;
 }
@@ -164,9 +171,10 @@ static int judge(const Round *round, const CandidatePlan *given, Evaluation *eva
             for (int64_t k = 0; k < round->devices; k++, i++)
                 if (plan->schedule[i]) plan->value += gain_of(round, k, desk.chances[i]);
     }
-    if (round->radii) evaluation->radius = radius_of(round, plan, &desk);
     gather_stops(round, plan, &desk);
-    memcpy(evaluation->offset, desk.begins, size);
+    if (round->radii) evaluation->radius = radius_of(round, plan, &desk);
+    hover_at_stops(round, plan, &desk);
+    memcpy(evaluation->offset, desk.offset, size);
     for (int64_t p = 0; p < plan->points; p++) {
         evaluation->stop[p] = desk.stop[p];
         evaluation->hold[p] = desk.at[p].hold;
@@ -174,7 +182,7 @@ static int judge(const Round *round, const CandidatePlan *given, Evaluation *eva
     if (round->flying) {
         time_steps(round, plan, &desk);
         memcpy(evaluation->begins, desk.begins, size);
-        evaluation->share = share_of(round, plan, evaluation->radius, &desk);
+        evaluation->share = share_of(round->flying, evaluation->radius, &desk);
     }
     release(&arena);
     return 0;

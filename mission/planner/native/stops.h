@@ -20,7 +20,7 @@ typedef struct {
 
 typedef struct {
     int64_t step, device;
-    double taken; /* share of the limits */
+    double gain, taken; /* what it earns, share of the limits */
 } Turn;
 
 /* A flight from one hover to the next, of `count` points, 0 where there is none. */
@@ -36,8 +36,12 @@ typedef struct {
 typedef struct {
     int64_t stops, *stop; /* (P,) of each point */
     Stop *at;             /* (P,) */
-    double *begins;       /* (N,) when each step begins */
-    Point *corner, *cut;  /* (P,) of the route, and where they are passed */
+    double counted[COUNTED]; /* of the flight whose share was asked for */
+    double *offset, *begins; /* (N,) when each step begins: after the arrival at its stop, in the round */
+    int64_t cuts, *turn;  /* radii that the route's corners are cut by so far; (P,) corner of each point */
+    Point *corner, *cut;  /* (P,) of the route, (radii, P) where they are passed */
+    int64_t *heard;       /* (radii, K) at which step each device was last, 1 for the first, 0 for none, */
+    double *hears;        /* (radii, K) and its success there as it is passed */
     PathProfile run; /* (P + 1,) */
     double *passed; /* (P + 1,) */
     Run *runs;      /* (RUNS,) of those that were foreseen */
@@ -49,7 +53,7 @@ typedef struct {
     double *best;            /* (K,) */
     int64_t *assigned, *chosen, *order, *spare; /* (K,) */
     Turn *turns;             /* (K,) */
-    unsigned char *other;    /* (N, K) a schedule */
+    unsigned char *other, *kept; /* (N, K) schedules */
     CandidatePlan whole;     /* a path that is cut */
     Places places;
 } Desk;
@@ -59,9 +63,13 @@ static void lay_out_desk(Desk *desk, Arena *arena, const Round *round, int64_t p
     const int64_t k = round->devices, n = round->steps, run = points + 1;
     desk->stop = claim(arena, points, sizeof(int64_t));
     desk->at = claim(arena, points, sizeof(Stop));
+    desk->offset = claim(arena, n, sizeof(double));
     desk->begins = claim(arena, n, sizeof(double));
+    desk->turn = claim(arena, points, sizeof(int64_t));
     desk->corner = claim(arena, points, sizeof(Point));
-    desk->cut = claim(arena, points, sizeof(Point));
+    desk->cut = claim(arena, round->radii * points, sizeof(Point));
+    desk->heard = claim(arena, round->radii * k, sizeof(int64_t));
+    desk->hears = claim(arena, round->radii * k, sizeof(double));
     desk->run.points = claim(arena, run, 3 * sizeof(double));
     desk->run.speeds = claim(arena, run, sizeof(double));
     desk->run.acceptance = claim(arena, run, sizeof(double));
@@ -83,6 +91,7 @@ static void lay_out_desk(Desk *desk, Arena *arena, const Round *round, int64_t p
     desk->spare = claim(arena, k, sizeof(int64_t));
     desk->turns = claim(arena, k, sizeof(Turn));
     desk->other = claim(arena, n * k, 1);
+    desk->kept = claim(arena, n * k, 1);
     desk->whole.route = claim(arena, points, sizeof(Point));
     desk->whole.at = claim(arena, n, sizeof(int64_t));
     desk->places = lay_out_places(arena, k, n, round->per_step);
@@ -98,19 +107,25 @@ static int open_desk(Desk *desk, Arena *arena, const Round *round, int64_t point
     return 1;
 }
 
-/* Merge consecutive points of the route nearer than `SAME_PLACE_M` to the first of them. The hover
-   that is held at every stop but the first, or at the only one, is shared by its steps; each lasts
-   until its devices have sent, one after another, and a stop until all of its steps have. `begins` is
-   after the arrival. */
+/* Merge consecutive points of the route nearer than `SAME_PLACE_M` to the first of them. */
 static void gather_stops(const Round *round, const CandidatePlan *plan, Desk *desk)
 {
-    desk->stops = 0;
+    desk->stops = desk->cuts = 0;
+    memset(desk->heard, 0, (size_t)(round->radii * round->devices) * sizeof(int64_t));
     for (int64_t p = 0; p < plan->points; p++) {
         if (!desk->stops || between(plan->route[p], desk->at[desk->stops - 1].p) > SAME_PLACE_M)
             desk->at[desk->stops++] = (Stop){.p = plan->route[p]};
         desk->stop[p] = desk->stops - 1;
     }
     for (int64_t n = 0; n < round->steps; n++) desk->at[desk->stop[plan->at[n]]].steps++;
+}
+
+/* How long the stops that are gathered hover. What is held at every stop but the first, or at the only one,
+   is shared by its steps; each lasts until its devices have sent, one after another, and a stop until all
+   of its steps have. */
+static void hover_at_stops(const Round *round, const CandidatePlan *plan, Desk *desk)
+{
+    for (int64_t s = 0; s < desk->stops; s++) desk->at[s].hold = 0.0;
     double free = 0.0, hover = 0.0;
     for (int64_t n = 0, rank = 0; n < round->steps; n++, rank++) {
         const int64_t s = desk->stop[plan->at[n]];
@@ -119,8 +134,8 @@ static void gather_stops(const Round *round, const CandidatePlan *plan, Desk *de
             free = 0.0;
             rank = 0;
         }
-        desk->begins[n] = most(hover * (double)rank / (double)desk->at[s].steps, free);
-        free = desk->begins[n];
+        desk->offset[n] = most(hover * (double)rank / (double)desk->at[s].steps, free);
+        free = desk->offset[n];
         for (int64_t k = 0; round->upload && k < round->devices; k++)
             if (plan->schedule[n * round->devices + k]) free += round->upload[k];
         desk->at[s].hold = most(hover, free);
@@ -269,46 +284,34 @@ static void count_flight(const Flying *flying, double radius, int all, double *c
     }
 }
 
-/* How much of the tightest limit the flight of a plan takes; more than 1 does not fit. */
-static double share_of(const Round *round, const CandidatePlan *plan, double radius, Desk *desk)
-{
-    const Flying *flying = round->flying;
-    double counted[COUNTED], share = 0.0;
-    gather_stops(round, plan, desk);
-    count_flight(flying, radius, 0, counted, desk);
-    for (int64_t l = 0; l < flying->limits; l++)
-        share = most(share, taken_of(flying->limit + l, counted) / flying->limit[l].most);
-    return share;
-}
-
 /* When each step begins at the earliest, in seconds into the round: as foreseen with the widest
    corners, less what a flight may be ahead of that. */
 static void time_steps(const Round *round, const CandidatePlan *plan, Desk *desk)
 {
     const Flying *flying = round->flying;
-    gather_stops(round, plan, desk);
+    hover_at_stops(round, plan, desk);
     fly_stops(flying, flying->widest, NULL, desk);
     for (int64_t n = 0; n < round->steps; n++) {
-        const double at = desk->at[desk->stop[plan->at[n]]].arrived + desk->begins[n];
+        const double at = desk->at[desk->stop[plan->at[n]]].arrived + desk->offset[n];
         desk->begins[n] = most(0.0, at * (1.0 - flying->ahead_share) - flying->ahead);
     }
 }
 
-/* Where each point of the route is passed by a path that cuts corners by up to a radius.
+/* Where the route's corners are passed by a path that cuts them by up to a radius.
 
    A corner is cut along its bisector. The arc is a parabola that takes up half of either leg at most,
    so that its depth is limited to a quarter of the shorter leg times sin(phi / 2). */
-static void cut_corners(const CandidatePlan *plan, double radius, Desk *desk)
+static void cut_corners(const CandidatePlan *plan, double radius, Point *cut, Desk *desk)
 {
     int64_t count = 0;
     Point *corner = desk->corner;
     for (int64_t p = 0; p < plan->points; p++) {
         if (!p || between(plan->route[p - 1], plan->route[p]) > SAME_PLACE_M)
             corner[count++] = plan->route[p];
-        desk->stop[p] = count - 1;
+        desk->turn[p] = count - 1;
     }
     for (int64_t i = 0; i < count; i++) {
-        desk->cut[i] = corner[i];
+        cut[i] = corner[i];
         if (i == 0 || i == count - 1) continue;
         const double into = between(corner[i - 1], corner[i]), out = between(corner[i], corner[i + 1]);
         /* A path may come back in steps that are dropped: such a leg has no direction. */
@@ -318,8 +321,8 @@ static void cut_corners(const CandidatePlan *plan, double radius, Desk *desk)
         const double twice_sine = sqrt(x * x + y * y);
         if (!(twice_sine > 1e-9)) continue;
         const double depth = least(radius, least(into, out) * twice_sine / 8.0);
-        desk->cut[i].x += depth / twice_sine * x;
-        desk->cut[i].y += depth / twice_sine * y;
+        cut[i].x += depth / twice_sine * x;
+        cut[i].y += depth / twice_sine * y;
     }
 }
 
@@ -345,21 +348,36 @@ static double gain_of(const Round *round, int64_t k, double chance)
 }
 
 /* The widest acceptance radius of the round's that costs a plan 1 % of its value at most; where none
-   does, the narrowest. */
+   does, the narrowest. Its stops are gathered. */
 static double radius_of(const Round *round, const CandidatePlan *plan, Desk *desk)
 {
     for (int64_t i = 0; i < round->radii; i++) {
+        Point *cut = desk->cut + i * plan->points;
         double flown = 0.0;
-        cut_corners(plan, round->radius[i], desk);
+        if (i == desk->cuts) cut_corners(plan, round->radius[desk->cuts++], cut, desk);
         for (int64_t n = 0; n < round->steps; n++)
             for (int64_t k = 0; k < round->devices; k++) {
                 if (!plan->schedule[n * round->devices + k]) continue;
-                const Point passed = desk->cut[desk->stop[plan->at[n]]];
-                flown += gain_of(round, k, chance_at(round, k, passed, desk));
+                const int64_t at = i * round->devices + k;
+                if (desk->heard[at] != n + 1) {
+                    desk->heard[at] = n + 1;
+                    desk->hears[at] = chance_at(round, k, cut[desk->turn[plan->at[n]]], desk);
+                }
+                flown += gain_of(round, k, desk->hears[at]);
             }
         if (flown >= (1.0 - MOST_LOST) * plan->value) return round->radius[i];
     }
     return round->radius[round->radii - 1];
+}
+
+/* How much of the tightest limit the flight takes whose hovers are known; more than 1 does not fit. */
+static double share_of(const Flying *flying, double radius, Desk *desk)
+{
+    double share = 0.0;
+    count_flight(flying, radius, 0, desk->counted, desk);
+    for (int64_t l = 0; l < flying->limits; l++)
+        share = most(share, taken_of(flying->limit + l, desk->counted) / flying->limit[l].most);
+    return share;
 }
 
 /* Of each device's success at a place, into `chance` (K,); most steps are where they were. */

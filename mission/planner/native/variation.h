@@ -147,7 +147,10 @@ static int vary(
     }
     for (int64_t i = 0; i < ROWS; i++) desk.row[i] = chance_by(round, (double)i, &desk);
     for (int64_t n = 0; n < steps; n++) now[n] = plan->route[plan->at[n]];
-    if (round->ready) time_steps(round, plan, &desk);
+    if (round->ready) {
+        gather_stops(round, plan, &desk);
+        time_steps(round, plan, &desk);
+    }
     memcpy(begins, desk.begins, (size_t)steps * sizeof(double));
     for (int64_t k = 0; k < round->devices; k++)
         if (round->importance[k] > 0.0) worth[count++] = k;
@@ -160,7 +163,9 @@ static int vary(
         if (!fit_way(round, way, &other, metres, above, limited, &desk, &ways)) continue;
         desk.rows = 0;
         value = other.value;
-        memcpy(begins, desk.begins, (size_t)steps * sizeof(double));
+        /* After the arrival at its stop, not in the round: with the longer detours that this makes, plans are
+           better. */
+        memcpy(begins, desk.offset, (size_t)steps * sizeof(double));
         for (int64_t n = 0; n < steps; n++) now[n] = other.route[other.at[n]];
         if (!(value > plan->value * (1.0 - TABLED)) ||
             !fit_way(round, way, &other, metres, plan->value, limited, &desk, &ways))
