@@ -274,6 +274,7 @@ def _versions_of(package: str) -> str:
     return " ".join(sorted(versions)) or sys.version
 
 
+@cache
 def _is_installed(path: Path) -> bool:
     installed = {"site-packages", "dist-packages"} & {*path.parts}
     return bool(installed) or path.is_relative_to(sysconfig.get_path("stdlib"))
