@@ -58,7 +58,10 @@ def cache_folder(name: str) -> Path:
     Raises:
         InputError: it cannot be made.
     """
-    cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+    try:
+        cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+    except RuntimeError:  # a container's user, whom its system does not know
+        raise InputError("no home folder is known: name a cache folder in XDG_CACHE_HOME") from None
     folder = (cache / "aerofed" / name).absolute()
     with or_input_error(folder, "cannot be made"):
         folder.mkdir(parents=True, exist_ok=True)

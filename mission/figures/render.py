@@ -1,12 +1,15 @@
 """Rendering of Vega-Lite charts: to picture files, and to parts of a self-contained page."""
 
 import base64
+import hashlib
 import json
 import math
 import re
 import sys
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from functools import cache
+from importlib.metadata import version
 from pathlib import Path
 from subprocess import PIPE, Popen
 
@@ -15,7 +18,7 @@ from altair import SCHEMA_VERSION
 from mission.base.errors import AerofedError, InputError
 from mission.base.palette import LIGHT
 from mission.base.run_folder import write_atomically
-from mission.base.user_files import or_input_error
+from mission.base.user_files import cache_folder, or_input_error, read_bytes
 from mission.figures.style import CONFIG, Chart, arranged, heading
 
 _ROUND = 65.0  # about a chart: its title and axes, in pixels
@@ -124,11 +127,17 @@ def _zoomed(layers: Sequence[Chart], channels: Sequence[str]) -> list[Chart]:
 def libraries() -> str:
     """The JavaScript of Vega, Vega-Lite and Vega-Embed (BSD-3-Clause), as vl-convert brings it.
 
+    It is made once for each version, and then kept in the user's cache folder.
+
     Raises:
         AerofedError: no memory for it.
     """
-    begin_libraries()
-    (script,) = _results(_begun.pop(), [])
+    script = b"" if _begun else _kept()
+    if not script:
+        _begin()
+        (script,) = _results(_begun.pop(), [])
+        with suppress(InputError):  # without a place to keep it, each process makes it
+            write_atomically(_place(), _digest(script) + b"\n" + script)
     return script.decode()
 
 
@@ -136,10 +145,33 @@ _begun: list[Popen[str]] = []  # the engine that makes the libraries; none or on
 
 
 def begin_libraries() -> None:
-    """Start making `libraries` in the background, which takes two seconds."""
-    ended = not _begun or _begun[0].poll() is not None  # by Ctrl-C, in a notebook that goes on
-    if ended and not libraries.cache_info().currsize:
+    """Start making `libraries` in the background, which takes two seconds, if none are kept."""
+    if not libraries.cache_info().currsize and not _kept():
+        _begin()
+
+
+def _begin() -> None:
+    if not _begun or _begun[0].poll() is not None:  # by Ctrl-C, in a notebook that goes on
         _begun[:] = [engine(_LIBRARIES)]
+
+
+def _place() -> Path:
+    """The file that keeps them, by all they are made of."""
+    made_of = json.dumps([version("vl-convert-python"), _VERSION, *_LIBRARIES])
+    return cache_folder("pages") / f"vega-{_digest(made_of.encode()).decode()[:16]}.js"
+
+
+def _kept() -> bytes:
+    """The kept libraries; empty where there are none, or damaged ones."""
+    try:
+        digest, _, script = read_bytes(_place()).partition(b"\n")
+    except InputError:
+        return b""
+    return script if digest == _digest(script) else b""
+
+
+def _digest(content: bytes) -> bytes:
+    return hashlib.sha256(content).hexdigest().encode()
 
 
 def engine(first: tuple[str, str] = _ANYTHING) -> Popen[str]:

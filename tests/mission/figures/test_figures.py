@@ -538,22 +538,64 @@ def test_labels_of_whole_numbers_are_few_and_round(count: int, first: int) -> No
     assert found == sorted(set(found))
 
 
-def test_libraries_are_made_again_where_they_failed_before(monkeypatch: pytest.MonkeyPatch) -> None:
-    """As where Ctrl-C ended their process, in a notebook that goes on."""
-    failing = iter((AerofedError("no memory"),))
-
-    def results(*_: object) -> list[bytes]:
-        for error in failing:
-            raise error
-        return [b"script"]
-
-    monkeypatch.setattr(render, "_results", results)
+@pytest.fixture
+def bundled(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[], str]:
+    """What makes the libraries as a new process does, which has only the cache folder."""
     monkeypatch.setattr(render, "engine", lambda _: Mock(poll=lambda: None))
     monkeypatch.setattr(render, "_begun", [])
-    monkeypatch.setattr(render, "libraries", cache(render.libraries.__wrapped__))
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+
+    def as_anew() -> str:
+        monkeypatch.setattr(render, "libraries", cache(render.libraries.__wrapped__))
+        render.begin_libraries()
+        return render.libraries()
+
+    return as_anew
+
+
+def test_libraries_are_made_again_where_they_failed_before(
+    bundled: Callable[[], str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As where Ctrl-C ended their process, in a notebook that goes on."""
+    results = Mock(side_effect=[AerofedError("no memory"), [b"script"]])
+    monkeypatch.setattr(render, "_results", results)
     with pytest.raises(AerofedError, match="no memory"):
-        render.libraries()
+        bundled()
     assert render.libraries() == "script"
+
+
+def test_libraries_are_kept_and_damaged_ones_made_again(
+    bundled: Callable[[], str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    script = "script\n" * 99
+    results = Mock(side_effect=lambda *_: [script.encode()])
+    monkeypatch.setattr(render, "_results", results)
+    assert [bundled() for _ in range(3)] == [script] * 3
+    assert results.call_count == 1
+    (kept,) = (tmp_path / "cache" / "aerofed" / "pages").iterdir()
+    whole = kept.read_bytes()
+    for damaged in (b"", whole[:-1], whole.replace(b"t\ns", b"t\nS"), whole + b"more"):
+        kept.write_bytes(damaged)
+        assert [bundled(), bundled()] == [script] * 2
+        assert kept.read_bytes() == whole
+    assert results.call_count == 5
+    monkeypatch.setattr(render, "_VERSION", "9.9")  # a newer one is another file
+    script = "newer"
+    assert [bundled(), bundled()] == ["newer"] * 2
+    assert results.call_count == 6
+
+
+@pytest.mark.parametrize("why", ["a file is there", "nobody's home"])
+def test_libraries_are_made_each_time_where_they_cannot_be_kept(
+    bundled: Callable[[], str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, why: str
+) -> None:
+    (tmp_path / "cache").touch()
+    if why == "nobody's home":
+        monkeypatch.delenv("XDG_CACHE_HOME")
+        monkeypatch.setattr(Path, "home", Mock(side_effect=RuntimeError))
+    monkeypatch.setattr(render, "_results", results := Mock(return_value=[b"script"]))
+    assert [bundled(), bundled()] == ["script"] * 2
+    assert results.call_count == 2
 
 
 def test_a_map_tells_the_heights_of_buildings() -> None:
