@@ -2,11 +2,14 @@
 
 import json
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 from altair.utils.schemapi import validate_jsonschema
 from altair.vegalite.v6.schema.core import load_schema
+from jsonschema import Draft7Validator, ValidationError
+from jsonschema.protocols import Validator
+from jsonschema.validators import extend
 
 from mission.figures.style import Chart
 
@@ -14,13 +17,32 @@ Row = dict[str, Any]
 VEGA_LITE = load_schema()
 
 
+def _ref(validator: Validator, ref: str, value: object, _: object) -> Iterator[ValidationError]:
+    return validator.descend(value, VEGA_LITE["definitions"][ref.removeprefix("#/definitions/")])
+
+
+def _any_of(
+    validator: Validator, kinds: Sequence[Any], value: object, _: object
+) -> Iterator[ValidationError]:
+    if all(next(validator.descend(value, kind), None) for kind in kinds):
+        yield ValidationError("of no kind that is allowed")
+
+
+# It ends at the first error, of each kind too, and copies no schema: a tenth of Altair's time,
+# which can say what is wrong.
+_CHECKS = {"$ref": _ref, "anyOf": _any_of}
+_VALIDATOR = extend(Draft7Validator, _CHECKS)(
+    VEGA_LITE, format_checker=Draft7Validator.FORMAT_CHECKER
+)
+
+
 def described(chart: Chart) -> dict[str, Any]:
     """The description, checked against Vega-Lite's schema."""
     for rows in chart["datasets"].values():
         for row in rows:
             assert all(isinstance(value, str | int | float | None) for value in row.values())
-    # Ten times as fast as `Chart.from_dict`, which tries one class after the other at every level.
-    validate_jsonschema({**chart, "datasets": {}}, VEGA_LITE)
+    bare = {**chart, "datasets": {}}
+    assert _VALIDATOR.is_valid(bare), validate_jsonschema(bare, VEGA_LITE, raise_error=False)
     return chart
 
 
