@@ -4,7 +4,7 @@ import itertools
 import re
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -15,7 +15,7 @@ from xml.etree import ElementTree as ET
 import numpy as np
 import pytest
 from described import axes, described, keys, layers, rows, tables
-from drawing import drawn, undrawn
+from drawing import drawn
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from synthetic_flight import AREA, Fixed, devices, fly
@@ -49,12 +49,6 @@ from mission.log.writer import FlightLog
 PNG = b"\x89PNG\r\n"
 
 
-@pytest.fixture(scope="module", autouse=True)
-def _drawn() -> Iterator[None]:
-    with drawn():
-        yield
-
-
 Made = Callable[[int], tuple[Fixed, LoadedRun]]
 
 
@@ -82,11 +76,12 @@ def written(spec: dict[str, Any]) -> set[str]:
 @pytest.mark.slow
 def test_a_run_gets_its_three_pictures_the_same_each_time(tmp_path: Path) -> None:
     fly(tmp_path, rounds=2)
-    files = draw_run(tmp_path)
+    with drawn():
+        files = draw_run(tmp_path)
+        first = [file.read_bytes() for file in files]
+        assert [file.read_bytes() for file in draw_run(tmp_path)] == first
     assert [file.name for file in files] == ["map.png", "rounds.png", "learning.png"]
-    first = [file.read_bytes() for file in files]
     assert all(content.startswith(PNG) and min(size_of(content)) > 800 for content in first)
-    assert [file.read_bytes() for file in draw_run(tmp_path)] == first
 
 
 @pytest.mark.slow
@@ -446,13 +441,12 @@ def test_a_run_without_a_round_gets_no_picture(tmp_path: Path) -> None:
         Table(tmp_path / "uplinks.csv", UplinkRecord),
     ):
         pass
-    with undrawn():
-        assert draw_run(tmp_path) == ()
+    assert draw_run(tmp_path) == ()
 
 
 def test_what_is_no_run_folder_is_refused(tmp_path: Path) -> None:
     wanted = r"not a run folder: it has no flight.mcap, nor another flight log$"
-    with undrawn(), pytest.raises(InputError, match=wanted):
+    with pytest.raises(InputError, match=wanted):
         draw_run(tmp_path)
 
 
@@ -461,16 +455,19 @@ def test_an_engine_that_dies_is_one_error_and_leaves_the_old_pictures(
 ) -> None:
     """As V8 does where it finds no memory: it ends its process, which is not ours."""
     chart = line_chart("t", [Series("a", "#000000", [1, 2], [1, 2])], x="x (m)", y="y (m)")
-    (files := save_all({"a.png": chart}, tmp_path))[0].write_bytes(b"old")
+    (old := tmp_path / "a.png").write_bytes(b"old")
     dying = tmp_path / "engine.py"
     dying.write_text(
         "import os, sys\nsys.stdin.read()\n"
         "print('# Fatal process out of memory', file=sys.stderr, flush=True)\nos.abort()\n"
     )
     monkeypatch.setattr(render, "_ENGINE", dying)
-    with pytest.raises(AerofedError, match="ended with code -6: Fatal process out of memory"):
+    with (
+        drawn(),
+        pytest.raises(AerofedError, match="ended with code -6: Fatal process out of memory"),
+    ):
         save_all({"a.png": chart}, tmp_path)
-    assert files[0].read_bytes() == b"old"
+    assert old.read_bytes() == b"old"
 
 
 @pytest.mark.slow
