@@ -12,7 +12,7 @@ import pytest
 from reference_net import PlainNet, right_per_class, train_plainly
 
 from fl.config import CommunityConfig, LearningConfig
-from fl.data.dataset import Split
+from fl.data.dataset import SourceFile, Split
 from fl.errors import CheckpointError, DivergedError
 from fl.federation import rounds as fed
 from fl.federation.algorithms import CustomAlgorithm
@@ -401,7 +401,15 @@ def damaged(saved: bytes) -> list[bytes]:
 def test_foreign_or_damaged_checkpoints_are_refused() -> None:
     federation = build()
     saved = to_bytes(federation, fed.init(federation))
-    for other in (build(seed=2), build(FAST.model_copy(update={"algorithm": "fedadam"}))):
+    own = federation.communities[0]
+    pixels = (SourceFile("pixels", "another sum", official=False),)
+    files = replace(own.dataset.provenance, files=pixels)
+    altered = replace(own, dataset=replace(own.dataset, provenance=files))
+    for other in (
+        build(seed=2),
+        build(FAST.model_copy(update={"algorithm": "fedadam"})),
+        replace(federation, communities=(altered, *federation.communities[1:])),
+    ):
         with pytest.raises(CheckpointError, match="written with other data"):
             from_bytes(other, saved)
     for bad in damaged(saved):

@@ -356,6 +356,11 @@ def test_orders_that_are_refused(tmp_path: Path) -> None:
         with pytest.raises(aerofed.InputError) as refused:
             vehicle.fly(spline)
         assert "home=" not in str(refused.value)  # it is refused there, too
+        far = tmp_path / "far.waypoints"  # it has no home of its own that could be named
+        far.write_text(waypoints.read_text().replace("47.4", "48.4"))
+        with pytest.raises(aerofed.InputError, match=r"km from home") as refused:
+            vehicle.fly(far)
+        assert "home=" not in str(refused.value)
         taken_off(vehicle)
         with pytest.raises(aerofed.InputError, match="the vehicle is armed"):
             vehicle.fly(waypoints)

@@ -198,6 +198,10 @@ def test_a_linear_map_a_map_that_is_gone_and_one_that_is_there(capsys) -> None:
     write_map(Path("w.nc"), replace(made, path_gain_db=10.0 ** (made.path_gain_db / 10.0)), {})
     assert call(["run", "w.toml", *ON_MAP, "--out=x", "--quiet"]) == 2
     assert "must be 0 or less: power received over power sent, in dB" in capsys.readouterr().err
+    made.y_m[3] = np.nan
+    write_map(Path("w.nc"), made, {})
+    assert call(["run", "w.toml", *ON_MAP, "--out=x", "--quiet"]) == 2
+    assert "w.nc: y holds a number that is not finite" in capsys.readouterr().err
     assert call(["radio-map", "w.toml", "--out=w.toml"]) == 2
     assert "w.toml: exists already; give another name" in capsys.readouterr().err
     assert Path("w.toml").read_text() == WORLD
