@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import ncx2
+from scipy.special import chndtr
 
 from aerofed import Channel
 
@@ -36,7 +36,7 @@ class Rician:
         slant_m = np.maximum(np.hypot(away_m, place_m[:, 2]), 1.0)
         mean_db = c.tx_power_db + c.beta_los_db - c.noise_db - 10 * c.alpha_los * np.log10(slant_m)
         relative = c.snr_threshold / 10.0 ** (mean_db / 10.0)
-        return ncx2.cdf(2.0 * (1.0 + self.k) * relative, df=2, nc=2.0 * self.k)
+        return chndtr(2.0 * (1.0 + self.k) * relative, 2.0, 2.0 * self.k)
 
 
 def make(channel: Channel, devices_m: Floats) -> Rician:

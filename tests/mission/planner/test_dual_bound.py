@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 
-import cvxpy as cp
 import numpy as np
 import pytest
 from one_aircraft import round_problem
@@ -61,6 +60,8 @@ def envelope(channel, lo, hi):
 
 def primal(case, ends, lines):
     """The most a path in this order can earn with every f replaced by the least of its lines."""
+    import cvxpy as cp  # seconds, with scipy.stats: not of every process that collects
+
     u, delta = np.array(case["u"]), np.array(case["delta"])
     m = len(u)
     v, gain = cp.Variable((m, 2)), cp.Variable(m)

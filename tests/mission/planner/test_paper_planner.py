@@ -3,7 +3,6 @@
 import functools
 import itertools
 
-import cvxpy as cp
 import numpy as np
 import pytest
 from one_aircraft import round_problem
@@ -20,16 +19,16 @@ from fl.radio.channel import (
 from mission.planner.check import check_plan
 from mission.planner.config import PlannerConfig
 from mission.planner.factory import make_planner
-from mission.planner.paper import (
-    EXPONENT_LIMIT,
-    PathProgram,
-    ascend,
-    greedy_walk,
-    path_program,
-    tangent,
-)
 
 SUBURBAN = CHANNEL_PRESETS["suburban"]
+
+
+@pytest.fixture(scope="module")
+def paper():
+    """Loaded here, for it loads cvxpy, seconds that no process spends that only collects."""
+    from mission.planner import paper
+
+    return paper
 
 
 def random_problem(seed, *, channel=SUBURBAN, budget=600.0):
@@ -80,25 +79,25 @@ def _success(fit: LogisticFit, channel: Channel, r: Floats) -> Floats:
 
 
 @pytest.mark.parametrize("preset", ["suburban+10dB", "suburban", "suburban+30dB"])
-def test_the_exact_cone_never_loses_in_the_stand_in(preset):
+def test_the_exact_cone_never_loses_in_the_stand_in(paper, preset):
     for seed in range(3):
         problem = random_problem(seed, channel=CHANNEL_PRESETS[preset])
-        program = path_program(problem.steps, len(problem.devices_m), exact_cone=True)
+        program = paper.path_program(problem.steps, len(problem.devices_m), exact_cone=True)
         fit = fit_logistic(problem.channel)
-        start = greedy_walk(problem, functools.partial(_success, fit, problem.channel))
-        values = [value for _, _, value in ascend(problem, start, program=program)]
+        start = paper.greedy_walk(problem, functools.partial(_success, fit, problem.channel))
+        values = [value for _, _, value in paper.ascend(problem, start, program=program)]
         assert len(values) > 2
         # Where the exponent is clipped the bound touches to within 1 / (1 + e^8) a device.
-        slack = problem.importance.sum() / (1.0 + np.exp(EXPONENT_LIMIT))
+        slack = problem.importance.sum() / (1.0 + np.exp(paper.EXPONENT_LIMIT))
         assert all(b >= a - slack for a, b in itertools.pairwise(values))
         assert values[-1] > values[0] - slack
 
 
-def test_the_tangent_bounds_the_stand_in_from_below_and_touches_it():
+def test_the_tangent_bounds_the_stand_in_from_below_and_touches_it(paper):
     fit = fit_logistic(SUBURBAN)
     r = np.linspace(0.0, 900.0, 400)
     for around in (0.0, 40.0, 120.0, 160.0, 200.0, 500.0):
-        intercept, slope = tangent(fit, np.array([around]), height_m=SUBURBAN.altitude_m)
+        intercept, slope = paper.tangent(fit, np.array([around]), height_m=SUBURBAN.altitude_m)
         plus_one = intercept - slope * r
         bound = 1.0 - 1.0 / plus_one[plus_one > 0.0]
         smooth = 1.0 - smooth_per(fit, SUBURBAN, r[plus_one > 0.0])
@@ -107,18 +106,19 @@ def test_the_tangent_bounds_the_stand_in_from_below_and_touches_it():
         assert touch == pytest.approx(1.0 - float(smooth_per(fit, SUBURBAN, around)), abs=4e-4)
 
 
-def test_a_program_serves_all_rounds_of_its_size():
-    assert path_program(5, 6, exact_cone=True) is path_program(5, 6, exact_cone=True)
-    assert isinstance(path_program(4, 6, exact_cone=False), PathProgram)
+def test_a_program_serves_all_rounds_of_its_size(paper):
+    assert paper.path_program(5, 6, exact_cone=True) is paper.path_program(5, 6, exact_cone=True)
+    assert isinstance(paper.path_program(4, 6, exact_cone=False), paper.PathProgram)
 
 
-def test_a_path_step_agrees_with_the_program_written_out():
+def test_a_path_step_agrees_with_the_program_written_out(paper):
+    cp = paper.cp
     problem = random_problem(3)
     fit = fit_logistic(problem.channel)
-    start = greedy_walk(problem, lambda r: 1 - smooth_per(fit, problem.channel, r))
-    program = path_program(problem.steps, len(problem.devices_m), exact_cone=True)
-    _, (path, _, _) = itertools.islice(ascend(problem, start, program=program), 2)
-    schedule = next(ascend(problem, start, program=program))[1]
+    start = paper.greedy_walk(problem, lambda r: 1 - smooth_per(fit, problem.channel, r))
+    program = paper.path_program(problem.steps, len(problem.devices_m), exact_cone=True)
+    _, (path, _, _) = itertools.islice(paper.ascend(problem, start, program=program), 2)
+    schedule = next(paper.ascend(problem, start, program=program))[1]
     # The paper's program with its slacks S, theta and r, for the scheduled pairs.
     v = cp.Variable((problem.steps, 2))
     height, gain = problem.channel.altitude_m, 0.0
@@ -143,7 +143,7 @@ def test_a_path_step_agrees_with_the_program_written_out():
         total = 0.0
         for n, k in np.argwhere(schedule):
             r0 = np.hypot(*(start[n] - problem.devices_m[k]))
-            intercept, slope = tangent(fit, np.array([r0]), height_m=height)
+            intercept, slope = paper.tangent(fit, np.array([r0]), height_m=height)
             r = np.hypot(*(waypoints[n] - problem.devices_m[k]))
             total += problem.importance[k] * (1 - 1 / (intercept[0] - slope[0] * r))
         return total
@@ -167,7 +167,7 @@ def test_the_printed_version_runs_and_is_feasible():
     check_plan(problem, make_planner(PlannerConfig(kind="paper_literal")).plan(problem))
 
 
-def test_the_walk_counts_each_device_once_and_keeps_to_the_budget():
+def test_the_walk_counts_each_device_once_and_keeps_to_the_budget(paper):
     problem = round_problem(
         devices_m=np.array([[100.0, 0.0], [110.0, 0.0], [-90.0, 0.0], [0.0, 700.0]]),
         importance=np.ones(4),
@@ -177,6 +177,6 @@ def test_the_walk_counts_each_device_once_and_keeps_to_the_budget():
         path_budget_m=400.0,
         channel=SUBURBAN,
     )
-    walk = greedy_walk(problem, lambda r: (np.asarray(r) < 30.0).astype(float))
+    walk = paper.greedy_walk(problem, lambda r: (np.asarray(r) < 30.0).astype(float))
     # The pair first, then the single one; the far one is out of reach, so the walk stays.
     assert walk.tolist() == [[0, 0], [100, 0], [-90, 0], [-90, 0], [-90, 0]]

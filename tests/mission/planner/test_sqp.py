@@ -3,7 +3,6 @@ what they bring."""
 
 from typing import Any
 
-import cvxpy as cp
 import numpy as np
 import pytest
 from again import again
@@ -20,7 +19,6 @@ from mission.planner.factory import make_planner
 from mission.planner.flyable import share_of
 from mission.planner.improving import fitted, serving_fewer, varied
 from mission.planner.limits import RoundLimits
-from mission.planner.paper import PaperPlanner
 from mission.planner.performance import Performance
 from mission.planner.sqp import (
     _DEGREES,
@@ -62,6 +60,8 @@ def zigzag(problem, length):
 @pytest.mark.parametrize("budget", [701.0, 800.0])  # which holds a step of 40 m back, and does not
 @pytest.mark.parametrize("steps", [3, 5, 12])
 def test_a_step_agrees_with_cvxpy(steps, budget):
+    import cvxpy as cp  # seconds, with scipy.stats: not of every process that collects
+
     problem = random_problem(steps, steps=steps, budget=budget)
     plan = plan_along(problem, zigzag(problem, 700.0))
     model = surroundings(problem, plan)
@@ -178,7 +178,7 @@ def test_no_hill_climber_finds_much_better_plans(kind):
 def test_both_beat_the_alternation(preset):
     for seed in range(2):
         problem = random_problem(seed, preset=preset)
-        paper = PaperPlanner().plan(problem).value
+        paper = make_planner(PlannerConfig(kind="paper")).plan(problem).value
         certified = CertifiedPlanner().plan(problem)
         sqp = SqpPlanner().plan(problem)
         check_plan(problem, sqp)
