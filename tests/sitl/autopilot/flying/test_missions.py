@@ -547,3 +547,13 @@ def test_a_circle_is_flown_the_way_that_radius_and_speed_say(
     assert found is not None
     assert found.speed_mps == flown_mps
     assert math.copysign(1.0, found.speed_mps) == math.copysign(1.0, flown_mps)
+
+
+def test_a_speed_that_cannot_be_held_is_said_each_time_anew() -> None:
+    desk = Desk()
+    desk.take_off(30.0)
+    words = "Ordered speed cannot be held"
+    for limited, times in ((False, 0), (True, 1), (True, 1), (False, 1), (True, 2)):
+        desk.mass.progress.speed_limited = limited
+        desk.fly(seconds=1.0)
+        assert desk.recorder.texts("status").count(words) == times
