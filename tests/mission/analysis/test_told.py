@@ -95,7 +95,7 @@ def test_a_flight_without_gnss_is_around_where_it_began(
 def test_a_log_that_pauses_between_two_flights_has_no_hole(tmp_path: Path) -> None:
     """ArduCopter logs only while it is armed, as it comes, and goes on in the same file."""
     pause_s = 30.0, 60.0
-    flight = replace(made(), actual=(there := way(np.arange(0.0, 80.0, STEP_S))), wanted=there)
+    flight = made(until_s=80.0)
     armed = [[30_010_000, 11], [59_990_000, 10]]
     log = write_bin(tmp_path / "x.bin", flight.without(*pause_s), more=[("EV", "QB", "", armed)])
     total = compared(log).total
@@ -132,7 +132,7 @@ def test_targets_of_guided_hold_until_the_next_one(
     t_s = np.arange(0.0, 60.0, STEP_S)
     path = np.column_stack((np.clip(t_s - 10, 0, 20), np.clip(t_s - 30, 0, 20), -10 + 0 * t_s))
     path[(t_s > 40) & (t_s < 42), 0] -= 3.0
-    flight = made(path=lambda _: path, until_s=60.0)
+    flight = made(path=lambda _: path)
     rows = [(10e6, at, 2000.0, 0.0), (20e6, other, 7.0, 7.0), (30e6, at, 2000.0, 2000.0)]
     origin = (0, 0, *(round(x * 1e7) for x in (HOME.lat_deg, HOME.lon_deg)), HOME.alt_msl_m)
     log = write_bin(
@@ -167,7 +167,7 @@ _TWO = [(n * 10**6, k, 12.0 - k - n / 50, 9.0 + k, 0.0) for n in range(80) for k
 def test_every_battery_of_dataflash_counts(
     tmp_path: Path, kinds: list[Any], least_v: float, most_a: float, sag_v: float
 ) -> None:
-    total = compared(write_bin(tmp_path / "x.bin", made(), more=kinds)).total
+    total = compared(write_bin(tmp_path / "x.bin", made(until_s=80.0), more=kinds)).total
     assert total.voltage_min_v == pytest.approx(least_v, abs=1e-3)
     assert total.current_max_a == pytest.approx(most_a, abs=1e-3)
     assert total.voltage_sag_max_v == pytest.approx(sag_v, abs=0.021)
@@ -181,7 +181,7 @@ def test_every_battery_of_a_telemetry_log_counts(tmp_path: Path) -> None:
             90 - n if k else -1))
         for n in range(80) for k in (0, 1)
     ]  # fmt: skip
-    found = compared(write_tlog(tmp_path / "x.tlog", made(), more=told))
+    found = compared(write_tlog(tmp_path / "x.tlog", made(until_s=80.0), more=told))
     assert found.total.voltage_min_v == pytest.approx(3 * (4.0 - 0.79), abs=1e-3)
     assert found.total.current_max_a == pytest.approx(9.0)
     assert found.total.battery_min == pytest.approx(0.11)
@@ -243,7 +243,7 @@ def test_steps_and_their_answers_are_those_of_the_closed_form(tmp_path: Path) ->
         north = np.where(t_s >= 30.0, size, 0.0)
         return np.column_stack((north, 0 * t_s, up[:, 2]))
 
-    flight = made(path=told, until_s=60.0)
+    flight = made(path=told)
     answer = size * step_response(flight.t_s, at_s=30.0, damping=damping, omega=omega)
     flight = replace(flight, actual=np.column_stack((answer, flight.actual[:, 1:])))
     found = compared(write_ulg(tmp_path / "x.ulg", flight))
@@ -373,7 +373,7 @@ def test_from_python_they_are_tables(tmp_path: Path) -> None:
 def test_stretches_in_json_have_their_mode_and_reference(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    flight = made()
+    flight = made(until_s=80.0)
     told = flight.wanted.copy()
     told[(flight.t_s > 40.0) & (flight.t_s < 60.0), :2] = math.nan
     log = write_ulg(tmp_path / "x.ulg", replace(flight, wanted=told))
@@ -390,7 +390,7 @@ def test_stretches_in_json_have_their_mode_and_reference(
 
 def test_targets_of_a_controller_that_does_not_run_are_none(tmp_path: Path) -> None:
     """As of a VTOL in forward flight, whose rows go on: what it asks for stands still."""
-    flight = made(delay_s=0.2)
+    flight = made(delay_s=0.2, until_s=80.0)
     runs = (flight.t_s < 40.0) | (flight.t_s > 60.0)
     last = int(np.flatnonzero(~runs)[0])
     told = np.where(runs[:, None], flight.wanted, flight.wanted[last])
@@ -456,7 +456,7 @@ def test_no_line_is_drawn_where_nothing_was_told() -> None:
 
 def test_the_time_line_has_health_beside_the_errors(tmp_path: Path) -> None:
     """By an axis of its own: what is no share, as one of the most in the flight; dropouts told."""
-    flight = replace(made(off_m=2.0), vibration=np.linspace(1.0, 4.0, 1600))
+    flight = replace(made(off_m=2.0), vibration=np.linspace(1.0, 4.0, 1200))
     log = write_ulg(tmp_path / "x.ulg", flight, dropout_ms=700)
     (of_errors, of_health) = timeline_chart(compared(log), alone=True)["layer"]
     assert of_health["encoding"]["y"]["title"] == "share"

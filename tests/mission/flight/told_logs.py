@@ -61,7 +61,7 @@ def made(
     down_m: float = 0.0,
     tilt_deg: float = 0.0,
     path: Callable[[Floats], Floats] = way,
-    until_s: float = 80.0,
+    until_s: float = 60.0,
 ) -> Made:
     """A flight that follows its path late, and in a time is off it to the east, too low, rolled."""
     t_s = np.arange(0.0, until_s, STEP_S)
