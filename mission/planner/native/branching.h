@@ -192,7 +192,10 @@ static Probe probe(
             *last++ = order_with(child, gap, path, problem, goal, others);
     }
     all->solver.end = last;
-    return (Probe){device, radius, brings, others, first, last};
+    return (Probe){
+        .device = device, .radius = radius, .brings = brings, .others = others,
+        .first = first, .last = last,
+    };
 }
 
 /* Serve a device at each gap of the order. On the last rung, gaps without a child are closed in the
