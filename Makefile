@@ -16,7 +16,7 @@ run: $(BASE)
 	$(BIN)/aerofed run
 	@echo 'Now ". $(BIN)/activate", and aerofed is a command: aerofed --help'
 
-# In four processes, also on two cores: where some wait for a vehicle or a process, others compute.
+# In three processes, also on two cores: where one waits for a vehicle or a process, another computes.
 # A file's tests stay together: they share what they have flown. tests/conftest.py has the order.
 # Draws that are marked `again` are left to the nightly job.
 test: $(READY)
