@@ -111,7 +111,7 @@ class Failsafes:
         for cause, threshold in _CHARGE.items():
             self.update(cause, below[threshold], lambda: f"{charge * 100:.0f} % left")
         age_s = guard.gnss_age_s()
-        lost = self.parameters["COM_POS_FS_DELAY"] <= age_s < math.inf
+        lost = age_s < math.inf and not guard.position_ok()
         self.update(Cause.GNSS_LOST, lost, lambda: f"no solution for {age_s:.0f} s")
         breach = ""
         if self.flight.airborne:
