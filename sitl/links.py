@@ -27,6 +27,7 @@ MOST_UNREAD = 2**20  # bytes that a client may leave unread
 _CALL_S = 1.0  # wall time between calls to an address where nobody is
 
 Address: TypeAlias = tuple[str, int]
+Sender: TypeAlias = Address | socket.socket | None  # on a link; None where there is one only
 
 
 class Link(Protocol):
@@ -35,14 +36,14 @@ class Link(Protocol):
     def open(self, wake: Wake) -> None:
         """Start; `wake` is called in the event loop whenever something has arrived."""
 
-    def receive(self) -> list[bytes]:
-        """Return the datagrams, or the whole frames of a stream, that have arrived."""
+    def receive(self) -> list[tuple[Sender, bytes]]:
+        """Return the datagrams, or the whole frames of a stream, that have arrived, and of whom."""
 
     def newcomers(self) -> bool:
         """Whether somebody has joined since this was asked last."""
 
-    def send(self, frames: Sequence[bytes]) -> None:
-        """Send whole MAVLink frames to everybody on the link."""
+    def send(self, frames: Sequence[bytes], to: Sender = None) -> None:
+        """Send whole MAVLink frames to everybody on the link, or to one if that is still there."""
 
     def close(self) -> None:
         """Stop; may be called twice."""
@@ -85,14 +86,15 @@ class RawLink:
         self._loop = asyncio.get_running_loop()
         self._wake = wake
 
-    def receive(self) -> list[bytes]:
-        return [self._arrived.popleft() for _ in range(len(self._arrived))]
+    def receive(self) -> list[tuple[Sender, bytes]]:
+        return [(None, self._arrived.popleft()) for _ in range(len(self._arrived))]
 
     def newcomers(self) -> bool:
         joined, self._joined = self._joined, False
         return joined
 
-    def send(self, frames: Sequence[bytes]) -> None:
+    def send(self, frames: Sequence[bytes], to: Sender = None) -> None:
+        del to  # there is one only
         send = self._send
         if send is not None and frames:
             send(b"".join(frames))
@@ -202,9 +204,9 @@ class UdpLink(_NetworkLink):
             self._broadcasts = not _connected(sock, peer)
         self._loop.add_reader(sock.fileno(), self._wake)
 
-    def receive(self) -> list[bytes]:
+    def receive(self) -> list[tuple[Sender, bytes]]:
         sock, now = self._opened(), time.monotonic()
-        datagrams: list[bytes] = []
+        datagrams: list[tuple[Sender, bytes]] = []
         for _ in range(_BACKLOG):
             try:
                 data, peer = sock.recvfrom(_RECEIVE_BYTES)
@@ -215,7 +217,7 @@ class UdpLink(_NetworkLink):
             if self._seal is not None:
                 data = self._seal.opened(data)
             if data and self._admits(peer, now):
-                datagrams.append(data)
+                datagrams.append((peer, data))
         self._peers = {p: at for p, at in self._peers.items() if now - at < _kept_s(p)}
         return datagrams
 
@@ -233,12 +235,12 @@ class UdpLink(_NetworkLink):
         # The system drops strangers once a socket has its peer; those who came before it are left.
         return peer in self._peers
 
-    def send(self, frames: Sequence[bytes]) -> None:
-        sock = self._opened()
-        if self._seal is not None and self._peers:
+    def send(self, frames: Sequence[bytes], to: Sender = None) -> None:
+        sock, peers = self._opened(), [p for p in self._peers if to in (None, p)]
+        if self._seal is not None and peers:
             frames = [self._seal.sealed(frame) for frame in frames]
         for datagram in _packed(frames):
-            for peer in self._peers:
+            for peer in peers:
                 # UDP may lose, also where a network goes away; the protocols above cope.
                 with suppress(OSError):
                     sock.sendto(datagram, peer)
@@ -301,8 +303,8 @@ class TcpLink(_NetworkLink):
         del self._begun[sock], self._unsent[sock]
         self._closed(sock)
 
-    def receive(self) -> list[bytes]:
-        arrived: list[bytes] = []
+    def receive(self) -> list[tuple[Sender, bytes]]:
+        arrived: list[tuple[Sender, bytes]] = []
         for sock, begun in list(self._begun.items()):
             try:
                 data = sock.recv(_STREAM_BYTES)
@@ -311,16 +313,17 @@ class TcpLink(_NetworkLink):
             except OSError:
                 data = b""
             frames, self._begun[sock] = whole_frames(begun + data)
-            arrived.append(frames if self._seal is None else self._seal.opened(frames))
+            arrived.append((sock, frames if self._seal is None else self._seal.opened(frames)))
             if not data:
                 self._drop(sock)
-        return [frames for frames in arrived if frames]
+        return [(sock, frames) for sock, frames in arrived if frames]
 
-    def send(self, frames: Sequence[bytes]) -> None:
-        if self._seal is not None and self._unsent:
+    def send(self, frames: Sequence[bytes], to: Sender = None) -> None:
+        unsent_of = [(sock, rest) for sock, rest in self._unsent.items() if to in (None, sock)]
+        if self._seal is not None and unsent_of:
             frames = [self._seal.sealed(frame) for frame in frames]
         data = b"".join(frames)
-        for sock, unsent in list(self._unsent.items()):
+        for sock, unsent in unsent_of:
             unsent += data
             with suppress(OSError):  # who has left is told by receiving
                 unsent = unsent[sock.send(unsent) :]

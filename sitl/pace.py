@@ -5,6 +5,8 @@ import math
 import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AsyncExitStack
+from itertools import groupby
+from operator import itemgetter
 from types import MappingProxyType
 from typing import Literal, Self, TypeAlias
 
@@ -137,14 +139,14 @@ class Simulation:
         now = time.monotonic()
         for vehicle, links in self._ports:
             for link in links:
-                for datagram in link.receive():
-                    vehicle.receive(datagram, now)
+                for sender, datagram in link.receive():
+                    vehicle.receive(datagram, now, (link, sender))
                 if link.newcomers():
                     vehicle.greet()
-            frames = vehicle.outgoing(now)
-            if frames:
-                for link in links:
-                    link.send(frames)
+            for place, group in groupby(vehicle.outgoing(now), key=itemgetter(0)):
+                frames = [frame for _, frame in group]
+                for link, to in [(link, None) for link in links] if place is None else [place]:
+                    link.send(frames, to)
 
     def _due(self) -> float:
         """The wall time at which somebody has something to say at the latest."""

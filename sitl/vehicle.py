@@ -12,7 +12,7 @@ from flightdyn.random import RandomStreams
 from flightdyn.state import GeodeticPoint, GnssFix
 from native.errors import InputError
 from sitl.autopilot.autopilot import Autopilot
-from sitl.autopilot.codec.orders import OrderObserver
+from sitl.autopilot.codec.orders import OrderObserver, Place
 from sitl.autopilot.codec.traffic import TRAFFIC, Transponder
 from sitl.autopilot.parameters import Parameters, parameters_of
 from sitl.config import VehicleConfig
@@ -153,10 +153,10 @@ class Vehicle:
         self.aircraft.exchange_battery()
         self.autopilot.watch()
 
-    def receive(self, datagram: bytes, now: float) -> None:
-        """Take a datagram of MAVLink at the wall time `now` (s)."""
+    def receive(self, datagram: bytes, now: float, at: Place = None) -> None:
+        """Take a datagram of MAVLink at the wall time `now` (s); `at`: where its answers go."""
         if not self._cut_off:
-            self.autopilot.receive(datagram, now)
+            self.autopilot.receive(datagram, now, at)
 
     @property
     def _cut_off(self) -> bool:
@@ -167,8 +167,10 @@ class Vehicle:
         """Somebody has joined a link: send a heartbeat at once, not within a second."""
         self.autopilot.greet()
 
-    def outgoing(self, now: float) -> list[bytes]:
-        """MAVLink frames to send at the wall time `now`, each whole."""
+    def outgoing(self, now: float) -> list[tuple[Place, bytes]]:
+        """MAVLink frames to send at the wall time `now`, each whole, and where: None is
+        everywhere, else where what is answered came from.
+        """
         frames = self.autopilot.poll(now)
         if self._cut_off:
             return []

@@ -13,6 +13,7 @@ from sitl.autopilot.codec.orders import (
     OrderObserver,
     Outbox,
     Peer,
+    Place,
     command_name,
 )
 from sitl.autopilot.codec.telemetry import TELEMETRY
@@ -74,7 +75,7 @@ class Autopilot:
         self._in_step = in_step
         self._aircraft, self._orders, self._booted_ns = aircraft, orders, booted_ns
         self.parameters = parameters
-        self._outbox: Outbox = []
+        self._outbox = Outbox()
         self._report = report = Reporter(self._outbox, sink)
         self._wire = Wire(system, COMPONENT)
         rates_hz = SERVED_RATES_HZ if standalone else DEFAULT_RATES_HZ
@@ -184,8 +185,8 @@ class Autopilot:
         """Send a message of somebody else's with the next `poll`."""
         self._outbox.append(message)
 
-    def receive(self, datagram: bytes, now: float) -> None:
-        """Handle the messages of a datagram that arrived at the wall time `now` (s)."""
+    def receive(self, datagram: bytes, now: float, at: Place = None) -> None:
+        """Handle the messages of a datagram that arrived at the wall time `now` (s), from `at`."""
         self._cockpit.now = self._aircraft.t_ns * 1e-9 if self._in_step else now
         received: list[mav.MAVLink_message] = []
         with self._report.contain("bytes that arrived"):
@@ -193,7 +194,7 @@ class Autopilot:
         for message in received:
             handler = self._handlers.get(type(message))
             if handler is not None:
-                peer = Peer(message.get_srcSystem(), message.get_srcComponent())
+                peer = Peer(message.get_srcSystem(), message.get_srcComponent(), at)
                 failed = partial(self._not_handled, peer, message)
                 with self._report.contain(message.get_type(), failed):
                     handler(peer, message, now)
@@ -211,8 +212,10 @@ class Autopilot:
         """Somebody has joined a link: send a heartbeat with the next `poll`."""
         self._report.nudge(mav.MAVLINK_MSG_ID_HEARTBEAT)
 
-    def poll(self, now: float) -> list[bytes]:
-        """Return the frames to send at `now` (s): due telemetry, answers and status texts."""
+    def poll(self, now: float) -> list[tuple[Place, bytes]]:
+        """Return the frames to send at `now` (s): due telemetry, answers and status texts; each
+        with where it goes, None for everywhere.
+        """
         report = self._report
         for server, contained in self._polled:
             with contained:
@@ -231,16 +234,15 @@ class Autopilot:
                 for kind in kinds:
                     message = TELEMETRY[kind](snapshot)
                     if message is not None:
-                        frames.append(self._wire.pack(message))
+                        frames.append((None, self._wire.pack(message)))
         return frames + self._packed(self._outbox)
 
-    def _packed(self, outbox: Outbox) -> list[bytes]:
+    def _packed(self, outbox: Outbox) -> list[tuple[Place, bytes]]:
         """The frames of the messages that wait in an outbox, which is empty then."""
-        frames: list[bytes] = []
-        waiting, outbox[:] = list(outbox), ()
-        for message in waiting:
+        frames: list[tuple[Place, bytes]] = []
+        for place, message in outbox.take():
             with self._report.contain(message.get_type()):
-                frames.append(self._wire.pack(message))
+                frames.append((place, self._wire.pack(message)))
         return frames
 
     def due(self) -> float:
@@ -262,7 +264,7 @@ class Autopilot:
             self._report.say(f"Set mode refused: {refused}")
 
     def _pong(self, peer: Peer, msg: mav.MAVLink_ping_message, _now: float) -> None:
-        self._outbox.append(mav.MAVLink_ping_message(msg.time_usec, msg.seq, *peer))
+        self._outbox.append(mav.MAVLink_ping_message(msg.time_usec, msg.seq, *peer.ids), peer)
 
     def _time_sync(self, _peer: Peer, msg: mav.MAVLink_timesync_message, _now: float) -> None:
         if msg.tc1 == 0:  # else an answer, and nothing here asks

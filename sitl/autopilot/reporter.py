@@ -30,7 +30,7 @@ class Reporter:
         self._told: set[tuple[str, str]] = set()
         self._last_text = 0  # number of the last text that took more than one message
         self.nudged: set[int] = set()
-        self.items_reached: Outbox = []
+        self.items_reached = Outbox()
 
     def contain(self, what: str, otherwise: Callable[[], object] | None = None) -> "_Contained":
         """Return a context manager for the handling of a message, an order or a periodic check.

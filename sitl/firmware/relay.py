@@ -241,7 +241,7 @@ class Relay:
     def take_orders(self) -> None:
         """Hand on what ground stations have sent."""
         for link in self._links:
-            for data in link.receive():
+            for _, data in link.receive():
                 for packet in packets(data):
                     if packet.number == HEARTBEAT:
                         self._station_heartbeat = packet.data

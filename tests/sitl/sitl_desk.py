@@ -55,7 +55,7 @@ class Desk:
     def exchange(self) -> list[Any]:
         """What the vehicle says now."""
         heard: list[Any] = []
-        for frame in self.vehicle.outgoing(self.now):
+        for _, frame in self.vehicle.outgoing(self.now):
             heard += self._in.parse_buffer(frame) or []
         self.heard += heard
         return heard

@@ -53,7 +53,7 @@ def test_a_stranger_cannot_speak_to_a_called_link(station: socket.socket) -> Non
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stranger:
             stranger.sendto(b"disarm!", ("127.0.0.1", link.port))
         station.sendto(b"arm", vehicle)
-        assert link.receive() == [b"arm"]
+        assert [data for _, data in link.receive()] == [b"arm"]
         link.close()
 
     asyncio.run(run())
@@ -74,10 +74,10 @@ def test_who_answers_a_broadcast_first_is_the_peer() -> None:
             _, vehicle = station.recvfrom(99)
             station.sendto(b"I", ("127.0.0.1", vehicle[1]))
             stranger.sendto(b"me", ("127.0.0.1", vehicle[1]))
-            assert link.receive() == [b"I"]
+            assert [data for _, data in link.receive()] == [b"I"]
             stranger.sendto(b"me", ("127.0.0.1", vehicle[1]))
             station.sendto(b"again", ("127.0.0.1", vehicle[1]))
-            assert link.receive() == [b"again"]
+            assert [data for _, data in link.receive()] == [b"again"]
             link.send([b"only you"])
             assert station.recv(99) == b"only you"
             with pytest.raises(BlockingIOError):
@@ -93,7 +93,7 @@ def test_a_listening_link_hears_so_many_and_no_more() -> None:
         sockets = [socket.socket(socket.AF_INET, socket.SOCK_DGRAM) for _ in range(MOST_PEERS + 4)]
         for number, sock in enumerate(sockets):
             sock.sendto(bytes([number]), ("127.0.0.1", link.port))
-        assert [data[0] for data in link.receive()] == list(range(MOST_PEERS))
+        assert [data[0] for _, data in link.receive()] == list(range(MOST_PEERS))
         link.send([b"frame"])
         for number, sock in enumerate(sockets):
             sock.setblocking(False)
@@ -163,7 +163,7 @@ def seal(*, at_s: float = 1_000.0) -> Seal:
 def test_what_is_sealed_is_what_pymavlink_believes() -> None:
     desk, station, sealing = Desk(), signing_station(), seal()
     believed: Any = station.parse_buffer
-    frames = desk.vehicle.outgoing(desk.now + 10.0)
+    frames = [frame for _, frame in desk.vehicle.outgoing(desk.now + 10.0)]
     assert len(frames) > 5
     for frame in frames:
         (message,) = believed(sealing.sealed(frame))

@@ -3,6 +3,7 @@
 import asyncio
 import math
 from collections.abc import Sequence
+from typing import Any
 
 import pytest
 from mavsdk.asyncio.plugins.mission_raw import MissionRawAsync
@@ -43,8 +44,8 @@ class LosesOnce(RawLink):
         if self.passes(data):
             super().feed(data)
 
-    def send(self, frames: Sequence[bytes]) -> None:
-        super().send([frame for frame in frames if self.passes(frame)])
+    def send(self, frames: Sequence[bytes], to: Any = None) -> None:
+        super().send([frame for frame in frames if self.passes(frame)], to)
 
 
 def test_upload_and_download() -> None:

@@ -44,7 +44,7 @@ async def heard(link: TcpLink, count: int) -> bytes:
 
     def enough() -> bool:
         nonlocal data
-        data += b"".join(link.receive())
+        data += b"".join(frames for _, frames in link.receive())
         return len(data) >= count
 
     await until(enough)

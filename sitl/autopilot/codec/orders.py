@@ -9,7 +9,7 @@ from pymavlink.dialects.v20 import common as mav
 from sitl.autopilot.codec.units import deg_e7, from_deg_e7, from_int32, int32
 
 Fields: TypeAlias = dict[str, Any]  # of a message, by MAVLink's names
-Outbox: TypeAlias = list[mav.MAVLink_message]  # what waits to be sent
+Place: TypeAlias = tuple[Any, Any] | None  # a link and who is on it; None: everywhere
 
 ABSOLUTE_FRAMES = frozenset({mav.MAV_FRAME_GLOBAL, mav.MAV_FRAME_GLOBAL_INT})
 RELATIVE_FRAMES = frozenset(
@@ -23,10 +23,39 @@ _OF_DEGREES = {  # what they are called in messages with degrees, not degE7
 
 
 class Peer(NamedTuple):
-    """A MAVLink component: the sender of a message, or its target."""
+    """A MAVLink component, the sender of a message or its target, and where it was heard.
+
+    Stations are often alike: each script by MAVSDK is 245/190, unless it says otherwise.
+    """
 
     system: int
     component: int
+    at: Place = None
+
+    @property
+    def ids(self) -> tuple[int, int]:
+        """What a message to it names as its target."""
+        return self[:2]
+
+
+class Outbox:
+    """What waits to be sent: to everybody, or where it was asked for.
+
+    An answer goes nowhere else, as with firmwares and MAVLink routers: MAVSDK takes whatever it
+    hears of a mission for its own, whomever and whichever list it is for.
+    """
+
+    def __init__(self) -> None:
+        self._waiting: list[tuple[Place, mav.MAVLink_message]] = []
+
+    def append(self, message: mav.MAVLink_message, to: Peer | None = None) -> None:
+        """Send a message to `to`, or to everybody."""
+        self._waiting.append((None if to is None else to.at, message))
+
+    def take(self) -> list[tuple[Place, mav.MAVLink_message]]:
+        """What waits and where it goes, None for everywhere; nothing waits then."""
+        waiting, self._waiting = self._waiting, []
+        return waiting
 
 
 # Who handles which message: from whom it came, the message and the wall time (s).
@@ -69,7 +98,7 @@ class MissionItem:
     def message(self, to: Peer, *, old: bool = False) -> mav.MAVLink_message:
         """The MISSION_ITEM_INT that carries the item to a peer, or the `old` MISSION_ITEM."""
         frame = _OF_DEGREES.get(self.frame, self.frame) if old else self.frame
-        head = (*to, self.seq, frame, self.command, 0, int(self.autocontinue), *self.params)
+        head = (*to.ids, self.seq, frame, self.command, 0, int(self.autocontinue), *self.params)
         if old:
             place = (self.x, self.y, self.z)
             return mav.MAVLink_mission_item_message(*head, *place, self.mission_type)

@@ -111,11 +111,11 @@ class CommandServer:
         self._answer(peer, msg.command, mav.MAV_RESULT_FAILED)
 
     def _answer(self, peer: Peer, command: int, result: int) -> None:
-        self._outbox.append(
-            mav.MAVLink_command_ack_message(
-                command, result, target_system=peer.system, target_component=peer.component
-            )
+        system, component = peer.ids
+        ack = mav.MAVLink_command_ack_message(
+            command, result, target_system=system, target_component=component
         )
+        self._outbox.append(ack, peer)
 
     def _receive(
         self,

@@ -107,7 +107,7 @@ class FtpServer:
             if opcode == mav.MAV_FTP_OPCODE_CALCFILECRC:
                 file = self._find(request.path)
                 self._bursting = (peer, payload)
-                self.burst.start(self._checksum(peer, payload, request, file), now)
+                self.burst.start(self._checksum(peer, payload, request, file), now, peer)
                 return
             handler = self._handlers.get(opcode)
             if handler is None:
@@ -120,14 +120,14 @@ class FtpServer:
         self._send(peer, packed)
 
     def _send(self, peer: Peer, payload: bytes) -> None:
-        self._outbox.append(_message(peer, payload))
+        self._outbox.append(_message(peer, payload), peer)
 
     def _begin_burst(self, peer: Peer, request: _Request, now: float) -> None:
         file = self._file(request)
         if request.offset >= file.size:
             raise _RefusedError(mav.MAV_FTP_ERR_EOF)
         self._bursting = request.session
-        self.burst.start(self._parts(peer, request, file), now)
+        self.burst.start(self._parts(peer, request, file), now, peer)
 
     def _parts(self, peer: Peer, request: _Request, file: _File) -> Iterator[mav.MAVLink_message]:
         """The messages of a burst: a file from an offset to its end."""
@@ -273,4 +273,4 @@ def _packed(request: _Request, op: int, data: bytes, *, session: int | None = No
 
 
 def _message(peer: Peer, payload: bytes) -> mav.MAVLink_message:
-    return mav.MAVLink_file_transfer_protocol_message(0, *peer, list(payload))
+    return mav.MAVLink_file_transfer_protocol_message(0, *peer.ids, list(payload))

@@ -85,7 +85,7 @@ class ParameterServer:
 
     def _refuse(self, peer: Peer, name: str, index: int, error: int) -> None:
         named = name.encode()
-        self._outbox.append(mav.MAVLink_param_error_message(*peer, named, index, error))
+        self._outbox.append(mav.MAVLink_param_error_message(*peer.ids, named, index, error), peer)
 
     def _value(self, name: str, index: int) -> mav.MAVLink_message:
         value, kind = self._parameters[name], mav.MAV_PARAM_TYPE_REAL32

@@ -6,7 +6,7 @@ from itertools import islice
 
 from pymavlink.dialects.v20 import common as mav
 
-from sitl.autopilot.codec.orders import CommandOrder, Outbox
+from sitl.autopilot.codec.orders import CommandOrder, Outbox, Peer
 from sitl.autopilot.codec.telemetry import TELEMETRY
 from sitl.autopilot.codec.units import int32
 from sitl.autopilot.protocol.commands import Commands, RefusedError, UnsupportedError
@@ -134,10 +134,13 @@ class Burst:
         self._at_once, self._every_s = at_once, every_s
         self._messages: Iterator[mav.MAVLink_message | None] = iter(())
         self._next = math.inf
+        self._to: Peer | None = None
 
-    def start(self, messages: Iterator[mav.MAVLink_message | None], now: float) -> None:
-        """Send these messages from `now` (s) on, in place of those left."""
-        self._messages, self._next = messages, now
+    def start(
+        self, messages: Iterator[mav.MAVLink_message | None], now: float, to: Peer | None = None
+    ) -> None:
+        """Send these messages from `now` (s) on, in place of those left; to everybody, or `to`."""
+        self._messages, self._next, self._to = messages, now, to
 
     def stop(self) -> None:
         """Drop the messages that are left."""
@@ -147,7 +150,9 @@ class Burst:
         """Send the messages that are due at `now` (s)."""
         if now >= self._next:
             made = list(islice(self._messages, self._at_once))
-            self._outbox += [message for message in made if message is not None]
+            for message in made:
+                if message is not None:
+                    self._outbox.append(message, self._to)
             self._next = now + self._every_s if len(made) == self._at_once else math.inf
 
     def due(self) -> float:

@@ -131,7 +131,7 @@ class MissionTransfer:
                 self._ask(upload, now)
         for peer, repeated in list(self._repeated.items()):
             if now >= repeated.due:
-                self._outbox.append(repeated.answer)
+                self._outbox.append(repeated.answer, peer)
                 repeated.due, repeated.left = now + _REPEAT_S, repeated.left - 1
                 if repeated.left == 0:
                     del self._repeated[peer]
@@ -182,9 +182,9 @@ class MissionTransfer:
             self._ask(upload, now)
             return
         verdict = self._take(upload.kind, tuple(upload.items))
-        self._finish(upload, verdict)
+        answer = self._finish(upload, verdict)
         if upload.lossy:
-            self._repeated[peer] = _Repeated(self._outbox[-1], now + _REPEAT_S)
+            self._repeated[peer] = _Repeated(answer, now + _REPEAT_S)
         if verdict == mav.MAV_MISSION_ACCEPTED:
             self._completed, upload.asked_at = upload, now
 
@@ -205,7 +205,7 @@ class MissionTransfer:
         items = self.lists[kind]
         # What was announced is what will be sent, even if somebody replaces the list meanwhile.
         self._downloads[peer, kind] = _Download(items, now + DOWNLOAD_KEPT_S)
-        self._outbox.append(mav.MAVLink_mission_count_message(*peer, len(items), kind))
+        self._outbox.append(mav.MAVLink_mission_count_message(*peer.ids, len(items), kind), peer)
 
     def _request(
         self,
@@ -224,7 +224,7 @@ class MissionTransfer:
             return
         old = isinstance(msg, mav.MAVLink_mission_request_message)
         answer = items[msg.seq].message(peer, old=old)
-        self._outbox.append(answer)
+        self._outbox.append(answer, peer)
         if download is not None:
             download.lossy = download.lossy or msg.seq == download.asked
             download.asked = msg.seq
@@ -267,11 +267,14 @@ class MissionTransfer:
             if upload.old
             else mav.MAVLink_mission_request_int_message
         )
-        self._outbox.append(make(*upload.peer, len(upload.items), upload.kind))
+        peer = upload.peer
+        self._outbox.append(make(*peer.ids, len(upload.items), upload.kind), peer)
 
-    def _finish(self, upload: _Upload, result: int) -> None:
+    def _finish(self, upload: _Upload, result: int) -> mav.MAVLink_message:
         self._upload = None
-        self._ack(upload.peer, upload.kind, result)
+        return self._ack(upload.peer, upload.kind, result)
 
-    def _ack(self, peer: Peer, kind: int, result: int) -> None:
-        self._outbox.append(mav.MAVLink_mission_ack_message(*peer, result, kind))
+    def _ack(self, peer: Peer, kind: int, result: int) -> mav.MAVLink_message:
+        ack = mav.MAVLink_mission_ack_message(*peer.ids, result, kind)
+        self._outbox.append(ack, peer)
+        return ack

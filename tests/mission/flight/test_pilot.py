@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from copy import copy
 from pathlib import Path
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -54,11 +54,11 @@ class TextsComeLate(RawLink):
         super().__init__()
         self.delay_s: float | None = 0.0
 
-    def send(self, frames: Sequence[bytes]) -> None:
+    def send(self, frames: Sequence[bytes], to: Any = None) -> None:
         texts = [f for f in frames if int.from_bytes(f[7:10], "little") == 253]
-        super().send([frame for frame in frames if frame not in texts])
+        super().send([frame for frame in frames if frame not in texts], to)
         if texts and self.delay_s is not None:
-            asyncio.get_running_loop().call_later(self.delay_s, super().send, texts)
+            asyncio.get_running_loop().call_later(self.delay_s, super().send, texts, to)
 
 
 async def heard(pilot: Pilot, text: str) -> None:
@@ -98,9 +98,9 @@ class FallsQuiet(RawLink):
 
     quiet = False
 
-    def send(self, frames: Sequence[bytes]) -> None:
+    def send(self, frames: Sequence[bytes], to: Any = None) -> None:
         told = (0, 242) if self.quiet else ()
-        super().send([f for f in frames if int.from_bytes(f[7:10], "little") not in told])
+        super().send([f for f in frames if int.from_bytes(f[7:10], "little") not in told], to)
 
 
 def test_readiness_does_not_wait_for_the_next_heartbeat() -> None:

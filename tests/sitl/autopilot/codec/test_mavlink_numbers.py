@@ -14,7 +14,14 @@ from flightdyn.frames import LocalFrame, quaternion_from_euler
 from flightdyn.instruments import Instruments, Readings
 from flightdyn.state import BatteryState, GnssFix, Kinematics
 from sitl.autopilot.codec.instruments import INSTRUMENTS, DeferredValues, Snapshot
-from sitl.autopilot.codec.orders import CommandOrder, MissionItem, Peer, read_item, read_order
+from sitl.autopilot.codec.orders import (
+    CommandOrder,
+    MissionItem,
+    Outbox,
+    Peer,
+    read_item,
+    read_order,
+)
 from sitl.autopilot.codec.telemetry import TELEMETRY
 from sitl.autopilot.codec.wire import Wire
 from sitl.autopilot.reporter import Reporter
@@ -273,13 +280,12 @@ def test_damaged_datagrams_do_not_harm_the_next() -> None:
 
 
 def test_long_status_texts_are_split_and_end_with_a_short_chunk() -> None:
-    outbox: list[mav.MAVLink_message] = []
+    outbox = Outbox()
     reporter = Reporter(outbox, lambda *_: None)
     for length in (1, 50, 51, 100, 120):
         text = "".join(chr(97 + i % 26) for i in range(length))
         reporter.say(text)
-        heard = [over_the_wire(message) for message in outbox]
-        outbox.clear()
+        heard = [over_the_wire(message) for _, message in outbox.take()]
         assert "".join(chunk.text for chunk in heard) == text
         assert [chunk.chunk_seq for chunk in heard] == list(range(len(heard)))
         assert len({chunk.id for chunk in heard}) == 1

@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v20 import common as mav
 from sitl_desk import Desk, of
 
-from sitl.autopilot.codec.orders import MissionItem, Peer, read_item
+from sitl.autopilot.codec.orders import MissionItem, Outbox, Peer, read_item
 from sitl.autopilot.protocol.order_rules import check_item
 from sitl.autopilot.protocol.transfer import (
     ALL,
@@ -41,23 +41,23 @@ Request = mav.MAVLink_mission_request_int_message
 
 
 def count_of(count: int, kind: int = MISSION, to: Peer = VEHICLE) -> Any:
-    return Count(*to, count, kind)
+    return Count(*to.ids, count, kind)
 
 
 def request_for(seq: int, kind: int = MISSION, to: Peer = VEHICLE) -> Any:
-    return Request(*to, seq, kind)
+    return Request(*to.ids, seq, kind)
 
 
 def request_list() -> Any:
-    return mav.MAVLink_mission_request_list_message(*VEHICLE, MISSION)
+    return mav.MAVLink_mission_request_list_message(*VEHICLE.ids, MISSION)
 
 
 def clear(kind: int) -> Any:
-    return mav.MAVLink_mission_clear_all_message(*VEHICLE, kind)
+    return mav.MAVLink_mission_clear_all_message(*VEHICLE.ids, kind)
 
 
 def ack(result: int, kind: int = MISSION, to: Peer = STATION) -> Any:
-    return Ack(*to, result, kind)
+    return Ack(*to.ids, result, kind)
 
 
 def waypoints(count: int, *, shift: float = 0.0) -> tuple[MissionItem, ...]:
@@ -75,7 +75,7 @@ class Vehicle:
     """The transfer and what it has stored."""
 
     def __init__(self) -> None:
-        self.outbox: list[Any] = []
+        self.outbox = Outbox()
         self.lists: dict[int, tuple[MissionItem, ...]] = {}
         self.verdict = ACCEPTED
         reporter = Reporter(self.outbox, lambda *_: None)
@@ -98,9 +98,8 @@ class Vehicle:
     def take(self) -> list[Any]:
         """What it has said, items as values."""
         item = mav.MAVLink_mission_item_int_message
-        said = [read_item(body) if isinstance(body, item) else body for body in self.outbox]
-        self.outbox.clear()
-        return said
+        bodies = [body for _, body in self.outbox.take()]
+        return [read_item(body) if isinstance(body, item) else body for body in bodies]
 
 
 class BadNetwork:
@@ -566,8 +565,8 @@ def test_refusals_name_what_is_wrong() -> None:
     assert vehicle.say(count_of(MAX_ITEMS + 1)) == [ack(mav.MAV_MISSION_NO_SPACE)]
     assert vehicle.say(request_for(7)) == [ack(mav.MAV_MISSION_INVALID_SEQUENCE)]
     for part in (
-        mav.MAVLink_mission_request_partial_list_message(*VEHICLE, 0, 1, MISSION),
-        mav.MAVLink_mission_write_partial_list_message(*VEHICLE, 0, 1, MISSION),
+        mav.MAVLink_mission_request_partial_list_message(*VEHICLE.ids, 0, 1, MISSION),
+        mav.MAVLink_mission_write_partial_list_message(*VEHICLE.ids, 0, 1, MISSION),
     ):
         answer, said, *_ = vehicle.say(part)
         assert answer == ack(mav.MAV_MISSION_UNSUPPORTED)
@@ -585,11 +584,11 @@ def test_every_message_about_a_list_that_is_not_there_is_answered(kind: int) -> 
     asked = [
         count_of(3, kind),
         count_of(0, kind),
-        mav.MAVLink_mission_request_list_message(*VEHICLE, kind),
+        mav.MAVLink_mission_request_list_message(*VEHICLE.ids, kind),
         request_for(0, kind),
-        mav.MAVLink_mission_request_message(*VEHICLE, 0, kind),
-        mav.MAVLink_mission_request_partial_list_message(*VEHICLE, 0, 1, kind),
-        mav.MAVLink_mission_write_partial_list_message(*VEHICLE, 0, 1, kind),
+        mav.MAVLink_mission_request_message(*VEHICLE.ids, 0, kind),
+        mav.MAVLink_mission_request_partial_list_message(*VEHICLE.ids, 0, 1, kind),
+        mav.MAVLink_mission_write_partial_list_message(*VEHICLE.ids, 0, 1, kind),
         replace(item, mission_type=kind).message(VEHICLE),
         replace(item, mission_type=kind).message(VEHICLE, old=True),
     ]

@@ -12,7 +12,7 @@ from pymavlink.dialects.v20 import common as mav
 from sitl_desk import Desk, of, the
 
 from native.errors import InputError
-from sitl.autopilot.codec.orders import Peer
+from sitl.autopilot.codec.orders import Outbox, Peer
 from sitl.autopilot.parameters import (
     TABLE,
     Parameters,
@@ -140,7 +140,7 @@ def test_an_integer_of_any_type_that_fits_is_the_number_that_was_meant(kind: int
 def test_a_parameter_is_the_number_that_was_meant_or_stays(kind: int, data: bytes) -> None:
     """Another encoding of a number, or bytes of no number at all, never become another one."""
     parameters = Parameters()
-    outbox: list[Any] = []
+    outbox = Outbox()
     server = ParameterServer(outbox, parameters, None)
     handle = server.handlers[mav.MAVLink_param_set_message]
     value = in_the_field(data)
@@ -156,7 +156,7 @@ def test_a_parameter_is_the_number_that_was_meant_or_stays(kind: int, data: byte
         if data in filled and 0 <= number <= 5:
             meant = float(number)
     assert parameters["GF_ACTION"] == (2.0 if meant is None else meant)
-    assert len(of(outbox, "PARAM_ERROR")) == (meant is None)
+    assert len(of([body for _, body in outbox.take()], "PARAM_ERROR")) == (meant is None)
 
 
 @pytest.mark.parametrize("kind", FORMS_OF_EIGHT)
