@@ -1,7 +1,7 @@
 """Vehicles for tests: whether flights and crossings repeat under load, and what n at once cost.
 
     python benchmarks/vehicles.py [--flights 1000] [--crossings 1000] [--load 2]
-    python benchmarks/vehicles.py --costs 1 2 5 20 [--turns 5]
+    python benchmarks/vehicles.py --costs 1 2 5 20 [--turns 25]
 
 A flight is flown by setpoints at 10 Hz over UDP, in wind, a crossing by MAVSDK from plan files,
 two and three vehicles by turns, all beside `--load` processes that do nothing but compute. Costs
@@ -150,15 +150,15 @@ def costs(counts: Sequence[int], turns: int) -> None:
         after_kb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
         memory[count] = (after_kb - before_kb) / 1024 / count
     took: dict[int, list[tuple[float, float]]] = {count: [] for count in worlds}
-    seconds = 10.0
+    of_each = math.lcm(*worlds)  # vehicle seconds in a turn, so that all are measured as long
     for _ in range(turns):
         for count, world in worlds.items():
-            took[count].append(run(world, seconds))
+            took[count].append(run(world, of_each / count))
     print("vehicles   CPU ms/s   x n of one   each by wall   MiB more each")
     for count, found in took.items():
-        ratio = median(c / one / count for (c, _), (one, _) in zip(found, took[1], strict=True))
-        cpu_ms = median(c for c, _ in found) / seconds * 1e3
-        pace = seconds / median(w for _, w in found)
+        ratio = median(c / one for (c, _), (one, _) in zip(found, took[1], strict=True))
+        cpu_ms = median(c for c, _ in found) / of_each * count * 1e3
+        pace = of_each / count / median(w for _, w in found)
         print(f"{count:8}{cpu_ms:11.2f}{ratio:13.3f}{pace:13.1f}x{memory[count]:16.1f}")
 
 
@@ -193,7 +193,7 @@ def main() -> None:
     parser.add_argument("--crossings", type=int, default=0)
     parser.add_argument("--load", type=int, default=2)
     parser.add_argument("--costs", type=int, nargs="*", default=())
-    parser.add_argument("--turns", type=int, default=5)
+    parser.add_argument("--turns", type=int, default=25)
     options = parser.parse_args()
     if options.costs:
         costs(options.costs, options.turns)
