@@ -56,14 +56,25 @@ define new_environment
 		|| $(BIN)/python -m ensurepip > /dev/null
 endef
 
+# The libraries are compiled while pip fetches; where that fails, the installation says why.
+define fetch_and_compile
+	$(PYTHON) -c 'import tomllib; project = tomllib.load(open("pyproject.toml", "rb"))["project"]; \
+		print(*project["dependencies"], sep="\n")' > $(VENV)/dependencies.txt
+	$(PYTHON) -c 'from native import building; building.build_missing()' 2> /dev/null & \
+		$(PIP) --no-compile --constraint requirements.lock --requirement $(VENV)/dependencies.txt; \
+		fetched=$$?; wait; exit $$fetched
+endef
+
 # What flies the quick start, and what tests need beside it.
 $(BASE): pyproject.toml requirements.lock
 	$(new_environment)
+	$(fetch_and_compile)
 	$(PIP) --no-compile --constraint requirements.lock --editable .
 	touch $@
 
 $(READY): pyproject.toml requirements.lock
 	$(new_environment)
+	$(fetch_and_compile)
 	$(PIP) --constraint requirements.lock --editable '.[dev]'
 	touch $(BASE) $@
 

@@ -6,7 +6,6 @@ import platform
 import re
 import sys
 import sysconfig
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -27,9 +26,7 @@ class NativeBuildHook(BuildHookInterface):  # type: ignore[misc, type-arg]
     def initialize(self, version: str, build_data: dict[str, Any]) -> None:
         """Build the libraries, and name the wheel after the platform that they run on."""
         del version
-        missing = [library for library in building.LIBRARIES if not library.path.exists()]
-        with ThreadPoolExecutor() as pool:  # the large ones beside the small
-            list(pool.map(building.build, missing))
+        building.build_missing()
         for path in (library.path for library in building.LIBRARIES):
             build_data["force_include"][str(path)] = str(path.relative_to(self.root))
         build_data["pure_python"] = False
