@@ -255,6 +255,7 @@ class Multirotor:
         def rest() -> bool:
             self._accel = [_still(-part * g) for part in r[6:]]
             self._rebind()
+            self.run = lambda: True
             return True
 
         self.run = rest

@@ -16,6 +16,7 @@ _SPACING_M = 0.5
 _MOST_NODES = 4000  # so that memory stays small: 500 bytes a sample
 _TURN_DEG = 5.0  # a path that turns by more has a corner
 _HALVINGS = 16  # of the time between two samples
+_AT_ONCE = 4  # samples whose distances from all pieces are found together
 _PARTS = 33  # instants from one sample to the next, where whole legs lie between them
 
 
@@ -171,19 +172,24 @@ def _monotone(
     unit = way / np.maximum(2 * half, 1e-9)[:, None]
     middle = nodes[:-1] + way / 2
     middle_at = (middle * unit).sum(axis=1)
+    piece = np.arange(len(way))
     # By sample, a bit a piece: whether the least sum up to this piece ends in the piece itself.
     ends = np.empty((len(track), math.ceil(len(way) / 8)), dtype=np.uint8)
     # Of sums that are equal, the one that stays behind: the first of several laps.
-    behind = np.arange(len(way)) * 1e-9
-    cost = np.zeros(len(way))
-    for i, sample in enumerate(track):
-        best = np.minimum.accumulate(cost)
-        ends[i] = np.packbits(cost == best)
-        from_middle = np.abs(unit @ sample - middle_at)
-        beyond = np.maximum(from_middle - half, 0.0)
-        cost = best + ((middle - sample) ** 2).sum(axis=1) - from_middle**2 + beyond**2 + behind
-        cost[: first[i]] = math.inf
-        cost[last[i] :] = math.inf
+    behind = piece * 1e-9
+    cost, best = np.zeros(len(way)), np.empty(len(way))
+    for some in np.split(np.arange(len(track)), range(_AT_ONCE, len(track), _AT_ONCE)):
+        samples = track[some]
+        from_middle = np.abs(samples @ unit.T - middle_at)
+        own = sum(np.subtract.outer(*axis) ** 2 for axis in zip(samples.T, middle.T, strict=True))
+        own += np.maximum(from_middle - half, 0.0) ** 2 - from_middle**2 + behind
+        own[(piece < first[some, None]) | (piece >= last[some, None])] = math.inf
+        least = np.empty(own.shape, dtype=bool)
+        for here, added in zip(least, own, strict=True):
+            np.minimum.accumulate(cost, out=best)
+            np.equal(cost, best, out=here)
+            np.add(best, added, out=cost)
+        ends[some] = np.packbits(least, axis=1)
     index = np.empty(len(track), dtype=np.intp)
     j = int(cost.argmin())
     for i in range(len(track) - 1, -1, -1):

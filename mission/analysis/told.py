@@ -314,11 +314,11 @@ def delay(signals: Mapping[str, Signal], spans_s: Spans) -> float:
         pieces = list[Floats]()
         for begin_s, end_s in spans_s:
             grid_s = np.arange(begin_s, end_s, _GRID_S)
-            both = np.stack([of.at(grid_s)[:, :2] for of in (wanted, actual)])
-            known = np.asarray(np.isfinite(both).all(axis=(0, 2)))
+            both = np.stack([of.at(grid_s)[:, :2].T for of in (wanted, actual)])
+            known = np.asarray(np.isfinite(both).all(axis=(0, 1)))
             cuts = np.flatnonzero(np.diff(known)) + 1
             pieces += [
-                _level(both[:, piece])
+                _level(both[..., piece])
                 for piece in np.split(np.arange(len(grid_s)), cuts)
                 if len(piece) * _GRID_S > 2 * _MOST_LAG_S and known[piece[0]]
             ]
@@ -328,22 +328,22 @@ def delay(signals: Mapping[str, Signal], spans_s: Spans) -> float:
 
 
 def _level(values: Floats) -> Floats:
-    """Less the straight line (of both, the wanted one's) that is most like (2, n, k) values: what
+    """Less the straight line (of both, the wanted one's) that is most like (2, k, n) values: what
     only moves on is as like to itself at any delay."""
-    at = np.arange(values.shape[1])
-    slope = np.polyfit(at, values[0], 1)[0]
-    return np.asarray(values - at[:, None] * slope)
+    at = np.arange(values.shape[2])
+    slope = np.polyfit(at, values[0].T, 1)[0]
+    return np.asarray(values - slope[:, None] * at)
 
 
 def _lag_s(pieces: Sequence[Floats]) -> float:
-    """The delay at which what was (1, n, k) is most like what was wanted (0, n, k)."""
+    """The delay at which what was (1, k, n) is most like what was wanted (0, k, n)."""
     alike = []
     for lag in range(round(_MOST_LAG_S / _GRID_S)):
         sums = np.zeros(3)
         for wanted, actual in pieces:
-            w, a = wanted[: len(wanted) - lag], actual[lag:]
-            w, a = w - w.mean(axis=0), a - a.mean(axis=0)
-            sums += (w * a).sum(), (w * w).sum(), (a * a).sum()
+            w, a = wanted[:, : wanted.shape[1] - lag], actual[:, lag:]
+            w, a = (each - each.mean(axis=1, keepdims=True) for each in (w, a))
+            sums += np.vdot(w, a), np.vdot(w, w), np.vdot(a, a)
         alike.append(sums[0] / math.sqrt(sums[1] * sums[2]) if sums[1:].all() else 0.0)
     best = int(np.argmax(alike)) if alike else 0
     if not pieces or alike[best] < _ALIKE:
