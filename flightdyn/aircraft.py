@@ -193,6 +193,11 @@ class Aircraft(Plant):
         """Head towards a place on every path and hold from now on; None for the course again."""
         self._guidance.look_at(None if pos_ned_m is None else _triple(pos_ned_m))
 
+    @property
+    def interest_ned_m(self) -> Vector | None:
+        """The place (3,) that it heads towards, by `look_at`; None for none."""
+        return self._guidance.interest_ned_m
+
     def face(self, yaw_rad: float) -> None:
         """Head `yaw_rad` on the path in force from now on; NaN: along the course again."""
         self._guidance.face(yaw_rad)

@@ -6,6 +6,7 @@ from pathlib import Path
 from pymavlink.dialects.v20 import common as mav
 
 from flightdyn.aircraft import Aircraft
+from sitl.autopilot.codec.instruments import Snapshot
 from sitl.autopilot.codec.orders import (
     CommandOrder,
     Handlers,
@@ -79,7 +80,7 @@ class Autopilot:
         self._report = report = Reporter(self._outbox, sink)
         self._wire = Wire(system, COMPONENT)
         rates_hz = SERVED_RATES_HZ if standalone else DEFAULT_RATES_HZ
-        self._streams = Streams(self._outbox, rates_hz)
+        self._streams = Streams(self._outbox, rates_hz, silent=self._silent)
         self._standalone = standalone
         self.reboot_ordered = False  # whoever owns the autopilot makes a new one
 
@@ -119,6 +120,7 @@ class Autopilot:
             },
         )
         self._handlers: Handlers = {
+            **NoPayload(self._outbox, report).handlers,  # of what none of the others takes
             **self.commands.handlers,
             **self.transfer.handlers,
             **parameter_server.handlers,
@@ -127,7 +129,6 @@ class Autopilot:
             **self._offboard.handlers,
             **self._sticks.handlers,
             **follower.handlers,
-            **NoPayload(self._outbox, report).handlers,
             mav.MAVLink_mission_set_current_message: self._set_current,
             mav.MAVLink_set_mode_message: self._set_mode,
             mav.MAVLink_ping_message: self._pong,
@@ -229,13 +230,18 @@ class Autopilot:
         frames = self._packed(report.items_reached)
         if kinds:
             with self._telemetry_contained:
-                orbit = self._orbits.current
-                snapshot = self.monitor.snapshot(self.failsafes, orbit, self._booted_ns)
+                snapshot = self._snapshot()
                 for kind in kinds:
                     message = TELEMETRY[kind](snapshot)
                     if message is not None:
                         frames.append((None, self._wire.pack(message)))
         return frames + self._packed(self._outbox)
+
+    def _snapshot(self) -> Snapshot:
+        return self.monitor.snapshot(self.failsafes, self._orbits.current, self._booted_ns)
+
+    def _silent(self, kind: int) -> bool:
+        return TELEMETRY[kind](self._snapshot()) is None
 
     def _packed(self, outbox: Outbox) -> list[tuple[Place, bytes]]:
         """The frames of the messages that wait in an outbox, which is empty then."""

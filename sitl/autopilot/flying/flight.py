@@ -234,6 +234,8 @@ class Flight(ModeMachine):
         """Set the speed until the mode changes or the mission sets another; None: the default."""
         if self.mode in _PACED:
             return f"mode {self.mode.name} has a speed of its own"
+        if self.mode is Mode.HOLD and not self.airborne:
+            return "on the ground it would end with the mode HOLD"
         default, ordered = self._parameters["MPC_XY_CRUISE"], self._ordered_speed_mps
         self._ordered_speed_mps = default if speed_mps is None else speed_mps
         if self._ordered_speed_mps == (default if ordered is None else ordered) and (

@@ -15,7 +15,7 @@ from sitl.autopilot.codec import ranges
 from sitl.autopilot.codec.orders import RELATIVE_FRAMES, CommandOrder
 from sitl.autopilot.flying import manoeuvres as do
 from sitl.autopilot.flying.flight import Flight
-from sitl.autopilot.flying.modes import Mode, Trigger
+from sitl.autopilot.flying.modes import PILOTED, Mode, Need, Trigger
 from sitl.autopilot.flying.orbit import DEFAULT_RADIUS_M, Orbit, fastest
 from sitl.autopilot.protocol.commands import (
     Commands,
@@ -132,7 +132,8 @@ class FlightCommands:
         if flags in (_RELATIVE_YAW, _BOTH):
             yaw_rad += yaw_of(self._aircraft.belief.q_frd_to_ned)
         demand(self._flight.go_to(goal, yaw_rad=yaw_rad))
-        demand(self._flight.change_speed(speed if speed > 0.0 else None))
+        if not math.isnan(speed):
+            demand(self._flight.change_speed(speed if speed > 0.0 else None))
 
     def _change_altitude(self, order: CommandOrder) -> None:
         altitude, frame = order.params[:2]
@@ -141,6 +142,8 @@ class FlightCommands:
         demand(self._flight.go_to(np.array([north, east, down])))
 
     def _look_at(self, order: CommandOrder) -> None:
+        if (mode := self._flight.mode) in PILOTED:
+            raise RefusedError(f"mode {mode.name} has a heading of its own")
         self._aircraft.look_at(self._ned(self._place(order)))
 
     def _look_at_or_ahead(self, order: CommandOrder) -> None:
@@ -188,6 +191,8 @@ class FlightCommands:
 
     def _set_home(self, order: CommandOrder) -> None:
         here = order.params[0] == 1.0
+        if here and not (self._aircraft.ready and self._flight.needs[Need.POSITION]()):
+            raise RefusedError(Need.POSITION.value, mav.MAV_RESULT_TEMPORARILY_REJECTED)
         self._flight.set_home(self._here() if here else self._place(order, as_home=True))
 
     def _here(self) -> GeodeticPoint:
@@ -295,6 +300,7 @@ class Orbits:
     def _fly(self, orbit: Orbit) -> do.Manoeuvre:
         def parts() -> Iterator[do.Manoeuvre]:
             here, phase = self._flight.navigator.here(resting=False), self._phase(orbit)
+            self._aircraft.look_at(None)
             yield self._flight.navigator.go_to(here, orbit.point(phase), speed_mps=None)
             yield do.Circle(self._aircraft, orbit, phase_rad=phase)
 

@@ -96,7 +96,8 @@ def fall(aircraft: Aircraft) -> Manoeuvre:
 
 
 class Turn(Manoeuvre):
-    """Turn on the spot by an angle, to within 2 degrees or for 30 s beyond its time at most.
+    """Turn on the spot by an angle, to within 2 degrees or for 30 s beyond its time at most. It
+    looks at no place any more.
 
     At a rate (rad/s) the heading ordered moves with it; NaN: it is ordered at once, and the
     vehicle turns as fast as it does, the shorter way.
@@ -111,6 +112,7 @@ class Turn(Manoeuvre):
         self._lasts_s = by_rad / self._rate if rate_radps > 0.0 else 0.0
         self._patience = Timer(aircraft, self._lasts_s + _TURN_TIMEOUT_S)
         self._turning = self._lasts_s > 0.0
+        aircraft.look_at(None)
         if not self._turning:
             aircraft.hold(pos_ned_m, self._from + by_rad)
 
@@ -341,6 +343,9 @@ class Circle(Manoeuvre):
         )
 
     def _yaw(self) -> float:
+        if (place := self._aircraft.interest_ned_m) is not None:
+            north, east, _ = place - np.asarray(self._aircraft.belief.pos_ned_m)
+            return math.atan2(east, north)
         if not math.isnan(self._orbit.heading_rad):
             return self._orbit.heading_rad
         match self._orbit.yaw:

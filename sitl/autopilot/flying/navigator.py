@@ -85,8 +85,10 @@ class Navigator:
         return do.Sequence(parts())
 
     def _facing(self, yaw_rad: float, manoeuvre: do.Manoeuvre) -> do.Manoeuvre:
-        """A manoeuvre along a path that has begun, with a heading; NaN: with its own."""
+        """A manoeuvre along a path that has begun, with a heading in place of a place to look at;
+        NaN: with its own."""
         if not math.isnan(yaw_rad):
+            self._aircraft.look_at(None)
             self._aircraft.face(yaw_rad)
         return manoeuvre
 

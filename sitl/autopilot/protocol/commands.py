@@ -25,14 +25,28 @@ _RETRANSMISSION_S = 5.0  # a repeated command gets the first one's answer for so
 _PEERS = 16  # whose last commands are remembered
 _NO_SHELL = b"There is no shell on this vehicle.\n"
 _SHELL_BYTES = 70  # of one SERIAL_CONTROL
-_NO_GIMBAL = "Gimbal order dropped: there is no gimbal"
-_DROPPED: dict[type[mav.MAVLink_message], str] = {
-    mav.MAVLink_gimbal_manager_set_attitude_message: _NO_GIMBAL,
-    mav.MAVLink_gimbal_manager_set_pitchyaw_message: _NO_GIMBAL,
-    mav.MAVLink_gimbal_manager_set_manual_control_message: _NO_GIMBAL,
-    mav.MAVLink_gps_rtcm_data_message: "RTCM data dropped: the receiver takes no corrections",
-    mav.MAVLink_play_tune_message: "Tune dropped: there is no speaker",
+# What the vehicle has nothing for, and why: by name, also messages that name nobody.
+_DROPPED = {
+    name: why
+    for names, why in {
+        "GIMBAL_MANAGER_SET_ATTITUDE GIMBAL_MANAGER_SET_PITCHYAW GIMBAL_DEVICE_SET_ATTITUDE "
+        "GIMBAL_MANAGER_SET_MANUAL_CONTROL": "Gimbal order dropped: there is no gimbal",
+        "GPS_RTCM_DATA GPS_INJECT_DATA": "RTCM data dropped: the receiver takes no corrections",
+        "PLAY_TUNE PLAY_TUNE_V2": "Tune dropped: there is no speaker",
+        "GPS_INPUT HIL_GPS HIL_SENSOR HIL_STATE_QUATERNION HIL_OPTICAL_FLOW ODOMETRY "
+        "ATT_POS_MOCAP VISION_POSITION_ESTIMATE VISION_SPEED_ESTIMATE VICON_POSITION_ESTIMATE "
+        "GLOBAL_VISION_POSITION_ESTIMATE OPTICAL_FLOW OPTICAL_FLOW_RAD DISTANCE_SENSOR "
+        "OBSTACLE_DISTANCE LANDING_TARGET": "Sensor data dropped: it flies by its own sensors",
+        "SET_HOME_POSITION": "SET_HOME_POSITION dropped: DO_SET_HOME moves home",
+        "SET_GPS_GLOBAL_ORIGIN": "SET_GPS_GLOBAL_ORIGIN dropped: the origin is where it started",
+        "REQUEST_DATA_STREAM": "REQUEST_DATA_STREAM dropped: SET_MESSAGE_INTERVAL sets rates",
+        "SAFETY_SET_ALLOWED_AREA": "SAFETY_SET_ALLOWED_AREA dropped: upload a fence",
+        "TRAJECTORY_REPRESENTATION_WAYPOINTS TRAJECTORY_REPRESENTATION_BEZIER": "Trajectory "
+        "dropped: send setpoints, or upload a mission",
+    }.items()
+    for name in names.split()
 }
+_ANSWERS = {"COMMAND_ACK", "MISSION_ACK", "PARAM_ERROR"}  # which nobody answers
 
 
 class RefusedError(Exception):
@@ -153,7 +167,8 @@ class CommandServer:
 
 
 class NoPayload:
-    """Answers for cameras, gimbals, shells and speakers, which are not there.
+    """Answers for cameras, gimbals, shells and speakers, which are not there, and for every other
+    message to a vehicle that this one has nothing for.
 
     What MAVLink has an answer for is answered, what it has none for is said once in a status text.
     """
@@ -162,14 +177,22 @@ class NoPayload:
         self._outbox = outbox
         self._report = reporter
         self._said: set[str] = set()
-        self.handlers: Handlers = dict.fromkeys(_DROPPED, self._drop) | {
+        dropped = [
+            kind
+            for kind in mav.mavlink_map.values()
+            if kind.msgname in _DROPPED
+            or ("target_system" in kind.fieldnames and kind.msgname not in _ANSWERS)
+        ]
+        self.handlers: Handlers = dict.fromkeys(dropped, self._drop) | {
             mav.MAVLink_serial_control_message: self._shell,
             mav.MAVLink_param_ext_set_message: self._refuse_parameter,
         }
 
     def _drop(self, _peer: Peer, msg: mav.MAVLink_message, _now: float) -> None:
-        text = _DROPPED[type(msg)]
-        if text not in self._said:
+        name = msg.get_type()
+        text = _DROPPED.get(name, f"{name} dropped: this vehicle has nothing for that")
+        meant = name in _DROPPED or getattr(msg, "target_system", 0) > 0  # not everybody
+        if meant and text not in self._said:
             self._said.add(text)
             self._report.say(text, mav.MAV_SEVERITY_NOTICE)
 

@@ -1,7 +1,7 @@
 """Sending in wall time: telemetry at its rates, what was requested once, long answers in bursts."""
 
 import math
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from itertools import islice
 
 from pymavlink.dialects.v20 import common as mav
@@ -50,9 +50,12 @@ SERVED_RATES_HZ: dict[int, float] = DEFAULT_RATES_HZ | {
 class Streams:
     """Telemetry scheduler: the interval of each message, and when it is due next."""
 
-    def __init__(self, outbox: Outbox, rates_hz: Mapping[int, float] = DEFAULT_RATES_HZ) -> None:
-        """`rates_hz`: the default rates, by message number, until a station sets others."""
-        self._outbox = outbox
+    def __init__(
+        self, outbox: Outbox, rates_hz: Mapping[int, float], *, silent: Callable[[int], bool]
+    ) -> None:
+        """`rates_hz`: the default rates, by message number, until a station sets others; `silent`:
+        whether a message has nothing to say now."""
+        self._outbox, self._silent = outbox, silent
         self._usual_hz = rates_hz
         self._interval_s = {kind: 1.0 / rate for kind, rate in rates_hz.items()}
         self._next = dict.fromkeys(self._interval_s, 0.0)
@@ -88,8 +91,10 @@ class Streams:
     def _request_message(self, order: CommandOrder) -> None:
         if order.params[0] == mav.MAVLINK_MSG_ID_MESSAGE_INTERVAL:
             self._tell_interval(order.params[1])
+        elif self._silent(kind := _telemetry(order)):
+            raise RefusedError("there is nothing to say now", mav.MAV_RESULT_TEMPORARILY_REJECTED)
         else:
-            self._asked.add(_telemetry(order))
+            self._asked.add(kind)
 
     def _set_interval(self, order: CommandOrder) -> None:
         """Set the interval (us) of a message: 0 for the default rate, negative stops it."""

@@ -272,6 +272,55 @@ def test_it_looks_at_a_place_on_its_way_until_told_otherwise() -> None:
     assert flight.desk.command(mav.MAV_CMD_DO_SET_ROI, 4) == DENIED
 
 
+@pytest.mark.parametrize("command", ["CONDITION_YAW", "DO_REPOSITION", "NAV_LAND", "DO_ORBIT"])
+def test_the_later_of_a_heading_and_a_place_to_look_at_counts(command: str) -> None:
+    flight = Flight()
+    look = (mav.MAV_CMD_DO_SET_ROI_LOCATION, 0, 0, 0, 0, *place(0.0, 50.0), HOME.alt_msl_m)
+    assert flight.desk.command(*look) == OK
+    flight.go_on(4.0)
+    assert flight.yaw == pytest.approx(math.radians(90.0), abs=0.05)
+    orders: dict[str, tuple[Any, ...]] = {
+        "CONDITION_YAW": (mav.MAV_CMD_CONDITION_YAW, 180, 0, 0, 0),
+        "DO_REPOSITION": (mav.MAV_CMD_DO_REPOSITION, -1, 1, 0, math.pi),
+        "NAV_LAND": (mav.MAV_CMD_NAV_LAND, 0, 0, 0, 180),
+        "DO_ORBIT": (mav.MAV_CMD_DO_ORBIT, 20, 3, mav.ORBIT_YAW_BEHAVIOUR_HOLD_INITIAL_HEADING),
+    }
+    assert flight.desk.command(*orders[command]) == OK
+    flight.go_on(4.0 if command == "NAV_LAND" else 15.0)
+    if command == "DO_ORBIT":  # it heads for the circle, to the north, and keeps that
+        assert abs(wrap_pi(flight.yaw)) < 0.2
+    else:
+        assert abs(wrap_pi(flight.yaw - math.pi)) < 0.05
+    if command != "NAV_LAND":
+        assert flight.desk.command(*look) == OK
+        flight.go_on(4.0)
+        north, east, _ = flight.position
+        assert abs(wrap_pi(flight.yaw - math.atan2(50.0 - east, -north))) < 0.1
+
+
+def test_modes_with_a_heading_of_their_own_look_at_no_place() -> None:
+    flight = Flight()
+    flight.desk.send(held())
+    assert flight.desk.command(mav.MAV_CMD_DO_SET_MODE, 129, 3, 0) == OK
+    look = (mav.MAV_CMD_DO_SET_ROI_LOCATION, 0, 0, 0, 0, *place(0.0, 50.0), HOME.alt_msl_m)
+    assert flight.desk.command(*look) == DENIED
+    assert "mode POSITION has a heading of its own" in "".join(flight.desk.texts())
+
+
+def test_a_mission_looks_at_its_place_on_circles_too() -> None:
+    flight = Flight()
+    mission = [
+        item(0, mav.MAV_CMD_DO_SET_ROI_LOCATION, north=200.0, height=0.0),
+        item(1, mav.MAV_CMD_NAV_LOITER_TURNS, north=30.0, height=20.0, params=(2, 0, 15, NAN)),
+    ]
+    assert flight.desk.upload(mission) == mav.MAV_MISSION_ACCEPTED
+    assert flight.desk.command(mav.MAV_CMD_MISSION_START, 0, 0) == OK
+    flight.go_on(12.0)
+    north, east, _ = flight.position
+    assert math.hypot(north - 30.0, east) == pytest.approx(15.0, abs=0.5)
+    assert abs(wrap_pi(flight.yaw - math.atan2(-east, 200.0 - north))) < 0.05
+
+
 def test_the_altitude_is_changed_on_the_spot() -> None:
     flight = Flight()
     command = mav.MAV_CMD_DO_CHANGE_ALTITUDE

@@ -1,5 +1,7 @@
 """Payload that this vehicle does not have: asked for, it is answered at once."""
 
+from typing import Any
+
 import pytest
 from pymavlink.dialects.v20 import common as mav
 from sitl_desk import Desk, of, the
@@ -17,6 +19,24 @@ PAYLOAD = (
     mav.MAV_CMD_PREFLIGHT_CALIBRATION,
     mav.MAV_CMD_DO_SET_ACTUATOR,
     mav.MAV_CMD_LOGGING_START,
+)
+# Messages that no server here takes, which are orders or data for a vehicle.
+MEANT = (
+    mav.MAVLINK_MSG_ID_CHANGE_OPERATOR_CONTROL,
+    mav.MAVLINK_MSG_ID_SET_GPS_GLOBAL_ORIGIN,
+    mav.MAVLINK_MSG_ID_SET_HOME_POSITION,
+    mav.MAVLINK_MSG_ID_REQUEST_DATA_STREAM,
+    mav.MAVLINK_MSG_ID_SAFETY_SET_ALLOWED_AREA,
+    mav.MAVLINK_MSG_ID_PARAM_MAP_RC,
+    mav.MAVLINK_MSG_ID_SET_ACTUATOR_CONTROL_TARGET,
+    mav.MAVLINK_MSG_ID_SETUP_SIGNING,
+    mav.MAVLINK_MSG_ID_GPS_INPUT,
+    mav.MAVLINK_MSG_ID_GPS_INJECT_DATA,
+    mav.MAVLINK_MSG_ID_VISION_POSITION_ESTIMATE,
+    mav.MAVLINK_MSG_ID_ODOMETRY,
+    mav.MAVLINK_MSG_ID_TRAJECTORY_REPRESENTATION_WAYPOINTS,
+    mav.MAVLINK_MSG_ID_PARAM_EXT_REQUEST_READ,
+    mav.MAVLINK_MSG_ID_TUNNEL,
 )
 
 
@@ -59,6 +79,32 @@ def test_what_mavlink_has_no_answer_for_is_said_once() -> None:
     said = "".join(desk.texts())
     for text in ("RTCM data dropped", "Tune dropped", "there is no gimbal"):
         assert said.count(text) == 1
+
+
+@pytest.mark.parametrize("name", sorted(mav.mavlink_map[number].msgname for number in MEANT))
+def test_no_message_to_the_vehicle_is_dropped_without_a_word(name: str) -> None:
+    """Each of those that common.xml addresses to a vehicle is answered, or named in a text."""
+    kind: Any
+    (kind,) = (kind for kind in mav.mavlink_map.values() if kind.msgname == name)
+    lengths = dict(zip(kind.ordered_fieldnames, kind.array_lengths, strict=True))
+    values: Any = [
+        b"x" if type_ == "char" else [1] * lengths[field] if lengths[field] else 1
+        for field, type_ in zip(kind.fieldnames, kind.fieldtypes, strict=True)
+    ]
+    desk = Desk()
+    before = len(desk.heard)
+    desk.send(kind(*values))
+    texts = [m.text for m in of(desk.heard[before:], "STATUSTEXT")]
+    assert name in "".join(texts) or "dropped" in "".join(texts)
+    before = len(desk.heard)
+    desk.send(kind(*values))
+    assert not of(desk.heard[before:], "STATUSTEXT")
+
+
+def test_what_is_meant_for_everybody_is_no_order() -> None:
+    desk = Desk()
+    desk.send(mav.MAVLink_v2_extension_message(0, 0, 0, 1, [0] * 249))
+    assert not [text for text in desk.texts() if "V2_EXTENSION" in text]
 
 
 def test_a_cameras_parameter_is_not_set() -> None:

@@ -198,9 +198,13 @@ def test_reposition_of_nonsense_is_denied() -> None:
 
 def test_change_speed_rules_at_once_and_later() -> None:
     desk = Desk()
-    assert desk.command(mav.MAV_CMD_DO_CHANGE_SPEED, 1, 7.5, -1) == OK
-    desk.take_off()  # it ends with the mode
+    assert desk.command(mav.MAV_CMD_DO_CHANGE_SPEED, 1, 7.5, -1) == REJECTED
+    assert "on the ground it would end with the mode HOLD" in "".join(desk.texts())
+    desk.take_off()
     lat, lon = degrees_e7(desk, 100.0, 0.0)
+    assert desk.command(mav.MAV_CMD_DO_CHANGE_SPEED, 1, 4.0, -1) == OK
+    desk.command_int(mav.MAV_CMD_DO_REPOSITION, RELATIVE, (NAN, 1, 0, NAN), lat, lon, 30.0)
+    assert desk.mass.paths[-1].speeds_mps == pytest.approx([4.0])  # NaN keeps it
     desk.command_int(mav.MAV_CMD_DO_REPOSITION, RELATIVE, (-1, 1, 0, NAN), lat, lon, 30.0)
     assert desk.mass.paths[-1].speeds_mps == pytest.approx([10.0])
     desk.command_int(mav.MAV_CMD_DO_REPOSITION, RELATIVE, (2, 1, 0, NAN), lat, lon, 30.0)
@@ -238,6 +242,15 @@ def test_turn_to_and_by() -> None:
     desk.fly()
     assert desk.mass.yaw_rad == pytest.approx(math.radians(60))
     assert desk.command(turn, NAN) == DENIED
+
+
+def test_home_is_not_moved_to_where_nobody_knows_that_it_is() -> None:
+    desk = Desk(ready=False, ready_after_s=5.0)
+    here = mav.MAV_CMD_DO_SET_HOME, 1, 0, 0, 0, 0, 0, 0
+    assert desk.command(*here) == REJECTED
+    assert "no position estimate" in "".join(desk.texts())
+    desk.fly(seconds=6.0)
+    assert desk.command(*here) == OK
 
 
 def test_return_and_land_at_a_home_that_was_moved() -> None:
