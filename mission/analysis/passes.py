@@ -333,9 +333,12 @@ def _apart(
     if len(after.t_ns) and np.ptp(after.pos_m, axis=0).max() < STANDING_M:
         end_ns = int(after.t_ns[0])
     track = data.truth.between(start_ns, end_ns)
-    step_s = np.diff(track.t_ns, append=track.t_ns[-1:]) / NS_PER_S
     outside = ~np.isin(track.t_ns, np.concatenate([item.track.t_ns[:-1] for item in passes]))
-    at = np.searchsorted(data.modes.t_ns, track.t_ns, side="right") - 1
+    t_ns = np.union1d(track.t_ns, data.modes.t_ns)  # a mode may change where the log pauses
+    t_ns = t_ns[(t_ns >= start_ns) & (t_ns <= end_ns)]
+    step_s = np.diff(t_ns, append=t_ns[-1:]) / NS_PER_S
+    at = np.searchsorted(data.modes.t_ns, t_ns, side="right") - 1
+    outside = outside[np.maximum(np.searchsorted(track.t_ns, t_ns, side="right") - 1, 0)]
     outside_s: dict[str, float] = {}
     for index in np.unique(at):
         name = data.modes.names[index] if index >= 0 else "mode unknown"

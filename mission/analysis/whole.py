@@ -13,11 +13,11 @@ from mission.analysis.load import LoadedRun
 from mission.analysis.measure import Measured, happened
 from mission.analysis.told import FlightErrors, Spans, Values, flown_against, hidden_s, modes_at
 from mission.base import polyline
-from mission.base.arrays import Bools, Floats, greatest, mean, rms
+from mission.base.arrays import Bools, Floats, greatest, mean, rms, total
 from mission.base.errors import InputError
 from mission.base.gaps import inside
 from mission.log.signals import Signal
-from mission.log.values import HEIGHTS, NS_PER_S, FlightData
+from mission.log.values import HEIGHTS, NS_PER_S, FlightData, Track
 
 
 def whole_flight(
@@ -37,9 +37,16 @@ def whole_flight(
     passes_s = [tuple(item.truth.t_ns[[0, -1]] / NS_PER_S) for item in measured]
     more = health(data, air_s) | _missions(measured)
     errors = flown_against(data, modes, air_s, passes_s, more)
-    track, lost = data.truth.between(start_ns, end_ns), position_gaps(data, start_ns, end_ns)
-    t_s, xy = track.t_ns / NS_PER_S, track.pos_m[:, :2]
-    speed = np.linalg.norm(np.gradient(xy, t_s, axis=0), axis=1) if len(t_s) > 1 else 0.0 * t_s
+    lost = position_gaps(data, start_ns, end_ns)
+    # Of several flights in a log what was flown alone: between them it may be carried anywhere.
+    spans_ns = [
+        (round(since_s * NS_PER_S), round(until_s * NS_PER_S)) for since_s, until_s in air_s
+    ]
+    every = [data.truth.between(*span) for span in spans_ns]
+    parts = [each for each in every if len(each.t_ns) > 1] or [data.truth.between(start_ns, end_ns)]
+    track = Track(*(np.concatenate([getattr(p, of) for p in parts]) for of in ("t_ns", "pos_m")))
+    t_s, flat = track.t_ns / NS_PER_S, [part.pos_m[:, :2] for part in parts]
+    speed = np.concatenate([_speeds_mps(part) for part in parts])
     heights_only = data.source.only == HEIGHTS
     off = data.belief.at(track.t_ns).pos_m - track.pos_m
     known = ~inside(t_s, lost) & (data.source.only is None)
@@ -50,9 +57,9 @@ def whole_flight(
     named = (replace(h, mode=modes_at(modes, np.array([h.start_s]))[0]) for h in where)
     return replace(errors, holes=tuple(named)), {
         **happened(data, start_ns - NS_PER_S, end_ns + NS_PER_S),
-        "flown_path_m": math.nan if heights_only else polyline.length(xy),
-        "duration_s": float(t_s[-1] - t_s[0]),
-        "energy_j": data.battery.energy_j(start_ns, end_ns),
+        "flown_path_m": math.nan if heights_only else sum(map(polyline.length, flat)),
+        "duration_s": sum(float(np.ptp(part.t_ns)) for part in parts) / NS_PER_S,
+        "energy_j": total(np.array([data.battery.energy_j(*span) for span in spans_ns])),
         "battery_remaining": data.battery.left(end_ns),
         "speed_max_mps": greatest(np.where(inside(t_s, lost) | heights_only, math.nan, speed)),
         "wind_mean_mps": mean(wind_mps),
@@ -61,6 +68,14 @@ def whole_flight(
         "estimate_max_m": greatest(np.hypot(*off[:, :2].T)),
         "gap_max_s": float(np.diff(lost).max(initial=0.0)),
     }
+
+
+def _speeds_mps(flown: Track) -> Floats:
+    """(n,) speed over ground at each sample of a track."""
+    if len(flown.t_ns) < 2:
+        return np.zeros(len(flown.t_ns))
+    velocity = np.gradient(flown.pos_m[:, :2], flown.t_ns / NS_PER_S, axis=0)
+    return np.asarray(np.linalg.norm(velocity, axis=1))
 
 
 def _missions(measured: Sequence[Measured]) -> dict[str, Values]:

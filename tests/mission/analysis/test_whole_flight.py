@@ -16,6 +16,7 @@ from flightdyn.frames import LocalFrame
 from mission.analysis.compare import RunComparison, compare_run
 from mission.analysis.limits import verdicts
 from mission.analysis.load import load_run
+from mission.analysis.passes import judged
 
 UP_M, SPEED_MPS, STEP_S = 30.0, 8.0, 0.1
 PLACES = ((0.0, 0.0), (0.0, 100.0), (120.0, 100.0), (120.0, -60.0))  # north, east
@@ -188,8 +189,8 @@ def dataflash(path: Path, flight: Sequence[Row], items: Items, *, failsafe: int 
     before = replace(flight[0], mode="", current=-1, armed=True, failing=False)
     for row in flight:
         t_us, lat, lon, alt = round(row.t_s * 1e6), *row.globe
-        if row.armed < before.armed and row.t_s > 5.0:
-            said("EV", t_us, 11)
+        if row.armed != before.armed and row.t_s > 5.0:
+            said("EV", t_us, 10 if row.armed else 11)
         if row.mode != before.mode:
             said("MODE", t_us, MODES[row.mode][3], MODES[row.mode][3], 2)
         if row.failing != before.failing:
@@ -351,3 +352,44 @@ def test_the_last_place_is_passed_when_it_is_whatever_the_mode(tmp_path: Path, e
         assert judged is not None
         times.append(judged.passes[0].passages[-1].t_s)
     assert times[1] == pytest.approx(times[0], abs=0.02)
+
+
+def elsewhere(flight: Sequence[Row], *, after_s: float) -> list[Row]:
+    """The same flight, 500 m to the north, and so long after the end of itself."""
+    later_s = flight[-1].t_s + after_s
+    return [
+        replace(row, t_s=row.t_s + later_s, place=(row.place[0] + 500.0, *row.place[1:]))
+        for row in flight
+    ]
+
+
+@EVERY
+def test_what_moves_the_vehicle_between_two_flights_is_not_flown(tmp_path: Path, end: str) -> None:
+    """It is carried while it is disarmed, and the log pauses."""
+    hop = rows(
+        ((0.0, 0.0, UP_M), {"mode": "HOLD"}),
+        ((0.0, 80.0, UP_M), {"mode": "HOLD"}),
+        ((0.0, 0.0, UP_M), {"mode": "HOLD"}),
+        ((0.0, 0.0, 0.0), {"mode": "LAND"}),
+        ((0.0, 0.0, 0.0), {"mode": "LAND", "armed": False, "stays_s": 5.0}),
+    )
+    both = [*hop, *elsewhere(hop, after_s=60.0)]
+    one, two = (
+        compare_run(load_run(WRITERS[end](tmp_path / f"{n}{end}", flight, SQUARE))).total
+        for n, flight in enumerate((hop, both))
+    )
+    assert one.flown_path_m == pytest.approx(160.0, abs=1.0)
+    assert two.flown_path_m == pytest.approx(2 * one.flown_path_m, abs=1.0)
+    assert two.duration_s == pytest.approx(2 * one.duration_s, abs=3.0)  # begins when it is armed
+    assert two.speed_max_mps == pytest.approx(one.speed_max_mps, abs=0.1)
+
+
+def test_a_pause_of_the_log_after_landing_is_no_time_of_the_landing(tmp_path: Path) -> None:
+    flight = square()
+    log = tlog(tmp_path / "x.tlog", [*flight, *elsewhere(flight, after_s=600.0)], SQUARE)
+    data = load_run(log).data
+    (_, disarmed_ns), (armed_ns, _) = data.armed_ns
+    t_ns = data.truth.t_ns
+    logged = data.truth.at(t_ns[(t_ns < disarmed_ns) | (t_ns >= armed_ns)])
+    apart = judged(log, replace(data, truth=logged, belief=logged), None).apart
+    assert sum(apart.values()) < 60.0
