@@ -89,10 +89,12 @@ def _read_qgroundcontrol(path: Path, content: bytes, text: str) -> PlanFile:
     planned = document.mission.plannedHomePosition or (None, None)
     home = _home(path, *(math.nan if value is None else value for value in planned))
     drawn = document.geoFence
-    fence = fence_items(
-        ((ring.inclusion, ring.polygon) for ring in drawn.polygons),
-        ((c.inclusion, c.circle.radius, c.circle.center) for c in drawn.circles),
-    )
+    rings = [(True, drawn.polygon), *((ring.inclusion, ring.polygon) for ring in drawn.polygons)]
+    circles = ((c.inclusion, c.circle.radius, c.circle.center) for c in drawn.circles)
+    fence = fence_items(rings, circles)
+    if drawn.breachReturn is not None:
+        kind, command = mav.MAV_MISSION_TYPE_FENCE, mav.MAV_CMD_NAV_FENCE_RETURN_POINT
+        fence += (_item(len(fence), command, 3, (0, 0, 0, 0, *drawn.breachReturn), kind=kind),)
     return PlanFile(path, content, home, tuple(items), fence, tuple(rally))
 
 

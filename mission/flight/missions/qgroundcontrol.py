@@ -142,6 +142,7 @@ _Complex: TypeAlias = Annotated[
 
 
 class _Mission(_Part):
+    version: Literal[2] = 2
     items: list[Annotated[SimpleItem | _Complex, Field(discriminator="type")]]
     plannedHomePosition: (
         Annotated[list[FiniteFloat | None], Field(min_length=2, max_length=3)] | None
@@ -166,8 +167,11 @@ class _Circle(_Part):
 class Fence(_Part):
     """A geofence: polygons and circles to stay inside or outside of."""
 
+    version: Literal[1, 2] = 2
+    polygon: list[_Place] = []  # of version 1: to stay inside of
     polygons: list[_Polygon] = []
     circles: list[_Circle] = []
+    breachReturn: tuple[FiniteFloat, FiniteFloat, FiniteFloat] | None = None
 
 
 class _Rally(_Part):
@@ -178,6 +182,7 @@ class Document(_Part):
     """A whole plan file: mission, geofence and rally points."""
 
     fileType: Literal["Plan"]
+    version: Literal[1] = 1
     mission: _Mission
     geoFence: Fence = Fence()
     rallyPoints: _Rally = _Rally()

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from pymavlink.dialects.v20 import common as mav
 
 from flightdyn.state import GeodeticPoint
 from mission.base.area import Area
@@ -15,6 +16,7 @@ from mission.flight.missions.plan_file import read_plan_file, write_round_plan
 from mission.flight.missions.round_mission import FlightPlan, mission_items
 from mission.flight.pilot.dialects import raw_items
 from mission.planner.flyable import Stop
+from sitl.autopilot.protocol.order_rules import check_item
 
 HOME = GeodeticPoint(43.6145, 7.0715, 130.0)
 
@@ -94,6 +96,22 @@ ROW = "{}\t0\t3\t16\t0\t5\t0\t0\t47.401\t8.5\t60\t1\n"
 HOME_ROW = "0\t1\t0\t16\t0\t0\t0\t0\t47.4\t8.5\t488\t1\n"
 
 
+def test_a_fence_as_older_versions_draw_it_is_one_to_keep_to(tmp_path: Path) -> None:
+    """And the place to return to after a breach is an item, for whoever flies it to refuse."""
+    path = tmp_path / "old.plan"
+    ring = [[47.39, 8.49], [47.41, 8.49], [47.41, 8.51]]
+    fence = {"polygon": ring, "version": 1, "breachReturn": [47.4, 8.5, 30]}
+    path.write_text(json.dumps(plan_document(WAYPOINT) | {"geoFence": fence}))
+    *corners, back = read_plan_file(path).fence
+    assert [(item.command, item.params[0], item.x, item.y) for item in corners] == [
+        (mav.MAV_CMD_NAV_FENCE_POLYGON_VERTEX_INCLUSION, 3, lat, lon) for lat, lon in ring
+    ]
+    assert (back.command, back.x, back.y, back.z) == (
+        mav.MAV_CMD_NAV_FENCE_RETURN_POINT, 47.4, 8.5, 30.0
+    )  # fmt: skip
+    assert "is not supported" in check_item(back)[1]
+
+
 @pytest.mark.parametrize("line_end", ["\n", "\r\n"])
 def test_a_waypoint_file_is_read_without_its_home(tmp_path: Path, line_end: str) -> None:
     path = tmp_path / "a.waypoints"
@@ -157,6 +175,10 @@ def rally_damage(points: Any) -> str:
     return json.dumps(plan_document(WAYPOINT) | {"rallyPoints": {"points": points}})
 
 
+def fence_damage(**changes: Any) -> str:
+    return json.dumps(plan_document(WAYPOINT) | {"geoFence": changes})
+
+
 def json_damage(**changes: Any) -> str:
     return json.dumps(plan_document({**WAYPOINT, **changes}))
 
@@ -171,6 +193,11 @@ DAMAGED = {
     "binary": (b"\xff\xfe\x00", "a.plan", "UTF-8"),
     "deep": ("[" * 100_000, "a.plan", "Invalid JSON: recursion limit exceeded"),
     "list": ("[]", "a.plan", "should be an object"),
+    "newer": (json.dumps(plan_document(WAYPOINT) | {"version": 42}), "a.plan", "version = 42"),
+    "newer mission": (json.dumps(plan_document(WAYPOINT, version=7)), "a.plan",
+                      "mission.version = 7"),
+    "newer fence": (fence_damage(version=3), "a.plan", "geoFence.version = 3"),
+    "half a return": (fence_damage(breachReturn=[47.4, 8.5]), "a.plan", "breachReturn"),
     "other": ('{"fileType": "Parameters"}', "a.plan", "fileType"),
     "no mission": ('{"fileType": "Plan"}', "a.plan", "mission: Field required"),
     "no items": (json.dumps(plan_document()), "a.plan", "mission is empty"),
