@@ -74,7 +74,10 @@ def _take(content: bytes, found: LogRows) -> None:
         raise InputError(f"{found.path}: not a DataFlash log: it does not begin as one")
     reader, raw = _Reader(found), dict[_Format, list[bytes]]()
     for kind, t_ns, row in _rows(content, found, raw):
-        reader.take(kind, t_ns, row)
+        try:
+            reader.take(kind, t_ns, row)
+        except _LacksError as lacks:
+            found.skipped[f"row of {kind} without {lacks}"] += 1
     reader.close()
     tables = dict[str, Columns]()
     for form, rows in raw.items():
@@ -107,6 +110,15 @@ def _in_degrees(signals: Mapping[str, Signal]) -> dict[str, Signal]:
     return {name: Signal(of.t_s, of.values / 100.0) for name, of in both.items()}
 
 
+class _LacksError(AttributeError):
+    """A row of a version that has no such column."""
+
+
+class _Row(SimpleNamespace):
+    def __getattr__(self, column: str) -> Any:
+        raise _LacksError(column)
+
+
 class _Format:
     """What the rows of a kind, a number, hold: columns of a letter each."""
 
@@ -134,7 +146,7 @@ class _Format:
 
     def row(self, content: bytes, at: int) -> SimpleNamespace:
         """The row that begins at a byte, its columns as attributes."""
-        found = SimpleNamespace()
+        found = _Row()
         for (name, scale), value in zip(
             self._columns, self._packed.unpack_from(content, at), strict=True
         ):
@@ -211,6 +223,8 @@ class _Reader:
         self.params: dict[str, float] = {}
         self._units: dict[int, str] = {}  # ids of a kind's multipliers
         self._multipliers = dict(_MULTIPLIERS)
+        self._now_ns = 0
+        self._on = self._rearming = False
 
     def multipliers(self, form: _Format) -> list[float]:
         """What the columns of a kind are to be multiplied by; none where the log does not say."""
@@ -219,7 +233,10 @@ class _Reader:
 
     def take(self, kind: str, t_ns: int, row: Any) -> None:
         """Keep what a row of a kind says."""
-        found = self.found
+        found, before_ns, self._now_ns = self.found, self._now_ns, t_ns
+        if self._rearming and t_ns > before_ns:
+            self._rearming = False
+            found.event(t_ns, "armed", "armed")
         match kind:
             case "POS":
                 found.places.append((t_ns, row.Lat, row.Lng, row.Alt))
@@ -236,7 +253,9 @@ class _Reader:
                 found.heads_for(t_ns, int(row.CNum))
             case "CMD" | "MISE":
                 command = row.CId if row.CNum else 0
-                params = (row.Prm1, row.Prm2, row.Prm3, row.Prm4)
+                # Until 3.1 of the first alone.
+                one, two, three, four = (getattr(row, f"Prm{n}", 0.0) for n in range(1, 5))
+                params = (one, two, three, four)
                 frame = getattr(row, "Frame", _RELATIVE)
                 item = MissionItem(row.CNum, command, frame, params, row.Lat, row.Lng, row.Alt)
                 self._listed(t_ns, _MISSION, row.CTot, item, started=kind == "MISE")
@@ -273,7 +292,15 @@ class _Reader:
             case "MULT":
                 self._multipliers[row.Id] = row.Mult
             case "EV" if row.Id in (_ARMED, _DISARMED):
-                found.event(t_ns, "armed", "armed" if row.Id == _ARMED else "disarmed")
+                on = row.Id == _ARMED
+                # Logs that pause while it is disarmed need not tell when that began: at the row
+                # before. It ends with the next one, as these have no times in old logs.
+                self._rearming = on and self._on
+                if self._rearming:
+                    found.event(before_ns, "armed", "disarmed")
+                else:
+                    found.event(t_ns, "armed", "armed" if on else "disarmed")
+                self._on = on
 
     def _text(self, t_ns: int, text: str) -> None:
         self._vehicle = next((n for n in _VEHICLES if text.startswith(f"{n} ")), self._vehicle)

@@ -20,6 +20,7 @@ from mission.base.area import Area
 from mission.base.arrays import Bools, Floats, Ints
 from mission.base.errors import InputError
 from mission.base.gaps import HOLE, gaps, inside
+from mission.base.tables import count
 from mission.base.user_files import read_bytes
 from mission.flight.missions.mission_path import record_of
 from mission.log.signals import Signal
@@ -237,6 +238,8 @@ class LogRows:
         else:
             self.skipped["position of a ground truth that does not span the log"] += len(true)
         battery, wind = _rows(self.battery, 5), _rows(self.wind, 3)
+        if not (battery[:, 1] > 0.0).any():  # without a monitor some write zeros
+            battery[:, 1:3] = math.nan
         if not wind[:, 1:].any():  # a filter that estimates none writes zeros
             wind = wind[:0]
         events = sorted(self.events, key=lambda event: event[0])
@@ -286,8 +289,8 @@ class LogRows:
             _, kept = np.unique(np.round(t_ns / _CLOSEST_NS), return_index=True)
             if len(kept) > 1:
                 return only, t_ns[kept], ned[kept]
-        damage = self.skipped[DAMAGE]
-        why = f" ({damage} bytes of it are damage)" if damage else ""
+        passed_over = ", ".join(count(number, what) for what, number in (+self.skipped).items())
+        why = f"; not read: {passed_over}" * bool(passed_over)
         raise InputError(f"{self.path}: the log has no positions, so there is no flight in it{why}")
 
     def _utc_ns(self) -> int | None:

@@ -2,6 +2,7 @@
 
 import json
 import re
+import struct
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -13,7 +14,7 @@ import pytest
 from made_up_logs import Sample, write_dataflash, write_tlog, write_ulog
 from pymavlink.dialects.v20 import common as mav
 from test_who_tells import split
-from told_logs import WRITERS, made, write_bin, write_ulg
+from told_logs import HOME, WRITERS, made, write_bin, write_ulg
 from told_logs import write_tlog as write_told_tlog
 
 from mission.analysis.compare import compare_run
@@ -159,6 +160,41 @@ def test_old_logs_count_milliseconds(tmp_path: Path) -> None:
     assert old.total.rates_tracking_rms_degps == pytest.approx(5.0, abs=0.3)
     assert old.total.flown_path_m == pytest.approx(now.total.flown_path_m, abs=0.5)
     assert old.run.data.truth.t_ns[-1] == now.run.data.truth.t_ns[-1]
+
+
+def test_a_vehicle_that_is_armed_again_was_disarmed_before(tmp_path: Path) -> None:
+    """A log that pauses while it is disarmed does not say when that began; that it is armed has no
+    time in old ones."""
+    flight = made(until_s=80.0).without(30.0, 60.0)
+    log = write_bin(tmp_path / "x.bin", flight, version="NTUN", old=True)
+    content = log.read_bytes()
+    event, target = (
+        re.search(rb"(?s)\xa3\x95\x80(.)." + name, content)[1]  # type: ignore[index]
+        for name in (rb"EV\0", rb"NTUN")
+    )
+    goes_on = content.index(b"\xa3\x95" + target + struct.pack("<I", 60_050))
+    armed = b"\xa3\x95" + event + bytes([10])
+    log.write_bytes(content[:goes_on] + armed + content[goes_on:])
+    found = compare_run(load_run(log)).total
+    assert (found.gap_max_s, found.gnss_gap_max_s) == (0.0, 0.0)
+    assert found.duration_s == pytest.approx(50.0, abs=1.5)
+
+
+def test_missions_of_old_logs_are_read_and_rows_without_a_column_are_counted(
+    tmp_path: Path,
+) -> None:
+    """Of ArduCopter 3.1, whose items have one parameter; and of a version that nobody knows."""
+    lat, lon = round(HOME.lat_deg * 1e7), round(HOME.lon_deg * 1e7)
+    items = [(0, 2, n, 16, 1, 0, 2000, lat + n * 900, lon) for n in range(2)]
+    more: Any = [
+        ("CMD", "QBBBBBeLL", "TimeUS,CTot,CNum,CId,COpt,Prm1,Alt,Lat,Lng", items),
+        ("RALY", "QBB", "TimeUS,Tot,Seq", [(1, 1, 0)]),
+    ]
+    data = load_run(write_bin(tmp_path / "x.bin", made(until_s=9.0), old=True, more=more)).data
+    (mission,) = data.missions
+    (_, (_, command, _, *params, _, _, height_m, _)) = mission.items
+    assert (command, params, height_m) == (16, [0.0] * 4, 20.0)
+    assert data.source.skipped == {"row of RALY without Lat": 1}
 
 
 def test_a_log_of_px4_before_ulog_is_named(

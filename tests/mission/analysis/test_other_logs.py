@@ -227,8 +227,12 @@ def test_what_px4_does_not_know_of_its_battery_is_not_known(tmp_path: Path) -> N
     assert set(track.voltage_v) == {15.0}
 
 
-def test_what_a_ground_station_is_not_told_of_a_battery_is_not_known(tmp_path: Path) -> None:
-    said = mav.MAVLink_sys_status_message(0, 0, 0, 0, 65535, -1, 40, *(0,) * 6)
+@pytest.mark.parametrize("volts_amperes", [(65535, -1), (0, 0)])
+def test_what_a_ground_station_is_not_told_of_a_battery_is_not_known(
+    tmp_path: Path, volts_amperes: tuple[int, int]
+) -> None:
+    """Or told as 0 by a vehicle that measures neither."""
+    said = mav.MAVLink_sys_status_message(0, 0, 0, 0, *volts_amperes, 40, *(0,) * 6)
     track = load_run(write_tlog(tmp_path / "x.tlog", before=[(said, 1)])).data.battery
     assert track.remaining.tolist() == [0.4]
     assert np.isnan([track.voltage_v, track.current_a]).all()
@@ -394,16 +398,16 @@ def test_erased_memory_at_the_end_is_read_past(tmp_path: Path, end: str, erased:
     [
         (b"", "it does not begin as one"),
         (bytes(8), "the log has no positions"),
-        (bytes(8) + b"\xff" * 5000, "no flight in it (5000 bytes of it are damage)"),
+        (bytes(8) + b"\xff" * 5000, "no flight in it; not read: 5000 bytes with damage"),
         (bytes(8) + b"\x28\0B" + bytes(8) + b"\2" + bytes(31), "flags that nobody here knows"),
         # A format that holds itself, and one of more numbers than any row has.
-        (bytes(8) + b"\x0d\0Fa:a[9] b;c d;" + b"\4\0A\0\0\0a", "bytes of it are damage"),
+        (bytes(8) + b"\x0d\0Fa:a[9] b;c d;" + b"\4\0A\0\0\0a", "bytes with damage"),
         (
             bytes(8) + b"".join(
                 len(text).to_bytes(2, "little") + b"F" + text
                 for text in (b"%c:%c[9999] x;" % (n, n + 1) for n in range(97, 105))
             ) + b"\4\0A\0\0\0a",
-            "bytes of it are damage",
+            "bytes with damage",
         ),
     ],
 )  # fmt: skip
@@ -467,7 +471,7 @@ def test_rows_whose_format_is_damaged_are_counted(
     log.write_bytes(whole[:at] + letters.encode().ljust(6, b"\0") + whole[at + 6 :])
     assert call(["compare", str(log)]) == 2
     (line,) = capfd.readouterr().err.splitlines()
-    assert line.endswith(f"no flight in it ({rows * 23} bytes of it are damage)")
+    assert line.endswith(f"no flight in it; not read: {rows * 23} bytes with damage")
 
 
 def test_a_damaged_log_costs_a_folder_itself_alone(

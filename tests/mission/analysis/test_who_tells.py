@@ -12,6 +12,7 @@ from pymavlink.dialects.v20 import common as mav
 from mission.analysis.compare import compare_run
 from mission.analysis.comparison_text import in_words
 from mission.analysis.load import LoadedRun, load_run
+from mission.base.errors import InputError
 from sitl.firmware.relay import packets
 
 HEARTBEAT_OF = {
@@ -97,3 +98,10 @@ def test_a_mission_that_a_companion_uploads_is_the_vehicles_once_it_is_accepted(
     log.write_bytes(b"".join(out))
     sizes = [len(m.items) for m in load_run(log).data.missions if m.kind == "mission"]
     assert sizes == ([4, 1] if accepted else [4])
+
+
+def test_a_log_without_heartbeats_says_what_was_not_read(tmp_path: Path) -> None:
+    log = write_tlog(tmp_path / "x.tlog")
+    log.write_bytes(b"".join(row for row in split(log) if row[15:18] != bytes(3)))
+    with pytest.raises(InputError, match=r"not read: \d+ positions before the first heartbeat"):
+        load_run(log)
