@@ -13,6 +13,7 @@ SETTINGS = (
     *("--set", "mission.steps=5", "--set", "mission.path_budget_m=300"),
     *("--set", "communities.0.devices=3", "--set", "communities.1.devices=3"),
     *("--set", "learning.local_epochs=1"),
+    *("--set", "communities.0.subset=0.2", "--set", "communities.1.subset=0.2"),
 )
 # Every flight climbs and lands, which by default takes as long as the rounds of a small run.
 UP_AND_DOWN = (

@@ -19,6 +19,8 @@ SMALL = {
     "mission.rounds": 6,
     "mission.steps": 6,
     "planner.gap": 0.1,
+    "communities.0.subset": 0.2,
+    "communities.1.subset": 0.2,
     "learning.local_epochs": 1,
 }
 

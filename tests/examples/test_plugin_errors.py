@@ -173,6 +173,8 @@ SMALL = {
     "planner.gap": 0.1,
     "communities.0.devices": 3,
     "communities.1.devices": 3,
+    "communities.0.subset": 0.2,
+    "communities.1.subset": 0.2,
     "learning.local_epochs": 1,
 }
 KEYS = {

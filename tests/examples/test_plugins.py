@@ -39,6 +39,8 @@ SMALL = {
     "planner.gap": 0.1,
     "communities.0.devices": 4,
     "communities.1.devices": 3,
+    "communities.0.subset": 0.2,
+    "communities.1.subset": 0.2,
     "learning.local_epochs": 1,
 }
 WALL = {"polygon_m": [[20.0, 200.0], [780.0, 200.0], [780.0, 230.0]], "height_m": 45.0}
@@ -265,7 +267,7 @@ def test_a_measured_table(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> No
 @pytest.mark.slow
 def test_owners_are_the_devices(tmp_path: Path) -> None:
     more = {"communities.0.task": "examples.writers:load", "communities.0.partition": "owners"}
-    run = fly(tmp_path / "out", more)
+    run = fly(tmp_path / "out", {**more, "communities.0.subset": 1.0})
     samples = [
         int(line.split(",")[4]) for line in (run.path / "devices.csv").read_text().splitlines()[1:5]
     ]

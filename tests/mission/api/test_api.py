@@ -39,6 +39,8 @@ SMALL = {
     "mission.rounds": 2,
     "communities.0.devices": 3,
     "communities.1.devices": 3,
+    "communities.0.subset": 0.2,
+    "communities.1.subset": 0.2,
     "learning.local_epochs": 1,
 }
 TABLES = ("rounds.csv", "aircraft.csv", "uplinks.csv", "learning.csv", "flight.mcap")

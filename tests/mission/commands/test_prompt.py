@@ -18,6 +18,7 @@ from mission.config.loading import SHIPPED, builtin_config, load_config
 
 QUICK = (
     "--rounds", "1", "--set", "mission.flight=none", "learning.local_epochs=1",
+    "communities.0.subset=0.2", "communities.1.subset=0.2",
 )  # fmt: skip
 
 

@@ -47,7 +47,7 @@ def test_with_perfect_sensors_in_calm_air_one_percent_is_lost_at_most(tmp_path: 
     # With 5 m of acceptance this loses 2 %.
     settings = (
         "channel.preset=high-rise", "vehicle.aircraft.sensors.kind=perfect",
-        "learning.local_epochs=1",
+        "learning.local_epochs=1", "communities.0.subset=0.2", "communities.1.subset=0.2",
     )  # fmt: skip
     out = tmp_path / "run"
     assert call(["run", "--out", str(out), "--rounds", "2", *QUIET, "--set", *settings]) == 0

@@ -41,6 +41,7 @@ local_epochs = 1
 name = "a"
 task = "digits"
 partition = "iid"
+subset = 0.2
 positions_m = [[150, 150], [420, 400], [450, 150], [520, 450]]
 """
 WALL = np.array([[250.0, 120], [300, 120], [300, 600], [250, 600]])

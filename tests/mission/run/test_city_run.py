@@ -43,8 +43,12 @@ SETTINGS = {
     "mission.rounds": 2,
     "mission.steps": 4,
     "mission.path_budget_m": 500,
+    "planner.gap": 0.1,
+    "communities.0.subset": 0.2,
+    "communities.1.subset": 0.2,
     "learning.local_epochs": 1,
 }
+CLOSE = {**SETTINGS, "planner.gap": 0.01}  # plans that leave next to nothing to chance
 
 
 @pytest.fixture(scope="module")
@@ -74,7 +78,7 @@ def test_what_is_planned_with_is_what_is_believed(
 def test_an_aircraft_that_listens_is_sent_better_from_round_to_round(tmp_path: Path) -> None:
     heard = {}
     for belief in ("channel", "learned"):
-        more = {**SETTINGS, "radio.belief": belief, "mission.rounds": 6, "seed": 4}
+        more = {**CLOSE, "radio.belief": belief, "mission.rounds": 6, "seed": 4}
         told = aerofed.run("quickstart", more, out=tmp_path / belief).uplinks
         heard[belief] = 1.0 - told.true_per[told["round"] > 3].mean()
     assert heard["channel"] < 0.95
@@ -196,7 +200,7 @@ def test_what_listens_begins_with_its_prior(tmp_path: Path) -> None:
 def test_what_is_believed_stands_in_the_log_and_grows_in_a_picture(
     run: aerofed.Run, tmp_path: Path
 ) -> None:
-    more = {**SETTINGS, "radio.belief": "learned", "mission.rounds": 3, "seed": 3}
+    more = {**CLOSE, "radio.belief": "learned", "mission.rounds": 3, "seed": 3}
     data = aerofed.run("quickstart", more, out=tmp_path / "run")._loaded.data
     assert len(data.radio_believed) == 3
     places = {number: [u for u in data.uplinks if u.round == number] for number in (1, 2, 3)}

@@ -33,6 +33,8 @@ SMALL = {
     "planner.max_nodes": 20,
     "communities.0.devices": 4,
     "communities.1.devices": 3,
+    "communities.0.subset": 0.2,
+    "communities.1.subset": 0.2,
     "learning.local_epochs": 1,
 }
 SLOW = {

@@ -24,6 +24,7 @@ from mission.scenario.strategies import RoundInfo
 SMALL = (
     "--set", "mission.steps=4", "mission.path_budget_m=250", "mission.devices_per_step=1",
     "communities.0.devices=3", "communities.1.devices=3", "learning.local_epochs=1",
+    "communities.0.subset=0.2", "communities.1.subset=0.2",
 )  # fmt: skip
 
 MODULE = """

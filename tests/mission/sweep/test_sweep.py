@@ -29,7 +29,7 @@ from mission.sweep.execute.worker import RunEnd, RunOrder, execute
 
 TINY = (
     "--set", "mission.steps=3", "mission.path_budget_m=100", "planner.gap=0.1",
-    "learning.local_epochs=1",
+    "learning.local_epochs=1", "communities.0.subset=0.2", "communities.1.subset=0.2",
     "communities.0.devices=2", "communities.1.devices=2",
     "communities.0.labels_per_device=5", "communities.1.labels_per_device=5", *LOW,
 )  # fmt: skip
