@@ -23,6 +23,7 @@ _PLANES, _ROVERS = frozenset({1, *range(19, 26)}), frozenset({10, 11})  # MAV_TY
 _NO_VEHICLES = frozenset({5, 6, 18, *range(26, 29), *range(30, 35), *range(37, 43)})
 _NO_AUTOPILOT = mav.MAV_AUTOPILOT_INVALID
 _FIX_3D = 3
+_SET_BACK_US = 1_000_000  # of the recorder's clock, at least
 _MOST_LATE_MS = 5000  # of a packet on its way; what is later comes from another start
 _REGULAR = ("GLOBAL_POSITION_INT", "ATTITUDE")  # by which the clock is known, the best first
 _TRANSFERS = ("MISSION_COUNT", "MISSION_ITEM_INT", "MISSION_ITEM")  # they go both ways
@@ -102,13 +103,19 @@ class _Reader:
         self._number = 0  # of the last position
         # By MAV_MISSION_TYPE and the system that sends: how many it transfers, and those that came.
         self._lists: dict[tuple[int, int], tuple[int, dict[int, MissionItem]]] = {}
-        self.clock: list[tuple[int, int]] = []  # the recorder's (us), the vehicle's (ms)
+        # The recorder's (us), the vehicle's (ms); by positions, or where there are none by others.
+        self.clock: list[tuple[int, int]] = []
+        self._others: list[tuple[int, int]] = []
+        self._received: list[tuple[float, ...]] = []  # places by the receiver
+        self._wall_us = self._set_back_us = 0  # the recorder's clock, and by how much it was
         self.later: list[tuple[int, Any]] = []
         self._rows: dict[str, list[tuple[float, ...]]] = {}  # of signals, by message
         self._params: dict[str, float] = {}
 
     def close(self) -> None:
-        """Take what waits for the clock of all of the log."""
+        """Take what waits for the clock of all of the log; places by the receiver where the vehicle
+        tells none."""
+        self.clock = self.clock or self._others
         if not self.clock:
             return
         wall_us, boot_ms = np.array(self.clock, dtype=np.float64).T
@@ -117,6 +124,7 @@ class _Reader:
         for at_us, message in self.later:  # without a time of the vehicle's own: its neighbours'
             after_ms = max(0.0, at_us - wall_us[-1]) / 1e3
             self.take_at(int((np.interp(at_us, wall_us, boot_ms) + after_ms) * 1e6), message)
+        self.found.places = self.found.places or self._received
         self.found.signals = self.signals()
         # Without its own word for it, the ground station's clock, which hears it late.
         heard = [(ms * 1_000_000, us * 1000) for us, ms in self.clock]
@@ -135,6 +143,11 @@ class _Reader:
             found.kind += " of ArduPilot" * self._ardupilot
         if at not in found.part:
             return
+        # A recorder's clock may be set anew; what follows comes later all the same.
+        if wall_us + self._set_back_us < self._wall_us - _SET_BACK_US:
+            self._set_back_us = self._wall_us - wall_us
+        wall_us += self._set_back_us
+        self._wall_us = max(self._wall_us, wall_us)
         own_ms = getattr(message, "time_boot_ms", 0) if sender == self._autopilot else 0
         if kind in _TRANSFERS:
             self.later.append((wall_us, message))
@@ -160,6 +173,7 @@ class _Reader:
         else:
             if own_ms:
                 found.counts(at, kind, own_ms * 1_000_000)
+                self._others.append((wall_us, own_ms))
             self.later.append((wall_us, message))
 
     def take_at(self, t_ns: int, message: Any) -> None:
@@ -195,6 +209,8 @@ class _Reader:
                 found.homes.append((t_ns, *home))
             case "GPS_RAW_INT" if message.fix_type >= _FIX_3D:
                 found.fixes.append(t_ns)
+                where = message.lat / 1e7, message.lon / 1e7, message.alt / 1e3
+                self._received.append((t_ns, *where))
             case "SYS_STATUS" if message.battery_remaining >= 0:
                 unknown, left = float("nan"), message.battery_remaining / 100
                 mv, ca = message.voltage_battery, message.current_battery

@@ -54,7 +54,8 @@ _REGULAR = (  # topics by which the clock is known, the best first
 def _take(content: bytes, rows: LogRows) -> None:
     """Keep what the topics of a ULog, and its texts by name, say."""
     topics, told = decoded(content, rows)
-    rows.places = list(_places(topics, ("vehicle_global_position", "vehicle_gps_position")))
+    names = "vehicle_global_position", "vehicle_gps_position", "sensor_gps"
+    rows.places = list(_places(topics, names))
     if not rows.places:
         rows.places = list(_local(topics.get("vehicle_local_position")))
     rows.truth = list(_places(topics, ("vehicle_global_position_groundtruth",)))

@@ -162,6 +162,38 @@ def test_old_logs_count_milliseconds(tmp_path: Path) -> None:
     assert old.run.data.truth.t_ns[-1] == now.run.data.truth.t_ns[-1]
 
 
+@pytest.mark.parametrize("by_s", [-3600, -3, 3600])
+def test_a_recorders_clock_that_is_set_anew_moves_nothing(tmp_path: Path, by_s: int) -> None:
+    """As where a ground station learns the time on the way: its modes and items have its times."""
+    log = write_tlog(tmp_path / "x.tlog")
+    right, rows = compare_run(load_run(log)), list(split(log))
+    at = len(rows) // 2
+    later = [
+        struct.pack(">Q", int.from_bytes(row[:8], "big") + by_s * 1_000_000) + row[8:]
+        for row in rows[at:]
+    ]
+    log.write_bytes(b"".join((*rows[:at], *later)))
+    found = compare_run(load_run(log))
+    assert found.run.data.modes.t_ns.tolist() == right.run.data.modes.t_ns.tolist()
+    assert str(found.total) == str(right.total)  # NaN included
+
+
+@pytest.mark.parametrize("without", [(33,), (33, 32)])
+def test_a_telemetry_log_without_global_positions_is_read(
+    tmp_path: Path, without: tuple[int, ...]
+) -> None:
+    """Places are then those of the receiver; times those of any message that has the vehicle's."""
+    log = write_told_tlog(tmp_path / "x.tlog", made(off_m=2.0))
+    right = compare_run(load_run(log)).total
+    rows = [row for row in split(log) if int.from_bytes(row[15:18], "little") not in without]
+    log.write_bytes(b"".join(rows))
+    found = compare_run(load_run(log)).total
+    for name in ("flown_path_m", "duration_s", "speed_max_mps"):
+        assert getattr(found, name) == pytest.approx(getattr(right, name), rel=0.01)
+    if without == (33,):
+        assert found.tracking_max_m == pytest.approx(right.tracking_max_m)
+
+
 def test_a_vehicle_that_is_armed_again_was_disarmed_before(tmp_path: Path) -> None:
     """A log that pauses while it is disarmed does not say when that began; that it is armed has no
     time in old ones."""
