@@ -220,6 +220,8 @@ class Navigator:
                         yield do.Follow(self._aircraft, path, passed=partial(tell, stage))
                     case route.Wait(duration_s, seq):
                         if duration_s > 0:
+                            if self._aircraft.on_ground:  # which is no height to hover at
+                                self._aircraft.idle()
                             yield do.pause(self._aircraft, duration_s)
                         reached(seq)
                     case route.Circle(orbit, phase_rad, seq):

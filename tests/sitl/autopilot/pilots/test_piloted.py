@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 from pymavlink.dialects.v20 import common as mav
-from sitl_desk import Desk, item
+from sitl_desk import Desk, item, speed_item
 from sitl_mavsdk import HOME, make_vehicle
 
 from flightdyn.aircraft import Aircraft
@@ -305,6 +305,25 @@ def test_modes_with_a_heading_of_their_own_look_at_no_place() -> None:
     look = (mav.MAV_CMD_DO_SET_ROI_LOCATION, 0, 0, 0, 0, *place(0.0, 50.0), HOME.alt_msl_m)
     assert flight.desk.command(*look) == DENIED
     assert "mode POSITION has a heading of its own" in "".join(flight.desk.texts())
+
+
+@pytest.mark.parametrize("before", [mav.MAV_CMD_DO_CHANGE_SPEED, mav.MAV_CMD_NAV_WAYPOINT])
+def test_what_comes_before_a_wait_on_the_ground_does_not_lift_it(before: int) -> None:
+    """An order for a speed, or a waypoint on the ground: it hovered there, and tipped over."""
+    desk = Desk(aircraft=make_vehicle().aircraft)  # with sensors that are not exact
+    first = speed_item(0, 8.0)
+    if before == mav.MAV_CMD_NAV_WAYPOINT:
+        first = item(0, before, height=0.0)
+    wait = item(1, mav.MAV_CMD_NAV_DELAY, params=(40, 0, 0, 0), frame=mav.MAV_FRAME_MISSION)
+    up = item(2, mav.MAV_CMD_NAV_TAKEOFF, height=20.0)
+    assert desk.upload([first, wait, up]) == mav.MAV_MISSION_ACCEPTED
+    assert desk.command(mav.MAV_CMD_MISSION_START, 0, 0) == OK
+    desk.fly(seconds=38.0)
+    aircraft = desk.vehicle.aircraft
+    assert (desk.vehicle.autopilot.mode, aircraft.on_ground) == (Mode.MISSION, True)
+    np.testing.assert_allclose(aircraft.truth.pos_ned_m, 0.0, atol=0.1)
+    desk.fly(seconds=15.0)
+    assert aircraft.truth.pos_ned_m[2] == pytest.approx(-20.0, abs=1.0)
 
 
 def test_a_mission_looks_at_its_place_on_circles_too() -> None:
