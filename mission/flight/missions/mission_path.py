@@ -134,7 +134,7 @@ def mission_path(
             if climbs_straight and command in _TAKEOFFS:
                 at_m[:2] = here[:2]
             if command in _TAKEOFFS or (len(points) == 1 and here[2] < _LOW_M):
-                go(np.array([*here[:2], at_m[2]]), -1)
+                go(np.array([*here[:2], max(here[2], at_m[2])]), -1)
             if command in _CIRCLES:
                 laps = min(max(0.0, item.params[0]), _MOST_LAPS)
                 for point in _circle(at_m, item.params[2], here, laps=laps):

@@ -270,7 +270,7 @@ class _Compiler:
         place = self._place(item)
         self.climb_first = False
         self._climb(item, place)
-        self._go(item, np.array([place[0], place[1], self.here[2]]))
+        self._go(item, place)
         self.close()
 
     def _climb(self, item: MissionItem, to: Vector) -> None:

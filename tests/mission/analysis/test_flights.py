@@ -218,6 +218,17 @@ def test_a_circle_is_compared_with_the_one_that_is_flown(
     assert total.slots_missed == 0
 
 
+@pytest.mark.parametrize("height_m", [12.0, 50.0])
+def test_a_take_off_in_the_air_is_compared_with_how_it_is_flown(
+    tmp_path: Path, height_m: float
+) -> None:
+    """Straight to a lower place, where the comparison went straight down first."""
+    again = item(2, mav.MAV_CMD_NAV_TAKEOFF, at=(120.0, 60.0, height_m))
+    total = compared(flown(tmp_path, [take_off(), square()[0], again])).total
+    assert (total.cross_track_max_m, total.height_max_m) == pytest.approx((0.0, 0.0), abs=0.5)
+    assert total.slots_missed == 0
+
+
 def test_laps_by_a_jump_are_told_apart(tmp_path: Path) -> None:
     items = [take_off(), *square(), item(5, mav.MAV_CMD_DO_JUMP, 1, 2)]
     found = compared(flown(tmp_path, items))

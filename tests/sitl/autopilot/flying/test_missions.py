@@ -61,6 +61,17 @@ def test_one_path_through_fly_through_points_with_speeds_after_them() -> None:
     assert desk.vehicle.autopilot.mode is Mode.HOLD
 
 
+@pytest.mark.parametrize("height_m", [12.0, 45.0])
+def test_a_take_off_in_the_air_leads_to_its_height(height_m: float) -> None:
+    """Also to a lower one, where it stayed as high as it was."""
+    desk = Desk()
+    desk.take_off(30.0)
+    desk.upload([item(0, mav.MAV_CMD_NAV_TAKEOFF, north=20.0, height=height_m)])
+    start(desk)
+    desk.fly()
+    np.testing.assert_allclose(desk.mass.pos_ned_m, [20.0, 0.0, -height_m], atol=0.05)
+
+
 def test_reached_is_told_with_truth_and_belief_of_its_tick() -> None:
     desk = Desk()
     desk.take_off(30.0)
