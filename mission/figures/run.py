@@ -3,8 +3,6 @@
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
-from altair.utils.schemapi import debug_mode
-
 from mission.analysis.compare import RunComparison, compare_run
 from mission.analysis.comparison_text import labels_of
 from mission.analysis.load import LoadedRun, load_run, vehicles_of
@@ -18,7 +16,7 @@ from mission.figures.learning import experiment_charts, learning_charts
 from mission.figures.maps import overview, round_map, round_maps
 from mission.figures.radio import beliefs
 from mission.figures.render import engine, save_all, stacked
-from mission.figures.style import Chart, arranged, heading
+from mission.figures.style import Chart, arranged, heading, unchecked
 from mission.figures.together import separation_chart, timetable, together_map
 from mission.figures.told import side_by_side_charts
 
@@ -46,7 +44,7 @@ def draw_run(folder: Path) -> tuple[Path, ...]:
         return save_all(pictures, folder / "figures", started)
 
 
-@debug_mode(False)
+@unchecked
 def fleet_pictures(folder: Path) -> dict[str, Chart]:
     """The pictures of a run of several aircraft: `map.png`, `apart.png`, `timetable.png` and
     `learning.png`."""
@@ -65,7 +63,7 @@ def fleet_pictures(folder: Path) -> dict[str, Chart]:
     return pictures
 
 
-@debug_mode(False)  # what is described here is valid: the tests see to that
+@unchecked
 def run_pictures(loaded: LoadedRun) -> dict[str, Chart]:
     """The pictures of a run, by the name of their file."""
     run, about = loaded.data, loaded.about

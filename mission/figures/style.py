@@ -10,6 +10,7 @@ from typing import Any, Literal, TypeAlias
 
 import altair as alt
 import numpy as np
+from altair.utils.schemapi import debug_mode
 from numpy.typing import ArrayLike, NDArray
 
 from mission.base.arrays import Floats
@@ -30,6 +31,8 @@ _KEY_WIDTH = 300.0  # what a row of keys may take: it fits a phone
 _CHARACTER, _SYMBOL = 6.1, 32.0
 
 alt.data_transformers.disable_max_rows()
+# Of what describes valid pictures: the tests see to that. Altair checks each part as it is made.
+unchecked = debug_mode(False)
 
 CONFIG: dict[str, object] = {
     "background": PAPER,

@@ -28,6 +28,7 @@ from mission.figures.learning import experiment_charts, learning_charts, radio_c
 from mission.figures.maps import round_map
 from mission.figures.radio import beliefs, plan_errors
 from mission.figures.render import card
+from mission.figures.style import unchecked
 from mission.figures.together import separation_chart, timetable, together_film, together_map
 from mission.figures.told import flight_map, health_charts, side_by_side_charts, told_charts
 from mission.log.values import HEIGHTS, NS_PER_S, FlightData
@@ -72,6 +73,7 @@ def write_report(
     return target
 
 
+@unchecked
 def report_html(loaded: LoadedRun) -> str:
     """The page of a run; where nothing was flown, flight and radio are left out."""
     run, summary = loaded.data, loaded.summary
@@ -157,6 +159,7 @@ def report_html(loaded: LoadedRun) -> str:
     )
 
 
+@unchecked
 def together_html(world: Together, name: str) -> str:
     """The page of flights judged together."""
     flights = list(world.flights)

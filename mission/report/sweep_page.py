@@ -8,6 +8,7 @@ from pathlib import Path
 from mission.base.run_folder import write_atomically
 from mission.base.tables import count
 from mission.figures.render import card
+from mission.figures.style import unchecked
 from mission.report.html import page
 from mission.sweep.folder import SweepState, read_sweep
 from mission.sweep.outcome.curves import flies, groups_of, pictures_of
@@ -59,6 +60,7 @@ def write_sweep_report(folder: Path, target: Path) -> Path:
     return target
 
 
+@unchecked
 def sweep_html(state: SweepState) -> str:
     """The page about a sweep, finished or not."""
     results = state.results

@@ -9,7 +9,7 @@ import numpy as np
 from mission.base.palette import COLOURS, community_colour
 from mission.figures.charts import DotRow, Series, dot_rows, line_chart
 from mission.figures.render import save_all, stacked
-from mission.figures.style import Chart
+from mission.figures.style import Chart, unchecked
 from mission.sweep.outcome.curves import (
     ROUNDS,
     Curve,
@@ -32,6 +32,7 @@ def draw_sweep(name: str, results: Sequence[RunResult], folder: Path) -> None:
     save_all(sweep_pictures(name, results), folder)
 
 
+@unchecked
 def sweep_pictures(name: str, results: Sequence[RunResult]) -> dict[str, Chart]:
     """The pictures by the name of their file; each says which strategies and seeds it shows."""
     seeds = sorted({result.point.seed for result in results})

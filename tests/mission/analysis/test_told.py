@@ -9,6 +9,7 @@ from xml.etree import ElementTree as ET
 
 import numpy as np
 import pytest
+from described import charts
 from made_up_logs import write_ulog
 from pymavlink import DFReader
 from pymavlink.dialects.v20 import common as mav
@@ -437,6 +438,7 @@ def test_the_page_of_any_flight_shows_told_and_done_and_health(tmp_path: Path) -
         assert f">{title}</h" in page, title
     for title in ("Position east", "Roll", "Vibration", "Satellites", "Motors"):
         assert f">{title}</h3>" in page, title
+    assert {"Position east", "Roll", "Motors"} <= {*charts(page)}
     assert "<td>off setpoint max (m)</td>" in page
     assert "not in the log: a mission" in page
     assert "GUIDED" in page

@@ -41,9 +41,13 @@ def described(chart: Chart) -> dict[str, Any]:
     for rows in chart["datasets"].values():
         for row in rows:
             assert all(isinstance(value, str | int | float | None) for value in row.values())
+    _check(chart)
+    return chart
+
+
+def _check(chart: Chart) -> None:
     bare = {**chart, "datasets": {}}
     assert _VALIDATOR.is_valid(bare), validate_jsonschema(bare, VEGA_LITE, raise_error=False)
-    return chart
 
 
 def layers(spec: dict[str, Any]) -> Iterator[dict[str, Any]]:
@@ -93,11 +97,14 @@ def keys(spec: dict[str, Any]) -> dict[str, list[Any]]:
 
 
 def charts(page: str) -> dict[str, dict[str, Any]]:
-    """The charts of a report's page by their title."""
+    """The charts of a report's page by their title, checked against Vega-Lite's schema."""
     found = re.findall(
         r'<div class="chart" role="img" aria-label="([^"]*)">'
         r'<script type="application/json">(.*?)</script></div>',
         page,
         flags=re.DOTALL,
     )
-    return {title: json.loads(text)["spec"] for title, text in found}
+    shown = {title: json.loads(text)["spec"] for title, text in found}
+    for chart in shown.values():
+        _check(chart)
+    return shown

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import small_runs
+from described import charts
 from forked import Forked
 from mavsdk.exceptions import MavsdkError
 from patience import until
@@ -209,6 +210,7 @@ def test_a_run_of_several_has_a_page_and_is_compared(
     assert call(["report", str(unflown)]) == 0
     page = (unflown / "report.html").read_text()
     assert "vehicle-uav3" in page
+    assert len(charts(page)) > 3
     pictures = ["map.png", "apart.png", "timetable.png", "learning.png"]
     assert [*fleet_pictures(unflown)] == pictures
     capsys.readouterr()
