@@ -3,8 +3,9 @@ was passed.
 """
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
+from typing import TypeAlias
 
 import numpy as np
 
@@ -21,6 +22,7 @@ _REACHED_M = 10.0  # passed no farther than this, a place counts as reached
 _BY_SAMPLE = ("along_m", "cross_m", "above_m")  # of a match
 _HERE_M = 1e-5  # before a place, so that what is there is on the leg that leads to it
 _CLOSE_M, _STAY_S = 1.0, 1.0  # what belongs to a closest approach
+_Headed: TypeAlias = Mapping[int, tuple[int, int]] | None
 _SURE_S = 5.0  # by which a return that is told may differ from one that shows
 
 
@@ -87,7 +89,7 @@ def match_pass(
         track = track.at(np.union1d(track.t_ns, np.int64(sure_ns)))
     else:
         sure_ns = returns_ns
-    low, high = _windows(way, at_m, track, *current)
+    low, high, headed = _windows(way, at_m, track, *current)
     # Which items it flew to in a hole is told only after it.
     for begin_s, end_s in position_gaps(data, int(track.t_ns[0]), int(track.t_ns[-1])):
         told_ns = min(current[0][current[0] >= end_s * NS_PER_S].tolist(), default=math.inf)
@@ -130,7 +132,7 @@ def match_pass(
     leg = leg_of(fit)
     known = way.height_known[1:][leg] & way.height_known[:-1][leg]
     later = data.truth.between(end_ns + 1, end_ns + int(_SURE_S * NS_PER_S))
-    passages = tuple(_passages(way, fit, track, later))
+    passages = tuple(_passages(way, fit, track, later, headed))
     return Pass(plan, record, begin_ns, track, way, fit, passages, known)
 
 
@@ -179,32 +181,44 @@ def _of_what_is_given(
 
 def _windows(
     way: MissionPath, at_m: Floats, track: Track, times: Ints, seqs: Ints
-) -> tuple[Floats, Floats]:
+) -> tuple[Floats, Floats, _Headed]:
     """(n,) and (n,) bounds of each sample's progress in metres: from the leg before the one to the
-    current item, to the leg after it; the whole path where the log does not name the item."""
+    current item, to the leg after it; the whole path where the log does not name the item. And from
+    when to when (ns) it was headed for which points; None where the log does not say."""
     stops = np.flatnonzero(way.seqs >= 0)
     inside = (times > track.t_ns[0]) & (times <= track.t_ns[-1])
     if not inside.any():
-        return np.zeros(len(track.t_ns)), np.full(len(track.t_ns), at_m[-1])
+        return np.zeros(len(track.t_ns)), np.full(len(track.t_ns), at_m[-1]), None
     towards = np.zeros(len(track.t_ns), dtype=np.int64)
-    stop = 0
+    stop, headed, since_ns = 0, dict[int, tuple[int, int]](), int(track.t_ns[0])
     for t_ns, seq in zip(times[inside].tolist(), seqs[inside].tolist(), strict=True):
         # An item without a place lies between two that have one.
         ahead = [k for k in range(stop, len(stops)) if way.seqs[stops[k]] >= seq > 0]
         if ahead:
             exact = [k for k in ahead if way.seqs[stops[k]] == seq]
+            if (exact or ahead)[0] != stop:
+                headed[int(stops[stop])] = since_ns, t_ns
+                since_ns = t_ns
             stop = (exact or ahead)[0]
         towards[track.t_ns >= t_ns] = stop
+    end_ns = int(track.t_ns[-1])
+    headed |= dict.fromkeys(stops[stop:].tolist(), (end_ns, end_ns))  # as far as the log tells
+    headed |= dict.fromkeys(stops[stop : stop + 1].tolist(), (since_ns, end_ns))
     ends = np.concatenate(([0.0, 0.0], at_m[stops], at_m[-1:]))
-    return ends[towards], ends[np.minimum(towards + 3, len(ends) - 1)]
+    return ends[towards], ends[np.minimum(towards + 3, len(ends) - 1)], headed
 
 
-def _passages(way: MissionPath, fit: Alignment, track: Track, later: Track) -> Iterator[Passage]:
-    """Yield for each item with a place when the matched track passed it, and its miss vector. It
-    may stay at the last one in what is flown `later`."""
+def _passages(
+    way: MissionPath, fit: Alignment, track: Track, later: Track, headed: _Headed
+) -> Iterator[Passage]:
+    """Yield for each item with a place when the matched track passed it, and its miss vector: near
+    it, or on its way past a point that it was `headed` for. It may stay at the last one in what is
+    flown `later`."""
+    every = headed is None
+    headed = headed or {}
     whole_ns = np.append(track.t_ns, later.t_ns)
     whole_m = np.concatenate((track.pos_m, later.pos_m))
-    for index in np.flatnonzero(way.seqs >= 0):
+    for index in np.flatnonzero(way.seqs >= 0).tolist():
         at_m, place = fit.waypoints_at_m[index], way.points_m[index]
         near = np.flatnonzero(np.abs(fit.along_m[:-1] - at_m) <= 3 * _REACHED_M)
         pos_m = whole_m - place
@@ -215,14 +229,18 @@ def _passages(way: MissionPath, fit: Alignment, track: Track, later: Track) -> I
             rows = slice(rows.start, None)
         t_ns, miss_m = _closest(whole_ns[rows], pos_m[rows])
         passed = len(near) > 0 and (
-            _led_past(fit, track, int(near[-1]), at_m)
+            ((every or index in headed) and _led_past(fit, track, int(near[-1]), at_m))
             or float(np.linalg.norm(miss_m)) <= _REACHED_M
         )
+        if not passed and index in headed:  # on a way of its own, as from an item that was left out
+            since_ns, until_ns = headed[index]
+            t_ns, miss_m = _closest(whole_ns, pos_m, (whole_ns >= since_ns) & (whole_ns < until_ns))
+            passed = float(np.linalg.norm(miss_m)) <= _REACHED_M
         if not passed:
             yield Passage(int(way.seqs[index]), math.nan, np.full(3, math.nan))
             continue
         # At which height a landing begins nobody knows; it ends on the ground.
-        if not way.height_known[index] and index == len(way.seqs) - 1:
+        if not way.height_known[index] and index == len(way.seqs) - 1 and len(near):
             t_ns = float(track.t_ns[near[-1] + 1])
         if index >= way.given:
             miss_m = np.full(3, math.nan)

@@ -260,7 +260,7 @@ def _passes(
                 number=first,
                 begin_ns=start_ns,
                 current=(times, seqs),
-                returns_ns=_returns_ns(data, int(track.t_ns[0])),
+                returns_ns=_returns_ns(data, plan, int(track.t_ns[0])),
                 foreseen_s=[*foreseen, np.full(1, math.nan)][0],
             )
             first += 1
@@ -312,11 +312,15 @@ def _current(data: FlightData, plan: Plan) -> tuple[Ints, Ints]:
     return np.insert(times, 0, plan.since_ns), np.append(seqs, seqs[-1] + 1)
 
 
-def _returns_ns(data: FlightData, start_ns: int) -> float:
-    """Return when a return first began after an instant, in ns, by mode or by mission item, as not
-    every autopilot changes its mode for an item; infinity if none did."""
+def _returns_ns(data: FlightData, flown: Plan, start_ns: int) -> float:
+    """Return when the return of a plan first began after an instant, in ns, by mode or by mission
+    item, as not every autopilot changes its mode for an item; infinity if none did. One that was
+    ordered while the plan led on is none of it."""
     modes = zip(data.modes.t_ns.tolist(), data.modes.names, strict=True)
     begins_ns = [t_ns for t_ns, name in modes if name in _RETURNS]
+    times, seqs = _current(data, flown)
+    told = [(t_ns, seqs[times <= t_ns][-1:].tolist()) for t_ns in begins_ns]
+    begins_ns = [t_ns for t_ns, at in told if not (at and leads_on(flown.items, at[0]))]
     for plan in _logged(data):
         times, seqs = _current(data, plan)
         begins_ns += times[

@@ -229,6 +229,38 @@ def test_a_take_off_in_the_air_is_compared_with_how_it_is_flown(
     assert total.slots_missed == 0
 
 
+def never_reached(log: Path) -> list[int]:
+    (one,) = compared(log).run.judged.passes
+    return [passage.seq for passage in one.passages if math.isnan(passage.t_s)]
+
+
+@pytest.mark.parametrize(
+    ("after_s", "to", "left_out"), [(12, 3, [1, 2]), (15, 3, [1, 2]), (17, 2, [1]), (20, 4, [2, 3])]
+)
+def test_items_that_are_left_out_were_not_reached(
+    tmp_path: Path, after_s: int, to: int, left_out: list[int]
+) -> None:
+    """However far the mission led past them: it was sent on to a later one, which was."""
+
+    def skip(desk: Desk) -> None:
+        desk.fly(seconds=after_s)
+        desk.send(mav.MAVLink_mission_set_current_message(1, 1, to))
+
+    assert never_reached(flown(tmp_path, plain(), skip)) == left_out
+
+
+def test_a_return_that_is_ordered_near_the_last_place_leaves_it_out(tmp_path: Path) -> None:
+    """The place after which the mission would return lies beside one on the way."""
+    last = item(4, mav.MAV_CMD_NAV_WAYPOINT, at=(0.0, 92.0, 30.0))
+    items = [*plain()[:4], last, plain()[5]]
+
+    def ordered(desk: Desk) -> None:
+        desk.fly(seconds=22)  # 10 m past the first place
+        mode(desk, 5)
+
+    assert never_reached(flown(tmp_path, items, ordered)) == [2, 3, 4, 5]
+
+
 def test_laps_by_a_jump_are_told_apart(tmp_path: Path) -> None:
     items = [take_off(), *square(), item(5, mav.MAV_CMD_DO_JUMP, 1, 2)]
     found = compared(flown(tmp_path, items))

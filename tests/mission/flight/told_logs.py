@@ -269,10 +269,11 @@ def write_tlog(
 ) -> Path:
     """As a ground station of PX4 writes it, in OFFBOARD; without `places_at` only heights are
     known. `more`: messages, each with its time."""
-    out, vehicle = bytearray(), mav.MAVLink(None, 1, 1)
+    rows: list[bytes] = []
+    vehicle = mav.MAVLink(None, 1, 1)
 
     def told(t_s: float, message: Any) -> None:
-        out.extend(struct.pack(">Q", round((1e9 + t_s) * 1e6)) + bytes(message.pack(vehicle)))
+        rows.append(struct.pack(">Q", round((1e9 + t_s) * 1e6)) + bytes(message.pack(vehicle)))
 
     told(0.0, mav.MAVLink_heartbeat_message(2, 12, 157, 6 << 16, 4, 3))
     turns = quaternions(flight.attitude[0])
@@ -303,7 +304,8 @@ def write_tlog(
             ms * 1000, 3, *where, 80, 90, 0, 0, round(flight.satellites[n])))  # fmt: skip
     for t_s, message in more:
         told(t_s, message)
-    path.write_bytes(out)
+    rows.sort(key=lambda row: int.from_bytes(row[:8], "big"))  # as they come
+    path.write_bytes(b"".join(rows))
     return path
 
 
