@@ -136,6 +136,7 @@ def test_what_is_believed_by_place_is_of_the_devices_of_the_episode() -> None:
     ).unwrapped
     env.reset(seed=3)
     devices_m = env.problem.devices_m
+    assert env.problem.per_grid is not None
     above_m = np.column_stack((devices_m, np.full(len(devices_m), 60.0)))
     assert (env.problem.radio.per(np.arange(len(devices_m)), above_m) < 0.5).mean() > 0.8
 

@@ -19,6 +19,7 @@ from fl.federation.algorithms import CustomAlgorithm
 from fl.federation.community import Federation, build_federation
 from fl.federation.state import FederationState, from_bytes, to_bytes
 from fl.federation.updates import begin_training
+from fl.training.local import LocalResult, LocalTask
 from fl.training.networks import ConvNet
 from flightdyn.random import RandomStreams
 from native.errors import InputError, SettingError, UsersCodeError
@@ -365,6 +366,20 @@ def test_own_code_is_asked_only_for_what_is_wanted() -> None:
         pool = Mock()
         assert begin_training(pool, changed, fed.init(federation), flags(4, 2)) == {}
         pool.submit.assert_not_called()
+
+
+@pytest.mark.parametrize(("loss", "value"), [(math.nan, 0.0), (0.5, math.inf)])
+def test_a_trainer_of_your_own_diverges_by_its_loss_or_by_its_model(
+    loss: float, value: float
+) -> None:
+    federation = build()
+
+    def train(_device: object, task: LocalTask) -> LocalResult:
+        return LocalResult(np.full_like(task.model, value), 1, loss)
+
+    own = replace(federation, trainer=Mock(train=train))
+    with pytest.raises(DivergedError, match="round 1, community digits, device 0"):
+        play(own, fed.init(own), 0)
 
 
 def test_divergence_names_round_community_and_device() -> None:

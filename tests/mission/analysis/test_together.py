@@ -289,6 +289,10 @@ def test_the_picture_has_the_limit(tmp_path: Path) -> None:
     texts = json.dumps(chart["datasets"])
     assert "limit 5 m" in texts
     assert "3.00 m" in texts
+    ways = [
+        rows for rows in chart["datasets"].values() if rows and {"kind", "part"} <= set(rows[0])
+    ]
+    assert {row["kind"] for rows in ways for row in rows} >= {"vehicle-1", "vehicle-2"}
 
 
 @pytest.mark.slow

@@ -84,6 +84,8 @@ def test_items_are_reached_and_headed_for(alone: Path, exported: Path) -> None:
     assert set(result["seq_total"]) == {len(plain())}
     assert result["seq_current"].tolist()[:3] == [0, 1, 2]
     assert setpoint["current.type"].tolist() == [3, 0, 0, 0, 0]
+    assert setpoint["current.valid"].all()
+    assert result["valid"].all()
     assert setpoint["current.lat"][1] == pytest.approx(plain()[1].x / 1e7, abs=1e-9)
     np.testing.assert_allclose(setpoint["current.alt"], data.area.home.alt_msl_m + 30.0, atol=1e-4)
 

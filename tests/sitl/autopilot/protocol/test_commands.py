@@ -186,6 +186,23 @@ def test_reposition_with_yaw(frame: int, z: float) -> None:
     assert desk.mass.yaw_rad == pytest.approx(1.5)
 
 
+def test_a_landing_at_a_place_leads_straight_there() -> None:
+    desk = Desk()
+    lat, lon = degrees_e7(desk, 120.0, -80.0)
+    desk.take_off()
+    landing = (mav.MAV_CMD_NAV_LAND, RELATIVE, (0.0, 0.0, 0.0, NAN), lat, lon, 0.0)
+    assert desk.command_int(*landing) == OK
+    way = []
+    while desk.vehicle.moving:
+        desk.vehicle.step()
+        way.append(position(desk))
+    goal = desk.mass.frame.to_ned(lat * 1e-7, lon * 1e-7, HOME.alt_msl_m)
+    assert way[-1] == pytest.approx(goal, abs=0.02)
+    north, east, _ = np.array(way).T
+    aside = (north * goal[1] - east * goal[0]) / np.hypot(*goal[:2])
+    assert np.abs(aside).max() < 0.02
+
+
 def test_reposition_of_nonsense_is_denied() -> None:
     desk = Desk()
     desk.take_off()
