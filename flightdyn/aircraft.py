@@ -54,6 +54,7 @@ class Aircraft(Plant):
         self.armed = False
         self._belief: Kinematics | None = None  # of this tick, once somebody has asked
         self.trace: Trace | None = None  # what is recorded of the control
+        self.interest_ned_m: Vector | None = None  # what it heads towards, by `look_at`
 
     def step(self) -> None:
         """Run one tick: physics and sensors; every few of them filter, guidance and battery."""
@@ -191,12 +192,8 @@ class Aircraft(Plant):
 
     def look_at(self, pos_ned_m: Vector | None) -> None:
         """Head towards a place on every path and hold from now on; None for the course again."""
+        self.interest_ned_m = pos_ned_m
         self._guidance.look_at(None if pos_ned_m is None else _triple(pos_ned_m))
-
-    @property
-    def interest_ned_m(self) -> Vector | None:
-        """The place (3,) that it heads towards, by `look_at`; None for none."""
-        return self._guidance.interest_ned_m
 
     def face(self, yaw_rad: float) -> None:
         """Head `yaw_rad` on the path in force from now on; NaN: along the course again."""

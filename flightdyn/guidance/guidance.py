@@ -3,8 +3,6 @@
 import math
 from collections.abc import Callable, Iterable
 
-import numpy as np
-
 from flightdyn.config import LimitsConfig
 from flightdyn.frames import Triple
 from flightdyn.guidance.control import AttitudeOrder, Setpoint
@@ -24,7 +22,6 @@ from flightdyn.native.library import (
     Strapdown,
     Structure,
 )
-from flightdyn.state import Vector
 from native.errors import InputError
 
 _LEASH_M = 0.6  # how far the reference that goes after a target may run ahead
@@ -67,11 +64,6 @@ class Guidance:
         """Head towards a place (NED) on the way; None: along the course."""
         self._memory.interested = place is not None
         self._memory.interest[:] = place or (0.0, 0.0, 0.0)
-
-    @property
-    def interest_ned_m(self) -> Vector | None:
-        """The place (3,) to head towards; None for none."""
-        return np.array(self._memory.interest) if self._memory.interested else None
 
     def face(self, yaw: float) -> None:
         """Head `yaw` (rad) on the path in force from now on; NaN: along the course."""

@@ -76,8 +76,10 @@ def _take(content: bytes, found: LogRows) -> None:
     for kind, t_ns, row in _rows(content, found, raw):
         try:
             reader.take(kind, t_ns, row)
-        except _LacksError as lacks:
-            found.skipped[f"row of {kind} without {lacks}"] += 1
+        except AttributeError as error:
+            if error.obj is not row:
+                raise
+            found.skipped[f"row of {kind} without {error.name}"] += 1
     reader.close()
     tables = dict[str, Columns]()
     for form, rows in raw.items():
@@ -110,15 +112,6 @@ def _in_degrees(signals: Mapping[str, Signal]) -> dict[str, Signal]:
     return {name: Signal(of.t_s, of.values / 100.0) for name, of in both.items()}
 
 
-class _LacksError(AttributeError):
-    """A row of a version that has no such column."""
-
-
-class _Row(SimpleNamespace):
-    def __getattr__(self, column: str) -> Any:
-        raise _LacksError(column)
-
-
 class _Format:
     """What the rows of a kind, a number, hold: columns of a letter each."""
 
@@ -146,7 +139,7 @@ class _Format:
 
     def row(self, content: bytes, at: int) -> SimpleNamespace:
         """The row that begins at a byte, its columns as attributes."""
-        found = _Row()
+        found = SimpleNamespace()
         for (name, scale), value in zip(
             self._columns, self._packed.unpack_from(content, at), strict=True
         ):
@@ -293,8 +286,8 @@ class _Reader:
                 self._multipliers[row.Id] = row.Mult
             case "EV" if row.Id in (_ARMED, _DISARMED):
                 on = row.Id == _ARMED
-                # Logs that pause while it is disarmed need not tell when that began: at the row
-                # before. It ends with the next one, as these have no times in old logs.
+                # Logs that pause while it is disarmed need not tell since when: the row before. In
+                # old ones these have no times, so that it ends with the next row.
                 self._rearming = on and self._on
                 if self._rearming:
                     found.event(before_ns, "armed", "disarmed")

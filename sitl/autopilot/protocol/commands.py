@@ -40,9 +40,7 @@ _DROPPED = {
         "SET_HOME_POSITION": "SET_HOME_POSITION dropped: DO_SET_HOME moves home",
         "SET_GPS_GLOBAL_ORIGIN": "SET_GPS_GLOBAL_ORIGIN dropped: the origin is where it started",
         "REQUEST_DATA_STREAM": "REQUEST_DATA_STREAM dropped: SET_MESSAGE_INTERVAL sets rates",
-        "SAFETY_SET_ALLOWED_AREA": "SAFETY_SET_ALLOWED_AREA dropped: upload a fence",
-        "TRAJECTORY_REPRESENTATION_WAYPOINTS TRAJECTORY_REPRESENTATION_BEZIER": "Trajectory "
-        "dropped: send setpoints, or upload a mission",
+        "TRAJECTORY_REPRESENTATION_WAYPOINTS": "Trajectory dropped: send setpoints",
     }.items()
     for name in names.split()
 }
