@@ -4,6 +4,7 @@ The protocol tests fly it, so that they do not depend on physics and cost almost
 """
 
 import math
+from functools import cache
 
 import numpy as np
 
@@ -15,6 +16,14 @@ from flightdyn.guidance.path import FlightPath, PathProgress
 from flightdyn.guidance.pursuit import Target, wanted_velocity
 from flightdyn.instruments import Instruments, Readings
 from flightdyn.state import BatteryState, GeodeticPoint, GnssFix, Innovation, Kinematics, Vector
+
+_LIMITS = LimitsConfig()
+
+
+@cache
+def _level(yaw_rad: float) -> Vector:
+    """The attitude, level."""
+    return np.array(quaternion_from_euler(0.0, 0.0, yaw_rad))
 
 
 class Faults:
@@ -80,7 +89,7 @@ class PointMass:
             self.t_ns,
             self.pos_ned_m.copy(),
             self.vel_ned_mps.copy(),
-            np.array(quaternion_from_euler(0.0, 0.0, self.yaw_rad)),
+            _level(self.yaw_rad),
             np.zeros(3),
         )
 
@@ -150,29 +159,30 @@ class PointMass:
             self.gnss = GnssFix(
                 self.t_ns, self.pos_ned_m.copy(), self.vel_ned_mps.copy(), 0.7, 1.2, 0.1, 12
             )
-        before = self.pos_ned_m.copy()
-        self.vel_ned_mps = np.zeros(3)
+        before, step_s = self.pos_ned_m, self.dt_ns * 1e-9
         if self.armed:
-            self._move(self.dt_ns * 1e-9)
-        elif self.pos_ned_m[2] < 0:
-            self.pos_ned_m[2] += 5.0 * self.dt_ns * 1e-9
-        self.pos_ned_m[2] = min(self.pos_ned_m[2], 0.0)
-        self.vel_ned_mps = (self.pos_ned_m - before) / (self.dt_ns * 1e-9)
+            self._move(step_s)
+        elif before[2] < 0:
+            self.pos_ned_m = before + np.array((0.0, 0.0, 5.0 * step_s))
+        if self.pos_ned_m[2] > 0.0:
+            self.pos_ned_m = np.array([*self.pos_ned_m[:2], 0.0])
+        moved = self.pos_ned_m is not before
+        self.vel_ned_mps = (self.pos_ned_m - before) / step_s if moved else np.zeros(3)
 
     def _move(self, left_s: float) -> None:
         if self.target is not None:
             here = (float(self.pos_ned_m[0]), float(self.pos_ned_m[1]), float(self.pos_ned_m[2]))
-            wanted = wanted_velocity(here, (0.0, 0.0, 0.0), self.target, LimitsConfig())
-            self.pos_ned_m += np.array(wanted) * left_s
+            wanted = wanted_velocity(here, (0.0, 0.0, 0.0), self.target, _LIMITS)
+            self.pos_ned_m = self.pos_ned_m + np.array(wanted) * left_s
         path, progress = self._path, self.progress
         while path is not None and not progress.finished and left_s > 0:
             goal = path.points_ned_m[progress.passed]
             self.cmd_pos_ned_m = np.array(goal)
             way = goal - self.pos_ned_m
-            distance = float(np.linalg.norm(way))
+            distance = math.hypot(*way.tolist())
             reach = float(path.speeds_mps[progress.passed - 1]) * left_s
             if distance > reach:
-                self.pos_ned_m += way / distance * reach
+                self.pos_ned_m = self.pos_ned_m + way * (reach / distance)
                 return
             self.pos_ned_m = np.array(goal)
             left_s *= 1.0 - distance / reach
