@@ -251,9 +251,14 @@ def _words(what: str, at_s: float, place: Mapping[str, float]) -> str:
 
 
 def junit(
-    path: Path, names: Sequence[str], flights: Sequence[Sequence[Verdict]], seconds: Sequence[float]
+    path: Path,
+    names: Sequence[str],
+    flights: Sequence[Sequence[Verdict]],
+    seconds: Sequence[float],
+    left_out: Sequence[str] = (),
 ) -> None:
-    """Write verdicts as JUnit's XML: a suite a flight with how long it took, a case a limit.
+    """Write verdicts as JUnit's XML: a suite a flight with how long it took, a case a limit; the
+    last suite says, as skipped, which logs were left out and why.
 
     Raises:
         InputError: the file cannot be written.
@@ -268,5 +273,12 @@ def junit(
             case = ET.SubElement(suite, "testcase", classname=name, name=item.name, time="0.000")
             if not item.met:
                 ET.SubElement(case, "failure", message=printable(item.words, most=_MOST))
+    if left_out:
+        counts = {"name": "left out", "tests": str(len(left_out)), "failures": "0"}
+        suite = ET.SubElement(root, "testsuite", counts, skipped=counts["tests"], time="0.000")
+        for why in left_out:
+            said = printable(why, most=_MOST)
+            of = {"classname": "left out", "name": said.partition(": ")[0], "time": "0.000"}
+            ET.SubElement(ET.SubElement(suite, "testcase", of), "skipped", message=said)
     ET.indent(root)
     write_atomically(path, ET.tostring(root, encoding="utf-8", xml_declaration=True))

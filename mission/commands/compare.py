@@ -14,7 +14,7 @@ from mission.commands.options import Flag, Json, Limits, Offsets, given_offsets,
 if TYPE_CHECKING:
     from mission.analysis.compare import RunComparison
     from mission.analysis.limits import Verdict
-    from mission.analysis.together import Together
+    from mission.analysis.several import Several
 
 
 def compare(
@@ -101,7 +101,7 @@ def compare(
     for item in found:
         if item.run.notice:
             aside.print(f"{item.run.path}: {item.run.notice}")
-    return tell_verdict(found, judged, junit, quiet=as_json, world=world)
+    return tell_verdict(several, judged, junit, quiet=as_json)
 
 
 def in_json(verdicts: Sequence["Verdict"]) -> dict[str, object]:
@@ -111,22 +111,22 @@ def in_json(verdicts: Sequence["Verdict"]) -> dict[str, object]:
 
 
 def tell_verdict(
-    found: Sequence["RunComparison"],
+    several: "Several",
     judged: Sequence[Sequence["Verdict"]],
     junit: Path | None,
     *,
     quiet: bool,
-    world: "Together | None" = None,
 ) -> int:
     """Print which limits are not met, or that all are; write `junit`; return the exit code."""
     from mission.analysis.compare import names_of
     from mission.analysis.limits import junit as write
 
+    found, left_out = several.flights, several.left_out
     if junit is not None:
-        pairs = world.pairs if world else ()
+        pairs = several.world.pairs if several.world else ()
         names = [*names_of(found), *(pair.name for pair in pairs)]
         lasted_s = [item.total.duration_s for item in found] + [pair.known_s for pair in pairs]
-        write(junit, names, judged, lasted_s)
+        write(junit, names, judged, lasted_s, left_out)
     broken = [item for each in judged for item in each if not item.met]
     aside = Console(stderr=True, **PLAIN)
     for item in broken:
@@ -134,7 +134,8 @@ def tell_verdict(
     if any(judged) and not (broken or quiet):
         kinds = {item.name for each in judged for item in each}
         limits, by_all = count(len(kinds), "limit"), "" if len(found) == 1 else " by all"
-        Terminal(**PLAIN).print(f"{limits} met{by_all}")
+        but = f", but {count(len(left_out), 'log')} left out" if left_out else ""
+        Terminal(**PLAIN).print(f"{limits} met{by_all}{but}")
     return LIMITS_NOT_MET if broken else 0
 
 

@@ -492,6 +492,14 @@ def test_a_damaged_log_costs_a_folder_itself_alone(
     with pytest.warns(UserWarning, match="left out: ") as warned:
         assert set(aerofed.compare(tmp_path).index) == {f"whole{end}" for end in KINDS}
     assert len(warned) == len(bad)
+    verdict = tmp_path / "verdict.xml"
+    limit = ("--limit", "cross_track_max_m=500", "--junit", str(verdict))
+    assert call(["compare", str(tmp_path), *limit]) == 0
+    assert capfd.readouterr().out.endswith("1 limit met by all, but 4 logs left out\n")
+    skipped = ET.parse(verdict).findall(
+        "testsuite[@name='left out'][@skipped='4']/testcase/skipped"
+    )
+    assert [case.get("message", "").split(": ")[0] for case in skipped] == list(map(str, bad))
     for log in tmp_path.glob("whole*"):
         log.unlink()
     assert call(["compare", str(tmp_path)]) == 2
