@@ -1,7 +1,7 @@
-"""Paths of several aircraft as columns: a linear programme over them, and the best that fit.
+"""Paths of several aircraft as columns: the prices that they ask for, and the best that fit.
 
-Some devices of a packed path may be dropped: whole paths overlap too much to fit. Both are solved
-by HiGHS, as SciPy has it, without a clock.
+Some devices of a packed path may be dropped: whole paths overlap too much to fit. Packed by HiGHS,
+as SciPy has it, without a clock.
 """
 
 from collections.abc import Sequence
@@ -12,6 +12,10 @@ import numpy as np
 from mission.base.arrays import Floats, Ints
 
 NODES = 50  # of the packing's search, at most
+MOST_NEWTON, MOST_HALVINGS = 100, 30
+FARTHEST, NEAR = 30.0, 1e-3  # of a step, and what is left to gain in the end, over `soft`
+ROUNDED = 9  # digits of the importance
+_FLAT = 1e-9  # least curvature
 
 
 @dataclass(frozen=True)
@@ -27,30 +31,79 @@ class Column:
         return float(np.maximum(0.0, self.brought - prices).sum())
 
 
-class Master:
-    """The linear programme over columns: an aircraft flies one path, a device is served once."""
+class Market:
+    """The prices at which a round is worth least, as far as the paths found so far say:
+
+        sum_k prices_k + sum_a max over paths c of a of sum_k max(0, brought_ck - prices_k)
+
+    is least, each maximum made smooth over a share of the value (`soft`): without that, few paths
+    leave much open, and prices would be in some corner of it.
+    """
 
     def __init__(self, counts: Ints, delta: Floats) -> None:
-        self._groups, self._delta = len(counts), delta
-        self._most = np.concatenate((counts, np.ones(len(delta))))
-        self._worth: list[float] = []
-        self._takes: list[Floats] = []
+        """Begin without paths and prices, for groups of so many (G,) aircraft that are alike."""
+        self._counts, self._delta = counts, delta
+        self._rows: list[int] = []
+        self._brought: list[Floats] = []
+        self._prices = np.zeros(len(delta))
 
     def add(self, row: int, brought: Floats) -> None:
         """Add a path of an aircraft of that group."""
-        one = np.zeros(len(self._most))
-        one[row], one[self._groups :] = 1.0, brought > 0.0
-        self._worth.append(float(brought.sum()))
-        self._takes.append(one)
+        self._rows.append(row)
+        self._brought.append(brought)
 
-    def solve(self) -> tuple[Floats, Floats]:
-        """Return prices (K,) of devices, and what a path of each group has to bring."""
-        from scipy.optimize import linprog  # not every plan needs it, and it takes long to import
+    def most_after(self, prices: Floats) -> Floats:
+        """(G,) what is left of the best path of each group once prices (K,) are paid."""
+        most = np.zeros(len(self._counts))
+        np.maximum.at(most, self._rows, np.maximum(0.0, np.stack(self._brought) - prices).sum(1))
+        return most
 
-        takes = np.column_stack(self._takes)
-        found = linprog(-np.array(self._worth), A_ub=takes, b_ub=self._most, method="highs-ds")
-        duals = np.maximum(0.0, -found.ineqlin.marginals)
-        return np.minimum(duals[self._groups :], self._delta), duals[: self._groups]
+    def prices(self, soft: float) -> Floats:
+        """Return prices (K,), by Newton steps from the last ones."""
+        brought, rows = np.stack(self._brought), np.array(self._rows)
+        whose = (rows == np.arange(len(self._counts))[:, None]).astype(np.float64)
+
+        def look(prices: Floats) -> tuple[float, Floats, Floats]:
+            """The smooth worth, its gradient (K,) and Hessian; who is taken below 0 is so twice."""
+            over, below = (brought - prices) / soft, -prices / soft
+            takes, twice = np.where(brought > 0.0, _step(over), 0.0), 2.0 * _step(below)
+            after = np.where(brought > 0.0, np.logaddexp(0.0, over), 0.0).sum(axis=1)
+            top = np.array([after[mine].max(initial=0.0) for mine in whose > 0.0])
+            weight = np.exp(after - top[rows])
+            sums = whose @ weight + np.exp(-top)  # or it stays
+            worth = top + np.log(sums)
+            weight *= (self._counts / sums)[rows]
+            mean = (whose * weight) @ takes
+            bend = (takes * weight[:, None]).T @ takes - mean.T @ (mean / self._counts[:, None])
+            bend += np.diag(weight @ (takes * (1.0 - takes)) + twice * (1.0 - 0.5 * twice))
+            return (
+                prices.sum() + soft * (self._counts @ worth + 2.0 * np.logaddexp(0.0, below).sum()),
+                1.0 - mean.sum(axis=0) - twice,
+                bend / soft,
+            )
+
+        prices, (worth, slope, bend) = self._prices, look(self._prices)
+        for _ in range(MOST_NEWTON):
+            step = -np.linalg.solve(bend + _FLAT / soft * np.eye(len(prices)), slope)
+            step *= min(1.0, FARTHEST * soft / np.abs(step).max(initial=1e-300))
+            gain = -float(slope @ step)
+            if gain < NEAR * soft:
+                break
+            for _ in range(MOST_HALVINGS):
+                tried = look(prices + step)
+                if tried[0] <= worth - 1e-4 * gain:
+                    break
+                step, gain = 0.5 * step, 0.5 * gain
+            prices, (worth, slope, bend) = prices + step, tried
+        self._prices = prices
+        # Rounded, so that processors that round otherwise go on alike.
+        shares = np.clip(prices / self._delta, 0.0, 1.0).round(ROUNDED)
+        return np.asarray(shares * self._delta)
+
+
+def _step(x: Floats) -> Floats:
+    """The derivative of log(1 + exp(x))."""
+    return 0.5 + 0.5 * np.tanh(0.5 * x)
 
 
 def packed(columns: Sequence[Column], rows: Sequence[int], counts: Ints) -> list[int]:

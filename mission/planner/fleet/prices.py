@@ -5,9 +5,9 @@ For any prices lambda_k >= 0 no plan of several aircraft is worth more than
     sum_k lambda_k + sum_a B_a(lambda),
 
 where B_a bounds what aircraft a alone earns if serving device k costs lambda_k (Lagrangian
-relaxation). B_a is proven by the search of one aircraft. The prices are those of a linear programme
-over the paths found so far (column generation), smoothed towards the best ones so far (in-out:
-Ben-Ameur and Neto 2007, Pessoa et al. 2018). The paths, packed, mend who serves whom.
+relaxation). B_a is proven by the search of one aircraft. The prices are those that the paths found
+so far ask for (column generation), the softer the more is left to prove. The paths, packed, mend
+who serves whom.
 """
 
 from collections.abc import Iterable
@@ -17,13 +17,16 @@ import numpy as np
 
 from mission.base.arrays import Floats
 from mission.planner.certified import Case, branched
-from mission.planner.fleet.packing import Column, Master, packed
+from mission.planner.fleet.packing import Column, Market, packed
 from mission.planner.fleet.team import Team
 from mission.planner.native.crews import alike, search_orders
-from mission.planner.native.library import MOST_DEVICES, Found, Goal
+from mission.planner.native.library import MOST_DEVICES, Found, Goal, match
 
-INWARDS, CALMER = 0.3, 0.1  # weight of the best prices so far; taken off after a step in vain
-CALL_NODES, MOST_CALL_NODES = 10_000, 160_000  # looked into in a call of one aircraft's search
+SOFT = 0.03  # of what is left to prove: over how much the market is smooth, at most
+CALMER, SHARPER = 0.6, 0.3  # times that after a step in vain, and after one without a new path
+SHARPEST = 1e-5  # of the value: as good as not smooth
+# Looked into in a call of one aircraft's search: at prices that are given; at first; in the end.
+CALL_NODES, FIRST_CALL_NODES, MOST_CALL_NODES = 10_000, 40_000, 160_000
 VAIN = 0.02  # of what is left: a step that takes off less was in vain
 MOST_STEPS = 150
 # After so many steps the gap is to be under this share of what it was.
@@ -38,13 +41,19 @@ _FEEBLE = 1e-7  # of the value: a gain that is none
 
 
 def columns_of(team: Team, plan: Found) -> list[Column]:
-    """Return the paths of a plan that serve somebody."""
-    brought = team.brought(plan)
-    return [
-        Column(int(group), plan.way[a], brought[a])
-        for a, group in enumerate(alike(team.cases))
-        if brought[a].any()
-    ]
+    """Return the paths of a plan that can serve somebody."""
+    groups = enumerate(alike(team.cases).tolist())
+    columns = [column_along(team, group, plan.way[a]) for a, group in groups]
+    return [column for column in columns if column.brought.any()]
+
+
+def column_along(team: Team, group: int, way: Floats) -> Column:
+    """Return a path (N, 2) with all that an aircraft can bring along it."""
+    devices = team.cases[group].devices
+    _, assigned = match(devices, team.cases[group].limits, way)
+    served, brought = np.flatnonzero(assigned >= 0), np.zeros(len(assigned))
+    brought[served] = devices.brought(served, way[assigned[served]])
+    return Column(group, way, brought)
 
 
 @dataclass
@@ -60,16 +69,18 @@ class _Search:
         self.alike = alike(self.team.cases)
         self.groups, self.counts = np.unique(self.alike, return_counts=True)
         self.row = {int(group): i for i, group in enumerate(self.groups)}
-        self.master = Master(self.counts, self.team.delta)
+        self.market = Market(self.counts, self.team.delta)
         for column in self.columns:
-            self.master.add(self.row[column.group], column.brought)
+            self.market.add(self.row[column.group], column.brought)
         self.prices = np.zeros(len(self.team.delta))
         self.bound, self.nodes = np.inf, 0
         self.calls = 0
-        self.call_nodes, self.cut = CALL_NODES, False  # whether one of the calls has ended early
+        self.call_nodes = FIRST_CALL_NODES
+        self.cut = False  # whether one of the calls has ended early
 
     def run(self) -> Found:
-        inwards, left = INWARDS, np.inf
+        inwards = 0.0  # weight of the best prices so far, where searches end early at others
+        soft = left = np.inf
         for step in range(MOST_STEPS):
             if self.done and step > 0:
                 break
@@ -77,45 +88,44 @@ class _Search:
                 if self.bound - self.best.value > STALLED * left:
                     break
                 left = self.bound - self.best.value
-            outer, duals = self.master.solve()
-            prices = outer if step == 0 else inwards * self.prices + (1.0 - inwards) * outer
+            soft = min(soft, SOFT * (self.best.bound - self.best.value))
+            soft = max(soft, SHARPEST * self.best.value)
+            prices = (1.0 - inwards) * self.market.prices(soft) + inwards * self.prices
             before, self.cut = self.bound, False
-            useful = self._look(prices, outer, duals)
+            useful = self._look(prices)
             if (step + 1) % PACK_EVERY == 0:
-                self._pack(outer, duals)
+                self._pack()
             better = before - self.bound > VAIN * (before - self.best.value)
             if self.cut and not better:
                 self.call_nodes = min(2 * self.call_nodes, MOST_CALL_NODES)
-            if useful or better:
-                inwards = INWARDS
-            elif inwards > 0.0:
-                inwards = max(0.0, inwards - CALMER)
-            elif not self.cut:
+            if self.cut:
+                inwards = 0.0 if better else 0.5 * (1.0 + inwards)
+                continue
+            if not (useful or better) and soft <= SHARPEST * self.best.value:
                 break
+            inwards, soft = 0.0, soft * (better or CALMER) * (useful or SHARPER)
         if not self.done:
-            self._pack(*self.master.solve())
+            self._pack()
         return self.best
 
     @property
     def done(self) -> bool:
         return self.best.gap <= self.goal.gap or self.nodes >= self.goal.max_nodes
 
-    def _look(self, prices: Floats, outer: Floats, duals: Floats) -> bool:
-        """Bound the round at these prices; whether a path was found that the programme lacks."""
+    def _look(self, prices: Floats) -> bool:
+        """Bound the round at these prices; whether a path was found that the market lacks."""
         useful, total = False, float(prices.sum())
+        most = self.market.most_after(prices)
         for group, count in zip(self.groups.tolist(), self.counts.tolist(), strict=True):
             case = priced(self.team.cases[group], prices)
             mine = [column for column in self.columns if column.group == group]
             way = max(mine, key=lambda column: column.after(prices)).way if mine else None
             found = self._searched(case, way)
             total += count * found.bound
-            served = np.flatnonzero(found.assigned >= 0)
-            brought = np.zeros(len(prices))
-            brought[served] = case.devices.brought(served, found.way[found.assigned[served]])
-            column = Column(group, found.way, brought)
-            if column.after(outer) > duals[self.row[group]] + _FEEBLE * self.best.value:
+            column = column_along(self.team, group, found.way)
+            if column.after(prices) > most[self.row[group]] + _FEEBLE * self.best.value:
                 useful = True
-                self._add(column, np.where(brought > outer, brought, 0.0))
+                self._add(column)
         if total < self.bound:
             self.bound, self.prices = total, prices
             self.best = replace(self.best, bound=min(self.best.bound, total))
@@ -133,15 +143,14 @@ class _Search:
         self.cut |= bool(found.ended)
         return found
 
-    def _add(self, column: Column, *parts: Floats) -> None:
-        """Take a path, and with it what it brings if it serves only some of its devices."""
+    def _add(self, column: Column) -> None:
         self.columns.append(column)
-        for brought in (column.brought, *parts):
-            self.master.add(self.row[column.group], brought)
+        self.market.add(self.row[column.group], column.brought)
 
-    def _pack(self, prices: Floats, duals: Floats) -> None:
-        """Make a plan of the paths that are worth most at these prices."""
-        lost = [duals[self.row[one.group]] - one.after(prices) for one in self.columns]
+    def _pack(self) -> None:
+        """Make a plan of the paths that are worth most at the best prices."""
+        most = self.market.most_after(self.prices)
+        lost = [most[self.row[one.group]] - one.after(self.prices) for one in self.columns]
         some = [self.columns[i] for i in np.argsort(lost, kind="stable")[:PACKED]]
         chosen = packed(some, [self.row[one.group] for one in some], self.counts)
         ways = np.zeros_like(self.best.way)

@@ -102,7 +102,7 @@ static const double CHILD_COST = 0.1;
 
 /* A device to insert, and the orders that this makes. */
 typedef struct {
-    int64_t device, radius; /* index of the next rung's radius */
+    int64_t device, radius; /* index of the next radius */
     double brings, others; /* what it promises and its price, and the rest without it */
     Order *first, *last;
 } Probe;
@@ -171,13 +171,28 @@ static int64_t row_of(const Relaxation *relaxation, int64_t inner, int64_t outer
     return relaxation->row[inner * relaxation->radii + outer];
 }
 
-/* Line up the orders in which a device is served from within the next rung's radius, at each gap. */
+/* Whether a device is worth nothing, or not its price, from anywhere beyond a radius: no plan is the worse for
+   leaving it out there. */
+static int is_worthless(int64_t device, int64_t radius, const Relaxation *relaxation)
+{
+    return radius == relaxation->radii - 1 || relaxation->promise[device * relaxation->radii + radius] <= 0.0;
+}
+
+/* The radius that is decided about after this one: the next rung, or one before it that is the last of use. */
+static int64_t next_radius(int64_t device, int64_t level, const Relaxation *relaxation)
+{
+    int64_t radius = relaxation->ladder[level];
+    while (radius - 1 > level && is_worthless(device, radius - 1, relaxation)) radius--;
+    return radius;
+}
+
+/* Line up the orders in which a device is served from within the next radius, at each gap. */
 static Probe probe(
     const Node *node, int64_t device, const Path *path, const Problem *problem, const Goal *goal,
     Children *all)
 {
     const Relaxation *relaxation = &problem->relaxation;
-    const int64_t level = node->level[device], radius = relaxation->ladder[level];
+    const int64_t level = node->level[device], radius = next_radius(device, level, relaxation);
     const double brings = problem->devices.hover ? 0.0
                                                  : promise_of(node, device, relaxation) +
                                                        cost_of(&problem->devices, device);
@@ -198,7 +213,7 @@ static Probe probe(
     };
 }
 
-/* Serve a device at each gap of the order. On the last rung, gaps without a child are closed in the
+/* Serve a device at each gap of the order. At the last radius, gaps without a child are closed in the
    node's mask, for all descendants. */
 static void offer_gaps(
     Node *node, const Probe *probe, const Relaxation *relaxation, const Goal *goal, Family *family)
@@ -207,7 +222,7 @@ static void offer_gaps(
         order->node->dual = node->dual + probe->brings;
         take_dual(order->node, order->bound, order->price);
         const int stays = offer(family, order->pointed, probe->others, node, order->node, goal);
-        if (!stays && probe->radius == relaxation->radii - 1)
+        if (!stays && is_worthless(probe->device, probe->radius, relaxation))
             node->mask[probe->device] &= ~((uint64_t)1 << order->pointed);
     }
 }

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.optimize import linprog
 
 from fl.radio.channel import CHANNEL_PRESETS, average_per
 from flightdyn.config import LimitsConfig
@@ -16,7 +17,7 @@ from mission.planner.check import check_plan
 from mission.planner.config import PlannerConfig
 from mission.planner.factory import make_planner
 from mission.planner.fleet.joint import first_plans, plan_jointly
-from mission.planner.fleet.packing import Column, packed
+from mission.planner.fleet.packing import Column, Market, packed
 from mission.planner.fleet.parts import improved_in_turn, masked
 from mission.planner.fleet.prices import columns_of, priced, search_prices, searched_alone
 from mission.planner.fleet.team import partitions, team_of
@@ -195,6 +196,66 @@ def test_a_price_is_paid_by_whoever_is_served(steps: int) -> None:
         brought = case.devices.brought(served, found.way[found.assigned[served]])
         assert found.value == pytest.approx(float((brought - prices[served]).sum()))
         assert (brought > prices[served]).all()  # a plan leaves out who is not worth it
+
+
+@pytest.mark.parametrize("channel", ["dense-urban", "suburban+10dB"])
+def test_no_order_of_visits_is_above_the_bound_at_prices(channel: str) -> None:
+    """Whoever is heard from afar only is not worth its price: that leaves out no good path."""
+    nodes = 0
+    for seed in range(4):
+        rng = np.random.default_rng(seed)
+        problem = drawn(
+            seed, aircraft=1, devices_m=rng.uniform(0, 450, (6, 2)), per_step=1 + seed % 2,
+            importance=rng.uniform(0.2, 1.0, 6), metres=350.0, channel=CHANNEL_PRESETS[channel],
+        )  # fmt: skip
+        case = case_of(problem)
+        total = float(case.devices.delta.sum())
+        one = priced(case, np.ascontiguousarray(rng.uniform(0.2, 0.8, 6) * case.devices.delta))
+        begun = one.polished(np.zeros((6, 2)))
+        found = searched_alone(one, begun, Goal(0.0, 20_000, 1e-4 * total, total / 3.0))
+        best, nodes = found.value, nodes + found.nodes
+        for order in itertools.chain(*(itertools.permutations(range(6), n) for n in range(1, 5))):
+            way = np.vstack([np.zeros(2), case.devices.u[list(order)]])
+            way *= min(1.0, 350.0 / np.hypot(*np.diff(way, axis=0).T).sum())
+            best = max(best, one.polished(way[np.minimum(np.arange(6), len(order))]).value)
+        assert best <= found.bound + 1e-6 * total
+        assert found.bound <= best + 0.01 * total
+    assert nodes > 50  # it was no easy matter
+
+
+@pytest.mark.parametrize("counts", [(1, 1), (3,)])
+def test_prices_of_the_paths_found_are_those_of_their_linear_programme(counts: Any) -> None:
+    """Some of a path's devices may be left out: sum_k s_ck is what path c leaves after prices."""
+    rng, devices, paths = np.random.default_rng(len(counts)), 12, 20
+    delta = rng.uniform(0.2, 1.0, devices)
+    brought = delta * rng.uniform(0.5, 1.0, (paths, devices)) * (rng.random((paths, devices)) < 0.4)
+    brought[:, 3] = 0.0  # nobody brings it
+    rows = np.arange(paths) % len(counts)
+    market = Market(np.array(counts), delta)
+    for row, one in zip(rows.tolist(), brought, strict=True):
+        market.add(row, one)
+
+    def worth(prices: np.ndarray) -> float:
+        assert (prices >= 0.0).all()
+        assert (prices <= delta).all()
+        left = np.maximum(0.0, brought - prices).sum(axis=1)
+        most = [left[rows == row].max() for row in range(len(counts))]
+        assert market.most_after(prices) == pytest.approx(most)
+        return float(prices.sum() + np.dot(counts, most))
+
+    # min sum prices + sum counts most, most_row >= sum_k s_ck, s_ck >= brought_ck - prices_k
+    each, size = np.eye(devices), devices + len(counts)
+    over = np.zeros((paths * (devices + 1), size + paths * devices))
+    for c in range(paths):
+        mine = slice(size + c * devices, size + (c + 1) * devices)
+        over[c, devices + rows[c]], over[c, mine] = -1.0, 1.0
+        lines = slice(paths + c * devices, paths + (c + 1) * devices)
+        over[lines, :devices], over[lines, mine] = -each, -each
+    costs = np.concatenate((np.ones(devices), counts, np.zeros(paths * devices)))
+    least = linprog(costs, over, np.concatenate((np.zeros(paths), -brought.ravel()))).fun
+    assert market.prices(0.1)[3] < 1e-6
+    market.prices(0.01)
+    assert worth(market.prices(1e-3)) == pytest.approx(least, rel=2e-3)
 
 
 def test_prices_of_a_dual_are_weak_without_the_price_on_serving() -> None:
