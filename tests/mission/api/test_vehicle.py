@@ -80,7 +80,7 @@ def test_a_flight_without_a_mission_hides_no_other_in_its_folder(
     assert call(["compare", str(tmp_path), "--limit", "slots_missed=0"]) == 0
     said, why = capsys.readouterr(), "the log has no mission to compare with"
     assert f"left out: {tmp_path}/flight-0001.mcap: {why}" in said.err
-    assert said.out.endswith("\n1 limit met\n")
+    assert said.out.endswith("\n1 limit met, but 1 log left out\n")
     with pytest.warns(UserWarning, match=f"left out: .*: {why}"):
         assert aerofed.compare(tmp_path).index.tolist() == ["flight-0002.mcap"]
     assert call(["compare", str(tmp_path / "flight-0001.mcap")]) == 0
