@@ -60,7 +60,7 @@ endef
 define fetch_and_compile
 	$(PYTHON) -c 'import tomllib; project = tomllib.load(open("pyproject.toml", "rb"))["project"]; \
 		print(*project["dependencies"], sep="\n")' > $(VENV)/dependencies.txt
-	$(PYTHON) -c 'from native import building; building.build_missing()' 2> /dev/null & \
+	nice -n 19 $(PYTHON) -c 'from native import building; building.build_missing()' 2> /dev/null & \
 		$(PIP) --no-compile --constraint requirements.lock --requirement $(VENV)/dependencies.txt; \
 		fetched=$$?; wait; exit $$fetched
 endef
