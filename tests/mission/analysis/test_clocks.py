@@ -200,9 +200,8 @@ def test_a_vehicle_that_is_armed_again_was_disarmed_before(tmp_path: Path) -> No
     flight = made(until_s=80.0).without(30.0, 60.0)
     log = write_bin(tmp_path / "x.bin", flight, version="NTUN", old=True)
     content = log.read_bytes()
-    event, target = (
-        re.search(rb"(?s)\xa3\x95\x80(.)." + name, content)[1]  # type: ignore[index]
-        for name in (rb"EV\0", rb"NTUN")
+    ((event,), (target,)) = (
+        re.findall(rb"(?s)\xa3\x95\x80(.)." + name, content) for name in (rb"EV\0", rb"NTUN")
     )
     goes_on = content.index(b"\xa3\x95" + target + struct.pack("<I", 60_050))
     armed = b"\xa3\x95" + event + bytes([10])
