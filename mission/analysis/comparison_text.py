@@ -70,7 +70,7 @@ _RADIO: _Columns = (
     _of("mean PER\nplan / believed / true", "plan_per_mean est_per_mean true_per_mean", 4),
     _of("shift\nmax", "per_shift_max", 4),
     _of("objective\nplan / believed / true", "plan_objective est_objective true_objective", 3),
-    ("arrived", lambda c: f"{c.delivered}/{c.scheduled}"),
+    ("arrived", lambda c: f"{number(c.delivered, 0)}/{number(c.scheduled, 0)}"),
 )
 _LATE: _Columns = (("devices\nlate", lambda c: str(c.unready)),)
 

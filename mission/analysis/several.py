@@ -1,13 +1,14 @@
 """Several flights: loaded, compared with their plans each, and together where they were."""
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from mission.analysis.compare import RunComparison, compare_run
 from mission.analysis.load import LoadedRun, load_flights, vehicles_of
 from mission.analysis.together import Together, together
 from mission.base.errors import InputError
+from mission.base.run_folder import RunFolder
 
 
 @dataclass(frozen=True)
@@ -47,6 +48,7 @@ def load_several(
     (first, *others) = paths
     asked = asked or bool(offsets)
     alone = isinstance(first, Path) and not others and bool(vehicles_of(first))
+    of_run = alone and isinstance(first, Path) and RunFolder(first).rounds.is_file()
     loaded, left_out = list[LoadedRun](), list[str]()
     for item in paths:
         flights, why = (
@@ -58,16 +60,20 @@ def load_several(
         left_out += why
     comparisons = list[RunComparison]()
     for run in loaded:
+        if of_run and not run.data.rounds:  # lost before its first was over, and among the others
+            run = replace(run, unjudged="no round was flown")
         try:
             comparisons.append(compare_run(run, rounds=rounds))
         except InputError as error:  # it may have stayed on the ground
             if not alone:
                 raise
             left_out.append(str(error))
+    if not comparisons:
+        raise InputError(left_out[0])
     world = None
     if asked or alone:
         try:
-            world = together(comparisons, offsets)
+            world = together(comparisons, offsets, of_run=of_run)
         except InputError:
             if asked:
                 raise

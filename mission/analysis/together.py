@@ -222,11 +222,15 @@ class Together:
 
 
 def together(
-    flights: Sequence[RunComparison], offsets: Mapping[str, float] | None = None
+    flights: Sequence[RunComparison],
+    offsets: Mapping[str, float] | None = None,
+    *,
+    of_run: bool = False,
 ) -> Together:
     """Put flights into the frame and on the clock of the first, and measure all pairs.
 
     `offsets`: seconds to add to the times of a log, by its name, in place of what it tells.
+    `of_run`: they are of one run, together also where one was in the air alone.
 
     Raises:
         InputError: clocks that cannot be aligned, flights of no or other places or of other times,
@@ -273,7 +277,7 @@ def together(
     made = Together(tuple(flights), tuple(names), area, tuple(tracks), added_s, by, plans)
     made = replace(made, pairs=tuple(_pairs(made, first.area)))
     for n, name in enumerate(names):
-        if all(n not in (pair.first, pair.second) for pair in made.pairs):
+        if not of_run and all(n not in (pair.first, pair.second) for pair in made.pairs):
             raise InputError(
                 f"{name}: in the air when none of the others is; leave --together out to see them "
                 f"side by side, or --offset {name}=SECONDS says what to add to its times"

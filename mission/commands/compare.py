@@ -145,7 +145,8 @@ def _warn_of_lengths(found: Sequence["RunComparison"], aside: Console) -> None:
     counts = [len(item.rounds) for item in found]
     if len(set(counts)) > 1:
         each = ", ".join(f"{name} {n}" for name, n in zip(names_of(found), counts, strict=True))
+        way_out = f"; --rounds {min(counts)} takes the rounds that all of them have"
         aside.print(
-            f"runs of different length (rounds: {each}): their sums do not compare; "
-            f"--rounds {min(counts)} takes the rounds that all of them have"
+            f"runs of different length (rounds: {each}): their sums do not compare"
+            f"{way_out if min(counts) else ''}"
         )

@@ -45,10 +45,14 @@ def learning_charts(run: FlightData, others: Sequence[FlightData] = ()) -> list[
     percent = by_community("accuracy", 100.0)
     accuracy = by_round("Accuracy", percent, y="accuracy (%)", most=100.0)
     cov = by_round("Fairness CoV ψ", by_community("cov", 1.0), y="CoV ψ", note=_SPREAD, steps=True)
-    scheduled, delivered = Counter[int](), Counter[int]()
-    for record in (record for each in (run, *others) for record in each.rounds):
-        scheduled[record.round] += record.scheduled
-        delivered[record.round] += record.delivered
+    scheduled = {record.round: record.scheduled for record in run.rounds}
+    delivered = {record.round: record.delivered for record in run.rounds}
+    if others:  # a device that two were to serve is one
+        sent = [item for each in (run, *others) for item in each.uplinks]
+        scheduled = Counter(number for number, _ in {(u.round, u.device) for u in sent})
+        delivered = Counter(
+            number for number, _ in {(u.round, u.device) for u in sent if u.delivered}
+        )
     updates = bar_chart(
         "Updates",
         [
@@ -62,10 +66,13 @@ def learning_charts(run: FlightData, others: Sequence[FlightData] = ()) -> list[
 
 
 def experiment_charts(flights: Sequence[LoadedRun]) -> list[Chart]:
-    """`learning_charts` of the experiment in which the first of these flew, maybe with others."""
-    first, *rest = flights
-    together = vehicles_of(first.path.parent)
-    return learning_charts(first.data, [one.data for one in rest if one.path in together])
+    """`learning_charts` of the experiment in which the first of these flew, maybe with others;
+    none where no round was over."""
+    together = vehicles_of(flights[0].path.parent)
+    # Who was lost knows of the rounds before.
+    first, *rest = sorted(flights, key=lambda one: -len(one.data.rounds))
+    others = [one.data for one in rest if one.path in together]
+    return learning_charts(first.data, others) if first.data.rounds else []
 
 
 def radio_charts(run: FlightData, comparison: RunComparison) -> list[Chart]:

@@ -1,6 +1,7 @@
 """The picture files of a run, and of several runs side by side."""
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from mission.analysis.compare import RunComparison, compare_run
@@ -54,11 +55,11 @@ def fleet_pictures(folder: Path) -> dict[str, Chart]:
         apart_m = world.flights[0].run.data.config.get("mission", {}).get("separation_m")
         limits = {} if apart_m is None else {next(iter(SEPARATIONS)): apart_m}
         pictures["map.png"] = together_map(world)
-        pictures["apart.png"] = separation_chart(world, limits)
+        if world.pairs:
+            pictures["apart.png"] = separation_chart(world, limits)
         pictures["timetable.png"] = timetable(world)
-    if found.flights and found.flights[0].run.data.rounds:
-        charts = experiment_charts([item.run for item in found.flights])
-        about = found.flights[0].run.about
+    if charts := experiment_charts([item.run for item in found.flights]):
+        about = replace(found.flights[0].run, path=folder).about
         pictures["learning.png"] = stacked(charts, title="What was learnt", about=about)
     return pictures
 
@@ -96,7 +97,8 @@ def comparison_figure(
     of one world are on one map, with their distances over time.
     """
     if world is not None:
-        charts = [together_map(world), separation_chart(world, limits or {})]
+        charts = [together_map(world)]
+        charts += [separation_chart(world, limits or {})] if world.pairs else []
         return stacked(charts, title="Flown together", about=f"{len(runs)} flights")
     if all(run.run.judged is not None for run in runs):
         return profiles(runs)

@@ -6,11 +6,12 @@ from typing import Any
 import altair as alt
 import numpy as np
 
+from mission.analysis.airborne import times_in_air
 from mission.analysis.holes import position_gaps
 from mission.analysis.together import SEPARATIONS, Together
 from mission.base.airspace import thin
 from mission.base.arrays import Bools, Floats
-from mission.base.gaps import outside
+from mission.base.gaps import inside, outside
 from mission.base.palette import COLOURS, community_colour
 from mission.figures.charts import Series, envelope, finished, line_chart
 from mission.figures.film import Actor, film
@@ -140,7 +141,8 @@ def timetable(world: Together) -> Chart:
         world.names, world.flights, world.tracks, world.added_s, strict=True
     ):
         data = flight.run.data
-        for span in _spans(data, track, added_s):
+        air_s = np.array(times_in_air(flight.run.path, data)) + added_s
+        for span in _spans(data, track, added_s, air_s):
             for key, value in zip(bars, (name, *span), strict=True):
                 bars[key].append(value)
         times = [item.slot_t_s + added_s for item in data.uplinks if np.isfinite(item.slot_t_s)]
@@ -166,8 +168,10 @@ def timetable(world: Together) -> Chart:
     return finished(layers, title="What each does when", height=26.0 * len(world.names))
 
 
-def _spans(data: FlightData, track: Track, added_s: float) -> list[tuple[str, float, float]]:
-    """Kind, begin and end of what an aircraft does, one after another."""
+def _spans(
+    data: FlightData, track: Track, added_s: float, air_s: Floats
+) -> list[tuple[str, float, float]]:
+    """Kind, begin and end of what an aircraft does in the air (k, 2), one after another."""
     begin_s, end_s = (float(at) for at in track.t_ns[[0, -1]] / NS_PER_S)
     t_s = np.append(np.arange(begin_s, end_s, _STEP_S), end_s)
     if len(t_s) < 2:
@@ -179,8 +183,8 @@ def _spans(data: FlightData, track: Track, added_s: float) -> list[tuple[str, fl
     in_round, waits = _rounds(data, middle - added_s)
     moves = speed > _MOVES_MPS
     kind = np.select(
-        [moves & upright, moves & in_round, moves, waits | ~in_round],
-        ["climb, descent", "leg", "to and fro", "wait"],
+        [~inside(middle, air_s), moves & upright, moves & in_round, moves, waits | ~in_round],
+        ["", "climb, descent", "leg", "to and fro", "wait"],
         "hover",
     )
     ends = np.flatnonzero(np.append(kind[1:] != kind[:-1], True))
@@ -188,6 +192,7 @@ def _spans(data: FlightData, track: Track, added_s: float) -> list[tuple[str, fl
     return [
         (str(kind[first]), float(t_s[first]), float(t_s[last + 1]))
         for first, last in zip(starts, ends, strict=True)
+        if kind[first]
     ]
 
 
@@ -196,11 +201,11 @@ def _rounds(data: FlightData, t_s: Floats) -> tuple[Bools, Bools]:
     without rounds all are within."""
     if not data.rounds:
         return np.ones(len(t_s), dtype=bool), np.zeros(len(t_s), dtype=bool)
-    inside, waits = np.zeros(len(t_s), dtype=bool), np.zeros(len(t_s), dtype=bool)
+    within, waits = np.zeros(len(t_s), dtype=bool), np.zeros(len(t_s), dtype=bool)
     for record in data.rounds:
         here = (t_s >= record.start_t_s) & (t_s <= record.start_t_s + record.duration_s)
         own = [item.slot_t_s for item in data.uplinks if item.round == record.round]
         last_s = max((at for at in own if np.isfinite(at)), default=record.start_t_s)
-        inside |= here
+        within |= here
         waits |= here & (t_s > last_s)
-    return inside, waits
+    return within, waits

@@ -170,7 +170,15 @@ def together_html(world: Together, name: str) -> str:
     top, lower = pair_rows(world)
     heads, *rows = ([cell.replace("\n", " ") for cell in row] for row in (top, *lower))
     names = [pair.name for pair in world.pairs]
-    nearest = min(world.met, key=lambda near: near.away_m)
+    met, pair = list[tuple[str, str]](), list[tuple[str, int, list[tuple[str, str]]]]()
+    if world.met:  # where all but one were lost as they took off nobody met
+        nearest = min(world.met, key=lambda near: near.away_m)
+        met = [
+            (f"{nearest.away_m:.2f} m", f"nearest: {nearest.name}"),
+            (f"{nearest.t_s:.1f} s", "when they were nearest"),
+        ]
+        own = list(zip(heads, rows[names.index(nearest.name)], strict=True))[1:]
+        pair = [(nearest.name, 0, own)]
     each = labelled([item.total for item in flights])
     notes = [(str(at), line) for at, line in enumerate(world.lines, start=1)]
     learnt = experiment_charts([item.run for item in flights]) if first.learning else []
@@ -181,21 +189,17 @@ def together_html(world: Together, name: str) -> str:
         good=True,
         facts=[f"{len(flights)} vehicles", *world.names],
         notice="",
-        tiles=[
-            (f"{len(flights)}", "vehicles"),
-            (f"{nearest.away_m:.2f} m", f"nearest: {nearest.name}"),
-            (f"{nearest.t_s:.1f} s", "when they were nearest"),
-        ],
+        tiles=[(f"{len(flights)}", "vehicles"), *met],
         map=card(with_film(together_map(world)), is_map=True),
         film=together_film(world),
         rounds=[],
         details=[
-            (nearest.name, 0, list(zip(heads, rows[names.index(nearest.name)], strict=True))[1:]),
+            *pair,
             *([("Clocks, and what is not known", 0, notes)] if notes else []),
         ],
         a_flight=True,
         flight_title="Who came how near to whom",
-        flight=[card(separation_chart(world, limits)), card(timetable(world))],
+        flight=[*([card(separation_chart(world, limits))] if met else []), card(timetable(world))],
         told=[card(chart) for chart in side_by_side_charts(flights)],
         tables=[
             ("All pairs", heads, rows, 1),

@@ -386,8 +386,19 @@ def test_curves_are_percent_and_cov_by_round(made_run: Made) -> None:
     lines = [layer["mark"] for layer in layers(cov) if layer["mark"]["type"] == "line"]
     assert [line["interpolate"] for line in lines] == ["step-after"]
     assert values(updates, "delivered") == [r.delivered for r in made.rounds]
-    of_two = described(learning_charts(run, [run])[2])  # another aircraft of the same rounds
-    assert values(of_two, "delivered") == [2 * r.delivered for r in made.rounds]
+    # Another aircraft of the same rounds, which serves others.
+    other = replace(run, uplinks=tuple(replace(u, device=u.device + 100) for u in run.uplinks))
+    of_two = described(learning_charts(run, [other])[2])
+    for name in ("scheduled", "delivered"):
+        sent = [
+            {
+                u.device
+                for u in run.uplinks
+                if u.round == r.round and (name == "scheduled" or u.delivered)
+            }
+            for r in made.rounds
+        ]
+        assert values(of_two, name) == [2 * len(of) for of in sent]
     assert axes(accuracy) == {"round", "accuracy (%)"}
 
 

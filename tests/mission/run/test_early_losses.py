@@ -1,0 +1,116 @@
+"""Experiments of several aircraft of which some, or all, are lost before a first round is over."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+import small_runs
+from described import charts
+
+from mission.analysis.several import load_several
+from mission.analysis.together import Together
+from mission.cli import call
+from mission.figures.learning import learning_charts
+from mission.figures.run import comparison_figure, fleet_pictures
+from mission.figures.style import Chart
+from mission.figures.together import timetable
+
+pytestmark = pytest.mark.slow
+
+BROKEN = '{{aircraft={{faults=[{{kind="motor_loss", at_s={}}}]}}}}'
+
+
+def play(out: Path, vehicles: str, *keys: str) -> int:
+    more = [word for key in (f"vehicles=[{vehicles}]", *keys) for word in ("--set", key)]
+    words = small_runs.last_counts(*small_runs.SMALL, *more)
+    return call(["run", "--out", str(out), "--rounds", "2", *words])
+
+
+def judged(out: Path) -> Together:
+    return load_several((out,)).together
+
+
+def drawn_rows(chart: Chart) -> list[dict[str, object]]:
+    return [row for values in chart["datasets"].values() for row in values]
+
+
+@pytest.fixture(scope="module")
+def first_lost(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Of two the first falls before the second takes off."""
+    out = tmp_path_factory.mktemp("runs") / "run"
+    assert play(out, BROKEN.format(6) + ", {}") == 0
+    return out
+
+
+def test_all_that_are_lost_in_the_first_round_are_looked_into(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "run"
+    assert play(out, ", ".join([BROKEN.format(30)] * 2)) == 4
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1
+    assert said.startswith("aerofed: round 1, t ")
+    assert [*fleet_pictures(out)] == ["map.png", "apart.png", "timetable.png"]
+    assert call(["compare", str(out), "--json", "--limit", "separation_min_m=1"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert [len(found["flights"]), len(found["pairs"])] == [2, 1]
+    assert found["pairs"][0]["separation_min_m"] == pytest.approx(5.0, abs=1.5)
+    assert call(["compare", str(out), "--limit", "slots_missed=0"]) == 6  # nobody knows
+    assert call(["report", str(out)]) == 0
+
+
+def test_none_that_left_the_ground_is_a_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "run"
+    assert play(out, BROKEN.format(0) + ", {}", "mission.when_lost=end") == 4
+    capsys.readouterr()
+    assert call(["compare", str(out)]) == 2
+    said = capsys.readouterr().err
+    assert said == (
+        f"aerofed: {out}/vehicle-uav1: it never left the ground, so there is nothing to compare\n"
+    )
+
+
+def test_who_is_left_alone_has_its_page_and_pictures(first_lost: Path) -> None:
+    assert call(["report", str(first_lost)]) == 0
+    page = (first_lost / "report.html").read_text()
+    assert "vehicle-uav2" in page
+    assert len(charts(page)) > 2
+    assert [*fleet_pictures(first_lost)] == ["map.png", "timetable.png", "learning.png"]
+    found = load_several((first_lost,))
+    assert len(found.flights) == 2
+    assert not found.together.pairs
+    assert comparison_figure(found.flights, found.world)
+
+
+def test_what_was_learnt_is_told_beyond_a_loss(first_lost: Path) -> None:
+    """By who knows all rounds, and of the experiment, not of one aircraft."""
+    chart = fleet_pictures(first_lost)["learning.png"]
+    accuracy = [row for row in drawn_rows(chart) if row.get("series") == "digits"]
+    assert {row["x"] for row in accuracy} == {0, 1, 2}
+    assert str(chart["title"]).count(f"{first_lost.name} · ") == 1
+
+
+def test_a_wreck_does_nothing(first_lost: Path) -> None:
+    """On the ground an aircraft waits for nobody."""
+    spans = [row for row in drawn_rows(timetable(judged(first_lost))) if "kind" in row]
+    of_each = {
+        name: [row for row in spans if row["vehicle"] == f"vehicle-{name}"]
+        for name in ("uav1", "uav2")
+    }
+    fell_s = max(float(str(row["end"])) for row in of_each["uav1"])
+    assert fell_s < min(float(str(row["begin"])) for row in of_each["uav2"])
+
+
+def test_a_device_that_two_were_to_serve_is_one_of_a_round(first_lost: Path) -> None:
+    *_, run = (flight.run.data for flight in load_several((first_lost,)).flights)
+    again = replace(run, uplinks=tuple(replace(u, delivered=False) for u in run.uplinks))
+    *_, updates = learning_charts(run, [again])
+    told = [(row["series"], row["x"], row["y"]) for row in drawn_rows(updates)]
+    assert sorted(told) == sorted(
+        (name, record.round, getattr(record, name))
+        for record in run.rounds
+        for name in ("scheduled", "delivered")
+    )
