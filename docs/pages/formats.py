@@ -5,7 +5,13 @@ from collections.abc import Iterable
 
 from mission.base.tables import annotated
 from mission.log import topics
-from mission.log.records import AircraftRecord, DeviceRecord, TimedUplinkRecord, UplinkRecord
+from mission.log.records import (
+    AircraftRecord,
+    DeviceRecord,
+    OfSeveral,
+    TimedUplinkRecord,
+    UplinkRecord,
+)
 from mission.log.values import ControlTrack
 
 HEAD = """# What a run leaves
@@ -75,6 +81,10 @@ the old log and tables until the new ones have caught up |
 `console.log` |
 | `traceback.txt` | only where code of your own ended the run |
 
+With [several aircraft](fleet.md#what-is-seen) logs are `vehicle-NAME/flight.mcap`, plans have the \
+name behind their round, and `figures/timetable.png` and `figures/apart.png` are in the place of \
+`figures/rounds.png` and `figures/belief.png`.
+
 `aerofed fly` leaves:
 
 | file | what |
@@ -100,6 +110,8 @@ def _body() -> list[str]:
         *("", "`COMMUNITY` is the name of one: there is a column for each."),
         *("", "## aircraft.csv", "", "One row for each round and aircraft."),
         *("", *_columns(AircraftRecord)),
+        *("", "With several aircraft five columns more, and `aircraft` in `uplinks.csv`:"),
+        *("", *_table((name, told.words) for name, told in annotated(AircraftRecord, OfSeveral))),
         *("", "## uplinks.csv", "", "One row for each scheduled device of each round."),
         *("", *_fields(topics.UPLINKS)),
         *(

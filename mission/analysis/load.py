@@ -162,12 +162,7 @@ def _load(path: Path) -> LoadedRun:
     kept = folder.kept / folder.log.name
     log = kept if kept.is_file() else folder.log
     if not log.is_file():
-        first, others = _flights_in(path)[0], ", nor another flight log"
-        if first != path:
-            others = f"; give one of its logs, as {first}"
-        elif runs := [*path.glob(f"*/{log.name}"), *path.glob(f"*/*/{log.name}")]:  # a sweep, say
-            others = f"; give one of its runs, as {min(runs).parent}"
-        raise InputError(f"{path}: not a run folder: it has no {log.name}{others}")
+        raise no_log_in(path)
     summary = _summary(folder.summary)
     try:
         return LoadedRun(path, read_log(log), summary)
@@ -175,6 +170,16 @@ def _load(path: Path) -> LoadedRun:
         if summary.get("status", _FINISHED) == _FINISHED:
             raise
     return LoadedRun(path, _whole_rounds(decode(load_damaged(log))), summary)
+
+
+def no_log_in(path: Path) -> InputError:
+    """Return the error of a folder that has no log of its own, with one that may be meant."""
+    first, name, others = _flights_in(path)[0], RunFolder(path).log.name, ", nor another flight log"
+    if first != path:
+        others = f"; give one of its logs, as {first}"
+    elif runs := [*path.glob(f"*/{name}"), *path.glob(f"*/*/{name}")]:  # a sweep, say
+        others = f"; give one of its runs, as {min(runs).parent}"
+    return InputError(f"{path}: not a run folder: it has no {name}{others}")
 
 
 def _read_flight(path: Path) -> FlightData:

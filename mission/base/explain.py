@@ -200,8 +200,8 @@ def _hint(key: Path, model: type[BaseModel], *, sets: bool, notation: Notation) 
     *way, name = (0 if isinstance(part, int) else part for part in key)
     every = [(path, set(kind.model_fields)) for path, kind in tables(model)]
     elsewhere = [".".join(map(str, (*path, name))) for path, known in every if name in known]
-    if name in elsewhere and notation == "TOML" and not sets:
-        return f"; {name} belongs to the top level, before the first table"
+    if name in elsewhere and notation == "TOML":
+        return f"; {name} belongs to the top level{'' if sets else ', before the first table'}"
     known = sorted({one for path, names in every if path == tuple(way) for one in names})
     has_unit = name in {one.rpartition("_")[0] for one in known}
     if elsewhere and not has_unit:  # the right name in the wrong table

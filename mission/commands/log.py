@@ -185,5 +185,7 @@ def _file(log: Path) -> Path:
         return log
     file = RunFolder(log).log
     if not file.is_file():
-        raise InputError(f"{log}: not a run folder: it has no {file.name}")
+        from mission.analysis.load import no_log_in
+
+        raise no_log_in(log)
     return file

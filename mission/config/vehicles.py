@@ -129,6 +129,12 @@ def unable(aircraft: Sequence[Aircraft]) -> Iterator[str]:
     """Yield what several aircraft cannot do beside each other, in words."""
     if len({one.vehicle.aircraft.wind.model_dump_json() for one in aircraft}) > 1:
         yield "vehicles: the wind is of the place, the same for all: vehicle.aircraft.wind has it"
+    for one, other in combinations(aircraft, 2):
+        if (number := one.vehicle.system_id) == other.vehicle.system_id:
+            yield (
+                f"vehicles: {one.name} and {other.name} have the system_id {number}: they must "
+                "differ"
+            )
     for one in aircraft:
         if (autopilot := one.vehicle.autopilot) != "built-in" and one.vehicle.traffic != "off":
             yield (

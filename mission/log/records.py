@@ -220,7 +220,13 @@ class AircraftRecord:
         Maybe, OfSeveral("seconds of hover at its end, until the last aircraft had finished")
     ] = math.nan
     nearest: Annotated[str, OfSeveral("name of the aircraft that came nearest to it")] = ""
-    nearest_m: Annotated[Maybe, OfSeveral("how near, straight in space")] = math.nan
+    nearest_m: Annotated[
+        Maybe,
+        OfSeveral(
+            "how near, straight in space; in the first round from when a pair is as far apart as "
+            "mission.separation_m, inf: none ever was"
+        ),
+    ] = math.nan
     nearest_t_s: Annotated[Maybe, OfSeveral("simulated time of that")] = math.nan
     plan_nearest_m: Annotated[Maybe, OfSeveral("how near any was to come, by plan")] = math.nan
 

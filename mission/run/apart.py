@@ -25,6 +25,7 @@ class PairApart:
     names: tuple[str, str]
     flown: Near
     planned: Near
+    parting: Near  # as flown, before they count
 
 
 def pairs_of(outings: Sequence[Outing], *, leaving_m: float | None) -> list[PairApart]:
@@ -38,8 +39,10 @@ def pairs_of(outings: Sequence[Outing], *, leaving_m: float | None) -> list[Pair
     tracks = [(_flown(one), _planned(one, end_ns)) for one in outings]
     found = []
     for (one, its), (other, others) in combinations(zip(outings, tracks, strict=True), 2):
-        flown, planned = (_near(*both, leaving_m) for both in zip(its, others, strict=True))
-        found.append(PairApart((one.aircraft.name, other.aircraft.name), flown, planned))
+        (flown, parting), (planned, _) = (
+            _near(*both, leaving_m) for both in zip(its, others, strict=True)
+        )
+        found.append(PairApart((one.aircraft.name, other.aircraft.name), flown, planned, parting))
     return found
 
 
@@ -69,29 +72,33 @@ def told(
     if len(outings) > 1:
         wide = max(len(one.aircraft.name) for one in outings)
     for one in outings if len(outings) > 1 else ():
-        arrived = f"{sum(item.delivered for item in one.served)}/{len(one.served)}"
+        heard = {item.device for item in one.served if item.delivered}
+        arrived = f"{len(heard)}/{len({item.device for item in one.served})}"
         busy_s = one.flight.duration_s - (0.0 if math.isnan(one.idle_s) else one.idle_s)
         energy = "" if math.isnan(one.flight.energy_j) else f"{one.flight.energy_j / 1e3:6.1f} kJ"
         yield (
             f"  {one.aircraft.name:{wide}}  {arrived:>5}  {one.flight.flown_m:5.0f} m  "
             f"{busy_s:5.1f} s {energy}{'  lost' if one.lost else ''}".rstrip()
         )
-    if pairs:
-        least = min(pairs, key=lambda pair: pair.flown.away_m)
-        near = least.flown.away_m
-        if math.isinf(near):
-            return
+    if not pairs:
+        return
+    begun_s = min(int(one.flight.t_ns[0]) for one in outings) / NS_PER_S
+
+    def nearest(pair: PairApart, near: Near, planned: str = "") -> str:
+        return f"{'-'.join(pair.names)} {near.away_m:.1f} m{planned} at {near.t_s - begun_s:.1f} s"
+
+    least = min(pairs, key=lambda pair: pair.flown.away_m)
+    if math.isfinite(near_m := least.flown.away_m):
         broken = (
             f": nearer than mission.separation_m = {separation_m:g}"
-            if separation_m is not None and near < separation_m
+            if separation_m is not None and near_m < separation_m
             else ""
         )
-        begun_s = min(int(one.flight.t_ns[0]) for one in outings) / NS_PER_S
-        since_s = least.flown.t_s - begun_s
-        yield (
-            f"  closest: {'-'.join(least.names)} {near:.1f} m (planned {least.planned.away_m:.1f}) "
-            f"at {since_s:.1f} s{broken}"
-        )
+        planned = f" (planned {least.planned.away_m:.1f})"
+        yield f"  closest: {nearest(least, least.flown, planned)}{broken}"
+    first = min(pairs, key=lambda pair: pair.parting.away_m)
+    if math.isfinite(first.parting.away_m):
+        yield f"  before they were {separation_m:g} m apart: {nearest(first, first.parting)}"
 
 
 def _flown(one: Outing) -> Track:
@@ -119,13 +126,15 @@ def _planned(one: Outing, end_ns: int) -> Track:
     return Track(np.concatenate(times_ns), np.concatenate(places_m))
 
 
-def _near(first: Track, second: Track, leaving_m: float | None) -> Near:
+def _near(first: Track, second: Track, leaving_m: float | None) -> tuple[Near, Near]:
+    """How near two come from when they count, and before; see `pairs_of`."""
     end_ns = max(int(first.t_ns[-1]), int(second.t_ns[-1]))
     even_ns = np.arange(int(first.t_ns[0]), end_ns, _STEP_NS)
     t_ns = np.unique(np.concatenate((first.t_ns, second.t_ns, even_ns)))
     away_m = second.at(t_ns).pos_m - first.at(t_ns).pos_m
-    known = np.ones(len(t_ns) - 1, dtype=bool)
+    counts = np.ones(len(t_ns) - 1, dtype=bool)
     if leaving_m is not None:
         far = np.linalg.norm(away_m, axis=1) >= leaving_m
-        known[: far.argmax() if far.any() else len(far)] = False
-    return Apart(t_ns / NS_PER_S, away_m, known).near(_XYZ)
+        counts[: far.argmax() if far.any() else len(far)] = False
+    counted, before = (Apart(t_ns / NS_PER_S, away_m, of).near(_XYZ) for of in (counts, ~counts))
+    return counted, before

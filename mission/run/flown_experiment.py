@@ -114,7 +114,8 @@ class FlownExperiment(Experiment):
             raise error.in_words(f"{name}{error}") from error.__cause__
         del fleet.aloft[number]
         others = ", ".join(self.scenario.aircraft[other] for other in fleet.aloft)
-        self.recorder.notice(f"{self._stage}: {name}{error}; {others} go on")
+        go = "goes" if len(fleet.aloft) == 1 else "go"
+        self.recorder.notice(f"{self._stage}: {name}{error}; {others} {go} on")
 
     async def _refresh(self, flyer: Flyer) -> None:
         self.totals.battery_changes += await flyer.refresh(self._needed_charge())

@@ -97,6 +97,8 @@ def test_without_the_key_there_is_one() -> None:
         ([{}, {"home_m": [-3, 10]}], "uav2 has home_m = [-3.0, 10.0], outside the area"),
         ([{"nam": "a"}], "vehicles.0.nam: unknown key; did you mean name?"),
         ([{}, {"altitude": 50}], "vehicles.1.altitude: unknown key; did you mean altitude_m?"),
+        ([{}, {"link": {}}], "vehicles.1.link: unknown key; link belongs to the top level"),
+        ([{"system_id": 2}, {}], "vehicles: uav1 and uav2 have the system_id 2: they must differ"),
         ([{"altitude_m": [60, 50]}], "vehicles.0.altitude_m = [60, 50]: the lowest altitude"),
         (
             [{}, {"autopilot": "px4", "firmware": {"path": "px4"}, "traffic": "adsb"}],

@@ -248,7 +248,13 @@ def test_a_runs_folder_stands_for_its_log(
     assert log.info(made.log.parent) == log.check(made.log.parent) == 0
     assert f"{made.log}: sound" in capsys.readouterr().out
     for command in (log.info, log.check, log.recover):
-        with pytest.raises(InputError, match=r"not a run folder: it has no flight\.mcap"):
+        with pytest.raises(InputError, match=r"not a run folder: it has no flight\.mcap, nor an"):
+            command(tmp_path)
+    own = tmp_path / "vehicle-uav1" / "flight.mcap"
+    own.parent.mkdir()
+    own.write_bytes(made.log.read_bytes())
+    for command in (log.info, log.check, log.recover):  # of a run of several
+        with pytest.raises(InputError, match=re.escape(f"give one of its logs, as {own.parent}")):
             command(tmp_path)
 
 

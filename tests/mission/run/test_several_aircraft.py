@@ -246,6 +246,14 @@ def test_lines_tell_each_aircraft_and_the_closest_pair(
     for name in ("uav1", "uav2", "uav3"):
         assert f"\n  {name}  " in printed
     assert "closest" not in printed  # from homes 5 m apart none ever left the other by 1000 m
+    (line,) = [line for line in printed.splitlines() if "before they were 1000 m apart: " in line]
+    first, second = (
+        read_log(tmp_path / "run" / f"vehicle-{name}" / "flight.mcap").truth
+        for name in line.split(": ")[1].split(" ")[0].split("-")
+    )
+    t_ns = np.arange(first.t_ns[0], first.t_ns[-1], 10_000_000)
+    least_m = np.linalg.norm(first.at(t_ns).pos_m - second.at(t_ns).pos_m, axis=1).min()
+    assert float(line.split(" m at ")[0].rpartition(" ")[2]) == pytest.approx(least_m, abs=0.06)
 
 
 def test_plans_of_a_strategy_of_one_s_own_keep_apart(
@@ -278,7 +286,9 @@ def test_one_vehicle_in_a_table_is_one_aircraft(tmp_path: Path) -> None:
     assert data.plans[0].altitude_m == 80.0
 
 
-def test_the_rest_of_all_is_planned_anew_where_somebody_is_not_heard(tmp_path: Path) -> None:
+def test_the_rest_of_all_is_planned_anew_where_somebody_is_not_heard(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     """With replan = "stop", in a radio that loses most; in the second round two would meet if they
     did not wait for each other. Resumed, the rests are those of before."""
     out = tmp_path / "run"
@@ -288,7 +298,13 @@ def test_the_rest_of_all_is_planned_anew_where_somebody_is_not_heard(tmp_path: P
         *("mission.strategy=cov", "mission.replan=stop", "mission.separation_m=30"),
     )
     anew = [word for key in keys for word in ("--set", key)]
-    assert play(out, *BESIDE, *anew) == 0
+    assert play(out, *(word for word in BESIDE if word != "--quiet"), *anew) == 0
+    lines = [line.split() for line in capsys.readouterr().out.splitlines()]
+    told = [line[:2] for line in lines if line and line[0].startswith("uav")]
+    assert told == [
+        [row["aircraft"], f"{row['delivered']}/{row['scheduled']}"]
+        for row in rows(out / "aircraft.csv")
+    ]
     for whole in rows(out / "rounds.csv"):
         sent, aircraft = (
             [row for row in rows(out / f"{name}.csv") if row["round"] == whole["round"]]
