@@ -269,7 +269,8 @@ def test_the_command_line_is_blamed_for_its_own(write) -> None:
 def test_a_key_set_in_the_wrong_table_is_told_where_it_belongs(write) -> None:
     with pytest.raises(InputError) as caught:
         load_config(write(BASE), {"mission.seed": 3})
-    assert str(caught.value) == "command line: mission.seed: unknown key; seed belongs to the top level"
+    said = "command line: mission.seed: unknown key; seed belongs to the top level"
+    assert str(caught.value) == said
     # Of another table is link.speed.
     with pytest.raises(InputError, match=r"mission.speed: unknown key; did you mean speed_mps\? "):
         load_config(builtin_config("quickstart.toml"), {"mission.speed": 10})
