@@ -6,7 +6,6 @@ Reading ends at a broken record, but goes on after a chunk whose content was alt
 
 import io
 import json
-import struct
 import zlib
 from collections import defaultdict
 from collections.abc import Callable, Iterator
@@ -18,9 +17,7 @@ from typing import Any, TypeAlias
 import zstandard
 from google.protobuf.message import DecodeError
 from lz4.frame import LZ4FrameDecompressor
-from mcap.data_stream import ReadDataStream
-from mcap.exceptions import EndOfFile, InvalidMagic, McapError
-from mcap.opcode import Opcode
+from mcap.exceptions import McapError
 from mcap.records import (
     Attachment,
     Channel,
@@ -32,7 +29,7 @@ from mcap.records import (
     Metadata,
     Schema,
 )
-from mcap.stream_reader import get_chunk_data_stream
+from mcap.stream_reader import StreamReader, breakup_chunk
 from mcap.writer import LIBRARY_IDENTIFIER, MCAP0_MAGIC, Writer
 from mcap_protobuf.decoder import DecoderFactory
 
@@ -51,18 +48,6 @@ _BROKEN = (*SPOILT, McapError, zstandard.ZstdError, RuntimeError)
 # Of what a chunk unpacks to, and how often its own size that is: our writer's are a hundredth of
 # both. More is damage.
 _CHUNK_BYTES, _MOST_UNPACKED = 2**26, 200
-# The library reads a record number by number. That is for the few; nearly all are messages.
-_RECORD = struct.Struct("<BQ")  # opcode, and how many bytes follow
-_MESSAGE = struct.Struct("<HIQQ")  # channel, sequence, when logged and published; then the data
-_READ: dict[int, Callable[[ReadDataStream], McapRecord]] = {
-    Opcode.SCHEMA: Schema.read,
-    Opcode.CHANNEL: Channel.read,
-    Opcode.CHUNK: Chunk.read,
-    Opcode.ATTACHMENT: Attachment.read,
-    Opcode.METADATA: Metadata.read,
-    Opcode.DATA_END: DataEnd.read,
-    Opcode.FOOTER: Footer.read,
-}
 
 
 @dataclass(frozen=True, slots=True)
@@ -178,27 +163,27 @@ def load_damaged(path: Path) -> Contents:
     """
     contents = Contents(path)
     # In memory: a file would make room for as much as a broken record promises.
-    data = read_bytes(path, most=DATA_BYTES)
-    if not data.startswith(MCAP0_MAGIC):
+    stream = io.BytesIO(read_bytes(path, most=DATA_BYTES))
+    if stream.read(len(MCAP0_MAGIC)) != MCAP0_MAGIC:
         other = "" if path.suffix == ".mcap" else taken_by(path)
         raise ForeignLogError(path, f"not an MCAP file{other}")
-    _read(data, contents)
+    stream.seek(0)
+    _read(stream, contents)
     return contents
 
 
-def _read(data: bytes, found: Contents) -> None:
-    at = len(MCAP0_MAGIC)
+def _read(stream: io.BytesIO, found: Contents) -> None:
+    at, size = 0, stream.getbuffer().nbytes
     try:
-        for record, end in _records(data, at):
+        for record in StreamReader(stream, emit_chunks=True, record_size_limit=size).records:
+            end = stream.tell()
             if isinstance(record, Chunk):
                 _read_chunk(record, found, Loss(at, end, "a chunk that does not unpack"))
             elif isinstance(record, DataEnd):
-                _verify(data, found, record.data_section_crc, Loss(0, at, "wrong checksum"))
+                _verify(stream, found, record.data_section_crc, Loss(0, at, "wrong checksum"))
             elif isinstance(record, Footer):
                 index = Loss(record.summary_start, end - 4, "wrong checksum of the index")
-                _verify(data, found, record.summary_crc, index)
-                at = end
-                break
+                _verify(stream, found, record.summary_crc, index)
             elif isinstance(record, Message):  # of a writer without chunks
                 last = found.batches[-1] if found.batches else None
                 if isinstance(last, list):
@@ -208,35 +193,11 @@ def _read(data: bytes, found: Contents) -> None:
             else:
                 _take(record, found)
             at = end
-        if not data.startswith(MCAP0_MAGIC, at):
-            raise InvalidMagic(data[at:][:8]) if len(data) - at >= 8 else EndOfFile
-    except EndOfFile:
-        found.losses.append(Loss(at, len(data), "the file ends here, before its index"))
     except _BROKEN as error:
-        found.losses.append(Loss(at, len(data), f"a broken record ({error})"))
+        cut = stream.tell() == size
+        why = "the file ends here, before its index" if cut else f"a broken record ({error})"
+        found.losses.append(Loss(at, size, why))
     _drop_undeclared(found)
-
-
-def _records(data: bytes, at: int = 0) -> Iterator[tuple[McapRecord | None, int]]:
-    """Yield the records from byte `at` on, None for indexes and the like, and where each ends.
-
-    Raises:
-        EndOfFile: the data ends within a record.
-    """
-    while at < len(data):
-        if len(data) - at < _RECORD.size:
-            raise EndOfFile
-        opcode, length = _RECORD.unpack_from(data, at)
-        body = data[at + _RECORD.size : (at := at + _RECORD.size + length)]
-        if len(body) < length:
-            raise EndOfFile
-        if opcode == Opcode.MESSAGE:
-            channel, sequence, logged_ns, published_ns = _MESSAGE.unpack_from(body)
-            content = body[_MESSAGE.size :]
-            yield Message(channel, logged_ns, content, published_ns, sequence), at
-        else:
-            read = _READ.get(opcode)
-            yield read and read(ReadDataStream(io.BytesIO(body))), at
 
 
 def _read_chunk(chunk: Chunk, found: Contents, otherwise: Loss) -> None:
@@ -251,8 +212,7 @@ def _read_chunk(chunk: Chunk, found: Contents, otherwise: Loss) -> None:
             chunk.compression = ""
             if not unpacker.eof:
                 raise ValueError
-        stream, size = get_chunk_data_stream(chunk, validate_crc=True)
-        content = [record for record, _ in _records(stream.read(size))]
+        content = breakup_chunk(chunk, validate_crc=True)
     except _BROKEN:
         found.losses.append(otherwise)
         return
@@ -261,7 +221,7 @@ def _read_chunk(chunk: Chunk, found: Contents, otherwise: Loss) -> None:
         _take(record, found)
 
 
-def _take(record: McapRecord | None, found: Contents) -> None:
+def _take(record: McapRecord, found: Contents) -> None:
     """Store a record; schemas and channels, repeated at the end of the file, only once."""
     if isinstance(record, Channel):
         found.channels.setdefault(record.id, record)
@@ -271,9 +231,12 @@ def _take(record: McapRecord | None, found: Contents) -> None:
         found.batches.append(record)
 
 
-def _verify(data: bytes, found: Contents, stored: int, otherwise: Loss) -> None:
+def _verify(stream: io.BytesIO, found: Contents, stored: int, otherwise: Loss) -> None:
     """Append the loss `otherwise` if its bytes fail their CRC and no earlier loss explains it."""
-    actual = zlib.crc32(memoryview(data)[otherwise.start : otherwise.end])
+    here = stream.tell()
+    stream.seek(otherwise.start)
+    actual = zlib.crc32(stream.read(otherwise.end - otherwise.start))
+    stream.seek(here)
     if stored not in (0, actual) and not found.losses:
         found.losses.append(otherwise)
 

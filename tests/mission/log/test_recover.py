@@ -143,7 +143,7 @@ def test_a_machine_without_memory_is_no_damage(
     def starved(*_: object, **__: object) -> None:
         raise MemoryError
 
-    monkeypatch.setattr("mission.log.contents.get_chunk_data_stream", starved)
+    monkeypatch.setattr("mission.log.contents.breakup_chunk", starved)
     assert call(["log", "check", str(made.log)]) == 1
     assert capsys.readouterr().err == "aerofed: out of memory\n"
 
