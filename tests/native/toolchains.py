@@ -30,10 +30,12 @@ def others() -> list[str]:
     ]
 
 
-def compile_all(folder: Path, compiler: list[str], flags: tuple[str, ...] = ()) -> None:
-    """All libraries, into a folder, for `exercised`."""
+def compile_all(folder: Path, compiler: list[str], *flags: str, alias: str = "") -> None:
+    """All libraries, into a folder, for `exercised`; `alias` is said to the linker of those that
+    have levels, with the library's name for `@`."""
     for library in building.LIBRARIES:
-        building.compile_to(folder / library.path.name, library, compiler, flags=flags)
+        more = [alias.replace("@", library.name)] if alias and library.levelled else []
+        building.compile_to(folder / library.path.name, library, compiler, flags=(*flags, *more))
 
 
 def exercised(folder: Path | None = None, **environment: str) -> subprocess.CompletedProcess[str]:
