@@ -85,3 +85,10 @@ def shared_data() -> Path:
     if not folder.is_dir():
         pytest.skip(f"needs the real data sets in {folder}")
     return folder
+
+
+@pytest.fixture
+def hasty(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Plans within limits are improved by a tenth of the usual changes: for tests that ask what a
+    plan keeps to, and what its bound is, not how good it is."""
+    monkeypatch.setattr("mission.planner.improving._CHANGES", 4000)

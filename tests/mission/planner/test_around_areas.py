@@ -17,6 +17,8 @@ from mission.planner.factory import make_planner
 from mission.planner.flyable import acceptance_radius
 from mission.planner.limited import reach_bound
 
+pytestmark = pytest.mark.usefixtures("hasty")
+
 WALL = np.array([[300.0, 100], [360, 100], [360, 700], [300, 700]])
 BLOCK = np.array([[500.0, 300], [700, 300], [700, 500], [500, 500]])
 FENCE = np.array([[-100.0, -100], [900, -100], [900, 900], [-100, 900]])

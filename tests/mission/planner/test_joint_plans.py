@@ -28,6 +28,8 @@ from mission.planner.performance import Performance
 from mission.planner.plan import RoundPlan
 from mission.planner.problem import RoundProblem, Start
 
+pytestmark = pytest.mark.usefixtures("hasty")
+
 FLYING = Performance(20.0, 5.0, LimitsConfig())
 OWN = ((150.0, 150.0), (650.0, 650.0), (650.0, 150.0))
 SHARED = ((400.0, 400.0),) * 3

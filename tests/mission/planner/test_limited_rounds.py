@@ -28,6 +28,8 @@ from mission.planner.performance import Performance
 from mission.planner.plan import Planner, RoundPlan
 from mission.planner.problem import RoundProblem
 
+pytestmark = pytest.mark.usefixtures("hasty")
+
 FLYING = Performance(20.0, 5.0, LimitsConfig())
 WALL = np.array([[300.0, 100], [360, 100], [360, 700], [300, 700]])
 

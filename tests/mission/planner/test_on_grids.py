@@ -43,6 +43,7 @@ def test_it_is_bilinear_and_beyond_its_edge_as_there() -> None:
         np.testing.assert_allclose(per[device == k], other(inside), atol=1e-12)
 
 
+@pytest.mark.usefixtures("hasty")
 @pytest.mark.parametrize("seed", range(3))
 def test_a_plan_is_worth_what_its_places_are(seed: int) -> None:
     problem = on_grid(seed)
@@ -55,6 +56,7 @@ def test_a_plan_is_worth_what_its_places_are(seed: int) -> None:
     assert plan.value == pytest.approx(objective(problem, plan.waypoints_m, best), rel=1e-9)
 
 
+@pytest.mark.usefixtures("hasty")
 @pytest.mark.parametrize("seed", range(6))
 def test_no_path_over_a_coarse_grid_is_worth_more(seed: int) -> None:
     problem = on_grid(seed, places=6, cell_m=100.0, devices=3, steps=3, per_step=1, budget=250.0)
@@ -79,6 +81,7 @@ def test_a_long_climb_hardly_improves_plans_and_passes_no_bound(seed: int) -> No
     assert plan.value >= 0.97 * best.value
 
 
+@pytest.mark.usefixtures("hasty")
 def test_a_bound_counts_what_a_path_reaches_only() -> None:
     success_at = np.zeros((1, 41, 41))
     success_at[0, 20, 30:] = 1.0  # 600 m east, behind the budget
@@ -93,6 +96,7 @@ def test_a_bound_counts_what_a_path_reaches_only() -> None:
     assert reached.upper_bound == problem.importance[0]
 
 
+@pytest.mark.usefixtures("hasty")
 def test_improvements_begin_on_paths_within_the_budget() -> None:
     problem = on_grid(3, budget=60.0)
     plan = CertifiedPlanner().plan(problem)
