@@ -12,7 +12,7 @@ import sys
 from pathlib import Path
 
 import numpy as np
-from synthetic_flight import fly
+from synthetic_flight import fly_anew
 
 from mission.log.writer import FlightLog
 from sitl.observer import VehicleSample
@@ -39,7 +39,7 @@ def main(folder: Path, kills: int, samples: int) -> None:
             report_to(writing)
             place = folder / f"{number}"
             place.mkdir()
-            fly(place, rounds=2)
+            fly_anew(place, rounds=2)
             signal.pause()  # finished before it was killed: the log is complete
         os.close(writing)
         after = int(rng.integers(samples))

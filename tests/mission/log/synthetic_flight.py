@@ -3,7 +3,9 @@
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 from numpy.typing import NDArray
@@ -131,7 +133,22 @@ class Fixed:
     log: Path
 
 
-def fly(
+def fly(folder: Path, *, rounds: int = 3, seed: int = 1, serves: bool = True) -> Fixed:
+    """`fly_anew`, once for all tests of a process that ask for the same: the files are copied."""
+    made, files = _flown(rounds, seed, serves)
+    for name, content in files.items():
+        (folder / name).write_bytes(content)
+    return replace(made, log=folder / made.log.name)
+
+
+@cache
+def _flown(rounds: int, seed: int, serves: bool) -> tuple[Fixed, dict[str, bytes]]:
+    with TemporaryDirectory() as folder:
+        made = fly_anew(Path(folder), rounds=rounds, seed=seed, serves=serves)
+        return made, {path.name: path.read_bytes() for path in Path(folder).iterdir()}
+
+
+def fly_anew(
     folder: Path,
     *,
     rounds: int = 3,

@@ -11,7 +11,7 @@ from described import charts, described, keys, tables
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 from pymavlink.dialects.v20 import common as mav
-from synthetic_flight import AREA, fly
+from synthetic_flight import AREA, fly_anew
 
 from mission.analysis.load import load_run
 from mission.figures.maps import overview
@@ -67,7 +67,7 @@ def test_without_one_or_switched_off_there_is_none() -> None:
 
 @pytest.mark.slow
 def test_log_scene_map_kml_report_and_figure_have_it(tmp_path: Path) -> None:
-    made = fly(tmp_path, rounds=1, fence=zones())
+    made = fly_anew(tmp_path, rounds=1, fence=zones())
     found = read_log(made.log).fence
     assert [zone.keep_in for zone in found] == [True, False]
     np.testing.assert_allclose(found[1].outline_m, SQUARE, atol=0.01)

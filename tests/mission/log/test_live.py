@@ -11,7 +11,7 @@ from forked import Forked
 from foxglove_client import FoxgloveClient
 from patience import HANG_S, until
 from serving import free_port
-from synthetic_flight import fly
+from synthetic_flight import fly_anew
 
 from mission.base.errors import LinkLostError
 from mission.log import topics
@@ -37,7 +37,7 @@ def test_a_viewer_gets_the_messages_that_go_into_the_file(tmp_path: Path) -> Non
             # What was there before comes with the subscription, which is in force from then on.
             assert {names[viewer.message()[0]] for _ in wanted} == set(names.values())
             watched = _Watched(live, viewer, names)
-            made = fly(tmp_path, rounds=2, mirrors=[watched])
+            made = fly_anew(tmp_path, rounds=2, mirrors=[watched])
     finally:
         live.close()
     logged = load(made.log).messages
@@ -52,7 +52,7 @@ def test_a_viewer_gets_the_messages_that_go_into_the_file(tmp_path: Path) -> Non
 def test_who_comes_late_gets_plan_devices_and_rounds_at_once(tmp_path: Path) -> None:
     live = LiveView(port=0)
     try:
-        made = fly(tmp_path, rounds=2, mirrors=[_NotClosing(live)])
+        made = fly_anew(tmp_path, rounds=2, mirrors=[_NotClosing(live)])
         with FoxgloveClient(live.port) as viewer:
             channels = viewer.channels()
             for topic in ("/plan", "/rounds", "/devices"):
@@ -70,7 +70,7 @@ def test_viewers_are_told_simulated_time(tmp_path: Path) -> None:
     try:
         with FoxgloveClient(live.port) as viewer:
             viewer.channels()
-            made = fly(tmp_path, rounds=1, mirrors=[_NotClosing(live)])
+            made = fly_anew(tmp_path, rounds=1, mirrors=[_NotClosing(live)])
             times = [viewer.server_time() for _ in range(20)]
     finally:
         live.close()
@@ -83,7 +83,7 @@ def test_several_aircraft_are_seen_each_under_its_name(tmp_path: Path) -> None:
     try:
         for name in ("north", "south"):
             (tmp_path / name).mkdir()
-            fly(tmp_path / name, rounds=1, mirrors=[_NotClosing(live.of(name))])
+            fly_anew(tmp_path / name, rounds=1, mirrors=[_NotClosing(live.of(name))])
         with FoxgloveClient(live.port) as viewer:
             channels = viewer.channels()
     finally:
