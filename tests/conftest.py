@@ -78,6 +78,15 @@ def _undrawn() -> Iterator[None]:
         yield
 
 
+@pytest.fixture(scope="session", autouse=True)
+def _unsynced() -> Iterator[None]:
+    """No power fails while tests run: what they write waits for no disk, for which most runs would
+    wait a fourth of their time. Programs that tests start do."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(os, "fsync", os.fstat)  # which takes what is open only, too
+        yield
+
+
 @pytest.fixture(scope="session")
 def shared_data() -> Path:
     """Real MNIST and CIFAR-10 files that may lie beside the checkout."""
