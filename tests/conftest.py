@@ -14,7 +14,6 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 import hypothesis
 import pytest
-from drawing import undrawn
 
 # Hundreds of processes load the same modules: they are compiled once, also where the environment
 # asks for no trace, as that of an image of Docker may.
@@ -74,6 +73,8 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 @pytest.fixture(scope="session", autouse=True)
 def _undrawn() -> Iterator[None]:
     """Tests that look at pictures say `with drawn()`, or `with outlined()`."""
+    from drawing import undrawn  # the process that only hands tests out does without Aerofed
+
     with undrawn():
         yield
 

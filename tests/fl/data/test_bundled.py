@@ -1,12 +1,12 @@
 """The tasks that come along: the digits of the file, and images drawn from random numbers."""
 
 import cmath
+import colorsys
 import hashlib
 import itertools
 import math
 
 import numpy as np
-from matplotlib.colors import hsv_to_rgb
 
 from fl.data.bundled import SEED, colour_shapes
 from fl.data.load import load
@@ -47,8 +47,9 @@ def test_colour_shapes_are_what_their_random_numbers_say_pixel_by_pixel() -> Non
     noise = stream.normal(0.0, 0.08, (count, 16, 16, 3))
     images = colour_shapes(train=count, validation=10).train.images
     for i in (0, 1, 2, 3, 4, 126, 127, 128, 129, 130, 255, 256, 257, 299):
-        ink = hsv_to_rgb([(cool if labels[i] % 2 else warm)[i] % 1.0, deep[i], bright[i]])
-        ground = hsv_to_rgb([values[i] for values in paper])
+        hue = (cool if labels[i] % 2 else warm)[i] % 1.0
+        ink = np.array(colorsys.hsv_to_rgb(hue, deep[i], bright[i]))
+        ground = np.array(colorsys.hsv_to_rgb(*(values[i] for values in paper)))
         for row, column in itertools.product(range(16), range(16)):
             dx, dy = column + 0.5 - centre[i, 0], row + 0.5 - centre[i, 1]
             point = complex(dx, dy) * cmath.exp(-1j * angle[i])
