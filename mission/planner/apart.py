@@ -1,7 +1,7 @@
 """How near the aircraft of a round come to each other, as their flights are foreseen."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 from typing import TypeAlias
@@ -149,16 +149,15 @@ def pair_of(problem: RoundProblem, first: Track, second: Track) -> tuple[float, 
     return away_m, t_s, short_m
 
 
-def _pairs(problem: RoundProblem, plan: RoundPlan, hold_s: float) -> list[Nearest]:
-    """Return each pair of a plan that counts."""
+def _pairs(problem: RoundProblem, plan: RoundPlan, hold_s: float) -> Iterator[Nearest]:
+    """Yield each pair of a plan that counts."""
     tracks, flying = tracks_of(problem, plan, hold_s=hold_s), len(problem.starts)
     names = [problem.name_of(a) for a in range(flying)] + ["one that hovers"] * len(tracks)
-    found = [
-        Nearest((names[a], names[b]), *pair_of(problem, tracks[a], tracks[b]))
-        for a, b in combinations(range(len(tracks)), 2)
-        if a < flying
-    ]
-    return [one for one in found if one.away_m < math.inf]
+    for a, b in combinations(range(len(tracks)), 2):
+        if a < flying:
+            one = Nearest((names[a], names[b]), *pair_of(problem, tracks[a], tracks[b]))
+            if one.away_m < math.inf:
+                yield one
 
 
 def nearest(problem: RoundProblem, plan: RoundPlan, *, hold_s: float = 0.0) -> Nearest | None:
@@ -168,11 +167,19 @@ def nearest(problem: RoundProblem, plan: RoundPlan, *, hold_s: float = 0.0) -> N
 
 def too_near(problem: RoundProblem, plan: RoundPlan, *, hold_s: float = 0.0) -> Nearest | None:
     """Return where aircraft come too near to each other; None where they keep apart."""
-    if not problem.separation_m or len(problem.starts) + len(hovering(problem)) < 2:
-        return None
-    pairs = _pairs(problem, plan, hold_s)
-    worst = max(pairs, key=lambda one: one.short_m, default=None)
-    return worst if worst is not None and worst.short_m > 0.0 else None
+    short = _short(problem, plan, hold_s)
+    return max(short, key=lambda one: one.short_m, default=None)
+
+
+def keep_apart(problem: RoundProblem, plan: RoundPlan, *, hold_s: float = 0.0) -> bool:
+    """Whether aircraft keep apart, known by the first pair that does not."""
+    return next(_short(problem, plan, hold_s), None) is None
+
+
+def _short(problem: RoundProblem, plan: RoundPlan, hold_s: float) -> Iterator[Nearest]:
+    """Yield each pair that comes too near."""
+    if problem.separation_m and len(problem.starts) + len(hovering(problem)) > 1:
+        yield from (one for one in _pairs(problem, plan, hold_s) if one.short_m > 0.0)
 
 
 def layer_m(problem: RoundProblem) -> float:

@@ -8,7 +8,7 @@ helps stays where it is. Whoever made the plan, it is mended here.
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import permutations, product
+from itertools import islice, permutations, product
 
 import numpy as np
 
@@ -18,6 +18,7 @@ from mission.planner.apart import (
     flown,
     height_of,
     hovering,
+    keep_apart,
     layer_m,
     layered_by,
     pair_of,
@@ -44,6 +45,7 @@ Tried = Iterator[tuple[RoundPlan, str]]
 
 LITTLE = 0.01  # of the value: what one way may cost before the next is tried, too
 _ORDERS = 24  # in which paths are exchanged, and aircraft have way, at most
+_TURNS = 2**4  # of exchanged paths, at most: each of four aircraft either way round
 _LOWEST_M, _HIGHEST_M = 10.0, 500.0
 _WAITS_S = tuple(range(0, 61, 2))
 
@@ -87,6 +89,8 @@ class _Mending:
 
     def keeps(self, made: RoundPlan) -> bool:
         """Whether aircraft keep apart by another plan, which is right otherwise, too."""
+        if not keep_apart(self.problem, made, hold_s=self.hold_s):
+            return False
         try:
             check_plan(self.problem, made, hold_s=self.hold_s)
         except InfeasiblePlanError:
@@ -133,7 +137,7 @@ class _Mending:
                 for (one, part), rank in zip(each, order, strict=True)
             )
 
-        order = max(list(permutations(range(count)))[:_ORDERS], key=worth)
+        order = max(_orders(count), key=worth)
         starts = tuple(
             replace(start, altitudes_m=None, altitude_m=heights[rank])
             for start, rank in zip(problem.starts, order, strict=True)
@@ -150,8 +154,7 @@ class _Mending:
     def in_turn(self) -> Tried:
         """Yield plans in which aircraft leave after waits, or stay where they are."""
         count = len(self.alone)
-        orders = list(permutations(range(count)))[:_ORDERS]
-        tried = [found for order in orders if (found := self._waiting(order)) is not None]
+        tried = [found for order in _orders(count) if (found := self._waiting(order)) is not None]
         if not tried:  # all stay, which is no nearer than they start
             stay = [self._with_wait(a, math.inf) for a in range(count)]
             tried = [(one_of_each(stay) or [], [math.inf] * count)]
@@ -197,15 +200,20 @@ class _Mending:
         return self.plan.paths[aircraft].altitude_m if chosen else None
 
 
+def _orders(count: int) -> Iterator[tuple[int, ...]]:
+    """Yield orders of so many aircraft: all of four, of more those that begin alike."""
+    return islice(permutations(range(count)), _ORDERS)
+
+
 def _swapped(
     problem: RoundProblem, plan: RoundPlan
 ) -> Iterator[tuple[list[Floats], tuple[int, ...]]]:
     """Yield waypoints (N, 2) for each aircraft, and whose they were: of others, and turned."""
     aircraft, starts = range(len(plan.paths)), [start.start_m for start in problem.starts]
-    turns = [(False,) * len(aircraft), *product((False, True), repeat=len(aircraft))]
+    turns = islice(product((False, True), repeat=len(aircraft)), _TURNS)
     seen = set()
     for turned in turns:
-        for whose in list(permutations(aircraft))[:_ORDERS]:
+        for whose in _orders(len(aircraft)):
             ways = []
             for a in aircraft:
                 way = plan.paths[whose[a]].waypoints_m[1:]

@@ -125,7 +125,7 @@ enum Ended { DONE, OUT_OF_NODES, TOO_SLOW };
 
 enum { MOST_DEVICES = 40 }; /* of a search: its masks have a bit for every gap of an order */
 enum { HOPE_PERCENT = 1 };  /* of success: with less nobody is asked to send */
-enum { MOST_AIRCRAFT = 16 };
+enum { MOST_AIRCRAFT = 20 };
 
 /* The same functions for every kind of processor. Where memory is short they give back NaN or -1. */
 typedef struct {

@@ -12,13 +12,16 @@ import pytest
 from fl.radio.channel import CHANNEL_PRESETS
 from flightdyn.config import LimitsConfig
 from mission.base.errors import InfeasiblePlanError, PlanInputError
+from mission.config.vehicles import MOST
 from mission.planner.apart import STEP_S, nearest, nearest_of, too_near, tracks_of
 from mission.planner.check import check_plan
 from mission.planner.config import PlannerConfig
 from mission.planner.evaluate import check_problem
 from mission.planner.factory import make_planner
 from mission.planner.files import NamedPlan, plans_as_json, problems_of
+from mission.planner.fleet import mending
 from mission.planner.fleet.mending import kept_apart
+from mission.planner.fleet.parts import alone_of
 from mission.planner.flyable import foresee_round, stops_of
 from mission.planner.limits import RoundLimits
 from mission.planner.performance import Performance
@@ -305,3 +308,24 @@ def test_separation_is_of_files_too() -> None:
     starts = tuple(dataclasses.replace(start, limits=None) for start in named.problem.starts)
     with pytest.raises(PlanInputError, match="separation_m needs limits of each"):
         check_problem(dataclasses.replace(named.problem, starts=starts))
+
+
+def test_as_many_as_a_run_may_have_are_planned() -> None:
+    problem = drawn(1, apart_m=5.0, aircraft=MOST)
+    assert planned(dataclasses.replace(problem, separation_m=0.0)).schedule.any()
+
+
+def test_of_many_not_all_exchanges_are_tried(monkeypatch: pytest.MonkeyPatch) -> None:
+    """20 have 20! of them, each with ways that may be turned."""
+    count, tried = MOST, 0
+
+    def none(*_: Any, **__: Any) -> None:
+        nonlocal tried
+        tried += 1
+
+    monkeypatch.setattr(mending, "part_along", none)
+    problem = drawn(1, aircraft=count)
+    plan = along(problem, *([start.start_m] * problem.steps for start in problem.starts))
+    case = mending._Mending(problem, alone_of(problem), plan, 0.0)
+    assert not list(case.exchanged())
+    assert 0 < tried <= 24 * 2**4 * count
