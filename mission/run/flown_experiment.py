@@ -97,20 +97,21 @@ class FlownExperiment(Experiment):
         for number, flyer in tuple(fleet.aloft.items()):
             try:
                 await order(flyer)
-            except FlightError as error:
+            except (FlightError, LinkLostError) as error:
                 self._lose(fleet, number, error)
 
-    def _lose(self, fleet: Fleet, number: int, error: FlightError) -> None:
+    def _lose(self, fleet: Fleet, number: int, error: FlightError | LinkLostError) -> None:
         """Go on without an aircraft.
 
         Raises:
             FlightError: no other is left, or one that is lost is to end the run; or it is not lost,
                 but did not answer in time, which depends on the machine.
+            LinkLostError: it fell silent, which does, too.
         """
         mission = self.scenario.config.mission
         name = "" if len(self.scenario.fleet) == 1 else f"{self.scenario.aircraft[number]}: "
         ends = len(fleet.aloft) == 1 or mission.when_lost == "end"
-        if ends or isinstance(error, UnansweredError):
+        if ends or not isinstance(error, FlightError) or isinstance(error, UnansweredError):
             raise error.in_words(f"{name}{error}") from error.__cause__
         del fleet.aloft[number]
         others = ", ".join(self.scenario.aircraft[other] for other in fleet.aloft)
@@ -297,7 +298,7 @@ class FlownExperiment(Experiment):
         """Give an order to one aircraft, which may be lost by it."""
         try:
             await order
-        except FlightError as error:
+        except (FlightError, LinkLostError) as error:
             one.lost = True
             self._lose(fleet, one.number, error)
 

@@ -208,7 +208,7 @@ class Flights:
     """What several aircraft have flown at once, by their numbers, and who was lost, and how."""
 
     flown: Mapping[int, FlownTrack]
-    lost: Mapping[int, FlightError] = field(default_factory=dict)
+    lost: Mapping[int, FlightError | LinkLostError] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

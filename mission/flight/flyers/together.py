@@ -66,7 +66,7 @@ class WorldFleet(Fleet):
             error = tasks[number].exception() if number in tasks else None
             if error is None or isinstance(error, UnansweredError):
                 error = flyer.lost or error  # while it waited for the others, or gave no answer
-            if isinstance(error, FlightError):
+            if isinstance(error, FlightError | LinkLostError):
                 lost[number] = error
             elif error is not None:
                 raise error

@@ -17,6 +17,7 @@ from small_runs import rows
 
 from mission.analysis.several import load_several
 from mission.analysis.together import SEPARATIONS
+from mission.base.errors import LinkLostError
 from mission.cli import call
 from mission.figures.run import fleet_pictures
 from mission.figures.together import timetable
@@ -144,6 +145,19 @@ def test_who_does_not_answer_in_time_is_not_lost(
     monkeypatch.setattr(BuiltInFlyer, "order", late)
     assert play(tmp_path / "run", *SEVERAL, rounds=1) == 4
     small_runs.refused(capsys, "round 1", "west: the vehicle did not start the mission: TIMEOUT")
+
+
+@pytest.mark.parametrize("order", ["take_off", "order"])
+def test_who_falls_silent_is_named(
+    order: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async def silent(flyer: BuiltInFlyer, *_: object) -> None:
+        if flyer.area.home_m[0] == 500.0:
+            raise LinkLostError("no sign of the vehicle for 30 s")
+
+    monkeypatch.setattr(BuiltInFlyer, order, silent)
+    assert play(tmp_path / "run", *SEVERAL, rounds=1) == 5
+    small_runs.refused(capsys, "east: no sign of the vehicle for 30 s")
 
 
 def test_killed_after_a_loss_it_goes_on_to_the_same_bytes(lost: Path, tmp_path: Path) -> None:
