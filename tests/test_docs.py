@@ -1,5 +1,6 @@
 """The checks that every page of the documentation passes; the pages themselves: `make check`."""
 
+import json
 import re
 import subprocess
 import sys
@@ -14,15 +15,16 @@ from mission.config.loading import load_config
 ROOT = Path(__file__).parents[1]
 
 
-def faults(root: Path) -> list[str]:
-    """What `docs/generate.py` finds wrong with the pages under `root`."""
+def faults(*roots: Path) -> list[list[str]]:
+    """What `docs/generate.py` finds wrong with the pages under each of `roots`."""
     code = (
-        "import sys; from pathlib import Path; from pages import checks;"
-        "print('\\n'.join(checks.faults(Path(sys.argv[1]))))"
+        "import json, sys; from pathlib import Path; from pages import checks;"
+        "print(json.dumps([[*checks.faults(Path(root))] for root in sys.argv[1:]]))"
     )
-    command = [sys.executable, "-c", code, str(root)]
+    command = [sys.executable, "-c", code, *map(str, roots)]
     done = subprocess.run(command, cwd=ROOT / "docs", capture_output=True, text=True, check=True)
-    return done.stdout.splitlines()
+    found: list[list[str]] = json.loads(done.stdout)
+    return found
 
 
 def test_the_site_has_every_page_and_all_that_pages_lead_to() -> None:
@@ -37,27 +39,24 @@ def test_the_site_has_every_page_and_all_that_pages_lead_to() -> None:
 
 @pytest.mark.slow
 def test_links_lead_somewhere_and_examples_are_taken() -> None:
-    assert [line for line in faults(ROOT) if line] == []
+    assert faults(ROOT) == [[]]
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("text", "words"),
-    [
-        ("[x](nowhere.md)", "README.md: the link to nowhere.md leads nowhere"),
-        ("![x](docs/none.png)", "docs/none.png leads nowhere"),
-        ("# Some heading\n[x](#some-headin)", "#some-headin: no such heading"),
-        ("```toml\n[mission]\nstep = 3\n```", "mission.step: unknown key; did you mean steps?"),
-        (
-            "    aerofed run --steps 8",
-            "refused: aerofed run --steps 8: Unknown option",
-        ),
-    ],
-)
-def test_what_is_wrong_is_found(tmp_path: Path, text: str, words: str) -> None:
-    (tmp_path / "docs").mkdir()
-    (tmp_path / "README.md").write_text(f"# Aerofed\n[fine](#aerofed)\n{text}\n")
-    assert words in faults(tmp_path)[0]
+def test_what_is_wrong_is_found(tmp_path: Path) -> None:
+    wrong = {
+        "[x](nowhere.md)": "README.md: the link to nowhere.md leads nowhere",
+        "![x](docs/none.png)": "docs/none.png leads nowhere",
+        "# Some heading\n[x](#some-headin)": "#some-headin: no such heading",
+        "```toml\n[mission]\nstep = 3\n```": "mission.step: unknown key; did you mean steps?",
+        "    aerofed run --steps 8": "refused: aerofed run --steps 8: Unknown option",
+    }
+    roots = [tmp_path / f"{number}" for number in range(len(wrong))]
+    for root, text in zip(roots, wrong, strict=True):
+        (root / "docs").mkdir(parents=True)
+        (root / "README.md").write_text(f"# Aerofed\n[fine](#aerofed)\n{text}\n")
+    for (first, *_), words in zip(faults(*roots), wrong.values(), strict=True):
+        assert words in first
 
 
 def test_a_picture_of_cells_becomes_a_world(tmp_path: Path, monkeypatch) -> None:

@@ -204,7 +204,7 @@ def test_a_machine_with_another_version_is_named(
 def locally(project: Path, out: str, temporary: Path, *before: str) -> "subprocess.Popen[str]":
     """A sweep on a Ray of its own, whose runs are flown below `temporary`."""
     return subprocess.Popen(
-        [*before, *command(out, "--jobs", "2", "--engine", "ray")], cwd=project,
+        [*before, *command(out, "--jobs", "1", "--engine", "ray")], cwd=project,
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True,
         env={**os.environ, "TMPDIR": str(temporary)},
     )  # fmt: skip
