@@ -105,10 +105,14 @@ def test_the_compiler_sees_what_python_has_not_followed(tmp_path):
 def test_python_follows_wherever_the_fields_lie(tmp_path):
     """Every structure of every library is turned round, compiled, and gives the same bytes."""
     copied(tmp_path, turned)
+    # Of the levels, which are compiled from the same, the plainest is there and handed out alone.
+    handed_out = tmp_path / "native" / "include" / "levels.h"
+    handed_out.write_text(
+        re.sub(r"(, )&name##_avx\w+", r"\1&name##_baseline", handed_out.read_text())
+    )
     exercise = shutil.copy(EXERCISE, tmp_path)
     said = (
-        "from native import building; given = building.levels(); "
-        "building.levels = lambda: {name: (*more, '-O0') for name, more in given.items()}; "
+        "from native import building; building.levels = lambda: {'baseline': ('-O0',)}; "
         "from flightdyn.native.ticks import FLIGHT; import runpy; "
         "print(*(name for name, _ in FLIGHT.Steering._fields_), flush=True); "
         f"runpy.run_path({str(exercise)!r})"
