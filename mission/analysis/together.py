@@ -266,7 +266,8 @@ def together(
                 "--together out to see them side by side"
             )
     every = np.vstack([first.area.to_ned(t.pos_m[:, :2], t.pos_m[:, 2]) for t in tracks])
-    area = Area.around(first.area.home, every, margin_m=_MARGIN_M)
+    around = Area.around(first.area.home, every, margin_m=_MARGIN_M)
+    area = first.area if of_run else around  # of a run are its tables, too
     shift = np.append(np.subtract(area.home_m, first.area.home_m), 0.0)
     tracks = [Track(t.t_ns, t.pos_m + shift) for t in tracks]
     added_s, by = zip(*clocks, strict=True)

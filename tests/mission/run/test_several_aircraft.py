@@ -234,6 +234,24 @@ def test_a_run_of_several_has_a_page_and_is_compared(
     assert len(found["pairs"]) == 3
 
 
+def test_they_are_judged_and_drawn_in_the_area_of_the_tables(lost: Path) -> None:
+    world = load_several((lost,)).together
+    for name, track in zip(world.names, world.tracks, strict=True):
+        served = [
+            row
+            for row in rows(lost / "uplinks.csv")
+            if f"vehicle-{row['aircraft']}" == name and row["slot_t_s"] != "nan"
+        ]
+        assert served or name == "vehicle-middle"
+        for row in served:
+            at = track.at(np.array([round(float(row["slot_t_s"]) * 1e9)])).pos_m[0]
+            true = [float(row[f"true_{axis}_m"]) for axis in ("x", "y", "alt")]
+            assert at == pytest.approx(true, abs=0.5)
+    devices = [(float(row["x_m"]), float(row["y_m"])) for row in rows(lost / "devices.csv")]
+    on_map = world.on_map(world.flights[0].run.data.devices.pos_m)
+    assert on_map == pytest.approx(np.array(devices))
+
+
 def test_the_timetable_tells_who_waits_for_how_long(unflown: Path) -> None:
     chart = timetable(load_several((unflown,)).together)
     of_all = [row for values in chart["datasets"].values() for row in values]
