@@ -17,9 +17,10 @@ from mission.planner.problem import RoundProblem
 CHANGES = 20_000  # at random: more bring nothing
 _STARTS, _TRIES = 8, 8  # of an aircraft's path within a first plan
 _AGAIN, _VARIED = 4, 2  # first plans in which each is planned again, and that are changed at random
-# Of the nodes, how many the search of orders may look into, by its devices at most.
-_ORDER_SHARES = {12: 1.0, 20: 0.07, MOST_DEVICES: 0.01}
-_PRICE_SHARE = 4  # times the nodes: of all searches of one aircraft
+# Of the nodes, how many the search of orders may look into, by its devices at most: before prices,
+# and once they are at their end.
+_ORDER_SHARES = {12: (0.15, 1.0), 20: (0.07, 0.0), MOST_DEVICES: (0.01, 0.0)}
+_PRICE_SHARE = 8  # times the nodes: of all searches of one aircraft
 
 
 @dataclass(frozen=True)
@@ -48,10 +49,8 @@ def plan_jointly(
     found, count = begun or plans[0], len(team.delta)
     if goal.max_nodes <= 0 or not team.searchable or not found.value > 0.0:
         return Joint(team, max(_varied(alone, team, plans), found, key=lambda plan: plan.value))
-    share = next((share for most, share in _ORDER_SHARES.items() if count <= most), 0.0)
-    left = goal.left(found, found.nodes + int(share * goal.max_nodes), len(alone))
-    if left is not None and team.one_radio:
-        found = search_orders(team.joint, plan=found, goal=left)
+    first, last = next(shares for most, shares in _ORDER_SHARES.items() if count <= most)
+    found = _by_orders(team, found, goal, first)
     if found.gap <= goal.gap and not prices_wanted:
         return Joint(team, found)
     varied = _varied(alone, team, plans)
@@ -60,7 +59,16 @@ def plan_jointly(
     columns = [column for plan in (*plans, varied, found) for column in columns_of(team, plan)]
     rest = replace(goal, max_nodes=_PRICE_SHARE * goal.max_nodes)
     found, prices = search_prices(team, found, columns, rest)
-    return Joint(team, found, prices)
+    return Joint(team, _by_orders(team, found, goal, last), prices)
+
+
+def _by_orders(team: Team, found: Found, goal: Goal, share: float) -> Found:
+    """Search the orders of all aircraft together, with a share of the goal's nodes."""
+    most = found.nodes + int(share * goal.max_nodes)
+    left = replace(goal, max_nodes=most).left(found, most, len(team.cases))
+    if left is None or not team.one_radio:
+        return found
+    return search_orders(team.joint, plan=found, goal=left)
 
 
 def first_plans(team: Team) -> list[Found]:

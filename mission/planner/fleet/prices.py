@@ -25,8 +25,8 @@ from mission.planner.native.library import MOST_DEVICES, Found, Goal, match
 SOFT = 0.03  # of what is left to prove: over how much the market is smooth, at most
 CALMER, SHARPER = 0.6, 0.3  # times that after a step in vain, and after one without a new path
 SHARPEST = 1e-5  # of the value: as good as not smooth
-# Looked into in a call of one aircraft's search: at prices that are given; at first; in the end.
-CALL_NODES, FIRST_CALL_NODES, MOST_CALL_NODES = 10_000, 40_000, 160_000
+# Looked into in a call of one aircraft's search at most: at prices that are given, and on the way.
+CALL_NODES, STEP_NODES = 10_000, 160_000
 VAIN = 0.02  # of what is left: a step that takes off less was in vain
 MOST_STEPS = 150
 # After so many steps the gap is to be under this share of what it was.
@@ -75,11 +75,10 @@ class _Search:
         self.prices = np.zeros(len(self.team.delta))
         self.bound, self.nodes = np.inf, 0
         self.calls = 0
-        self.call_nodes = FIRST_CALL_NODES
         self.cut = False  # whether one of the calls has ended early
 
     def run(self) -> Found:
-        inwards = 0.0  # weight of the best prices so far, where searches end early at others
+        inwards = 0.0  # weight of the best prices so far, after steps in vain
         soft = left = np.inf
         for step in range(MOST_STEPS):
             if self.done and step > 0:
@@ -91,19 +90,17 @@ class _Search:
             soft = min(soft, SOFT * (self.best.bound - self.best.value))
             soft = max(soft, SHARPEST * self.best.value)
             prices = (1.0 - inwards) * self.market.prices(soft) + inwards * self.prices
-            before, self.cut = self.bound, False
+            before, self.cut = self.bound - self.best.value, False
             useful = self._look(prices)
+            better = self.bound - self.best.value < (1.0 - VAIN) * before
             if (step + 1) % PACK_EVERY == 0:
                 self._pack()
-            better = before - self.bound > VAIN * (before - self.best.value)
-            if self.cut and not better:
-                self.call_nodes = min(2 * self.call_nodes, MOST_CALL_NODES)
+            inwards = 0.0 if better else 0.5 * (1.0 + inwards)
             if self.cut:
-                inwards = 0.0 if better else 0.5 * (1.0 + inwards)
                 continue
             if not (useful or better) and soft <= SHARPEST * self.best.value:
                 break
-            inwards, soft = 0.0, soft * (better or CALMER) * (useful or SHARPER)
+            soft *= (better or CALMER) * (useful or SHARPER)
         if not self.done:
             self._pack()
         return self.best
@@ -137,10 +134,10 @@ class _Search:
         aircraft = len(self.team.cases)
         scale, left = self.best.value / aircraft, (self.best.bound - self.best.value) / aircraft
         slack = max(SLACK * self.goal.gap * scale, FAR_SLACK * left)
-        found = searched_alone(case, begun, Goal(0.0, self.call_nodes, slack, scale))
+        found = searched_alone(case, begun, Goal(0.0, STEP_NODES, slack, scale))
         self.nodes += found.nodes
         self.calls += 1
-        self.cut |= bool(found.ended)
+        self.cut |= found.nodes >= STEP_NODES
         return found
 
     def _add(self, column: Column) -> None:

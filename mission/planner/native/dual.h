@@ -12,6 +12,7 @@ static const double NEAR_M = 40.0; /* of a leg between stops that are merged loo
 static const double EPS_START = 30.0;  /* the barrier starts heavier: starts are not centred */
 static const double EPS_FACTOR = 0.15; /* it gets lighter by this once the decrement is under */
 static const double CENTRED = 0.5;     /* this many barrier weights a leg */
+static const double INSIDE = 0.995;    /* of the way to the boundary of a cone */
 static const double SOFT = 0.02;       /* of what is promised a metre */
 
 /* How far duals are minimised. */
@@ -65,9 +66,18 @@ static void put_y(Solver *solver, int i, int64_t k, Point y)
     solver->all.link[k].y.y[i] = y.y;
 }
 
+/* Let a lane be at the y and mu of a node. Where devices have prices, y begins well inside the cones: what
+   lies at their very boundary, as a parent may have left it, would take too many steps to come away. */
 static void be_at(Solver *solver, int i, const Node *node)
 {
-    for (int64_t k = 0; k < node->size; k++) put_y(solver, i, k, node->y[k]);
+    const int priced = solver->problem->devices.price != NULL;
+    for (int64_t k = 0; k < node->size; k++) {
+        const Point y = node->y[k];
+        const double most_y = INSIDE * node->mu * sqrt(solver->all.link[k].cone[i]);
+        const double size = priced ? between(y, (Point){0.0, 0.0}) : 0.0;
+        const double share = size > most_y ? most_y / size : 1.0;
+        put_y(solver, i, k, (Point){share * y.x, share * y.y});
+    }
     solver->all.mu[i] = node->mu;
 }
 

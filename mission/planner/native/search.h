@@ -326,6 +326,14 @@ static void begin_search(Search *all)
     }
 }
 
+/* A bound at or under this closes a node. A search with a scale is for a term of a sum of bounds: what is
+   under the bound of a part closed already does not matter to it. */
+static double enough_now(const Target *target, const Plan *plan, const Proof *proof)
+{
+    const double enough = enough_for(target, plan->value);
+    return target->scale > 0.0 ? most(enough, proof->bound) : enough;
+}
+
 /* Improve on a plan until none can be better by more than the target says, the nodes run out, or
    there is no hope of it. Nodes for which there is no room are closed with their bound. */
 static Proof prove(Search *all, const Target *target, int64_t max_nodes, Plan *plan)
@@ -340,12 +348,13 @@ static Proof prove(Search *all, const Target *target, int64_t max_nodes, Plan *p
     begin_search(all);
     leave_open(queue, copy_of(now, size), now->bound, &proof.bound);
     while (queue->count > 0) {
-        double enough = enough_for(target, plan->value);
+        double enough = enough_now(target, plan, &proof);
         const double scale = most(plan->value, target->scale), largest_bound = *queue->open[0];
         const double left = 1.0 - plan->value / largest_bound, asked = 1.0 - plan->value / enough;
         if (largest_bound > enough) {
             if (proof.nodes >= max_nodes) proof.ended = OUT_OF_NODES;
-            else if (is_hopeless(&progress, proof.nodes, left, asked, max_nodes)) proof.ended = TOO_SLOW;
+            else if (!(target->scale > 0.0) && is_hopeless(&progress, proof.nodes, left, asked, max_nodes))
+                proof.ended = TOO_SLOW;
         }
         if (largest_bound <= enough || proof.ended != DONE) {
             proof.bound = most(proof.bound, largest_bound);
@@ -358,7 +367,7 @@ static Proof prove(Search *all, const Target *target, int64_t max_nodes, Plan *p
         const int64_t legs = placed_in(now, team->aircraft) + 1;
         const double eps = BARRIER_SHARE * scale / (double)(legs > 3 ? legs : 3);
         Goal goal = {rest_of_all(now, team), eps, enough, scale / problem->limits.length};
-        if (improve(all, &goal, plan)) goal.enough = enough = enough_for(target, plan->value);
+        if (improve(all, &goal, plan)) goal.enough = enough = enough_now(target, plan, &proof);
         if (now->bound <= enough) {
             proof.bound = most(proof.bound, now->bound);
             continue;

@@ -4,10 +4,11 @@
 #include "search.h"
 
 /* The least bound of the order in which the devices stand, with the rows of their distance intervals, and 1
-   where a stop is one with the one before; -1 if its steps did not end well. */
+   where a stop is one with the one before; -1 if its steps did not end well. With `outwards` they begin again
+   there, but so far (1: all) of the way from the axis of each cone to its boundary. */
 EXPORTED double order_bound(
     const Devices *devices, const Limits *limits, const Relaxation *relaxation,
-    const int64_t *interval, const int64_t *merged, double eps)
+    const int64_t *interval, const int64_t *merged, double eps, double outwards)
 {
     const Problem problem = {*devices, *limits, *relaxation};
     Node node = {.size = devices->count, .mu = 0.003};
@@ -21,6 +22,14 @@ EXPORTED double order_bound(
     }
     set_up_solver(&solver, &problem);
     minimise(&order, 1, (Aim){eps, 0.0}, &solver);
+    if (outwards > 0.0) {
+        for (int64_t i = 0; i < node.size; i++) {
+            const double share = outwards * node.mu / between(node.y[i], (Point){0.0, 0.0});
+            node.y[i] = (Point){share * node.y[i].x, share * node.y[i].y};
+        }
+        order.done = 0;
+        minimise(&order, 1, (Aim){eps, 0.0}, &solver);
+    }
     return order.centred ? order.bound : -1.0;
 }
 

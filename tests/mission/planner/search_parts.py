@@ -34,11 +34,13 @@ def order_bound(
     interval: Ints,
     merged: Ints,
     eps: float,
+    outwards: float = 0.0,
 ) -> float:
     """The dual bound of the devices in their order, -1 if it was not minimised.
 
     `interval` (K,) are rows of distance intervals, `merged` (K,) is 1 where a stop is one with the
-    stop before it, `eps` is the weight of the barrier.
+    stop before it, `eps` is the weight of the barrier. With `outwards`
+    steps begin again there, but so far (1: all) of the way to the boundary of the cones.
     """
     shared = devices.as_c(), limits.as_c(), relaxation.as_c(len(devices.delta))
     indices = [np.ascontiguousarray(each, dtype=np.int64) for each in (interval, merged)]
@@ -46,6 +48,7 @@ def order_bound(
         *map(ctypes.byref, shared),
         *(ctypes.c_void_p(each.ctypes.data) for each in indices),
         ctypes.c_double(eps),
+        ctypes.c_double(outwards),
     )
     return bound
 

@@ -129,3 +129,23 @@ def test_splines_stay_above_past_their_last_knot_too(answers):
             for s, value in zip(slopes, values, strict=True):
                 exact = (f + s * r).max()
                 assert exact - 1e-12 <= value <= exact + 0.02 * f.max()
+
+
+def test_steps_at_prices_come_away_from_the_boundary_of_the_cones() -> None:
+    """A parent may have left its multipliers there: the bound is that of steps from the middle."""
+    rng = np.random.default_rng(0)
+    problem = round_problem(
+        rng.uniform(0.0, 300.0, (9, 2)), rng.uniform(0.2, 1.0, 9), np.zeros(2), 9, 1, 400.0,
+        CHANNEL_PRESETS["dense-urban"],
+    )  # fmt: skip
+    devices, limits = instance(problem)
+    relaxation = relax(problem, devices)
+    devices, none = replace(devices, price=np.zeros(9)), np.zeros(9, dtype=np.int64)
+    rows = np.full(9, relaxation.row[0, 7])
+    middle, edge = (
+        order_bound(
+            devices, limits, relaxation, interval=rows, merged=none, eps=1e-5, outwards=outwards
+        )
+        for outwards in (0.0, 1.0 - 1e-12)
+    )
+    assert edge == pytest.approx(middle, rel=2e-3)
