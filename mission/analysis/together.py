@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mission.analysis.airborne import times_in_air
+from mission.analysis.airborne import TERMINATED, times_in_air
 from mission.analysis.compare import RunComparison, names_of
 from mission.analysis.holes import position_gaps
 from mission.analysis.one_pass import AT_END_M
@@ -35,6 +35,7 @@ _BESIDE = {"separation_horizontal_min_m": "separation_vertical_min_m"}
 _BESIDE |= {other: name for name, other in _BESIDE.items()}
 _FAR_M = 5000.0  # between the nearest places of flights of one world
 _LOOKED_AT = 200  # places of each, for that
+_CRITICAL = 2  # MAV_SEVERITY
 _MARGIN_M = 50.0  # around all flights, for the map
 
 
@@ -203,7 +204,14 @@ class Together:
 
     @property
     def lines(self) -> Iterator[str]:
-        """What is said beside the table: clocks, pairs that never meet, holes."""
+        """What is said beside the table: losses, clocks, pairs that never meet, holes."""
+        for name, flight, added_s in zip(self.names, self.flights, self.added_s, strict=True):
+            data = flight.run.data
+            if data.modes.names[-1:] == (TERMINATED,):
+                t_ns = int(data.modes.t_ns[-1])
+                said = [e.text for e in data.events if e.t_ns == t_ns and e.severity <= _CRITICAL]
+                why = f": {said[0]}" if said else ""
+                yield f"{name}: lost at {t_ns / NS_PER_S + added_s:.1f} s{why}"
         for name, added_s, by in zip(self.names, self.added_s, self.by, strict=True):
             if added_s:
                 yield f"{name}: {added_s:+.3f} s on the clock of {self.names[0]}, by {by}"

@@ -1,6 +1,6 @@
 """`aerofed compare`."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -101,7 +101,7 @@ def compare(
     for item in found:
         if item.run.notice:
             aside.print(f"{item.run.path}: {item.run.notice}")
-    return tell_verdict(several, judged, junit, quiet=as_json)
+    return tell_verdict(several, bounds, judged, junit, quiet=as_json)
 
 
 def in_json(verdicts: Sequence["Verdict"]) -> dict[str, object]:
@@ -112,6 +112,7 @@ def in_json(verdicts: Sequence["Verdict"]) -> dict[str, object]:
 
 def tell_verdict(
     several: "Several",
+    bounds: Mapping[str, float],
     judged: Sequence[Sequence["Verdict"]],
     junit: Path | None,
     *,
@@ -120,6 +121,7 @@ def tell_verdict(
     """Print which limits are not met, or that all are; write `junit`; return the exit code."""
     from mission.analysis.compare import names_of
     from mission.analysis.limits import junit as write
+    from mission.analysis.together import SEPARATIONS
 
     found, left_out = several.flights, several.left_out
     if junit is not None:
@@ -131,10 +133,11 @@ def tell_verdict(
     aside = Console(stderr=True, **PLAIN)
     for item in broken:
         aside.print(f"aerofed: {item.words}")
-    if any(judged) and not (broken or quiet):
-        kinds = {item.name for each in judged for item in each}
-        limits, by_all = count(len(kinds), "limit"), "" if len(found) == 1 else " by all"
+    if bounds and not (broken or quiet):
+        limits, by_all = count(len(bounds), "limit"), "" if len(found) == 1 else " by all"
         but = f", but {count(len(left_out), 'log')} left out" if left_out else ""
+        if several.world and not several.world.pairs and SEPARATIONS.keys() & bounds.keys():
+            but += ", but no two were in the air at the same time"
         Terminal(**PLAIN).print(f"{limits} met{by_all}{but}")
     return LIMITS_NOT_MET if broken else 0
 

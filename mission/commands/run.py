@@ -174,7 +174,7 @@ def judged(
         several = load_several((folder,)) if flew else NOTHING
         its = every_verdict(several.flights, bounds, several.world)
         more = in_json([item for each in its for item in each])
-        return tell_verdict(several, its, junit, quiet=quiet)
+        return tell_verdict(several, bounds, its, junit, quiet=quiet)
     finally:
         summary = RunFolder(folder).summary
         if as_json and summary.is_file():

@@ -195,7 +195,7 @@ def together_html(world: Together, name: str) -> str:
         rounds=[],
         details=[
             *pair,
-            *([("Clocks, and what is not known", 0, notes)] if notes else []),
+            *([("Losses, clocks, and what is not known", 0, notes)] if notes else []),
         ],
         a_flight=True,
         flight_title="Who came how near to whom",

@@ -1,6 +1,7 @@
 """Experiments of several aircraft of which some, or all, are lost before a first round is over."""
 
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -83,6 +84,28 @@ def test_who_is_left_alone_has_its_page_and_pictures(first_lost: Path) -> None:
     assert len(found.flights) == 2
     assert not found.together.pairs
     assert comparison_figure(found.flights, found.world)
+
+
+def test_it_is_said_who_was_lost_when_and_why(
+    first_lost: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """By `compare` and on the page; not of who came home."""
+    assert call(["report", str(first_lost)]) == 0
+    assert call(["compare", str(first_lost)]) == 0
+    (line,) = (one for one in capsys.readouterr().out.splitlines() if ": lost at " in one)
+    assert re.fullmatch(r"vehicle-uav1: lost at \d+\.\d s: Crashed: hit the ground at .+ m/s", line)
+    assert line in (first_lost / "report.html").read_text()
+
+
+def test_a_limit_of_distance_that_nobody_could_break_is_said(
+    first_lost: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    asked = ["compare", str(first_lost), "--limit", "separation_min_m=5"]
+    assert call(asked) == 0
+    met = "1 limit met by all, but no two were in the air at the same time"
+    assert capsys.readouterr().out.endswith(f"{met}\n")
+    assert call([*asked, "--limit", "faults=1"]) == 0
+    assert capsys.readouterr().out.endswith(met.replace("1 limit", "2 limits") + "\n")
 
 
 def test_what_was_learnt_is_told_beyond_a_loss(first_lost: Path) -> None:
