@@ -163,7 +163,7 @@ def _load(path: Path) -> LoadedRun:
     log = kept if kept.is_file() else folder.log
     if not log.is_file():
         raise no_log_in(path)
-    summary = _summary(folder.summary)
+    summary = summary_in(path)
     try:
         return LoadedRun(path, read_log(log), summary)
     except DamagedLogError:
@@ -220,7 +220,9 @@ def _whole_rounds(data: FlightData) -> FlightData:
     return replace(data, uplinks=tuple(item for item in data.uplinks if item.round in ended))
 
 
-def _summary(path: Path) -> RunSummary:
+def summary_in(folder: Path) -> RunSummary:
+    """What a run's `summary.json` says; {} without one. InputError: it is none."""
+    path = RunFolder(folder).summary
     if not path.is_file():
         return {}
     summary: RunSummary = read_json(path)

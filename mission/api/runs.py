@@ -13,6 +13,7 @@ from mission.base.errors import INTERRUPTED, InputError
 from mission.base.interrupts import in_a_thread
 from mission.base.run_folder import RunFolder, output_folder
 from mission.base.tables import columns
+from mission.base.user_files import read_text
 from mission.config.models import RunConfig
 from mission.log.records import (
     DeviceRecord,
@@ -131,20 +132,23 @@ class Run:
         self, name: str, record: "type[Any]", *, words: str, logged: str
     ) -> "pd.DataFrame":
         """A table that the log has not, of the rounds that have ended."""
-        from mission.log.tables import read_table
-
         if self.path.is_file():
             raise InputError(
                 f"{self.path}: a log has no table of {words}; its folder's {name}.csv has, and "
                 f'table("{logged}") is what the log knows'
             )
+        ended = {0, *self.rounds["round"]}
+        return frame(record, [row for row in self._written(name, record) if row["round"] in ended])
+
+    def _written(self, name: str, record: "type[Any]") -> list[dict[str, object]]:
+        """The rows of a table of the folder."""
+        from mission.log.tables import read_table
+
         here = RunFolder(self.path)
         file: Path = getattr(here, name)
         # A resumed run keeps its longer tables until it has caught up with them.
         kept = here.kept / file.name
-        records = read_table(kept if kept.is_file() else file, record)
-        ended = {0, *self.rounds["round"]}
-        return frame(record, [flat(item) for item in records if item.round in ended])
+        return [flat(item) for item in read_table(kept if kept.is_file() else file, record)]
 
     @cached_property
     def track(self) -> "pd.DataFrame":
@@ -161,24 +165,35 @@ class Run:
         """Any table of the log, as `aerofed log export` writes it: "plans", "events", "wind" ...
 
         Raises:
-            InputError: there is no such table, or the log cannot be read.
+            InputError: there is no such table, as but for "rounds" and "uplinks" a run of several
+                aircraft has none; or the log cannot be read.
         """
         from mission.log.export import tables
 
+        record = {"rounds": RoundRecord, "uplinks": UplinkRecord}.get(name)
+        if self._vehicles:
+            if record is not None:
+                return frame(record, self._written(name, record))
+            raise InputError(
+                f"{self.path}: table {name!r} is in the log of each aircraft; give aerofed.load "
+                f"one of them, as {self._vehicles[0]}"
+            )
         known = tables(self._loaded.data)
         if name not in known:
             raise InputError(f"{self.path}: no table {name!r}; there are: {', '.join(known)}")
-        return frame({"rounds": RoundRecord, "uplinks": UplinkRecord}.get(name), known[name])
+        return frame(record, known[name])
 
     @property
     def status(self) -> str:
         """Status: "finished", "interrupted", "failed" or "running" (also if it was killed)."""
-        return str(self._loaded.summary.get("status", "finished"))
+        return str(self.summary.get("status", "finished"))
 
     @property
     def summary(self) -> Mapping[str, Any]:
         """What `summary.json` says; empty for a log by itself."""
-        return self._loaded.summary
+        from mission.analysis.load import summary_in
+
+        return summary_in(self.path) if self._vehicles else self._loaded.summary
 
     @cached_property
     def config(self) -> "RunConfig":
@@ -190,20 +205,26 @@ class Run:
         import tomllib
 
         try:
-            values = tomllib.loads(self._loaded.data.attachments["config.toml"].decode())
+            if self._vehicles:
+                values = tomllib.loads(read_text(RunFolder(self.path).config))
+            else:
+                values = tomllib.loads(self._loaded.data.attachments["config.toml"].decode())
             return RunConfig.model_validate_json(json.dumps(values), strict=True)
         except (KeyError, ValueError) as error:
             raise InputError(f"{self.path}: its configuration cannot be read: {error}") from None
 
     def figure(self, name: str = "map") -> Figure:
-        """A picture of the run: "map", "rounds" or "learning".
+        """A picture of the run: "map", "rounds" or "learning"; of several aircraft "map", "apart",
+        "timetable" or "learning".
 
         Raises:
             InputError: there is none of that name, or nothing to draw in it.
         """
-        from mission.figures.run import run_pictures
+        from mission.figures.run import fleet_pictures, run_pictures
 
-        return chosen(run_pictures(self._loaded), name, of=self.path)
+        several = bool(self._vehicles)
+        pictures = fleet_pictures(self.path) if several else run_pictures(self._loaded)
+        return chosen(pictures, name, of=self.path)
 
     def report(self, target: Path | str | None = None) -> Path:
         """Write its page, as `aerofed report` does, and say where: one HTML file.
@@ -217,6 +238,13 @@ class Run:
         from mission.report.page import write_report
 
         return write_report(self.path, None if target is None else as_path(target, "target"))
+
+    @cached_property
+    def _vehicles(self) -> list[Path]:
+        """The folders of several aircraft, each with a log; [] where the run has one log."""
+        from mission.analysis.load import vehicles_of
+
+        return vehicles_of(self.path) if RunFolder(self.path).rounds.is_file() else []
 
     @cached_property
     def _loaded(self) -> "LoadedRun":
@@ -301,7 +329,7 @@ def load(path: Path | str) -> Run:
         InputError: neither.
     """
     run = Run(as_path(path, "path"))
-    _ = run._loaded
+    _ = run._vehicles or run._loaded
     return run
 
 

@@ -5,12 +5,15 @@ import re
 from dataclasses import replace
 from pathlib import Path
 
+import pandas as pd
 import pytest
 import small_runs
 from described import charts
 
+import aerofed
 from mission.analysis.several import load_several
 from mission.analysis.together import Together
+from mission.base.errors import InputError
 from mission.cli import call
 from mission.figures.learning import learning_charts
 from mission.figures.run import comparison_figure, fleet_pictures
@@ -84,6 +87,24 @@ def test_who_is_left_alone_has_its_page_and_pictures(first_lost: Path) -> None:
     assert len(found.flights) == 2
     assert not found.together.pairs
     assert comparison_figure(found.flights, found.world)
+
+
+def test_python_reads_a_run_of_several(first_lost: Path) -> None:
+    """What all did together, from the folder; of one, a line says where it is."""
+    run = aerofed.load(first_lost)
+    for name in ("rounds", "uplinks", "aircraft", "learning"):
+        written = pd.read_csv(first_lost / f"{name}.csv", keep_default_na=False, na_values="nan")
+        told = getattr(run, name)
+        assert len(told) == len(written), name
+    pd.testing.assert_frame_equal(run.rounds, pd.read_csv(first_lost / "rounds.csv"))
+    assert {*run.uplinks["aircraft"]} == {"uav2"}
+    assert (run.status, run.summary["seed"], len(run.config.aircraft)) == ("finished", 1, 2)
+    assert run.figure("timetable").name == "timetable"
+    with pytest.raises(InputError, match=r"no figure 'rounds'; there are: 'map', 'timetable'"):
+        run.figure("rounds")
+    with pytest.raises(InputError, match=r"'track' is in the log of each .*/vehicle-uav1$"):
+        _ = run.track
+    assert len(aerofed.load(first_lost / "vehicle-uav2").track)
 
 
 def test_it_is_said_who_was_lost_when_and_why(
