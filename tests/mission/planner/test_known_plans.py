@@ -23,12 +23,6 @@ MOVED = 2e-4  # relative
 CASES = json.loads(Path(__file__).with_name("known_plans.json").read_text())
 
 
-def marks(case):
-    """Problems of the third seed are as large as those of the first."""
-    slow, again = case["devices"] >= 100, case["seed"] == 2
-    return [pytest.mark.slow] * slow + [pytest.mark.again] * again
-
-
 def problem(case):
     devices = case["devices"]
     rng = np.random.default_rng(case["seed"])
@@ -46,7 +40,7 @@ def problem(case):
         pytest.param(
             case,
             id="{channel}-{devices}-{steps}-{seed}".format(**case),
-            marks=marks(case),
+            marks=[pytest.mark.slow] if case["devices"] >= 100 else [],
         )
         for case in CASES
     ],

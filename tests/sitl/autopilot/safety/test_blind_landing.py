@@ -40,7 +40,7 @@ def finish(vehicle: Vehicle) -> None:
         assert vehicle.t_ns < until_ns, "never came to an end"
 
 
-@pytest.mark.parametrize("wind_mps", [0.0, 8.0, *again([5.0])])
+@pytest.mark.parametrize("wind_mps", [0.0, 5.0, 8.0])
 @pytest.mark.parametrize("seed", [1, 2, *again([3, 4])])
 def test_a_landing_without_gnss(seed: int, wind_mps: float) -> None:
     recorder = Recorder()
