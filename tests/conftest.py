@@ -81,8 +81,8 @@ def _undrawn() -> Iterator[None]:
 
 @pytest.fixture(scope="session", autouse=True)
 def _unsynced() -> Iterator[None]:
-    """No power fails while tests run: what they write waits for no disk, for which most runs would
-    wait a fourth of their time. Programs that tests start do."""
+    """No power fails while tests run: what they write waits for no disk. Programs that they start
+    do."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(os, "fsync", os.fstat)  # which takes what is open only, too
         yield
