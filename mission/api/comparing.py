@@ -60,7 +60,7 @@ def compare(
     file = None if plan is None else as_path(plan, "plan")
     given = [
         run._loaded
-        if isinstance(run, Run) and file is None and not believed
+        if isinstance(run, Run) and not (run._vehicles or file or believed)
         else run.path
         if isinstance(run, Run)
         else as_path(run, "path")

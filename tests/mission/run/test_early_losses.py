@@ -99,6 +99,7 @@ def test_python_reads_a_run_of_several(first_lost: Path) -> None:
     pd.testing.assert_frame_equal(run.rounds, pd.read_csv(first_lost / "rounds.csv"))
     assert {*run.uplinks["aircraft"]} == {"uav2"}
     assert (run.status, run.summary["seed"], len(run.config.aircraft)) == ("finished", 1, 2)
+    assert len(aerofed.compare(run).flights) == 2
     assert run.figure("timetable").name == "timetable"
     with pytest.raises(InputError, match=r"no figure 'rounds'; there are: 'map', 'timetable'"):
         run.figure("rounds")
