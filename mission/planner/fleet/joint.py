@@ -19,7 +19,7 @@ _STARTS, _TRIES = 8, 8  # of an aircraft's path within a first plan
 _AGAIN, _VARIED = 4, 2  # first plans in which each is planned again, and that are changed at random
 # Of the nodes, how many the search of orders may look into, by its devices at most: before prices,
 # and once they are at their end.
-_ORDER_SHARES = {12: (0.15, 1.0), 20: (0.07, 0.0), MOST_DEVICES: (0.01, 0.0)}
+_ORDER_SHARES = {12: (0.2, 1.0), 20: (0.07, 0.0), MOST_DEVICES: (0.01, 0.0)}
 _PRICE_SHARE = 8  # times the nodes: of all searches of one aircraft
 
 
