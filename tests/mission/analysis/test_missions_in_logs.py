@@ -17,6 +17,7 @@ from mission.analysis.compare import RunComparison, compare_run
 from mission.analysis.load import LoadedRun, load_run
 from mission.analysis.passes import judged
 from mission.base.area import Area
+from mission.base.errors import InputError
 from mission.flight.serve.flight_logs import FlightLogs
 from mission.log.reader import read_log
 from mission.log.values import EventRecord
@@ -138,3 +139,21 @@ def test_a_listed_mission_stays_one_while_its_items_are_started(
     sizes = [len(r.items) for r in found.run.data.missions if r.kind == "mission"]
     assert sizes == [5, 6]
     assert [leg.item for leg in found.legs] == [1, 2, 3, 4, 5]
+
+
+def test_a_mission_that_is_left_within_two_seconds_was_not_flown(tmp_path: Path) -> None:
+    up = item(0, mav.MAV_CMD_NAV_TAKEOFF, at=(0.0, 0.0, 30.0))
+    log = flown(tmp_path, [up, *square()])
+    data = read_log(log)
+    begin_ns = int(data.modes.t_ns[data.modes.names.index("MISSION")])
+
+    def left_after(seconds: float) -> None:
+        until_ns = begin_ns + int(seconds * 1e9)
+        modes = replace(
+            data.modes, t_ns=np.array([begin_ns, until_ns]), names=("MISSION", "STICKS")
+        )
+        judged(log, replace(data, modes=modes), None)
+
+    left_after(2.1)
+    with pytest.raises(InputError, match=r"its mission was never flown"):
+        left_after(1.9)
