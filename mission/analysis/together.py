@@ -273,9 +273,10 @@ def together(
                 f"{name}: {away_m / 1000:.1f} km from {names[0]}: flights of other places; leave "
                 "--together out to see them side by side"
             )
-    every = np.vstack([first.area.to_ned(t.pos_m[:, :2], t.pos_m[:, 2]) for t in tracks])
-    around = Area.around(first.area.home, every, margin_m=_MARGIN_M)
-    area = first.area if of_run else around  # of a run are its tables, too
+    area = first.area  # that of a run's tables
+    if not of_run:
+        every = np.vstack([area.to_ned(t.pos_m[:, :2], t.pos_m[:, 2]) for t in tracks])
+        area = Area.around(area.home, every, margin_m=_MARGIN_M)
     shift = np.append(np.subtract(area.home_m, first.area.home_m), 0.0)
     tracks = [Track(t.t_ns, t.pos_m + shift) for t in tracks]
     added_s, by = zip(*clocks, strict=True)

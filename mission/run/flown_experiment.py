@@ -111,7 +111,7 @@ class FlownExperiment(Experiment):
         mission = self.scenario.config.mission
         name = "" if len(self.scenario.fleet) == 1 else f"{self.scenario.aircraft[number]}: "
         ends = len(fleet.aloft) == 1 or mission.when_lost == "end"
-        if ends or not isinstance(error, FlightError) or isinstance(error, UnansweredError):
+        if ends or isinstance(error, LinkLostError | UnansweredError):
             raise error.in_words(f"{name}{error}") from error.__cause__
         del fleet.aloft[number]
         others = ", ".join(self.scenario.aircraft[other] for other in fleet.aloft)
