@@ -7,6 +7,7 @@ import altair as alt
 import numpy as np
 
 from fl.radio.city import Building
+from mission.analysis.airborne import STANDING_M
 from mission.analysis.holes import position_gaps
 from mission.analysis.load import flown
 from mission.base.airspace import thin
@@ -32,7 +33,6 @@ from mission.log.values import NS_PER_S, FlightData, PlanRecord, Track
 NoFly: TypeAlias = Mapping[str, Any]  # an area of `area.no_fly`, as the configuration has it
 Lines: TypeAlias = list[tuple[str, int, Floats]]  # kind, round (0: of all), points (n, 2)
 
-_STANDING_M = 3.0  # that a position may wander on the ground
 _MARGIN = 0.04  # of the extent, around it
 _FENCE_SHOWN = 2.2  # times the rest: a larger one would make that small
 TOLERANCE_M = 0.02  # what thinning may move a flown path: no corner of it is seen on any map
@@ -62,7 +62,7 @@ def run_lines(run: FlightData, plans: Sequence[PlanRecord]) -> Lines:
     elif run.planned is not None:
         end_ns = int(flown(run, run.rounds[-1]).t_ns[-1])
         rest = run.truth.between(end_ns, int(run.truth.t_ns[-1]))
-        if len(rest.t_ns) > 1 and np.ptp(rest.pos_m[:, :2], axis=0).max() > _STANDING_M:
+        if len(rest.t_ns) > 1 and np.ptp(rest.pos_m[:, :2], axis=0).max() > STANDING_M:
             lines += [("after the last place", 0, part) for part in _flown_parts(run, rest)]
     return lines
 

@@ -216,6 +216,28 @@ def test_ground_truth_counts_where_it_spans_the_flight(
     assert found.run.data.source.skipped == ({skipped: len(rows)} if skipped else {})
 
 
+@pytest.mark.parametrize(
+    ("from_s", "until_s", "spans"),
+    [(0.9, 19.1, True), (1.1, 20.0, False), (0.0, 18.9, False), (0.0, 10.0, False)],
+)
+def test_ground_truth_of_who_never_moved_spans_the_log(
+    tmp_path: Path, from_s: float, until_s: float, spans: bool
+) -> None:
+    """To a second; its last position comes ten seconds after the one before."""
+    fields = "double lat;double lon;float alt"
+    here = HOME.lat_deg, HOME.lon_deg, HOME.alt_msl_m
+    stands = [(float(t_s), *here) for t_s in (*range(11), 20)]
+    truth = [(t_s, *here) for t_s in (from_s, until_s)]
+    topics = {"vehicle_global_position": stands, "vehicle_global_position_groundtruth": truth}
+    log = write_ulog(
+        tmp_path / "x.ulg", instead={name: (fields, "ddf", rows) for name, rows in topics.items()}
+    )
+    source = load_run(log).data.source
+    assert source.only == (None if spans else "believed")
+    unread = "position of a ground truth that does not span the log"
+    assert source.skipped == ({} if spans else {unread: 2})
+
+
 def test_what_px4_does_not_know_of_its_battery_is_not_known(tmp_path: Path) -> None:
     fields = "float voltage_v;float current_a;float discharged_mah;float remaining"
     rows = [(t_s, 15.0, -1.0, -1.0, -1.0) for t_s in range(60)]

@@ -17,6 +17,7 @@ from mission.analysis.compare import RunComparison, compare_run
 from mission.analysis.limits import verdicts
 from mission.analysis.load import load_run
 from mission.analysis.passes import judged
+from mission.figures.frame import run_lines
 
 UP_M, SPEED_MPS, STEP_S = 30.0, 8.0, 0.1
 PLACES = ((0.0, 0.0), (0.0, 100.0), (120.0, 100.0), (120.0, -60.0))  # north, east
@@ -261,6 +262,24 @@ def test_what_is_said_of_failsafes_is_none_and_a_breached_fence_is_one(tmp_path:
     found = compared(tlog(tmp_path / "x.tlog", square(mode="HOLD"), SQUARE, more=more))
     (verdict,) = verdicts(found, {"failsafes": 0.0})
     assert (verdict.value, verdict.where) == (1, "first at 32.0 s: fence breached")
+
+
+@pytest.mark.parametrize(("off_m", "moves"), [(2.9, False), (3.1, True)])
+def test_who_wanders_by_three_metres_after_its_mission_has_flown_on(
+    tmp_path: Path, off_m: float, moves: bool
+) -> None:
+    north, east = PLACES[-1]
+    flight = rows(
+        ((0.0, 0.0, UP_M), {"current": 0}),
+        *(((*place, UP_M), {"current": seq}) for seq, place in enumerate(PLACES) if seq),
+        ((north + off_m, east, UP_M), {"current": 3, "mode": "HOLD"}),
+        ((north + off_m, east, UP_M), {"current": 3, "mode": "HOLD", "stays_s": 20.0}),
+    )
+    run = compared(tlog(tmp_path / "x.tlog", flight, SQUARE)).run
+    assert run.judged is not None
+    assert run.judged.apart == ({"LOITER": pytest.approx(20.3, abs=0.2)} if moves else {})
+    drawn = [kind for kind, _, _ in run_lines(run.data, [])]
+    assert ("after the last place" in drawn) is moves
 
 
 @EVERY

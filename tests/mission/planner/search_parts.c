@@ -57,3 +57,9 @@ EXPORTED double conjugate(const Relaxation *relaxation, int64_t row, double s)
 {
     return conjugate_at(s, row, relaxation).h;
 }
+
+/* Distance of (x, y) from the polyline through the first `count` points. */
+EXPORTED double away_from_way(double x, double y, const Point *way, int64_t count)
+{
+    return distance_to((Point){x, y}, way, count);
+}

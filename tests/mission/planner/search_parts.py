@@ -21,7 +21,9 @@ def _parts() -> Any:
         target = Path(folder, "parts.so")
         building.compile_to(target, library, compiler, flags=(f"-I{planner.folder}", "-O1"))
         loaded = ctypes.CDLL(str(target))
-    for function in (loaded.order_bound, loaded.square_bound, loaded.conjugate):
+    for function in (
+        loaded.order_bound, loaded.square_bound, loaded.conjugate, loaded.away_from_way
+    ):  # fmt: skip
         function.restype = ctypes.c_double
     return loaded
 
@@ -70,3 +72,12 @@ def conjugate(relaxation: Relaxation, row: int, s: Floats) -> Floats:
         for each in s
     ]
     return np.array(found)
+
+
+def away_from_way(x: float, y: float, way: Floats, count: int) -> float:
+    """Distance of (x, y) from the polyline through the first `count` points of a way (n, 2)."""
+    way = np.ascontiguousarray(way, dtype=np.float64)
+    away: float = _parts().away_from_way(
+        *map(ctypes.c_double, (x, y)), ctypes.c_void_p(way.ctypes.data), ctypes.c_int64(count)
+    )
+    return away

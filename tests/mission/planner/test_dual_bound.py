@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from one_aircraft import round_problem
-from search_parts import conjugate, order_bound
+from search_parts import away_from_way, conjugate, order_bound
 
 from fl.radio.channel import CHANNEL_PRESETS, average_per
 from mission.planner.certified import instance, relax
@@ -149,3 +149,15 @@ def test_steps_at_prices_come_away_from_the_boundary_of_the_cones() -> None:
         for outwards in (0.0, 1.0 - 1e-12)
     )
     assert edge == pytest.approx(middle, rel=2e-3)
+
+
+def test_a_polyline_ends_at_its_last_point() -> None:
+    """A leg of it is what is nearest, an end, or a corner; what lies behind it in memory never."""
+    way = np.array([[0.0, 0.0], [6.0, 0.0], [6.0, 8.0], [50.0, 60.0], [70.0, 60.0]])
+    assert away_from_way(3.0, -2.0, way, 3) == 2.0
+    assert away_from_way(7.5, 4.0, way, 3) == 1.5
+    assert away_from_way(9.0, -4.0, way, 3) == 5.0
+    assert away_from_way(-3.0, 4.0, way, 3) == 5.0
+    assert away_from_way(54.0, 72.0, way, 3) == 80.0  # 48 and 64
+    assert away_from_way(54.0, 72.0, way, 1) == 90.0
+    assert away_from_way(60.0, 61.0, way, 5) == 1.0

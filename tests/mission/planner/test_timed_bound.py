@@ -18,7 +18,7 @@ from mission.planner.limits import RoundLimits
 from mission.planner.native.library import Goal
 from mission.planner.performance import AHEAD_S, AHEAD_SHARE, Performance
 from mission.planner.problem import RoundProblem
-from mission.planner.timed import _limits, searched, timed_bound
+from mission.planner.timed import _late, _limits, searched, timed_bound
 
 FLYING = Performance(20.0, 5.0, LimitsConfig())
 GOAL = Goal(0.001, 60_000)
@@ -150,6 +150,16 @@ def test_no_plan_that_fits_exceeds_the_bound(seed: int, kind: str) -> None:
             best = max(best, other.value)
     assert tried > 10
     assert best <= timed_bound(given, 0.7 * best, GOAL) * (1.0 + 1e-4)
+
+
+def test_a_flight_may_be_ahead_of_what_was_foreseen_by_half_a_second_and_two_percent() -> None:
+    """Foreseen to be there at 50 s, it may be there at 0.98 * 50 - 0.5 = 48.5 s."""
+    ready = {"ready_in_s": np.array([0.0, 48.5, 97.5])}
+    given = problem(0, devices=3, steps=3, duration_s=120.0, **ready)
+    np.testing.assert_allclose(_late(given), [0.0, 50.0, 100.0])
+    unflown = changed(given, limits=RoundLimits(Performance(20.0, 5.0, None), 120.0))
+    np.testing.assert_allclose(_late(unflown), ready["ready_in_s"])
+    assert not _late(dataclasses.replace(given, ready_in_s=None)).any()
 
 
 def test_turns_count_where_joules_are_what_is_searched() -> None:

@@ -3,6 +3,7 @@
 import ctypes
 import math
 import socket
+import struct
 from collections.abc import Iterator
 from typing import Any
 
@@ -179,6 +180,15 @@ def test_px4_that_hangs_up_is_noticed(bridge: Px4Bridge, px4: Px4StandIn) -> Non
     px4.close()
     with pytest.raises(FirmwareRestartedError, match="hung up"):
         tick_often(bridge)
+
+
+def test_a_wait_for_px4_ends_after_a_tenth_of_a_second() -> None:
+    """The kernel counts it, in its own ticks."""
+    with socket.socket() as ours:
+        give_up_soon(ours)
+        for way in (socket.SO_RCVTIMEO, socket.SO_SNDTIMEO):
+            seconds, rest_us = struct.unpack("ll", ours.getsockopt(socket.SOL_SOCKET, way, 16))
+            assert seconds + rest_us / 1e6 == pytest.approx(0.1, abs=0.02)
 
 
 def test_what_px4_does_not_take_is_sent_when_it_does() -> None:
