@@ -48,7 +48,9 @@ def load_several(
     (first, *others) = paths
     asked = asked or bool(offsets)
     alone = isinstance(first, Path) and not others and bool(vehicles_of(first))
-    of_run = alone and isinstance(first, Path) and RunFolder(first).rounds.is_file()
+    folder = RunFolder(first) if alone and isinstance(first, Path) else None
+    of_run = folder is not None and folder.rounds.is_file()
+    at_once = folder is not None and folder.summary.is_file()  # by a run, or one `aerofed fly`
     loaded, left_out = list[LoadedRun](), list[str]()
     for item in paths:
         flights, why = (
@@ -73,7 +75,7 @@ def load_several(
     world = None
     if asked or alone:
         try:
-            world = together(comparisons, offsets, of_run=of_run)
+            world = together(comparisons, offsets, of_run=of_run, at_once=at_once)
         except InputError:
             if asked:
                 raise

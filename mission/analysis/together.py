@@ -234,11 +234,13 @@ def together(
     offsets: Mapping[str, float] | None = None,
     *,
     of_run: bool = False,
+    at_once: bool = False,
 ) -> Together:
     """Put flights into the frame and on the clock of the first, and measure all pairs.
 
     `offsets`: seconds to add to the times of a log, by its name, in place of what it tells.
-    `of_run`: they are of one run, together also where one was in the air alone.
+    `of_run`: they are of one run, drawn in its area. `at_once`: they were flown at once, so that
+    they are together also where they are far apart or one was in the air alone.
 
     Raises:
         InputError: clocks that cannot be aligned, flights of no or other places or of other times,
@@ -268,7 +270,7 @@ def together(
     some = [t.pos_m[:: max(1, len(t.t_ns) // _LOOKED_AT), :2] for t in tracks]
     for name, of in zip(names[1:], some[1:], strict=True):
         away_m = float(np.linalg.norm(of[:, None] - some[0][None], axis=2).min())
-        if away_m > _FAR_M:
+        if away_m > _FAR_M and not at_once:
             raise InputError(
                 f"{name}: {away_m / 1000:.1f} km from {names[0]}: flights of other places; leave "
                 "--together out to see them side by side"
@@ -287,7 +289,7 @@ def together(
     made = Together(tuple(flights), tuple(names), area, tuple(tracks), added_s, by, plans)
     made = replace(made, pairs=tuple(_pairs(made, first.area)))
     for n, name in enumerate(names):
-        if not of_run and all(n not in (pair.first, pair.second) for pair in made.pairs):
+        if not at_once and all(n not in (pair.first, pair.second) for pair in made.pairs):
             raise InputError(
                 f"{name}: in the air when none of the others is; leave --together out to see them "
                 f"side by side, or --offset {name}=SECONDS says what to add to its times"

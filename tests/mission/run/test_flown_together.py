@@ -60,6 +60,22 @@ def test_those_that_meet_are_lost_and_the_third_is_judged(
     assert [each["pair"] for each in found["collisions"]] == [["vehicle-1", "vehicle-2"]]
 
 
+@pytest.mark.parametrize(("east_m", "after_s"), [(20, 60), (9000, 0)])
+def test_those_that_could_not_meet_have_their_page_and_verdict(
+    east_m: int, after_s: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """One is down before the other begins, or they fly 9 km apart."""
+    plans = [plan(tmp_path / f"{x}.plan", (x, 9, 5), home=(x, 0)) for x in (0, east_m)]
+    limit, out = ("--limit", "separation_min_m=5"), tmp_path / "r"
+    asked = ("--after", after_s, "--no-figures", *limit, "--out", out)
+    assert fly(*plans, *asked) == 0
+    assert (out / "together.html").is_file()
+    met = "1 limit met by all" + ", but no two were in the air at the same time" * (after_s > 0)
+    assert capsys.readouterr().out.endswith(f"\n{met}\n")
+    assert call(["compare", str(out), *limit]) == 0
+    assert capsys.readouterr().out.endswith(f"\n{met}\n")
+
+
 @pytest.mark.parametrize(
     ("options", "words"),
     [
