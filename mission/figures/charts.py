@@ -198,25 +198,23 @@ def dot_rows(title: str, rows: Sequence[DotRow], *, x: str, zero: bool = False) 
     tip = [alt.Tooltip("row:N", title=" "), alt.Tooltip("x:Q", title=x, format=".4~g")]
     seeds = table(row=[row.label for row in rows for _ in row.values], x=values)
     means = table(row=order, x=[row.mean for row in rows])
-    layers = [
-        alt.Chart(seeds).mark_point(filled=False, size=45).encode(x_axis, y, colour, tooltip=tip),
-        alt.Chart(means)
-        .mark_point(filled=True, size=60, opacity=1)
-        .encode(x_axis, y, colour, tooltip=tip),
-    ]
+    layers = [alt.Chart(table(x=[0.0])).mark_rule(color=SOFT).encode(x_axis)] if zero else []
     bar = ""
     if ends:
         labels, lows, highs = zip(*ends, strict=True)
         data = table(row=labels, x=lows, high=highs)
         bar = ", bar: its 95 % interval"
-        layers.insert(
-            0,
+        layers.append(
             alt.Chart(data)
             .mark_rule(strokeWidth=5, opacity=0.35)
-            .encode(x_axis, y, colour, alt.X2(field="high")),
+            .encode(x_axis, y, colour, alt.X2(field="high"))
         )
-    if zero:
-        layers.insert(0, alt.Chart(table(x=[0.0])).mark_rule(color=SOFT).encode(x_axis))
+    layers += [
+        alt.Chart(seeds).mark_point(filled=False, size=45).encode(x_axis, y, colour, tooltip=tip),
+        alt.Chart(means)
+        .mark_point(filled=True, size=60, opacity=1)
+        .encode(x_axis, y, colour, tooltip=tip),
+    ]
     note = f"dot: mean{bar}, rings: seeds"
     each = _ROW if len(rows) < _MANY_ROWS else _CLOSE_ROW
     return finished(layers, title=title, note=note, height=each * len(rows))

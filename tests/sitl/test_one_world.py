@@ -76,6 +76,13 @@ def test_one_alone_is_stepped_as_ever() -> None:
     assert same(in_world, alone)
 
 
+def test_who_stands_far_apart_is_run_for_a_second_at_once() -> None:
+    """Nobody can come near another one in it, and nobody is waited for."""
+    world = World({"a": vehicle_at(0.0, 0.0), "b": vehicle_at(0.0, 500.0, number=1)})
+    world.stride()
+    assert world.t_ns == 1_000_000_000
+
+
 def test_how_far_time_runs_at_once_changes_nothing() -> None:
     fleets, leasts = [], []
     for piece in (10.0, 0.07):

@@ -324,6 +324,18 @@ def test_each_name_has_its_own_colour() -> None:
             assert dict(zip(scale["domain"], scale["range"], strict=True)) == looks
 
 
+@pytest.mark.parametrize("zero", [False, True])
+@pytest.mark.parametrize("ends", [None, (1.0, 2.0)])
+def test_dots_lie_over_their_bar_and_that_over_the_line_of_zero(
+    zero: bool, ends: tuple[float, float] | None
+) -> None:
+    row = DotRow("a", "#111111", (1.0, 2.0), 1.5, ends)
+    marks = [layer["mark"] for layer in layers(described(dot_rows("", [row], x="", zero=zero)))]
+    bars = [mark.get("strokeWidth") for mark in marks if mark["type"] == "rule"]
+    assert bars == [*([None] if zero else []), *([5] if ends else [])]
+    assert [mark.get("filled") for mark in marks[len(bars) :]] == [False, True]
+
+
 @pytest.mark.slow
 def test_a_page_chooses_a_round_by_a_parameter(made_run: Made) -> None:
     read = made_run(3)[1]

@@ -78,6 +78,8 @@ def test_rounds_that_spend_nothing_end_by_their_number() -> None:
         ({"total_budget_m": 1700, "total_deadline_s": 900}, Amount(800, 50), 2,
          "of the path budget of 1700 m (mission.total_budget_m) 100 m are left, and a whole round "
          "takes 800, so the run ends before round 3"),
+        ({"total_budget_m": 1600.7}, Amount(800), 2,
+         "of the path budget of 1600.7 m (mission.total_budget_m) 1 m are left, and a whole round"),
         ({"total_budget_m": 1600}, Amount(800), 2,
          "the path budget of 1600 m (mission.total_budget_m) is spent, so the run ends before"),
         ({"total_budget_m": 100}, Amount(100), 1,

@@ -1,12 +1,15 @@
 """`aerofed fly` of several plans."""
 
 import json
+import math
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from crossings import crossing, independent, plan
 from small_runs import refused
 
+from mission.analysis.load import LoadedRun, load_run
 from mission.cli import call
 from mission.log.reader import read_log
 
@@ -74,6 +77,28 @@ def test_those_that_could_not_meet_have_their_page_and_verdict(
     assert capsys.readouterr().out.endswith(f"\n{met}\n")
     assert call(["compare", str(out), *limit]) == 0
     assert capsys.readouterr().out.endswith(f"\n{met}\n")
+
+
+def test_one_that_misses_its_end_is_named(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def without_its_end(path: Path) -> LoadedRun:
+        run = load_run(path)
+        if path.name != "vehicle-2":
+            return run
+        assert run.judged is not None
+        (found,) = run.judged.passes
+        end = replace(found.passages[-1], t_s=math.nan)
+        cut = replace(found, passages=(*found.passages[:-1], end))
+        return replace(run, judged=replace(run.judged, passes=(cut,)))
+
+    monkeypatch.setattr("mission.run.plan_flight.load_run", without_its_end)
+    plans = [plan(tmp_path / f"{n}.plan", (0, 10, 5), home=(30 * n, 0)) for n in range(2)]
+    out = tmp_path / "out"
+    assert fly(*plans, "--out", out, *QUICK) == 4
+    assert "aerofed: vehicle-2: item 2 was never reached" in capsys.readouterr().err
+    ends = [json.loads((out / f"vehicle-{i}" / "summary.json").read_text()) for i in (1, 2)]
+    assert [end["status"] for end in ends] == ["finished", "failed"]
 
 
 @pytest.mark.parametrize(

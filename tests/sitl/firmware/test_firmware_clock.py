@@ -1,6 +1,7 @@
 """Simulated time under a firmware: it waits for those who read its telemetry."""
 
 import math
+import threading
 import time
 from typing import cast
 
@@ -98,6 +99,36 @@ def test_time_goes_as_far_as_ordered_and_beyond_only_to_answer() -> None:
     clock.stop()
     assert clock.error is None
     assert clock.plant.t_ns < ordered_ns + 1e9 * (time.monotonic() - began_s + AHEAD_S)
+
+
+class Held(Eager):
+    """One in which a wait for the firmware lasts until it is let go."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.waits, self.left = threading.Event(), threading.Event()
+        self.left_at_close: list[bool] = []
+
+    def rest(self) -> None:
+        self.waits.set()
+        self.left.wait(HANG_S)
+
+    def close(self) -> None:
+        self.left_at_close.append(self.left.is_set())
+
+
+def test_a_bridge_is_closed_when_nobody_waits_on_it_any_more() -> None:
+    """Its socket would be another one's by then."""
+    bridge = Held()
+    clock = FirmwareClock(cast(Bridge, bridge), speed=math.inf)
+    clock.start()
+    assert bridge.waits.wait(HANG_S)
+    stopper = threading.Thread(target=clock.stop)
+    stopper.start()
+    stopper.join(0.05)
+    bridge.left.set()
+    stopper.join(HANG_S)
+    assert bridge.left_at_close == [True]
 
 
 def test_a_block_may_let_time_go_so_far_and_so_fast() -> None:
