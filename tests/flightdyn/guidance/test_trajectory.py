@@ -117,6 +117,20 @@ def test_start_at_speed_keeps_the_speed_along_the_first_leg() -> None:
     assert trajectory.end_s < still.end_s - 0.5
 
 
+@pytest.mark.parametrize("axis", range(3))
+@pytest.mark.parametrize(("beside_mps", "keeps"), [(3.9, True), (-4.1, False)])
+def test_what_leads_beside_the_first_leg_by_four_metres_a_second_is_braked_off(
+    axis: int, beside_mps: float, keeps: bool
+) -> None:
+    """Whatever the way of the leg: along each axis in turn, and a little along the other two."""
+    along, beside = np.roll([0.8, 0.6, 0.0], axis), np.roll([0.6, -0.8, 0.0], axis)
+    path = path_along(np.array([START, START + 300.0 * along]))
+    velocity = (2.5 * along + beside_mps * beside).tolist()
+    trajectory, _ = plan_path(path, LIMITS, start_vel=velocity)
+    still, _ = plan_path(path, LIMITS)
+    assert (trajectory.end_s < still.end_s) is keeps
+
+
 def test_braking_stops_in_the_closed_form_distance() -> None:
     trajectory = brake_and_go(
         (0.0, 0.0, -50.0), (20.0, 0.0, 0.0), goal=(0.0, 0.0, -50.0), limits=LIMITS

@@ -1,31 +1,21 @@
 """When a flight begins and ends, of tracks whose every place is given."""
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from bare_flight import bare_flight
 
-from flightdyn.state import GeodeticPoint
-from mission.analysis.airborne import airborne
-from mission.base.area import Area
+from mission.analysis.airborne import air_times, airborne, flown_modes
 from mission.base.errors import InputError
-from mission.log.values import BatteryTrack, FlightData, Track, WindTrack
+from mission.log.values import EventRecord, FlightData, Modes
 
 
 def data(up_m: Callable[[float], float], *, until_s: int) -> FlightData:
-    """A log that tells only heights, ten a second."""
-    times = range(10 * until_s + 1)
-    t_ns = np.array([100_000_000 * n for n in times], dtype=np.int64)
-    track = Track(t_ns, np.array([(0.0, 0.0, up_m(n / 10)) for n in times]))
-    none = np.zeros(0)
-    return FlightData(
-        area=Area.at((9.0, 9.0), (0.0, 0.0), GeodeticPoint(47.0, 8.0, 400.0)),
-        truth=track,
-        belief=track,
-        battery=BatteryTrack(none.astype(np.int64), none, none, none, none),
-        wind=WindTrack(none.astype(np.int64), np.zeros((0, 3))),
-        events=(),
-    )
+    """A log that tells ten heights a second, 3 m beside home and from 2 m on."""
+    t_s = [step / 10 for step in range(10 * until_s + 1)]
+    return bare_flight(t_s, [(3.0, 0.0, 2.0 + up_m(each)) for each in t_s])
 
 
 @pytest.mark.parametrize(("wandered_m", "begins_s"), [(0.0, 20.0), (2.9, 20.0), (3.1, 10.0)])
@@ -64,3 +54,45 @@ def test_a_hop_is_a_flight_from_0_7_m_on() -> None:
     assert (begin_ns, end_ns) == (8_900_000_000, 14_900_000_000)
     with pytest.raises(InputError, match="never left the ground"):
         hop(0.69)
+
+
+def test_of_a_hop_half_its_height_is_off_the_ground() -> None:
+    """It waits at less than that, or at more, from 5 s on, and rises to 2 m at 15 s."""
+
+    def begins_s(waits_m: float) -> float:
+        hop = data(lambda t_s: waits_m * (t_s >= 5.0) + (2.0 - waits_m) * (t_s >= 15.0), until_s=20)
+        return airborne("a log", hop)[0] / 1e9
+
+    assert begins_s(0.95) == pytest.approx(13.9)
+    assert begins_s(1.05) == pytest.approx(3.9)
+
+
+def test_a_log_that_begins_in_the_air_begins_the_flight() -> None:
+    flight = data(lambda t_s: 5.0 * t_s, until_s=20)
+    assert airborne("a log", flight)[0] == 0
+
+
+def test_what_is_disarmed_at_the_end_has_landed_wherever_it_is_carried() -> None:
+    flight = data(lambda t_s: 5.0 * t_s, until_s=20)
+    times = np.array([0, 12_000_000_000])
+    for last, end_s in (("DISARMED", 12.0), ("LAND", 20.0)):
+        modes = Modes(times, ("DISARMED" if last == "LAND" else "LAND", last))
+        assert airborne("a log", replace(flight, modes=modes))[1] / 1e9 == end_s
+
+
+def test_modes_count_and_time_is_in_the_air_while_it_is_armed() -> None:
+    """Two flights: from 2 to 5 s, in a mode that is told at 4 s only, and from 9 to 12 s."""
+    flight = data(lambda t_s: t_s, until_s=20)
+    told = ((2, "armed"), (5, "disarmed"), (9, "armed"), (12, "disarmed"))
+    at = flight.truth.pos_m[0].tolist()
+    events = [EventRecord(10**9 * t_s, "armed", said, None, 6, at, at) for t_s, said in told]
+    modes = Modes(10**9 * np.array([4, 8, 10]), ("HOLD", "MISSION", "LAND"))
+    flight = replace(flight, events=tuple(events), modes=modes)
+    found = flown_modes(flight)
+    assert dict(zip((found.t_ns / 1e9).tolist(), found.names, strict=True)) == {
+        2: "mode unknown", 4: "HOLD", 5: "DISARMED", 8: "DISARMED", 9: "MISSION", 10: "LAND",
+        12: "DISARMED",
+    }  # fmt: skip
+    assert air_times(flight, 10**9, 10 * 10**9) == [(2.0, 5.0), (9.0, 10.0)]
+    assert air_times(flight, 9 * 10**9, 20 * 10**9) == [(9.0, 12.0)]
+    assert air_times(flight, 6 * 10**9, 8 * 10**9) == [(6.0, 8.0)]  # never: all of it

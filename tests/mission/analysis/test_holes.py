@@ -223,12 +223,17 @@ def test_positions_of_a_true_track_that_are_missing_are_a_hole(tmp_path: Path) -
     assert values(found, cross_track_max_m=3) == {"cross_track_max_m": None}
 
 
-def test_a_hole_in_a_round_hides_what_was_flown_but_not_what_arrived(tmp_path: Path) -> None:
+@pytest.mark.parametrize("at_its_end", [False, True])
+def test_a_hole_in_a_round_hides_what_was_flown_but_not_what_arrived(
+    tmp_path: Path, at_its_end: bool
+) -> None:
     fly(tmp_path)
     loaded = load_run(tmp_path / "flight.mcap")
     whole, data = compare_run(loaded), loaded.data
     at_ns = data.truth.t_ns
-    start_ns = round(1e9 * (data.rounds[0].start_t_s + 3.0))
+    record = data.rounds[0]
+    since_s = record.start_t_s + (record.duration_s - 4.0 if at_its_end else 3.0)
+    start_ns = round(1e9 * since_s)
     kept = (at_ns <= start_ns) | (at_ns >= start_ns + 4_000_000_000)
     holed = replace(
         data,

@@ -19,7 +19,13 @@ from mission.planner.factory import make_planner
 from mission.planner.fleet.joint import first_plans, plan_jointly
 from mission.planner.fleet.packing import Column, Market, packed
 from mission.planner.fleet.parts import improved_in_turn, masked
-from mission.planner.fleet.prices import columns_of, priced, search_prices, searched_alone
+from mission.planner.fleet.prices import (
+    column_along,
+    columns_of,
+    priced,
+    search_prices,
+    searched_alone,
+)
 from mission.planner.fleet.team import partitions, team_of
 from mission.planner.limits import RoundLimits
 from mission.planner.native.crews import alike, search_orders
@@ -96,6 +102,17 @@ def test_no_random_plan_is_above_the_bounds(seed: int, places: Any) -> None:
         assert value_along(problem, ways) <= low * (1.0 + 1e-6)
         local = np.stack([w - s.start_m for w, s in zip(ways, problem.starts, strict=True)])
         assert team.plan_along(local).value <= low * (1.0 + 1e-4)
+
+
+def test_a_path_brings_what_each_of_its_places_does() -> None:
+    """Its start serves, too; per place two, and a device once."""
+    devices_m = np.array([OWN[0], (150.0, 180.0), (150.0, 190.0), (250.0, 150.0)])
+    problem = drawn(devices_m=devices_m, importance=np.array([1.0, 0.9, 0.8, 0.7]), steps=2)
+    way = np.array([(0.0, 0.0), (100.0, 0.0)])
+    found = column_along(team_of(alone(problem)), 0, way)
+    away = np.array([0.0, 30.0, math.hypot(100.0, 40.0), 0.0])  # from the place that serves each
+    worth = problem.importance * (1.0 - average_per(problem.channel, away))
+    np.testing.assert_allclose(found.brought, worth, rtol=1e-3)
 
 
 @pytest.mark.parametrize("places", [OWN, SHARED])

@@ -6,7 +6,13 @@ import pytest
 
 from mission.base.errors import InputError
 from mission.config.models import RunConfig
-from mission.scenario.limits import UNLIMITED, foreseen_performance, round_limits, unflyable
+from mission.scenario.limits import (
+    UNLIMITED,
+    foreseen_performance,
+    performance_of,
+    round_limits,
+    unflyable,
+)
 from mission.scenario.scenario import build_scenario
 from mission.scenario.strategies import Rectangular, stretch
 
@@ -24,6 +30,13 @@ def config(*, link: str = "in_process", **mission: Any) -> RunConfig:
 def refused(given: RunConfig) -> list[str]:
     """The keys whose limits no round can keep to."""
     return [key for key, _, _ in unflyable(given, foreseen_performance(given))]
+
+
+@pytest.mark.parametrize("heights", [{"altitude_m": 200.0}, {"altitude_m": (200.0, 300.0)}])
+def test_air_is_as_thin_as_where_the_lowest_flight_is(heights: dict[str, Any]) -> None:
+    """The standard atmosphere's (ISO 2533) 1.1117 kg/m3 at 1000 m, and 1.225 at sea level."""
+    flying = performance_of(config(**heights).mission, 800.0, None)
+    assert flying.density == pytest.approx(1.1117 / 1.225, abs=1e-4)
 
 
 def check(given: RunConfig) -> None:
