@@ -160,19 +160,24 @@ class _Flights:
 
         Raises:
             FlightError: a plan was flown to its end, and its last place never reached.
+            KeyboardInterrupt: pictures were interrupted; those of further vehicles are left out.
         """
-        ends = {}
+        ends, interrupted = {}, False
         for name, flight in self.flights.items():
-            own, outcome = self.summaries[name], Outcome()
+            own, outcome, concluded = self.summaries[name], Outcome(), False
             with outcome.flight():
                 if name in self.errors:
                     raise self.errors[name]
+                if not flight.ended:
+                    raise KeyboardInterrupt  # all were
             with outcome.aside("figures"):
-                if self.around.figures:
+                if self.around.figures and not interrupted:
                     from mission.figures.run import draw_run
 
                     draw_run(own.folder.path)
                 flight.conclude(own)
+                concluded = True
+            interrupted |= not concluded and outcome.error is None
             own.ended(outcome, flight.totals, self.around.stopwatch)
             self.totals.flown_m += flight.totals.flown_m
             ends[name] = outcome
@@ -180,6 +185,8 @@ class _Flights:
         for name, outcome in ends.items():
             if outcome.error is not None and name not in self.errors:
                 raise outcome.error.in_words(f"{name}: {outcome.error}")
+        if interrupted:
+            raise KeyboardInterrupt
 
     def show(self, console: RunConsole) -> None:
         """Print how near they came."""

@@ -1,7 +1,9 @@
 """`aerofed fly` of several plans."""
 
+import asyncio
 import json
 import math
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,8 +12,11 @@ from crossings import crossing, independent, plan
 from small_runs import refused
 
 from mission.analysis.load import LoadedRun, load_run
+from mission.base.errors import AerofedError
 from mission.cli import call
+from mission.flight.serve.together import Departure, fly_together
 from mission.log.reader import read_log
+from sitl.pace import Simulation
 
 pytestmark = pytest.mark.slow
 QUICK = ("--no-figures", "--no-report", "--quiet")
@@ -61,6 +66,46 @@ def test_those_that_meet_are_lost_and_the_third_is_judged(
     assert ends == ["failed", "failed", "finished"]
     found = json.loads((tmp_path / "r" / "separation.json").read_text())
     assert [each["pair"] for each in found["collisions"]] == [["vehicle-1", "vehicle-2"]]
+
+
+def statuses(out: Path) -> list[str]:
+    each = (out, out / "vehicle-1", out / "vehicle-2")
+    return [json.loads((one / "summary.json").read_text())["status"] for one in each]
+
+
+def test_an_interruption_in_flight_is_that_of_each(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async def cut_off(
+        simulation: Simulation, departures: Mapping[str, Departure]
+    ) -> Mapping[str, AerofedError]:
+        flying = asyncio.ensure_future(fly_together(simulation, departures))
+        while simulation.world.t_ns < 12e9:  # noqa: ASYNC110  of another thread's making
+            await asyncio.sleep(0)
+        flying.cancel()
+        return await flying
+
+    monkeypatch.setattr("mission.run.together_flight.fly_together", cut_off)
+    assert fly(*crossing(tmp_path, 7.0), "--out", tmp_path / "r", *QUICK) == 130
+    assert statuses(tmp_path / "r") == ["interrupted"] * 3
+
+
+def test_an_interruption_while_pictures_are_drawn_is_one_of_all(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Of further vehicles none are drawn, and nothing is judged."""
+    drawn = []
+
+    def draw(folder: Path) -> None:
+        drawn.append(folder.name)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("mission.figures.run.draw_run", draw)
+    limit = ("--limit", "separation_min_m=1")
+    assert fly(*crossing(tmp_path, 7.0), "--out", tmp_path / "r", *limit) == 130
+    assert capsys.readouterr().out.endswith("\ninterrupted\n")
+    assert drawn == ["vehicle-1"]
+    assert statuses(tmp_path / "r") == ["interrupted", "interrupted", "finished"]
 
 
 @pytest.mark.parametrize(("east_m", "after_s"), [(20, 60), (9000, 0)])
