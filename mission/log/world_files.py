@@ -3,6 +3,7 @@
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from io import BytesIO
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
@@ -14,7 +15,6 @@ from foxglove.mcap import MCAPWriteOptions
 from mission.base.area import Area, on_globe
 from mission.base.arrays import Floats
 from mission.base.errors import InputError
-from mission.base.record_file import RecordFile
 from mission.base.run_folder import write_atomically
 from mission.log import scene
 from mission.log.export import KML, coordinates, feature_of, line, named, style, text
@@ -61,10 +61,8 @@ def write_world(target: Path, area: Area, seen: Sequence[Seen], met: Sequence[Me
     """
     if target.exists():
         raise InputError(f"{target}: exists already; give another name")
-    if target.suffix == ".mcap":
-        _mcap(target, area, seen, met)
-    else:
-        write_atomically(target, (_kml if target.suffix == ".kml" else _json)(area, seen, met))
+    form: Callable[..., str | bytes] = {".mcap": _mcap, ".kml": _kml}.get(target.suffix, _json)
+    write_atomically(target, form(area, seen, met))
     return target
 
 
@@ -102,7 +100,7 @@ def _kml(area: Area, seen: Sequence[Seen], met: Sequence[Met]) -> bytes:
     return found
 
 
-def _mcap(target: Path, area: Area, seen: Sequence[Seen], met: Sequence[Met]) -> None:
+def _mcap(area: Area, seen: Sequence[Seen], met: Sequence[Met]) -> bytes:
     """A frame and a topic of its place for each aircraft, a scene of all paths and of where two
     were nearest, and a topic of the distance of each pair."""
     context, channels = foxglove.Context(), dict[str, Callable[[bytes, int], None]]()
@@ -118,7 +116,7 @@ def _mcap(target: Path, area: Area, seen: Sequence[Seen], met: Sequence[Met]) ->
 
     distance = foxglove.Schema(name="aerofed.Distance", encoding="jsonschema", data=_DISTANCE)
     begin_ns = min(int(one.track.t_ns[0]) for one in seen)
-    file = RecordFile(target)
+    file = BytesIO()
     options = MCAPWriteOptions(disable_seeking=True)
     with foxglove.open_mcap(file, context=context, writer_options=options):
         paths = [
@@ -151,5 +149,4 @@ def _mcap(target: Path, area: Area, seen: Sequence[Seen], met: Sequence[Met]) ->
             for t_s, away_m in rows:
                 data = to_bytes({"away_m": float(away_m)})
                 write(f"/separation/{near.name}", distance, round(t_s * NS_PER_S), data)
-    file.close()
-    file.check()
+    return file.getvalue()

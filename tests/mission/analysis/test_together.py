@@ -11,6 +11,7 @@ from xml.etree import ElementTree as ET
 import numpy as np
 import pytest
 from again import again
+from limits import no_file_larger_than
 from mcap.reader import make_reader
 from one_world import UNTIL_S, Floats, Way, head_on, straight, write_ours
 from told_logs import HOME, WRITERS, made
@@ -280,6 +281,16 @@ def test_files_for_maps_have_all_vehicles_and_where_they_were_nearest(tmp_path: 
     distances = [json.loads(m.data)["away_m"] for m in seen["/separation/vehicle-1_and_vehicle-2"]]
     assert min(distances) == pytest.approx(3.0, abs=1e-3)
     assert b"vehicle-1 and vehicle-2: 3.00 m at 20.0 s" in seen["/scene/world"][0].data
+
+
+@pytest.mark.parametrize("form", ["geojson", "kml", "mcap"])
+def test_a_file_for_maps_that_finds_no_room_leaves_nothing(form: str, tmp_path: Path) -> None:
+    folder = head_on(tmp_path / "w")
+    to = ("--to", form, "--out", str(tmp_path / f"all.{form}"))
+    with no_file_larger_than(1000):
+        assert call(["log", "export", str(folder), *to]) == 2
+    assert [path.name for path in tmp_path.iterdir()] == ["w"]
+    assert call(["log", "export", str(folder), *to]) == 0
 
 
 def test_the_picture_has_the_limit(tmp_path: Path) -> None:
