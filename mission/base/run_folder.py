@@ -85,7 +85,7 @@ class RunFolder:
                 if set(self.path.rglob("*")) == {self.checkpoint, self.checkpoint / _LOCK}:
                     shutil.rmtree(self.checkpoint, ignore_errors=True)
                 raise
-            if list(self.checkpoint.iterdir()) == [self.checkpoint / _LOCK]:
+            if list(self.checkpoint.glob("*")) == [self.checkpoint / _LOCK]:
                 shutil.rmtree(self.checkpoint, ignore_errors=True)
 
     def check(self) -> None:

@@ -129,6 +129,13 @@ def test_a_lock_whose_folder_was_removed_keeps_nobody_out(
         pass
 
 
+def test_a_folder_that_is_removed_at_the_end_is_no_bug(tmp_path: Path) -> None:
+    """While the page is written, say: all has been done by then."""
+    with RunFolder(tmp_path / "run").taken():
+        shutil.rmtree(tmp_path / "run")
+    assert not (tmp_path / "run").exists()
+
+
 def test_a_link_stays_one_and_what_is_no_file_is_written_to(tmp_path: Path) -> None:
     (tmp_path / "link").symlink_to(tmp_path / "behind")
     write_atomically(tmp_path / "link", "new")
