@@ -2,6 +2,7 @@
 #include "cells.h"
 #include "exported.h"
 #include "search.h"
+#include "zones.h"
 
 /* The least bound of the order in which the devices stand, with the rows of their distance intervals, and 1
    where a stop is one with the one before; -1 if its steps did not end well. With `outwards` they begin again
@@ -62,4 +63,39 @@ EXPORTED double conjugate(const Relaxation *relaxation, int64_t row, double s)
 EXPORTED double away_from_way(double x, double y, const Point *way, int64_t count)
 {
     return distance_to((Point){x, y}, way, count);
+}
+
+/* Bounds of chains through squares (x, y, half), those of stop n from first[n] on: of each square's stop
+   alone, of all up to there, of what follows. A metre costs mu, and legs lean as `lean` says. */
+EXPORTED void chain_bounds(
+    const Devices *devices, const Limits *limits, const int64_t *first, const double *square, double mu,
+    const Point *lean, double *stop, double *ahead, double *behind)
+{
+    const int64_t stops = limits->steps - 1, count = first[stops];
+    const size_t size = (size_t)count * sizeof(double);
+    Arena arena = {0};
+    Programme all;
+    for (int pass = 0; pass < 2; pass++) {
+        all = lay_out_programme(&arena, devices, limits, count, count + 1);
+        if (pass == 0 && !provide(&arena)) return;
+    }
+    Zones *zones = new_zones(&all.sizes, count);
+    if (zones) {
+        fill_rises(&all.cells);
+        zones->mu = mu;
+        memcpy(zones->first, first, (size_t)(stops + 1) * sizeof(int64_t));
+        memcpy(zones->lean, lean, (size_t)stops * sizeof(Point));
+        for (int64_t j = 0; j < count; j++) {
+            const double *at = square + 3 * j;
+            zones->square[j] = (int32_t)add_cell(&all.cells, at[0], at[1], at[2]);
+        }
+        load_squares(zones, &all);
+        bound_of(zones, &all);
+        memcpy(stop, all.stop, size);
+        look_back(zones, &all);
+        memcpy(ahead, all.ahead, size);
+        memcpy(behind, all.behind, size);
+    }
+    free(zones);
+    release(&arena);
 }

@@ -81,3 +81,18 @@ def away_from_way(x: float, y: float, way: Floats, count: int) -> float:
         *map(ctypes.c_double, (x, y)), ctypes.c_void_p(way.ctypes.data), ctypes.c_int64(count)
     )
     return away
+
+
+def chain_bounds(
+    devices: Devices, limits: PathLimits, first: Ints, squares: Floats, *, mu: float, lean: Floats
+) -> tuple[Floats, Floats, Floats]:
+    """Bounds (n,) of a stop in each of the squares (n, 3) alone, of all up to there, and of what
+    follows; those of a stop begin at `first` (stops + 1,). A metre costs `mu`, and legs lean as
+    `lean` (stops, 2) says."""
+    shared = devices.as_c(), limits.as_c()
+    found = np.zeros((3, len(squares)))
+    arrays = [np.ascontiguousarray(each) for each in (first, squares, lean, *found)]
+    at = [ctypes.c_void_p(each.ctypes.data) for each in arrays]
+    _parts().chain_bounds(*map(ctypes.byref, shared), *at[:2], ctypes.c_double(mu), *at[2:])
+    stop, ahead, behind = found
+    return stop, ahead, behind

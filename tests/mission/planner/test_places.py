@@ -1,11 +1,14 @@
 """Bounds of plans with few stops, against solvers that share nothing with them."""
 
+import itertools
+import math
+
 import numpy as np
 import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from scipy.optimize import differential_evolution, linear_sum_assignment
-from search_parts import square_bound
+from search_parts import chain_bounds, square_bound
 from test_certificate import SEEDS, random_problem
 
 from fl.radio.channel import CHANNEL_PRESETS, average_per
@@ -16,6 +19,7 @@ from mission.planner.native.crews import Crew, search_orders
 from mission.planner.native.library import (
     Found,
     Goal,
+    PathLimits,
     search_places,
 )
 
@@ -210,3 +214,27 @@ def test_where_there_is_no_room_for_open_nodes_the_gap_stays_honest():
         plan = CertifiedPlanner(max_nodes=nodes).plan(problem)
         assert plan.nodes <= nodes
         assert plan.upper_bound >= best.value
+
+
+@pytest.mark.parametrize("mu", [0.0, 0.002])
+def test_what_squares_are_worth_to_a_chain_is_the_best_of_all_chains(mu: float) -> None:
+    """Of three, four and two squares for three stops; legs bound as the docstring of zones.h says,
+    squares by what C says that a stop there earns."""
+    rng = np.random.default_rng(5)
+    devices, _ = instance(random_problem(3, steps=4, per_step=2))
+    squares = np.column_stack((rng.uniform(-300, 300, (9, 2)), rng.uniform(2, 20, 9)))
+    first, lean = np.array([0, 3, 7, 9]), rng.uniform(-0.6, 0.6, (3, 2))
+    limits = PathLimits(4, 2, 900.0)
+    stop, ahead, behind = chain_bounds(devices, limits, first, squares, mu=mu, lean=lean)
+
+    def leg(one: np.ndarray, other: np.ndarray, e: np.ndarray) -> float:
+        way, length = (other - one)[:2], math.dist(one[:2], other[:2])
+        size = (one[2] + other[2]) * np.abs(e - way / length).sum()
+        return min(0.0, mu * (float(e @ way) - length + size))
+
+    through = np.full(9, -np.inf)
+    for chain in itertools.product(*(range(*ends) for ends in itertools.pairwise(first))):
+        places = [np.zeros(3), *squares[list(chain)]]
+        worth = stop[list(chain)].sum() + sum(map(leg, places, places[1:], lean))
+        through[list(chain)] = np.maximum(through[list(chain)], worth)
+    np.testing.assert_allclose(ahead + behind, through, rtol=1e-12)
