@@ -46,6 +46,10 @@ class InputError(AerofedError):
     exit_code = 2
 
 
+class NoFlightError(InputError):
+    """A flight log, or a folder for logs, that is sound and holds no flight."""
+
+
 class SettingError(InputError):
     """A setting whose value is refused; who knows where it was set names that, too."""
 

@@ -11,6 +11,7 @@ import numpy as np
 from mission.analysis.compare import RunComparison
 from mission.analysis.measure import Measured
 from mission.analysis.numbers import Comparison, Made, Told
+from mission.analysis.several import Several
 from mission.analysis.together import SEPARATIONS, Pair, Together
 from mission.base.arrays import Floats, least
 from mission.base.errors import InputError, LimitsNotMetError
@@ -178,26 +179,26 @@ def _of_pair(world: Together, pair: Pair, limits: Mapping[str, float]) -> tuple[
     return tuple(found)
 
 
-def every_verdict(
-    flights: Sequence[RunComparison], limits: Mapping[str, float], world: Together | None = None
-) -> list[tuple[Verdict, ...]]:
-    """Judge flights, and the pairs of those of one world: for each flight, then for each pair."""
-    if world is None:
-        return [verdicts(flight, limits) for flight in flights]
-    alone = {name: limit for name, limit in limits.items() if name not in SEPARATIONS}
+def every_verdict(several: Several, limits: Mapping[str, float]) -> list[tuple[Verdict, ...]]:
+    """Judge flights, and the pairs of those of one world: for each flight, then for each pair; then
+    for each log that cannot be read, of which nothing is known."""
+    flights, world = several.flights, several.world
+    alone = {name: limit for name, limit in limits.items() if name not in SEPARATIONS or not world}
     judged = [verdicts(flight, alone) for flight in flights]
-    return [*judged, *(_of_pair(world, pair, limits) for pair in world.pairs)]
+    judged += [_of_pair(world, pair, limits) for pair in world.pairs] if world else []
+    for file, _, why in (each.partition(": ") for each in several.unread):
+        its = ((name, math.nan, limit, False, why) for name, limit in limits.items())
+        judged.append(tuple(Verdict(file, *one) for one in its))
+    return judged
 
 
-def kept(
-    flights: Sequence[RunComparison], limits: Mapping[str, float], world: Together | None = None
-) -> tuple[Verdict, ...]:
-    """Return the verdicts on flights, all of which must keep to all limits.
+def kept(several: Several, limits: Mapping[str, float]) -> tuple[Verdict, ...]:
+    """Return the verdicts of `every_verdict`; all limits must be kept.
 
     Raises:
         LimitsNotMetError: a limit is not met; it has all verdicts.
     """
-    found = tuple(item for each in every_verdict(flights, limits, world) for item in each)
+    found = tuple(item for each in every_verdict(several, limits) for item in each)
     if broken := [item.words for item in found if not item.met]:
         raise LimitsNotMetError("\n".join(broken), found)
     return found

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from fl.plugin_code import label_of
-from mission.base.errors import InputError
+from mission.base.errors import InputError, NoFlightError
 from mission.base.run_folder import VEHICLE, RunFolder, RunSummary
 from mission.base.user_files import read_json
 from mission.log import SPOILT, DamagedLogError, ForeignLogError
@@ -105,10 +105,10 @@ def load_run(path: Path, plan: Path | None = None, *, believed: bool = False) ->
 
 def load_flights(
     path: Path, plan: Path | None = None, *, believed: bool = False, together: bool = False
-) -> tuple[list[LoadedRun], list[str]]:
+) -> tuple[list[LoadedRun], list[InputError], list[str]]:
     """Load a run or a log, or all logs of a folder, as `load_run`: those to compare, and why others
     of the folder are not: they cannot be read, or have no mission, as some have. Of flights that
-    are judged `together` none is left out for that.
+    are judged `together` none is left out for the latter.
 
     Raises:
         InputError: as `load_run`, of the first log, where none can be read.
@@ -122,10 +122,10 @@ def load_flights(
     if not loaded:
         raise refused[0]
     if together:
-        return loaded, [*map(str, refused)]
+        return loaded, refused, []
     judged = [flight for flight in loaded if not flight.unjudged]
     apart = [flight.unjudged for flight in loaded if flight.unjudged and judged]
-    return judged or loaded, [*map(str, refused), *apart]
+    return judged or loaded, refused, apart
 
 
 def vehicles_of(path: Path) -> list[Path]:
@@ -179,7 +179,7 @@ def no_log_in(path: Path) -> InputError:
         others = f"; give one of its logs, as {first}"
     elif runs := [*path.glob(f"*/{name}"), *path.glob(f"*/*/{name}")]:  # a sweep, say
         others = f"; give one of its runs, as {min(runs).parent}"
-    return InputError(f"{path}: not a run folder: it has no {name}{others}")
+    return NoFlightError(f"{path}: not a run folder: it has no {name}{others}")
 
 
 def _read_flight(path: Path) -> FlightData:

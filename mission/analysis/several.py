@@ -7,7 +7,7 @@ from pathlib import Path
 from mission.analysis.compare import RunComparison, compare_run
 from mission.analysis.load import LoadedRun, load_flights, vehicles_of
 from mission.analysis.together import Together, together
-from mission.base.errors import InputError
+from mission.base.errors import InputError, NoFlightError
 from mission.base.run_folder import RunFolder
 
 
@@ -18,6 +18,7 @@ class Several:
     flights: tuple[RunComparison, ...]
     world: Together | None
     left_out: tuple[str, ...]  # logs that are not among them, and why
+    unread: tuple[str, ...] = ()  # those of them whose flight is not known: no limit is met
 
     @property
     def together(self) -> Together:
@@ -51,15 +52,16 @@ def load_several(
     folder = RunFolder(first) if alone and isinstance(first, Path) else None
     of_run = folder is not None and folder.rounds.is_file()
     at_once = folder is not None and folder.summary.is_file()  # by a run, or one `aerofed fly`
-    loaded, left_out = list[LoadedRun](), list[str]()
+    loaded, left_out, unread = list[LoadedRun](), list[str](), list[str]()
     for item in paths:
-        flights, why = (
-            ([item], [])
+        flights, refused, apart = (
+            ([item], [], [])
             if isinstance(item, LoadedRun)
             else load_flights(item, plan, believed=believed, together=asked or alone)
         )
         loaded += flights
-        left_out += why
+        left_out += [*map(str, refused), *apart]
+        unread += [str(e) for e in refused if at_once or not isinstance(e, NoFlightError)]
     comparisons = list[RunComparison]()
     for run in loaded:
         if of_run and not run.data.rounds:  # lost before its first was over, and among the others
@@ -79,4 +81,5 @@ def load_several(
         except InputError:
             if asked:
                 raise
-    return Several(tuple(comparisons), world, tuple(left_out))
+        world = world and replace(world, left_out=tuple(left_out))
+    return Several(tuple(comparisons), world, tuple(left_out), tuple(unread))

@@ -144,6 +144,7 @@ class Together:
     by: tuple[str, ...]  # what each clock is known by
     plans: tuple[tuple[Floats, ...], ...]  # planned paths (P, 3) of each
     pairs: tuple[Pair, ...] = ()
+    left_out: tuple[str, ...] = ()  # logs that are not among them, and why
 
     def middle_m(self, pair: Pair, t_s: float) -> Floats:
         """(3,) the place in the middle between two flights at an instant, in the area."""
@@ -205,6 +206,7 @@ class Together:
     @property
     def lines(self) -> Iterator[str]:
         """What is said beside the table: losses, clocks, pairs that never meet, holes."""
+        yield from (f"left out: {why}" for why in self.left_out)
         for name, flight, added_s in zip(self.names, self.flights, self.added_s, strict=True):
             data = flight.run.data
             if data.modes.names[-1:] == (TERMINATED,):

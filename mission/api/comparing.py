@@ -79,5 +79,5 @@ def compare(
     ]
     table = frame(None, rows).set_index(["run", "round"])
     made = Comparison(table if by_round else table.droplevel("round"))
-    made.flights, made.world = flights, several.world
+    made.several = several
     return made

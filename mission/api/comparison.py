@@ -13,19 +13,21 @@ from mission.api.runs import frame
 if TYPE_CHECKING:
     from mission.analysis.compare import RunComparison
     from mission.analysis.limits import Verdict
-    from mission.analysis.together import Together
+    from mission.analysis.several import Several
 
 
 class Comparison(pd.DataFrame):  # type: ignore[misc]  # pandas has no types here
     """A DataFrame with `check`, `table`, `pairs`, `errors` and `health`; what is computed from it
     is a plain DataFrame.
-
-    `flights` are the comparisons that it was made of.
     """
 
-    _metadata: ClassVar[list[str]] = ["flights", "world"]
-    flights: "tuple[RunComparison, ...]"
-    world: "Together | None"
+    _metadata: ClassVar[list[str]] = ["several"]
+    several: "Several"
+
+    @property
+    def flights(self) -> "tuple[RunComparison, ...]":
+        """The comparisons that it was made of."""
+        return self.several.flights
 
     @property
     def table(self) -> pd.DataFrame:
@@ -37,7 +39,7 @@ class Comparison(pd.DataFrame):  # type: ignore[misc]  # pandas has no types her
     def pairs(self) -> pd.DataFrame:
         """A row for each two flights that are judged together: least distances, planned and flown,
         when and where. Distances are NaN where positions are missing."""
-        return frame(None, self.world.rows if self.world else [])
+        return frame(None, self.several.world.rows if self.several.world else [])
 
     @property
     def errors(self) -> pd.DataFrame:
@@ -75,4 +77,4 @@ class Comparison(pd.DataFrame):  # type: ignore[misc]  # pandas has no types her
         """
         from mission.analysis.limits import kept, known_limits
 
-        return kept(self.flights, known_limits(limits, "check"), self.world)
+        return kept(self.several, known_limits(limits, "check"))

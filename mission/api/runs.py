@@ -362,8 +362,7 @@ def flown(
         from mission.analysis.limits import kept
         from mission.analysis.several import load_several
 
-        several = load_several((path,))
-        kept(several.flights, limits, several.world)
+        kept(load_several((path,)), limits)
     return Run(path)
 
 

@@ -8,6 +8,7 @@ from native.errors import AerofedError as AerofedError
 from native.errors import FlightError as FlightError
 from native.errors import InputError as InputError
 from native.errors import LinkLostError as LinkLostError
+from native.errors import NoFlightError as NoFlightError
 from native.errors import TrainingError as TrainingError
 from native.errors import UnansweredError as UnansweredError
 from native.errors import UsersCodeError as UsersCodeError

@@ -80,7 +80,7 @@ def compare(
         offsets=given_offsets(offset),
     )  # fmt: skip
     found, world = several.flights, several.world
-    for why in several.left_out:
+    for why in several.left_out if as_json or not world else ():
         aside.print(f"left out: {why}")
     _warn_of_lengths(found, aside)
     if figure is not None:
@@ -89,10 +89,10 @@ def compare(
 
         save(comparison_figure(found, world, bounds), figure)
     console = Terminal.for_tables()
-    judged = every_verdict(found, bounds, world)
+    judged = every_verdict(several, bounds)
     if as_json:
         values = [*(item.values for item in found), *(world.rows if world else ())]
-        rows = [{**of, **in_json(its)} for of, its in zip(values, judged, strict=True)]
+        rows = [{**of, **in_json(its)} for of, its in zip(values, judged, strict=False)]
         count = len(found)
         print_json({"flights": rows[:count], "pairs": rows[count:]} if world else rows)
     else:
@@ -126,9 +126,10 @@ def tell_verdict(
     found, left_out = several.flights, several.left_out
     if junit is not None:
         pairs = several.world.pairs if several.world else ()
-        names = [*names_of(found), *(pair.name for pair in pairs)]
+        unread = [why.partition(": ")[0] for why in several.unread]
+        names = [*names_of(found), *(pair.name for pair in pairs), *unread]
         lasted_s = [item.total.duration_s for item in found] + [pair.known_s for pair in pairs]
-        write(junit, names, judged, lasted_s, left_out)
+        write(junit, names, judged, [*lasted_s, *(0.0 for _ in unread)], left_out)
     broken = [item for each in judged for item in each if not item.met]
     aside = Console(stderr=True, **PLAIN)
     for item in broken:

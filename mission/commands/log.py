@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Literal
 
 from rich import box
+from rich.console import Console
 from rich.table import Table
 
 from mission.base.console import PLAIN, Terminal
@@ -132,7 +133,10 @@ def _write(log: Path, out: Path | None, to: Form) -> tuple[Path, ...]:
         from mission.analysis.several import load_several
         from mission.log.world_files import write_world
 
-        world = load_several((log,), asked=True).together
+        several = load_several((log,), asked=True)
+        for why in several.left_out:
+            Console(stderr=True, **PLAIN).print(f"left out: {why}")
+        world = several.together
         return (write_world(out or log / f"together.{to}", world.area, world.seen, world.met),)
     if to == "mcap":
         raise InputError(f"{log}: is a log of one flight; --to mcap is of a folder of several")

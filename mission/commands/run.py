@@ -172,7 +172,7 @@ def judged(
         # Without limits the file says that a flight was, and may say that none was.
         flew = bool(bounds or vehicles_of(folder)) or load_run(folder).data.plans
         several = load_several((folder,)) if flew else NOTHING
-        its = every_verdict(several.flights, bounds, several.world)
+        its = every_verdict(several, bounds)
         more = in_json([item for each in its for item in each])
         return tell_verdict(several, bounds, its, junit, quiet=quiet)
     finally:

@@ -18,7 +18,7 @@ from pymavlink.mavutil import mode_mapping_acm, mode_mapping_apm, mode_mapping_r
 from flightdyn.state import GeodeticPoint
 from mission.base.area import Area
 from mission.base.arrays import Bools, Floats, Ints
-from mission.base.errors import InputError
+from mission.base.errors import InputError, NoFlightError
 from mission.base.gaps import HOLE, gaps, inside
 from mission.base.tables import count
 from mission.base.user_files import read_bytes
@@ -291,7 +291,8 @@ class LogRows:
                 return only, t_ns[kept], ned[kept]
         passed_over = ", ".join(count(number, what) for what, number in (+self.skipped).items())
         why = f"; not read: {passed_over}" * bool(passed_over)
-        raise InputError(f"{self.path}: the log has no positions, so there is no flight in it{why}")
+        kind = InputError if passed_over else NoFlightError
+        raise kind(f"{self.path}: the log has no positions, so there is no flight in it{why}")
 
     def _utc_ns(self) -> int | None:
         """The time since 1970 at which the log's clock is zero: by most of the instants, as first

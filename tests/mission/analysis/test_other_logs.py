@@ -516,8 +516,13 @@ def test_a_damaged_log_costs_a_folder_itself_alone(
     assert len(warned) == len(bad)
     verdict = tmp_path / "verdict.xml"
     limit = ("--limit", "cross_track_max_m=500", "--junit", str(verdict))
-    assert call(["compare", str(tmp_path), *limit]) == 0
-    assert capfd.readouterr().out.endswith("1 limit met by all, but 4 logs left out\n")
+    assert call(["compare", str(tmp_path), *limit]) == 6  # nobody knows what flew in the bad ones
+    *_, last = (line.split(": ") for line in capfd.readouterr().err.splitlines())
+    unknown = [str(bad[-1]), "cross_track_max_m = not known", "must be at most 500; not a ULog"]
+    assert last[1:4] == unknown
+    with pytest.warns(UserWarning, match="left out: "), pytest.raises(LimitsNotMetError) as unmet:
+        aerofed.compare(tmp_path).check(cross_track_max_m=500)
+    assert str(unmet.value).count("not known") == len(bad)
     skipped = ET.parse(verdict).findall(
         "testsuite[@name='left out'][@skipped='4']/testcase/skipped"
     )

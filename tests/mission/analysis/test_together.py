@@ -128,7 +128,7 @@ def test_horizontal_and_vertical_count_while_the_other_is_too_small(tmp_path: Pa
     limits = {"separation_horizontal_min_m": 1.0, "separation_vertical_min_m": 2.0}
     assert all(item.met for item in found.check(**limits))  # 2.5 m high when it is 1 m beside
     limits = {"separation_horizontal_min_m": 9.0, "separation_vertical_min_m": 2.0}
-    horizontal, vertical = every_verdict(found.flights, limits, found.world)[-1]
+    horizontal, vertical = every_verdict(found.several, limits)[-1]
     # Within 2 m of height from 16 to 24 s, where it is 18 to 2 m away; nearer than 9 m from 20.5 s.
     assert horizontal.value == pytest.approx(2.0, abs=1e-3)
     assert vertical.value == pytest.approx(0.25, abs=1e-3)
@@ -136,6 +136,30 @@ def test_horizontal_and_vertical_count_while_the_other_is_too_small(tmp_path: Pa
         found.check(**limits)
     both = aerofed.compare(*paths, together=True).pairs.iloc[0]
     assert both["separation_horizontal_min_m"] == pytest.approx(0.0, abs=1e-3)
+
+
+def test_a_log_that_cannot_be_read_makes_it_unknown(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """What flew in it may have come as near as it likes; the page says that it is missing."""
+    folder = head_on(tmp_path)
+    other = folder / "vehicle-3" / "flight-0001.mcap"
+    other.parent.mkdir()
+    asked = ["compare", str(folder), "--limit", "separation_min_m=2.99"]
+    assert call(asked) == 0  # nothing was flown by it, as far as anybody knows
+    assert capsys.readouterr().out.endswith("1 limit met by all, but 1 log left out\n")
+    (folder / "summary.json").write_text("{}")  # as of a flight of all, of which a log is gone
+    assert call(asked) == 6
+    (folder / "summary.json").unlink()
+    capsys.readouterr()
+    other.write_bytes((folder / "vehicle-1" / other.name).read_bytes()[:-500])
+    assert call(asked) == 6
+    told = f"aerofed: {other}: separation_min_m = not known: must be at least 2.99; damaged at byte"
+    assert capsys.readouterr().err.startswith(told)
+    assert call(["log", "export", str(folder), "--to", "kml"]) == 0
+    assert capsys.readouterr().err.startswith(f"left out: {other}: damaged at byte")
+    assert call(["report", str(folder)]) == 0
+    assert f"left out: {other}: damaged at byte" in (folder / "together.html").read_text()
 
 
 def test_a_hole_makes_it_unknown(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
