@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from flightdyn.config import LimitsConfig
+from mission.base.errors import FlightError
 from mission.commands.options import load
-from mission.flight.flyers.external import ExternalFlyer
+from mission.flight.flyers.external import ExternalFlyer, check_end
 from mission.flight.missions.round_mission import FlightPlan
 from mission.flight.track import FlownTrack
 from mission.planner.flyable import Stop
@@ -93,3 +94,38 @@ def test_rounds_are_timed_by_the_reached_speed_and_the_configured_one_is_ordered
     assert vehicle.fly(200.0) == 10.0
     assert vehicle.ordered == [10.0, 10.0, 10.0]
     assert len(vehicle.said) == 1
+
+
+@pytest.mark.parametrize(("leg_m", "timed_mps"), [(69.5, 10.0), (70.5, 4.0)])
+def test_a_leg_counts_from_a_run_up_at_2_m_s2_and_two_seconds_on(
+    leg_m: float, timed_mps: float
+) -> None:
+    vehicle = Vehicle(10.0)  # 50 m and 20 m
+    vehicle.top_mps = 4.0
+    assert vehicle.fly(leg_m) == timed_mps
+
+
+@pytest.mark.parametrize(("top_mps", "timed_mps"), [(9.4, 9.4), (9.6, 10.0)])
+def test_a_twentieth_below_the_ordered_speed_is_how_a_leg_is_flown(
+    top_mps: float, timed_mps: float
+) -> None:
+    vehicle = Vehicle(10.0)
+    vehicle.top_mps = top_mps
+    assert vehicle.fly(200.0) == timed_mps
+    assert bool(vehicle.said) is (timed_mps < 10.0)
+
+
+@pytest.mark.parametrize(("flown", "pace"), [(0.4, 0.5), (0.6, 0.6), (2.9, 2.9), (3.5, 3.0)])
+def test_rounds_are_foreseen_at_the_pace_so_far_within_bounds(flown: float, pace: float) -> None:
+    flyer = Vehicle(10.0).flyer
+    stops = tuple(Stop(np.array([x, 0.0]), ()) for x in (0.0, 200.0))
+    plan = FlightPlan(stops, 60.0, 10.0, 5.0)
+    taken = flown * plan.foreseen(flyer.performance).duration_s
+    flyer._believe_pace(plan, SimpleNamespace(duration_s=taken))  # type: ignore[arg-type]  # all of it
+    assert flyer.pace == pytest.approx(pace)
+
+
+def test_a_mission_that_is_over_20_m_beyond_its_acceptance_radius_has_failed() -> None:
+    check_end(24.9, acceptance_m=5.0)
+    with pytest.raises(FlightError, match="over, 25 m short of its end"):
+        check_end(25.1, acceptance_m=5.0)
