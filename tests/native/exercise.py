@@ -33,6 +33,8 @@ from flightdyn.native.library import (
 from flightdyn.native.ticks import Gauges, Imu, Inner
 from mission.base.airspace import Airspace
 from mission.planner.certified import CertifiedPlanner
+from mission.planner.config import PlannerConfig
+from mission.planner.factory import make_planner
 from mission.planner.flyable import foresee_round
 from mission.planner.improving import fitted
 from mission.planner.limits import RoundLimits
@@ -98,6 +100,20 @@ def plan_within_limits(**more):
     digest.update(np.array([made.value, *taken.arrived_s, taken.energy_j]).tobytes())
     evaluation = problem.as_judged.judged(made.as_candidate)
     digest.update(np.array([evaluation.share, *evaluation.begins_s]).tobytes())
+
+
+def plan_together(starts, devices, steps, per_step):
+    """A plan of several aircraft, which are not alike."""
+    problem = RoundProblem(
+        rng.uniform(0.0, 800.0, (devices, 2)), rng.uniform(0.5, 1.5, devices),
+        tuple(Start(rng.uniform(0.0, 800.0, 2), rng.uniform(300.0, 500.0)) for _ in range(starts)),
+        steps, per_step, CHANNEL_PRESETS["suburban"],
+    )  # fmt: skip
+    made = make_planner(PlannerConfig(max_nodes=60)).plan(problem)
+    for path in made.paths:
+        digest.update(path.waypoints_m.tobytes())
+    digest.update(np.packbits(made.schedule).tobytes())
+    digest.update(np.array([made.value, made.upper_bound]).tobytes())
 
 
 def radio(environment):
@@ -235,6 +251,8 @@ plan("high-rise", 9, 4, 1)
 plan("suburban+30dB", 11, 5, 3)
 plan("suburban+10dB", 60, 3, 4)
 plan("suburban+10dB", 45, 10, 2)
+plan_together(2, 7, 4, 1)
+plan_together(3, 9, 3, 2)
 plan_within_limits()
 plan_within_limits(airspace=Airspace((np.array([[450.0, 300.0], [500, 300], [500, 500]]),)))
 for channel in CHANNEL_PRESETS.values():
