@@ -6,11 +6,13 @@ import socket
 import sys
 
 import numpy as np
+from firmware_stand_ins import ArduPilotStandIn, Px4StandIn, plant
 
 from fl.config import ConvNetConfig
 from fl.data.dataset import Split
 from fl.radio.channel import CHANNEL_PRESETS
 from fl.radio.city import Building, City
+from fl.radio.per_grid import PerGrid
 from fl.radio.place import LinkTerms, PlacedRadio
 from fl.training.local import LocalSettings, LocalTask, scaling_of
 from fl.training.networks import make_network
@@ -40,10 +42,15 @@ from mission.planner.improving import fitted
 from mission.planner.limits import RoundLimits
 from mission.planner.performance import Performance
 from mission.planner.problem import RoundProblem, Start
+from sitl.firmware.ardupilot import RATE_HZ, ArduPilotBridge
 from sitl.firmware.native import library as bridge
+from sitl.firmware.px4 import Px4Bridge
 
 digest = hashlib.sha256()
 rng = np.random.Generator(np.random.PCG64(3))
+
+
+TURNS = np.array([(np.cos(a), np.sin(a)) for a in np.arange(5) * 1.2566])
 
 
 def contents(structure, *names):
@@ -71,7 +78,7 @@ def learn(name, shape, dtype, count, convnet=None):
         digest.update(net.correct_per_class(split, result.model, scaling=scaling).tobytes())
 
 
-def plan(channel, devices, steps, per_step):
+def plan_alone(channel, devices, steps, per_step):
     problem = RoundProblem(
         rng.uniform(0.0, 800.0, (devices, 2)), rng.uniform(0.5, 1.5, devices),
         (Start(rng.uniform(0.0, 800.0, 2), 700.0),), steps, per_step, CHANNEL_PRESETS[channel],
@@ -98,8 +105,37 @@ def plan_within_limits(**more):
     digest.update(made.route_m.tobytes())
     digest.update(np.packbits(made.schedule).tobytes())
     digest.update(np.array([made.value, *taken.arrived_s, taken.energy_j]).tobytes())
+    followed = flying.follow(way, [2.0, *(0.0 for _ in way[2:]), 3.0], 5.0, step_s=0.2, count=400)
+    digest.update(followed.tobytes())
     evaluation = problem.as_judged.judged(made.as_candidate)
     digest.update(np.array([evaluation.share, *evaluation.begins_s]).tobytes())
+    planned = make_planner(PlannerConfig(max_nodes=60)).plan(problem)
+    digest.update(planned.waypoints_m.tobytes())
+    digest.update(np.array([planned.value, planned.upper_bound]).tobytes())
+
+
+def plan_on_grid(devices, steps, per_step, **more):
+    """A plan by what is believed of each place."""
+    grid = PerGrid(rng.uniform(0.0, 1.0, (devices, 9, 8)) ** 2, (0.0, 0.0), 100.0)
+    problem = RoundProblem(
+        rng.uniform(0.0, 800.0, (devices, 2)), rng.uniform(0.5, 1.5, devices),
+        (Start(rng.uniform(0.0, 800.0, 2), 500.0),), steps, per_step, CHANNEL_PRESETS["suburban"],
+        per_grid=grid, **more,
+    )  # fmt: skip
+    made = make_planner(PlannerConfig(max_nodes=60)).plan(problem)
+    digest.update(made.waypoints_m.tobytes())
+    digest.update(np.array([made.value, made.upper_bound]).tobytes())
+
+
+def plan_around():
+    """Ways around areas, through places of which some are in them."""
+    rings = [rng.uniform(50.0, 90.0, (5, 1)) * TURNS + rng.uniform(0.0, 600.0, 2) for _ in range(6)]
+    airspace = Airspace(tuple(rings), margin_m=3.0)
+    places = rng.uniform(0.0, 600.0, (40, 2))
+    route, at = airspace.route(places)
+    digest.update(route.tobytes())
+    digest.update(at.tobytes())
+    digest.update(airspace.away(places).tobytes())
 
 
 def plan_together(starts, devices, steps, per_step):
@@ -172,6 +208,29 @@ def json(ticks):
         contents(link, "sample", "state", "errors", "motors", "count", "answered", "asked", "came")
 
 
+def under_firmwares(ticks):
+    """Ticks that a firmware asks for, one by one."""
+    px4 = Px4Bridge(plant(), port=0)
+    px4.open()
+    client = Px4StandIn(px4.port)
+    for _ in range(ticks):
+        client.control(px4.plant.t_ns // 1000, (0.7, 0.6, 0.7, 0.65))
+        while not px4.run(1):
+            pass
+    ardupilot = ArduPilotBridge(plant(RATE_HZ), port=0)
+    ardupilot.open()
+    asking = ArduPilotStandIn(ardupilot.port)
+    for tick in range(ticks):
+        asking.ask(tick, (1700, 1600, 1700, 1650))
+        while not ardupilot.run(1):
+            pass
+        asking.answer()
+    for end in (client, asking, px4, ardupilot):
+        end.close()
+    for flown in (px4.plant, ardupilot.plant):
+        digest.update(np.array([*flown.truth.pos_ned_m, *flown.truth.vel_ned_mps]).tobytes())
+
+
 def fly():
     """Every order of the guidance where IMU samples lead to, and the filter's matrices."""
     earth, dt = (9.81, 5e-5, -5e-5), 0.004
@@ -241,18 +300,22 @@ def fly():
 
 hil(300)
 json(300)
+under_firmwares(60)
 learn("lenet", (12, 12, 3), np.uint8, 30)
 learn("lenet", (9, 11, 1), np.float32, 21)
 learn("mcmahan", (4, 5, 1), np.uint8, 17)
 learn("convnet", (9, 8, 2), np.uint8, 18, ConvNetConfig(channels=(5, 3, 6), hidden=(7, 9)))
 learn("convnet", (3, 4, 1), np.float32, 18, ConvNetConfig(channels=(), hidden=()))
-plan("suburban", 12, 8, 3)
-plan("high-rise", 9, 4, 1)
-plan("suburban+30dB", 11, 5, 3)
-plan("suburban+10dB", 60, 3, 4)
-plan("suburban+10dB", 45, 10, 2)
+plan_alone("suburban", 12, 8, 3)
+plan_alone("high-rise", 9, 4, 1)
+plan_alone("suburban+30dB", 11, 5, 3)
+plan_alone("suburban+10dB", 60, 3, 4)
+plan_alone("suburban+10dB", 45, 10, 2)
 plan_together(2, 7, 4, 1)
 plan_together(3, 9, 3, 2)
+plan_on_grid(7, 5, 2)
+plan_on_grid(4, 3, 1)
+plan_around()
 plan_within_limits()
 plan_within_limits(airspace=Airspace((np.array([[450.0, 300.0], [500, 300], [500, 500]]),)))
 for channel in CHANNEL_PRESETS.values():

@@ -117,8 +117,10 @@ def test_python_follows_wherever_the_fields_lie(tmp_path):
         "print(*(name for name, _ in FLIGHT.Steering._fields_), flush=True); "
         f"runpy.run_path({str(exercise)!r})"
     )
+    helpers = [folder for folder in sys.path if "tests" in Path(folder).parts]
     ended = subprocess.run(
-        [sys.executable, "-c", said], env={**os.environ, "PYTHONPATH": str(tmp_path)},
+        [sys.executable, "-c", said],
+        env={**os.environ, "PYTHONPATH": os.pathsep.join((str(tmp_path), *helpers))},
         cwd=tmp_path, capture_output=True, text=True, check=False,
     )  # fmt: skip
     assert ended.returncode == 0, ended.stderr
