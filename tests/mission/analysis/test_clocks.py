@@ -178,6 +178,15 @@ def test_a_recorders_clock_that_is_set_anew_moves_nothing(tmp_path: Path, by_s: 
     assert str(found.total) == str(right.total)  # NaN included
 
 
+@pytest.mark.parametrize(("told_s", "utc_s"), [(None, 1e9), (1.7e9, 1.7e9)])
+def test_where_a_vehicle_does_not_tell_utc_the_recorders_clock_does(
+    tmp_path: Path, told_s: float | None, utc_s: float
+) -> None:
+    """It is that of a log which the test's writer began at 10^9 s."""
+    flight = replace(made(until_s=5.0), utc_s=told_s)
+    assert load_run(write_told_tlog(tmp_path / "x.tlog", flight)).data.source.utc_ns == utc_s * 1e9
+
+
 @pytest.mark.parametrize("without", [(33,), (33, 32)])
 def test_a_telemetry_log_without_global_positions_is_read(
     tmp_path: Path, without: tuple[int, ...]
