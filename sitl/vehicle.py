@@ -109,6 +109,12 @@ class Vehicle:
         """Whether a manoeuvre is under way, for which simulated time should run."""
         return self.autopilot.flight.moving
 
+    @property
+    def denied(self) -> str:
+        """Why it cannot be armed, for as long as its time stands still; empty where it can, or a
+        manoeuvre is under way."""
+        return "" if self.moving else self.autopilot.flight.not_ready()
+
     def add_observer(self, observer: VehicleObserver) -> None:
         """Send samples and events to `observer` from now on."""
         self._observers.append(observer)

@@ -70,8 +70,9 @@ def run_pictures(loaded: LoadedRun) -> dict[str, Chart]:
     run, about = loaded.data, loaded.about
     pictures: dict[str, Chart] = {}
     if run.planned is not None:
-        pictures["map.png"] = round_map(run, run.plans, about=about)
-        pictures["profile.png"] = profiles([compare_run(loaded)])
+        if loaded.judged is not None:
+            pictures["map.png"] = round_map(run, run.plans, about=about)
+            pictures["profile.png"] = profiles([compare_run(loaded)])
         return pictures
     if run.plans and len(run.truth.t_ns):
         pictures["map.png"] = overview(run, about)

@@ -171,6 +171,7 @@ class BuiltInBackend(Backend):
         flyer = BuiltInFlyer(
             pilot, self.vehicle, recorder, self.task.area, config.mission, guidance
         )
+        pilot.denied = lambda: self.vehicle.denied
         flyer.wind = config.vehicle.aircraft.wind
         return flyer
 

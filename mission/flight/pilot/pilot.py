@@ -58,6 +58,8 @@ class Pilot:
         self.clock: Callable[[], float] = asyncio.get_running_loop().time
         # Whether its vehicle stands still because pilots of others in its world are waited for.
         self.waits: Callable[[], bool] = lambda: False
+        # Why its vehicle will not become ready to arm; empty where it may, or nobody knows.
+        self.denied: Callable[[], str] = str
         self._held: list[RawItem] = []  # the mission that was uploaded last; none: not by us
         # Around each order: a vehicle whose time goes faster than ours waits for us here.
         self.giving: Callable[[], AbstractContextManager[None]] = nullcontext
@@ -85,9 +87,12 @@ class Pilot:
         """Wait until the vehicle says that it can be armed.
 
         Raises:
+            FlightError: it is known that it never will.
             LinkLostError: it falls silent, or never becomes ready.
         """
         while not self.watch.armable:
+            if why := self.denied():
+                raise FlightError(f"the vehicle cannot be armed: {why}")
             self._check_alive("become ready to arm")
             await asyncio.sleep(POLL_S)
             await self.watch.ask_armable()
@@ -127,15 +132,23 @@ class Pilot:
         await self._order("set the take-off altitude", self._action.set_takeoff_altitude(alt_rel_m))
         await self.arm()
         await self._order("take off", self._action.takeoff())
+        what = f"climb to {alt_rel_m:g} m and hold there"
         # Telemetry of one instant arrives in several messages, so all of it must agree.
         await self.until(
             lambda: (
-                self.watch.landed == LandedState.IN_AIR
-                and self.mode in self.dialect.resting
-                and abs(self.watch.alt_rel_m - alt_rel_m) < TAKE_OFF_TOLERANCE_M
+                not self.watch.armed
+                or (
+                    self.watch.landed == LandedState.IN_AIR
+                    and self.mode in self.dialect.resting
+                    and abs(self.watch.alt_rel_m - alt_rel_m) < TAKE_OFF_TOLERANCE_M
+                )
             ),
-            f"climb to {alt_rel_m:g} m and hold there",
+            what,
         )
+        if not self.watch.armed:  # a failsafe landed it; that it crashed may be under way
+            await asyncio.sleep(MODE_GRACE_S)
+            self._check_alive(what)
+            raise FlightError(f"the vehicle did not {what}{_because(self.watch.last_warning)}")
 
     async def fly(self) -> None:
         """Start the mission that was uploaded, and wait for the end at its last stop.

@@ -61,6 +61,7 @@ async def fly_together(
         try:
             async with connect(given.link, stall_timeout_s=given.stall_timeout_s) as pilot:
                 pilot.waits = partial(simulation.waits, given.vehicle)
+                pilot.denied = lambda: given.vehicle.denied
                 await pilot.fly_plan(given.plan, returns=given.path.returns, starts=prepared)
         finally:
             simulation.piloted.discard(given.vehicle)

@@ -19,6 +19,7 @@ from mission.figures.learning import learning_charts
 from mission.figures.run import comparison_figure, fleet_pictures
 from mission.figures.style import Chart
 from mission.figures.together import timetable
+from mission.run.recorder import FolderRecorder
 
 pytestmark = pytest.mark.slow
 
@@ -75,6 +76,30 @@ def test_none_that_left_the_ground_is_a_line(
     assert said == (
         f"aerofed: {out}/vehicle-uav1: it never left the ground, so there is nothing to compare\n"
     )
+
+
+EMPTY = "{aircraft={battery={initial=0.02}}}"
+
+
+def test_one_that_cannot_be_armed_is_lost_by_its_own_word(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """At once, as time stands still, and nothing will change; the others go on."""
+    said = list[str]()
+    monkeypatch.setattr(FolderRecorder, "notice", lambda _, text, **__: said.append(text))
+    assert play(tmp_path, f"{{}}, {EMPTY}") == 0
+    lost = "take-off: uav2: the vehicle cannot be armed: battery critical; uav1 goes on"
+    assert [line for line in said if "take-off" in line] == [lost]
+
+
+def test_a_take_off_that_ends_on_the_ground_is_over(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The battery is looked at once it is armed, and has it land."""
+    assert play(tmp_path, EMPTY) == 4
+    assert (
+        "the vehicle did not climb to 30 m and hold there (it said: Battery almost empty: 2 % left"
+    ) in capsys.readouterr().err
 
 
 def test_who_is_left_alone_has_its_page_and_pictures(first_lost: Path) -> None:

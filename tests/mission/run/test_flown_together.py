@@ -80,7 +80,7 @@ def test_an_interruption_in_flight_is_that_of_each(
         simulation: Simulation, departures: Mapping[str, Departure]
     ) -> Mapping[str, AerofedError]:
         flying = asyncio.ensure_future(fly_together(simulation, departures))
-        while simulation.world.t_ns < 12e9:  # noqa: ASYNC110  of another thread's making
+        while simulation.world.t_ns < 12e9:  # noqa: ASYNC110  time is of the world's making
             await asyncio.sleep(0)
         flying.cancel()
         return await flying
@@ -106,6 +106,17 @@ def test_an_interruption_while_pictures_are_drawn_is_one_of_all(
     assert capsys.readouterr().out.endswith("\ninterrupted\n")
     assert drawn == ["vehicle-1"]
     assert statuses(tmp_path / "r") == ["interrupted", "interrupted", "finished"]
+
+
+def test_one_that_cannot_be_armed_is_a_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """It has a log, in which nothing is to be drawn."""
+    empty = ("--set", "vehicle-2:vehicle.aircraft.battery.initial=0.02")
+    assert fly(*crossing(tmp_path, 7.0), "--out", tmp_path / "r", "--no-report", *empty) == 4
+    said = "aerofed: vehicle-2: the vehicle cannot be armed: battery critical; the files are in "
+    assert capsys.readouterr().err == f"{said}{tmp_path}/r\n"
+    assert statuses(tmp_path / "r") == ["failed", "finished", "failed"]
 
 
 @pytest.mark.parametrize(("east_m", "after_s"), [(20, 60), (9000, 0)])
