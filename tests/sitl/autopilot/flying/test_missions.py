@@ -152,14 +152,17 @@ def test_loiter_to_altitude_stands_there_before_it_goes_on(height_m: float) -> N
 
 def test_a_mission_from_the_ground_climbs_straight_up_first() -> None:
     desk = Desk()
-    desk.upload([item(0, WAYPOINT, north=50.0, height=20.0)])
+    higher = item(1, WAYPOINT, north=80.0, height=40.0)
+    desk.upload([item(0, WAYPOINT, north=50.0, height=20.0), higher])
     desk.command(mav.MAV_CMD_COMPONENT_ARM_DISARM, 1, 0)
     assert start(desk) == mav.MAV_RESULT_ACCEPTED
     np.testing.assert_allclose(
         desk.mass.paths[-1].points_ned_m, [[0, 0, 0], [0, 0, -20]], atol=0.02
     )
     desk.fly()
-    assert desk.mass.belief.pos_ned_m == pytest.approx([50.0, 0.0, -20.0], abs=0.02)
+    through = [[0, 0, -20], [50, 0, -20], [80, 0, -40]]  # slanting, and without a stop
+    np.testing.assert_allclose(desk.mass.paths[-1].points_ned_m, through, atol=0.02)
+    assert desk.mass.belief.pos_ned_m == pytest.approx([80.0, 0.0, -40.0], abs=0.02)
 
 
 def test_take_off_item_then_land_item() -> None:
