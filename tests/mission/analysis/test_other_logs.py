@@ -156,6 +156,18 @@ def test_a_home_that_px4_does_not_know_is_none(
         assert total.height_max_m < 0.05
 
 
+@pytest.mark.parametrize(("set_at_s", "down_m"), [(999.0, 0.0), (1.0, 4.0)])
+def test_home_is_what_was_set_last_before_the_flight_was_highest(
+    tmp_path: Path, set_at_s: float, down_m: float
+) -> None:
+    """Its heights are above that: a home that is set after the landing, 4 m lower, is another's."""
+    at = HOME.lat_deg, HOME.lon_deg
+    rows = (0.0, *at, HOME.alt_msl_m), (set_at_s, *at, HOME.alt_msl_m - 4.0)
+    topic = {"home_position": ("double lat;double lon;float alt", "ddf", rows)}
+    area = load_run(write_ulog(tmp_path / "x.ulg", instead=topic)).data.area
+    assert area.home.alt_msl_m == HOME.alt_msl_m - down_m
+
+
 @pytest.mark.parametrize("identity", ["uint32_t mission_id", "uint32_t instance_count"])
 def test_missions_that_follow_each_other_are_as_many(tmp_path: Path, identity: str) -> None:
     """A, B, and A again, of three items each; the second time A is only flown as far as item 1."""

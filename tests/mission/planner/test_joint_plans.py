@@ -15,6 +15,7 @@ from mission.base.airspace import Airspace
 from mission.planner.certified import CertifiedPlanner, case_of
 from mission.planner.check import check_plan
 from mission.planner.config import PlannerConfig
+from mission.planner.evaluate import finish
 from mission.planner.factory import make_planner
 from mission.planner.fleet.joint import first_plans, plan_jointly
 from mission.planner.fleet.packing import Column, Market, packed
@@ -27,6 +28,7 @@ from mission.planner.fleet.prices import (
     searched_alone,
 )
 from mission.planner.fleet.team import partitions, team_of
+from mission.planner.fleet.within import shared_out
 from mission.planner.limits import RoundLimits
 from mission.planner.native.crews import alike, search_orders
 from mission.planner.native.library import Goal, assign
@@ -113,6 +115,32 @@ def test_a_path_brings_what_each_of_its_places_does() -> None:
     away = np.array([0.0, 30.0, math.hypot(100.0, 40.0), 0.0])  # from the place that serves each
     worth = problem.importance * (1.0 - average_per(problem.channel, away))
     np.testing.assert_allclose(found.brought, worth, rtol=1e-3)
+
+
+def test_devices_are_shared_out_to_all_by_paths_and_by_clusters() -> None:
+    """Two at each start; the drawn paths lead from each to one of them and one of the others'."""
+    near, far = np.array(OWN[0]), np.array(OWN[1])
+    beside = np.array([30.0, 0.0])
+    devices_m = np.array([near + beside, near - beside, far + beside, far - beside])
+    problem = drawn(devices_m=devices_m, importance=np.ones(4), steps=3, metres=5000.0)
+    first, second = alone(problem)
+    parts = [
+        finish(first, np.array([near, devices_m[0], devices_m[2]])),
+        finish(second, np.array([far, devices_m[3], devices_m[1]])),
+    ]
+    asked: list[tuple[int, ...]] = []
+
+    class Asked:
+        def plan(self, given: RoundProblem) -> RoundPlan:
+            asked.append(tuple(np.flatnonzero(given.importance).tolist()))
+            return CertifiedPlanner(max_nodes=1).plan(given)
+
+    found = list(shared_out([first, second], [parts], Asked()))
+    assert set(asked[::2]) == {(0, 1, 2, 3), (0, 2), (0, 1)}
+    assert len(found) == 3
+    for (one, other), of_one in zip(found, asked[::2], strict=True):
+        assert set(np.flatnonzero(one.schedule.any(axis=(0, 1)))) >= set(of_one)
+        assert not (one.schedule.any(axis=(0, 1)) & other.schedule.any(axis=(0, 1))).any()
 
 
 @pytest.mark.parametrize("places", [OWN, SHARED])
