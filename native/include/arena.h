@@ -9,7 +9,7 @@
 /* Address sanitizer sees what is beyond a piece, too. */
 #if defined(__SANITIZE_ADDRESS__)
 #include <sanitizer/asan_interface.h>
-enum { FENCE = 64 };
+enum { FENCE = 4096 }; /* bytes: wider than any structure, so that the one before an array is seen */
 #else
 #define ASAN_POISON_MEMORY_REGION(at, size)
 enum { FENCE = 0 };

@@ -37,9 +37,13 @@ from mission.base.airspace import Airspace
 from mission.planner.certified import CertifiedPlanner
 from mission.planner.config import PlannerConfig
 from mission.planner.factory import make_planner
+from mission.planner.fleet.joint import first_plans
+from mission.planner.fleet.team import team_of
 from mission.planner.flyable import foresee_round
 from mission.planner.improving import fitted
 from mission.planner.limits import RoundLimits
+from mission.planner.native.crews import search_orders
+from mission.planner.native.library import Goal
 from mission.planner.performance import Performance
 from mission.planner.problem import RoundProblem, Start
 from sitl.firmware.ardupilot import RATE_HZ, ArduPilotBridge
@@ -149,7 +153,11 @@ def plan_together(starts, devices, steps, per_step):
     for path in made.paths:
         digest.update(path.waypoints_m.tobytes())
     digest.update(np.packbits(made.schedule).tobytes())
-    digest.update(np.array([made.value, made.upper_bound]).tobytes())
+    team = team_of([problem.alone(a) for a in range(starts)])
+    found = search_orders(
+        team.joint, plan=first_plans(team)[-1], goal=Goal(1e-4, 500, max_open=500)
+    )
+    digest.update(np.array([made.value, made.upper_bound, found.value, found.bound]).tobytes())
 
 
 def radio(environment):

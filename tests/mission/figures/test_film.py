@@ -2,6 +2,8 @@
 
 import math
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,6 +13,7 @@ from mission.figures.film import Actor, film
 from mission.figures.style import BAD, GOOD
 from mission.log.records import TimedUplinkRecord
 from mission.log.values import Devices, EventRecord, FlightData
+from mission.report.page import _spans_s
 
 NOWHERE = (0.0, 0.0, 0.0)
 
@@ -79,3 +82,16 @@ def test_nobody_is_seen_in_a_hole_of_the_log() -> None:
     assert [n / 2 for n, place in enumerate(seen) if place is None] == np.arange(
         4.5, 8, 0.5
     ).tolist()
+
+
+def test_it_lasts_as_long_as_each_round_or_as_the_flight() -> None:
+    run = SimpleNamespace(data=bare_flight([5.0, 6.0, 9.0], np.zeros((3, 3))))
+    found: Any = SimpleNamespace(measured=[], flown=None, run=run)
+    assert _spans_s(found) == {0: (5.0, 9.0)}
+    found.flown = SimpleNamespace(start_s=6.5, end_s=8.0)
+    assert _spans_s(found) == {0: (6.5, 8.0)}
+    found.measured = [
+        SimpleNamespace(record=SimpleNamespace(round=n, start_t_s=10.0 * n, duration_s=4.0))
+        for n in (1, 2)
+    ]
+    assert _spans_s(found) == {1: (10.0, 14.0), 2: (20.0, 24.0)}
