@@ -140,7 +140,8 @@ def test_a_lost_stream_is_taken_over_by_sticks() -> None:
         (local(pos=(0.0, math.inf, 0.0)), "position inf: -100000 to 100000 m"),
         (local(vel=(0.0, 0.0, 1e30)), "velocity 1e+30: -100 to 100 m/s"),
         (local(acc=(-1e3, 0.0, 0.0)), "acceleration -1000: -100 to 100 m/s2"),
-        (local(vel=(0.0, 0.0, 0.0), yaw_rate=-math.inf), "yaw rate -inf"),
+        (local(vel=(0.0, 0.0, 0.0), yaw_rate=-math.inf), "yaw rate -inf: -20 to 20 rad/s"),
+        (local(vel=(0.0, 0.0, 0.0), yaw=-13.0), "yaw -13: -12.5664 to 12.5664 rad"),  # two turns
         (attitude((1, 0, 0, 0), 1.5), "thrust 1.5: 0 to 1"),
         (attitude((1, 0, 0, 0), NAN), "thrust nan: 0 to 1"),
         (attitude((0, 0, 0, 0), 0.5), "quaternion of length 0"),
