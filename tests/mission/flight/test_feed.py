@@ -114,6 +114,31 @@ def test_one_that_is_first_heard_in_flight_is_armed_from_then_on() -> None:
     assert [event.text for event in told if event.kind == "armed"] == ["armed"]
 
 
+def test_an_item_is_reached_as_often_as_it_is_reported_after_another() -> None:
+    """PX4 repeats its last report once a second; a jump leads to items again."""
+    told: list[VehicleEvent] = []
+    watcher: Any = SimpleNamespace(sampled=lambda _: None, happened=told.append)
+    still = frozen([0.0, 0.0, 0.0])
+
+    async def fed() -> TelemetryFeed:
+        pilot: Any = SimpleNamespace(
+            dialect=PX4,
+            watch=SimpleNamespace(listeners=[]),
+            mode="MISSION",
+            armed=True,
+            flying=True,
+        )
+        feed = TelemetryFeed(pilot, area=load(None, ()).area.build(), observers=[watcher])
+        for second, seq in enumerate((1, 1, 2, 2, 2, 1, 1)):
+            at = Kinematics(second, still, still, frozen([1.0, 0, 0, 0]), still)
+            feed._sampled(Moment(at, BatteryState(1, 1, 1, 1), None), at)
+            feed._hear_reached({"seq": seq})
+        return feed
+
+    assert asyncio.run(fed()).reached_ns == {1: [0, 5], 2: [2]}
+    assert [event.seq for event in told if "reported" in event.text] == [1, 2, 1]
+
+
 @pytest.mark.parametrize(("away_m", "far"), [(0.0, False), (4_950.0, False), (5_050.0, True)])
 def test_a_vehicle_more_than_five_kilometres_away_is_of_another_place(
     away_m: float, far: bool
