@@ -291,3 +291,10 @@ def test_another_process_makes_the_same_plan_to_the_last_bit():
     ]
     assert runs[0].stdout == runs[1].stdout
     assert len(runs[0].stdout.splitlines()) == 2
+
+
+def test_a_plan_cannot_be_changed_in_place() -> None:
+    made = CertifiedPlanner(max_nodes=1).plan(random_problem(1, devices=4))
+    for array in (made.waypoints_m, made.schedule):
+        with pytest.raises(ValueError, match="read-only"):
+            array[0] = 0
