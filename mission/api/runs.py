@@ -148,7 +148,8 @@ class Run:
         file: Path = getattr(here, name)
         # A resumed run keeps its longer tables until it has caught up with them.
         kept = here.kept / file.name
-        return [flat(item) for item in read_table(kept if kept.is_file() else file, record)]
+        read = read_table(kept if kept.is_file() else file, record)
+        return [flat(item, several=bool(self._vehicles)) for item in read]
 
     @cached_property
     def track(self) -> "pd.DataFrame":

@@ -254,15 +254,15 @@ def is_by_community(column: Column) -> bool:
     return get_origin(column.holds) is dict
 
 
-def flat(record: object) -> dict[str, Any]:
+def flat(record: object, *, several: bool = False) -> dict[str, Any]:
     """Convert a record to a table row by column name; fields by community give a column each, and
-    those of several aircraft none where there is one."""
+    those of several aircraft none where they are empty, unless the table is of `several`."""
     row: dict[str, Any] = {}
     for column in columns(type(record)):
         value = getattr(record, column.name)
         if is_by_community(column):
             row |= {f"{column.name}_{name}": float(item) for name, item in value.items()}
-        elif not column.find(OfSeveral) or (value != "" and value == value):
+        elif several or not column.find(OfSeveral) or (value != "" and value == value):
             row[column.name] = value
     return row
 

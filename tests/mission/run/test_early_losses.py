@@ -120,7 +120,7 @@ def test_python_reads_a_run_of_several(first_lost: Path) -> None:
     for name in ("rounds", "uplinks", "aircraft", "learning"):
         written = pd.read_csv(first_lost / f"{name}.csv", keep_default_na=False, na_values="nan")
         told = getattr(run, name)
-        assert len(told) == len(written), name
+        assert (len(told), [*told]) == (len(written), [*written]), name
     pd.testing.assert_frame_equal(run.rounds, pd.read_csv(first_lost / "rounds.csv"))
     assert {*run.uplinks["aircraft"]} == {"uav2"}
     assert (run.status, run.summary["seed"], len(run.config.aircraft)) == ("finished", 1, 2)
