@@ -4,7 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from mission.base.errors import InputError
+from mission.analysis.holes import LOW_M
+from mission.base.errors import NoFlightError
+from mission.base.gaps import LEAST_S
 from mission.log.values import NS_PER_S, FlightData, Modes, Track
 
 DISARMED = "DISARMED"  # in place of the mode of a vehicle that has landed: it may be any
@@ -32,7 +34,7 @@ def airborne(path: object, data: FlightData) -> tuple[int, int]:
     away_m = np.linalg.norm(pos_m - pos_m[0], axis=1)
     off = np.flatnonzero(away_m > _OFF_GROUND_M)
     if not len(off):
-        raise InputError(f"{path}: it never left the ground, so there is nothing to compare")
+        raise NoFlightError(f"{path}: it never left the ground, so there is nothing to compare")
     first = int((away_m > min(STANDING_M, away_m.max() / 2)).argmax())
     moved_m = np.linalg.norm(pos_m - data.truth.at(t_ns - NS_PER_S).pos_m, axis=1)
     stood = np.flatnonzero(moved_m[:first] < _STILL_M)
@@ -52,13 +54,18 @@ def air_times(data: FlightData, start_ns: int, end_ns: int) -> list[tuple[float,
 
 def times_in_air(path: object, data: FlightData) -> list[tuple[float, float]]:
     """From when to when (s) it was armed and off the ground: it stands where it is armed, and where
-    it is disarmed if the log tells that, unless it was lost in the air; of a run that nobody flies,
-    all of it. InputError: it never left it."""
+    it is disarmed if the log tells that, unless it was lost in the air; where positions begin, or
+    end, in the air, up to there. Of a run that nobody flies, all of it. InputError: it never left
+    the ground."""
     if data.config.get("mission", {}).get("flight") == "none":
         return [tuple((data.truth.t_ns[[0, -1]] / NS_PER_S).tolist())]
     start_ns, end_ns = airborne(path, replace(data, modes=flown_modes(data)))
     disarmed_ns = max((e.t_ns for e in data.events if e.text == "disarmed"), default=0)
-    found = []
+    first_ns, last_ns = data.truth.t_ns[[0, -1]].tolist()
+    ended = disarmed_ns - last_ns > LEAST_S * NS_PER_S
+    begun = data.truth.pos_m[0, 2] > LOW_M and first_ns - data.armed_ns[0][0] > LEAST_S * NS_PER_S
+    start_ns = first_ns if begun else start_ns
+    found = list[tuple[float, float]]()
     for since, until in air_times(data, start_ns, end_ns):
         track = data.truth.between(round(since * NS_PER_S), round(until * NS_PER_S))
         rose, landed = (
@@ -66,9 +73,12 @@ def times_in_air(path: object, data: FlightData) -> list[tuple[float, float]]:
             for at in (track.pos_m[:1], track.pos_m[-1:])
         )
         if len(rose) and len(landed):
-            stands = disarmed_ns >= round(until * NS_PER_S) and not _is_lost(data, track)
+            stood = found or not begun
+            stands = not ended and disarmed_ns >= round(until * NS_PER_S)
+            stands = stands and not _is_lost(data, track)
+            begin_s = track.t_ns[rose[0]] / NS_PER_S if stood else since
             end_s = track.t_ns[landed[-1]] / NS_PER_S if stands else until
-            found.append((float(track.t_ns[rose[0]] / NS_PER_S), float(end_s)))
+            found.append((float(begin_s), float(end_s)))
     return found
 
 

@@ -21,7 +21,7 @@ from mission.analysis.told import FlightErrors, Stretch, Values, missing
 from mission.analysis.whole import whole_flight
 from mission.base.area import on_globe
 from mission.base.arrays import mean
-from mission.base.errors import InputError
+from mission.base.errors import InputError, NoFlightError
 from mission.base.run_folder import VEHICLE
 from mission.base.tables import annotated
 from mission.log.records import LATE
@@ -135,7 +135,9 @@ def compare_run(loaded: LoadedRun, *, rounds: int | None = None) -> RunCompariso
     plans = {plan.round: plan for plan in run.plans}
     records = [record for record in run.rounds if record.round in plans]
     if loaded.judged is None:
-        measured = [measure(loaded.data, record, plans[record.round]) for record in records]
+        measured = [
+            measure(loaded.path, loaded.data, record, plans[record.round]) for record in records
+        ]
     else:
         passes = loaded.judged.passes[: len(records)]
         measured = [measure_pass(loaded.data, found) for found in passes]
@@ -147,7 +149,9 @@ def compare_run(loaded: LoadedRun, *, rounds: int | None = None) -> RunCompariso
         flown, whole = None, {}
     if not measured and not loaded.unjudged:
         why = f": {loaded.notice}" if loaded.notice else ""
-        raise InputError(f"{loaded.path}: no round was flown, so there is nothing to compare{why}")
+        raise NoFlightError(
+            f"{loaded.path}: no round was flown, so there is nothing to compare{why}"
+        )
     series = {} if flown is None else flown.series
     cut = rounds is not None and measured
     some = _during(series, -math.inf, _end_s(measured[-1])) if cut else series

@@ -12,7 +12,7 @@ from mission.base.arrays import Floats, Ints
 from mission.base.gaps import HOLE, LEAST_S, gaps
 from mission.log.values import HEIGHTS, NS_PER_S, FlightData, Track
 
-_LOW_M = 1.0  # below this a flight begins on the ground
+LOW_M = 1.0  # below this a flight begins on the ground
 
 
 @dataclass(frozen=True)
@@ -54,7 +54,7 @@ def position_gaps(run: FlightData, start_ns: int, end_ns: int) -> Floats:
         *run.battery.t_ns,
         *(e.t_ns for e in run.events),
     ]
-    flies = (run.truth.pos_m[:1, 2] > _LOW_M).any()
+    flies = (run.truth.pos_m[:1, 2] > LOW_M).any()
     ends_ns = (min(told) if flies else t_ns[0], max(told)) if len(t_ns) else ()
     return while_armed(run, gaps(t_ns, (start_ns, end_ns), usual=HOLE, ends_ns=ends_ns))
 

@@ -99,12 +99,13 @@ def measure_pass(run: FlightData, found: "Pass") -> Measured:
     )
 
 
-def measure(run: FlightData, record: RoundRecord, plan: PlanRecord) -> Measured:
+def measure(path: object, run: FlightData, record: RoundRecord, plan: PlanRecord) -> Measured:
     """Measure a round that was flown; raises InputError where the log has no position of it."""
     truth = flown(run, record)
     if not len(truth.t_ns):
-        raise InputError(f"round {record.round}: the log has no position in its time")
+        raise InputError(f"{path}: round {record.round}: the log has no position in its time")
     truth, fit = matched(truth, plan.route_m)
+    start_ns = round(record.start_t_s * NS_PER_S)
     uplinks = [item for item in run.uplinks if item.round == record.round]
     sent = [item for item in uplinks if item.outcome != LATE]
     slots: dict[int, UplinkRecord] = {}
@@ -132,7 +133,7 @@ def measure(run: FlightData, record: RoundRecord, plan: PlanRecord) -> Measured:
             "unready": len(uplinks) - len(sent),
         },
         height_m=truth.pos_m[:, 2] - plan.altitude_m,
-        hidden=position_gaps(run, int(truth.t_ns[0]), int(truth.t_ns[-1])),
+        hidden=position_gaps(run, start_ns, start_ns + round(record.duration_s * NS_PER_S)),
         seqs=np.zeros(0, dtype=np.int64),
         slot_along_m=(miss * heading).sum(axis=1),
         slot_miss_m=np.linalg.norm(miss, axis=1),

@@ -72,6 +72,7 @@ def load_several(
             if not alone:
                 raise
             left_out.append(str(error))
+            unread += [str(error)] if not isinstance(error, NoFlightError) else []
     if not comparisons:
         raise InputError(left_out[0])
     world = None

@@ -223,17 +223,17 @@ def test_positions_of_a_true_track_that_are_missing_are_a_hole(tmp_path: Path) -
     assert values(found, cross_track_max_m=3) == {"cross_track_max_m": None}
 
 
-@pytest.mark.parametrize("at_its_end", [False, True])
+@pytest.mark.parametrize(("end", "after_s"), [(0, 3), (1, -4), (0, -2), (1, -2)])
 def test_a_hole_in_a_round_hides_what_was_flown_but_not_what_arrived(
-    tmp_path: Path, at_its_end: bool
+    tmp_path: Path, end: int, after_s: float
 ) -> None:
+    """Within it, and over its begin and its end."""
     fly(tmp_path)
     loaded = load_run(tmp_path / "flight.mcap")
     whole, data = compare_run(loaded), loaded.data
     at_ns = data.truth.t_ns
     record = data.rounds[0]
-    since_s = record.start_t_s + (record.duration_s - 4.0 if at_its_end else 3.0)
-    start_ns = round(1e9 * since_s)
+    start_ns = round(1e9 * (record.start_t_s + end * record.duration_s + after_s))
     kept = (at_ns <= start_ns) | (at_ns >= start_ns + 4_000_000_000)
     holed = replace(
         data,
@@ -241,7 +241,8 @@ def test_a_hole_in_a_round_hides_what_was_flown_but_not_what_arrived(
         belief=Track(at_ns[kept], data.belief.pos_m[kept]),
     )
     found = compare_run(replace(loaded, data=holed))
-    assert [(hole.number, round(hole.end_s - hole.start_s)) for hole in found.holes] == [(1, 4)]
+    (hole,) = found.holes
+    assert (hole.leg is None, round(hole.end_s - hole.start_s)) == (False, 4)
     limits = {"cross_track_max_m": 1e3, "estimate_max_m": 1e3, "slot_miss_max_m": 1e3,
               "slots_missed": 99, "true_per_mean": 1, "delivered": 0}  # fmt: skip
     assert set(values(whole, **limits).values()) == {0.0}

@@ -178,6 +178,25 @@ def test_a_hole_makes_it_unknown(tmp_path: Path, capsys: pytest.CaptureFixture[s
     assert math.isnan(row["separation_min_m"])
 
 
+@pytest.mark.parametrize(("hole_s", "lost"), [((30, 60), "30.0-49.9"), ((-1, 20), "0.0-20.0")])
+def test_positions_that_begin_or_end_in_the_air_make_it_unknown(
+    hole_s: tuple[float, float], lost: str, tmp_path: Path
+) -> None:
+    """As it hovers, between a climb and a landing that the log does not show."""
+
+    def hovers(t_s: Floats) -> Floats:
+        up_m = np.interp(t_s, (5, 10, 40, 45), (0, 50, 50, 0))
+        return np.column_stack((9.0 + 0 * t_s, np.interp(t_s, (24, 26), (0, 3)), -up_m))
+
+    write_ours(tmp_path / "vehicle-1" / "flight-0001.mcap", hovers, hole_s=hole_s)
+    level = straight(0.0, (0.0, 0.0, -50.0), (0.0, 0.5, 0.0))
+    write_ours(tmp_path / "vehicle-2" / "flight-0001.mcap", level)
+    row = aerofed.compare(tmp_path).pairs.iloc[0]
+    assert math.isnan(row["separation_min_m"])
+    with pytest.raises(LimitsNotMetError, match=f"no positions of one of them at {lost} s"):
+        aerofed.compare(tmp_path).check(separation_min_m=1)
+
+
 def test_alone_nothing_is_met(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Nor are flights of one folder that are side by side, as they were at different times."""
     first = write_ours(tmp_path / "a.mcap", straight(0.0, (0.0, 0.0, -50.0), (5.0, 0.0, 0.0)))
