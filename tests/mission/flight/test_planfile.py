@@ -87,7 +87,7 @@ def test_a_qgroundcontrol_plan_is_read(tmp_path: Path) -> None:
     assert [(i.seq, i.command, i.x, i.y, i.z) for i in file.items] == [
         (0, 22, 47.4, 8.5, 50.0), (1, 16, 47.401, 8.5, 60.0)
     ]  # fmt: skip
-    assert len(file.fence) == 3
+    assert [item.autocontinue for item in (*file.fence, *file.rally)] == [True] * 5
     rally = [(i.seq, i.command, i.frame, i.x, i.y, i.z) for i in file.rally]
     assert rally == [(0, 5100, 3, 47.4, 8.5, 30.0), (1, 5100, 3, 47.41, 8.49, 0.0)]
 

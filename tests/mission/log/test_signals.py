@@ -21,7 +21,7 @@ def test_what_lies_ten_minutes_beside_a_flight_is_damage() -> None:
 
 
 def test_between_samples_it_is_linear_and_in_holes_unknown() -> None:
-    t_s = np.append(np.arange(11.0), np.arange(17.0, 22.0))
+    t_s = np.append(np.arange(11.0), np.arange(16.0, 22.0))
     found = Signal(t_s, 2.0 * t_s[:, None]).at(column(-0.1, 0.25, 10.0, 13.0, 17.5, 21.0, 21.1))
     np.testing.assert_equal(found[:, 0], [NAN, 0.5, 20.0, NAN, 35.0, 42.0, NAN])
     # Five usual intervals are none.

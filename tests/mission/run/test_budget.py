@@ -118,3 +118,19 @@ def test_what_a_round_has_used_is_what_the_run_has() -> None:
     round_1 = replace(UNKNOWN_ROUND, budget_used_m=800.0, time_used_s=40.0, energy_used_j=9000.0)
     totals.add(round_1)
     assert totals.used == Amount(800.0, 40.0, 9000.0)
+
+
+def test_totals_are_those_of_all_rounds_and_what_is_used_the_last_ones() -> None:
+    totals = RunTotals()
+    given = {"budget_used_m": 500.0, "time_used_s": 30.0, "energy_used_j": 9e3}
+    counted = {"flown_path_m": 510.0, "scheduled": 5, "delivered": 4}
+    for more in (1.0, 2.0):
+        used = {key: more * value for key, value in given.items()}
+        value = {"plan_objective": 1.2 - 0.4 * more, "upper_bound": 1.0, "accuracy": {"a": more}}
+        totals.add(replace(UNKNOWN_ROUND, **used, **counted, **value))  # type: ignore[arg-type]  # as they are
+    assert (totals.rounds_done, totals.next_round) == (2, 3)
+    assert totals.used == Amount(1000.0, 60.0, 18e3)
+    assert (totals.flown_m, totals.scheduled, totals.delivered) == (1020.0, 10, 8)
+    assert totals.gaps == pytest.approx([0.2, 0.6])
+    assert totals.accuracy == {"a": 2.0}
+    assert (totals.sim_s, totals.battery_changes, len(totals.last_heard)) == (0.0, 0, 0)
