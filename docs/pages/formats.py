@@ -66,9 +66,9 @@ and `upload_s` too. `positions_file` takes this file |
 | `flight.mcap` | the flight log |
 | `plans/` | every round as a QGroundControl `.plan`; `aerofed fly` takes it too |
 | `summary.json` | how the run ended (`status`, `error`; `ended_by` where a budget ended it before \
-its last round), versions, data sources, the SHA-256 of the code of each \
-[plug-in](plugins.md#rules) (`plugins`), totals, and wall seconds by phase and in all, without the \
-writing of `report.html` |
+its last round), folders of several aircraft (`vehicles`), versions, data sources, the SHA-256 \
+of the code of each [plug-in](plugins.md#rules) (`plugins`), totals, \
+and wall seconds by phase and in all, without the writing of `report.html` |
 | `report.html` | the page of the run; `--no-report` leaves it out, `aerofed report` adds it later |
 | `figures/map.png` | all rounds on one map |
 | `figures/belief.png` | what was believed of a device by place as rounds 1, 2, 4 and the last \

@@ -139,7 +139,9 @@ def _flights_in(path: Path) -> list[Path]:
     if not path.is_dir() or RunFolder(path).log.is_file():
         return [path]
     if vehicles := vehicles_of(path):
-        return [log for vehicle in vehicles for log in _flights_in(vehicle)]
+        named = [path / name for name in summary_in(path).get("vehicles") or ()]
+        gone = [vehicle for vehicle in named if not vehicle.exists()]  # which is an error to load
+        return [*(log for vehicle in vehicles for log in _flights_in(vehicle)), *gone]
     logs = (file for file in path.iterdir() if file.suffix.lower() in (".mcap", *FOREIGN))
     return sorted(logs) or [path]
 

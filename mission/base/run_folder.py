@@ -333,6 +333,7 @@ class RunSummary(TypedDict, total=False):
     status: str
     error: str
     resumable: bool
+    vehicles: list[str]  # the folders of several aircraft
     plugins: dict[str, str | None]  # digests of their code
     sha256: dict[str, str]  # of a finished run's configuration and tables
     flown_in_rounds_m: float

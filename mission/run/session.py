@@ -134,10 +134,12 @@ def _fly(ready: Ready, around: Around) -> int:
     config = ready.scenario.config
     for warning in _warnings(ready.scenario):
         around.console.say(f"warning: {warning}")
+    names = ready.scenario.aircraft if len(ready.scenario.fleet) > 1 else ()
     summary = Summary(
         folder,
         goes_on=_goes_on(folder.path, backend.no_resume, code_digests(config)),
         name=config.name,
+        vehicles=[folder.of_vehicle(name).path.name for name in names] or None,
         strategy=config.mission.strategy,
         seed=config.seed,
         resumed_after_round=len(ready.memory) or None,

@@ -150,8 +150,14 @@ def test_a_log_that_cannot_be_read_makes_it_unknown(
     assert capsys.readouterr().out.endswith("1 limit met by all, but 1 log left out\n")
     (folder / "summary.json").write_text("{}")  # as of a flight of all, of which a log is gone
     assert call(asked) == 6
-    (folder / "summary.json").unlink()
     capsys.readouterr()
+    other.parent.rmdir()
+    (folder / "summary.json").write_text('{"vehicles": ["vehicle-1", "vehicle-2", "vehicle-3"]}')
+    assert call(asked) == 6
+    gone = "separation_min_m = not known: must be at least 2.99; no such run folder or log file"
+    assert capsys.readouterr().err == f"aerofed: {other.parent}: {gone}\n"
+    (folder / "summary.json").unlink()
+    other.parent.mkdir()
     other.write_bytes((folder / "vehicle-1" / other.name).read_bytes()[:-500])
     assert call(asked) == 6
     told = f"aerofed: {other}: separation_min_m = not known: must be at least 2.99; damaged at byte"

@@ -123,6 +123,7 @@ def test_python_reads_a_run_of_several(first_lost: Path) -> None:
         assert (len(told), [*told]) == (len(written), [*written]), name
     pd.testing.assert_frame_equal(run.rounds, pd.read_csv(first_lost / "rounds.csv"))
     assert {*run.uplinks["aircraft"]} == {"uav2"}
+    assert run.summary["vehicles"] == ["vehicle-uav1", "vehicle-uav2"]
     assert (run.status, run.summary["seed"], len(run.config.aircraft)) == ("finished", 1, 2)
     assert len(aerofed.compare(run).flights) == 2
     assert run.figure("timetable").name == "timetable"
