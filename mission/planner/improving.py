@@ -82,7 +82,7 @@ _FEWEST, _PAIRS = 200, 250  # of them; of outlines and vertices, whose ways take
 # How many plans are improved, by which share of the changes, and what they may lose on the way.
 _STAGES = ((30, 0.2, 0.02), (4, 1.0, 0.01), (1, 2.0, 0.01), (1, 1.0, 0.0))
 # The same where hovers and readiness are both timed: a small change costs a device its turn.
-_RUGGED = ((30, 0.2, 0.05), (10, 0.8, 0.05), (4, 1.6, 0.05), (1, 3.0, 0.02), (1, 2.0, 0.0))
+_RUGGED = ((30, 0.4, 0.05), (10, 1.6, 0.05), (4, 3.2, 0.05), (1, 6.0, 0.02), (1, 4.0, 0.0))
 _ON_GRID = 0.5
 _SERVED = 6  # devices that are as much work to leave out, one by one, as a look
 _ALIKE = 0.003  # of the value: plans that differ by less are taken for one
@@ -119,9 +119,7 @@ def changes_for(problem: RoundProblem) -> int:
         work += (1 if problem.limits is None else 4) * ways
     if problem.upload_s is not None:
         work += 3
-        if energy:
-            work += 15
-        elif limits:
+        if limits:
             work += devices / _SERVED
     if problem.per_grid is not None:  # many summits, and a look is short
         work *= _ON_GRID
