@@ -13,6 +13,8 @@ import round_problems
 from one_aircraft import one_path
 
 from mission.planner.check import check_plan
+from mission.planner.config import PlannerConfig
+from mission.planner.factory import make_planner
 from mission.planner.files import NamedPlan, plans_as_json, problems_of
 from mission.planner.flyable import acceptance_radius, foresee_round
 from mission.planner.improving import fitted
@@ -112,6 +114,15 @@ def test_our_plans_keep_to_the_rules() -> None:
         else:  # nobody asked
             assert not {"duration_s", "energy_j"} & {*plan}
     assert limited == 17
+
+
+@pytest.mark.parametrize("number", [10, 19])
+def test_plans_within_all_limits_are_near_the_best_known(number: int) -> None:
+    """Two that a shorter search leaves a quarter and more below."""
+    entry = round_problems.problem("all-12x10", number)
+    known = json.loads((FOLDER / "plans.json").read_text(encoding="utf-8"))[entry["id"]]
+    (named,) = problems_of([entry], "benchmark")
+    assert make_planner(PlannerConfig()).plan(named.problem).value > 0.95 * known["value"]
 
 
 def test_the_better_plan_and_the_tighter_bound_are_kept() -> None:
