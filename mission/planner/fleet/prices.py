@@ -100,7 +100,7 @@ class _Search:
                 continue
             if not (useful or better) and soft <= SHARPEST * self.best.value:
                 break
-            soft *= (better or CALMER) * (useful or SHARPER)
+            soft *= (1.0 if better else CALMER) * (1.0 if useful else SHARPER)
         if not self.done:
             self._pack()
         return self.best
