@@ -205,6 +205,48 @@ def test_what_is_wrong_is_named(tmp_path, content, message):
     assert "\n" not in said
 
 
+@pytest.mark.parametrize(
+    ("key", "least", "most"),
+    [
+        ("start.0", -1e7, 1e7),
+        ("devices.0.1", -1e7, 1e7),
+        ("path_budget_m", 0, 1e6),
+        ("altitudes_m.0", 10, None),
+        ("altitudes_m.1", None, 500),
+        ("margin_m", 0.1, 500),
+        ("deadline_s", None, 1e9),
+        ("energy_j", None, 1e9),
+        ("upload_s.1", 0, 1e6),
+        ("ready_in_s.1", 0, 1e6),
+        ("steps", 1, 1000),
+        ("per_step", 1, 1_000_000),
+        ("separation_m", 0, 1e6),
+        ("flight.speed_mps", 1, 30),
+        ("flight.acceptance_radius_m", 0.5, 50),
+        ("flight.wind_mps.0", -50, 50),
+        ("flight.wind_mps.1", -50, 50),
+        ("flight.air_density", 0.3, 1.5),
+    ],
+)
+def test_numbers_are_taken_to_their_ends_and_no_further(tmp_path, key, least, most):
+    def file(value):
+        entry = json.loads(json.dumps({"separation_m": 0, **LIMITED}))
+        *parts, last = (int(part) if part.isdigit() else part for part in key.split("."))
+        table = entry
+        for part in parts:
+            table = table[part]
+        table[last] = value
+        return write(tmp_path, [entry])
+
+    for value, beyond in ((least, -1), (most, 1)):
+        if value is None:  # 0, or the other altitude, which is refused in other words
+            continue
+        read_problems(file(value))
+        step = 1 if isinstance(value, int) else 2e-3 * abs(value)
+        with pytest.raises(PlanInputError, match=re.escape(f"{key} = ")):
+            read_problems(file(value + beyond * step))
+
+
 # A value of every type that JSON has, and numbers beyond all limits.
 STRANGE: tuple[Any, ...] = (
     "?",
