@@ -172,6 +172,16 @@ def test_uploads_have_the_air_that_tones_leave(tmp_path: Path) -> None:
             {"channel.upload_rate_bps": 1e6, "radio.pilot_s": 0.1},
             "radio.pilot_s = 0.1: tones take 1.2 s of each second",
         ),
+        (  # 0.6 s of each second are of tones: 4 Mbit in 3600 s need 1111.1 / 0.4 bits a second
+            {
+                "channel.upload_rate_bps": 2777.0,
+                "radio.pilot_s": 0.05,
+                "communities.0.upload_bits": 1000,
+                "communities.1.upload_bits": 4_000_000,
+            },
+            "the largest update, 4000000 bits, takes 3601 s to send; 3600 s at most are allowed, "
+            "so at least 2778 bits a second",
+        ),
         ({}, "radio.pilot_s = 0.01: needs channel.upload_rate_bps, the rate of uploads"),
         ({"radio.belief": "truth"}, "radio.pilot_s is of a belief that listens"),
     ],
