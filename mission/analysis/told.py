@@ -197,7 +197,7 @@ def _errors(data: FlightData, modes: Modes, air_s: Spans) -> dict[str, Values]:
         t_s, wanted, actual = of
         off = (actual - wanted)[:, :2]
         put("tracking_m", t_s, np.hypot(*off.T), "position_m")
-        speed = np.gradient(wanted[:, :2], t_s, axis=0) if len(t_s) > 1 else 0.0 * off
+        speed = np.gradient(wanted[:, :2], t_s, axis=0) if len(t_s) > 1 else np.zeros_like(off)
         pace = np.hypot(*speed.T)
         north, east = np.where(pace > _MOVES_MPS, speed.T / np.maximum(pace, 1e-9), math.nan)
         put("along_m", t_s, off[:, 0] * north + off[:, 1] * east, "position_m")

@@ -30,7 +30,7 @@ from told_logs import (
 import aerofed
 from mission.analysis.compare import RunComparison, compare_run
 from mission.analysis.load import load_run
-from mission.analysis.told import missing
+from mission.analysis.told import _reached_s, missing
 from mission.cli import call
 from mission.figures.charts import envelope
 from mission.figures.flight import timeline_chart
@@ -260,6 +260,22 @@ def test_steps_and_their_answers_are_those_of_the_closed_form(tmp_path: Path) ->
     assert "at 30.0 s a step of position by 10.0 m: 10 to 90 %" in step.words
 
 
+@pytest.mark.parametrize(
+    ("share", "reached_s"),
+    [
+        ((0.95, 1.0), 10.0),  # at once
+        ((0.5, 1.0), 10.4),  # straight between two samples: 0.9 is 4/5 of the way
+        ((0.0, 0.3, 1.1), 10.875),
+        ((math.nan, 1.0), 10.5),
+        ((0.2, 0.89), math.nan),
+        ((), math.nan),
+    ],
+)
+def test_a_share_is_reached_between_samples(share: tuple[float, ...], reached_s: float) -> None:
+    t_s = np.linspace(10.0, 11.0, 3)[: len(share)]
+    assert _reached_s(t_s, np.array(share), 0.9) == pytest.approx(reached_s, nan_ok=True)
+
+
 def test_a_log_without_what_was_told_is_no_error_and_says_what_is_missing(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -295,6 +311,28 @@ def test_health_is_counted_in_the_air(tmp_path: Path, end: str) -> None:
     assert total.satellites_min == 5
     assert total.gnss_fix_min == 3
     assert total.log_dropout_max_s == pytest.approx(STEP_S, abs=1e-3)
+
+
+@KINDS
+def test_a_fix_of_a_receiver_is_one_in_three_dimensions(tmp_path: Path, end: str) -> None:
+    """2 is one in two, of which nobody knows the height; 4 is better than 3."""
+    flight = made()
+    fix = np.select([flight.t_s < 20.0, flight.t_s < 40.0, flight.t_s < 50.0], [2, 3, 1], 4)
+    log = WRITERS[end](tmp_path / f"x{end}", replace(flight, fix=fix))
+    run = load_run(log)
+    here = fix >= 3
+    begin_s = flight.t_s[0] - run.data.truth.t_ns[0] / 1e9
+    np.testing.assert_allclose(run.data.gnss_ns / 1e9 + begin_s, flight.t_s[here], atol=1e-3)
+    assert compare_run(run).total.gnss_fix_min == 1
+
+
+def test_fixes_of_dataflash_are_of_its_first_receiver(tmp_path: Path) -> None:
+    flight = made()
+    flight = replace(flight, fix=np.where(flight.t_s < 30.0, 3.0, 2.0))
+    second = [(round(t_s * 1e6) + 5, 1, 3, 12, 120) for t_s in flight.t_s.tolist()]
+    rows = ("GPS", "QBBBC", "TimeUS,I,Status,NSats,HDop", second)
+    log = write_bin(tmp_path / "x.bin", flight, more=[rows])
+    assert len(load_run(log).data.gnss_ns) == (flight.t_s < 30.0).sum()
 
 
 def test_motors_are_those_that_the_parameters_name(tmp_path: Path) -> None:

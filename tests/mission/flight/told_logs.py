@@ -35,12 +35,13 @@ class Made:
     vibration: Floats
     clips: Floats
     satellites: Floats
+    fix: Floats  # as the kind of log counts it
     utc_s: float | None = None  # since 1970, at time 0 of the log, where it tells
 
     def without(self, start_s: float, end_s: float) -> "Made":
         """Cut a time out of the log."""
         kept = (self.t_s < start_s) | (self.t_s > end_s)
-        names = "t_s", "wanted", "actual", "vibration", "clips", "satellites"
+        names = "t_s", "wanted", "actual", "vibration", "clips", "satellites", "fix"
         arrays: dict[str, Any] = {name: getattr(self, name)[kept] for name in names}
         both = self.attitude[0][kept], self.attitude[1][kept]
         return replace(self, **arrays, attitude=both)
@@ -69,8 +70,8 @@ def made(
     actual = path(t_s - delay_s) + there[:, None] * np.array([0.0, off_m, down_m])
     level = np.column_stack((0 * t_s, 0 * t_s, np.full(len(t_s), 30.0)))
     rolled = level + there[:, None] * np.array([tilt_deg, 0.0, 0.0])
-    quiet = np.full(len(t_s), 1.5)
-    return Made(t_s, path(t_s), actual, (level, rolled), quiet, 0 * t_s, np.full(len(t_s), 12.0))
+    quiet, twelve, three = (np.full(len(t_s), of) for of in (1.5, 12.0, 3.0))
+    return Made(t_s, path(t_s), actual, (level, rolled), quiet, 0 * t_s, twelve, three)
 
 
 def places(flight: Made) -> list[tuple[float, float, float]]:
@@ -198,7 +199,7 @@ def write_bin(
             where = round(lat * 1e7), round(lon * 1e7), 0, round(alt * 100)
             row("GPS", 3, 1000 * n, 1811, 12, 120, *where, 0, 0, 0.0, t_us // 1000)
         elif not old:
-            row("GPS", t_us, 0, 3, round(flight.satellites[n]), 120, *told)
+            row("GPS", t_us, 0, round(flight.fix[n]), round(flight.satellites[n]), 120, *told)
         row("RCOU", t_us, 1500, 1500, 1600, 1400)
         if not old:
             row("POS", t_us, round(lat * 1e7), round(lon * 1e7), alt)
@@ -254,7 +255,7 @@ def write_ulg(
             "vehicle_attitude_setpoint": turns[0][n],
             "vehicle_attitude": turns[1][n],
             "vehicle_imu_status": (flight.vibration[n], round(flight.clips[n]), 0, 0),
-            "vehicle_gps_position": (utc_us, 3, round(flight.satellites[n])),
+            "vehicle_gps_position": (utc_us, round(flight.fix[n]), round(flight.satellites[n])),
         }
         for name in topics:
             out.row(name, flight.t_s[n], *values[name])
@@ -301,7 +302,8 @@ def write_tlog(
         count = round(flight.clips[n])
         told(t_s, mav.MAVLink_vibration_message(ms * 1000, 0, 0, flight.vibration[n], count, 0, 0))
         told(t_s, mav.MAVLink_gps_raw_int_message(
-            ms * 1000, 3, *where, 80, 90, 0, 0, round(flight.satellites[n])))  # fmt: skip
+            ms * 1000, round(flight.fix[n]), *where, 80, 90, 0, 0,
+            round(flight.satellites[n])))  # fmt: skip
     for t_s, message in more:
         told(t_s, message)
     rows.sort(key=lambda row: int.from_bytes(row[:8], "big"))  # as they come
