@@ -9,6 +9,7 @@ from typing import Any
 from xml.etree import ElementTree as ET
 
 import numpy as np
+import pymap3d
 import pytest
 from again import again
 from limits import no_file_larger_than
@@ -23,7 +24,8 @@ from mission.analysis.compare import compare_run
 from mission.analysis.limits import every_verdict
 from mission.analysis.load import load_run
 from mission.analysis.several import load_several
-from mission.analysis.together import Together, together
+from mission.analysis.together import Together, _moved, together
+from mission.base.area import Area
 from mission.base.errors import LimitsNotMetError
 from mission.cli import call
 from mission.figures.run import comparison_figure
@@ -223,6 +225,27 @@ def test_on_the_ground_beside_each_other_nobody_is_too_near(tmp_path: Path) -> N
 
     world = judged(*(write_ours(tmp_path / f"{e}.mcap", up(float(e))) for e in (0, 1)))
     assert world.rows[0]["separation_min_m"] == pytest.approx(41.0, abs=0.1)
+
+
+@pytest.mark.parametrize(("north_deg", "east_deg"), [(0.02, 0.3), (-0.3, 0.05)])
+def test_a_place_far_off_is_the_same_in_the_area_of_another(
+    north_deg: float, east_deg: float
+) -> None:
+    homes = (
+        HOME,
+        replace(HOME, lat_deg=HOME.lat_deg + 0.05, lon_deg=HOME.lon_deg - 0.05, alt_msl_m=0),
+    )
+    place = HOME.lat_deg + north_deg, HOME.lon_deg + east_deg, 700.0
+    seen = []
+    for home in homes:
+        north_m, east_m, _ = pymap3d.geodetic2ned(
+            *place, home.lat_deg, home.lon_deg, home.alt_msl_m
+        )
+        seen.append([east_m + 100.0, north_m + 50.0, 700.0 - home.alt_msl_m])
+    areas = [Area.at((1e3, 1e3), (100.0, 50.0), home) for home in homes]
+    for here, there in ((0, 1), (1, 0)):
+        moved = _moved(np.array([seen[here]]), areas[here], areas[there])
+        assert moved == pytest.approx(np.array([seen[there]]), abs=0.01)
 
 
 PAST = straight(20.0, (0.0, 0.0, -50.0), (0.0, 5.0, 0.0))
