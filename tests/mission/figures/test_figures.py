@@ -252,6 +252,7 @@ def test_a_plan_s_devices_have_their_communities_colours() -> None:
     assert [row["community"] for row in rows(spec, "community")] == names
     assert {"start", "0", "11"} <= written(spec)
     assert "fill" not in keys(described(plan_picture(problem, made, title="t")))
+    assert not any("aircraft" in word for word in written(spec)), "alone it needs no name"
 
 
 @pytest.mark.slow

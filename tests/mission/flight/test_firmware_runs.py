@@ -3,10 +3,12 @@
 Real binaries fly where AEROFED_PX4 or AEROFED_ARDUCOPTER names one.
 """
 
+import asyncio
 import json
 import os
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -15,7 +17,11 @@ import small_runs
 from patience import until
 from scipy.spatial.transform import Rotation
 
+from mission.base.errors import FlightError
 from mission.cli import call
+from mission.config.loading import load_config
+from mission.flight.flyers.firmware import _check_program
+from mission.flight.pilot.dialects import PX4
 from mission.log.reader import read_log
 from sitl.firmware.launch import FirmwareProcess, Launch
 
@@ -344,6 +350,30 @@ def _cwd(process: Path) -> str:
         return str((process / "cwd").readlink())
     except OSError:
         return ""
+
+
+@pytest.mark.parametrize(
+    ("has", "said"),
+    [
+        (12.5, ""), (12.501, ""), (12.499, ""),  # nearly: parameters travel as 32-bit floats
+        (12.5014, "it has 12.5014"), (0.0, "it has 0"), (None, "it knows no such parameter"),
+    ],
+)  # fmt: skip
+def test_a_parameter_that_a_firmware_did_not_take_is_named(has: float | None, said: str) -> None:
+    async def get(name: str) -> float | None:
+        return {"MPC_XY_CRUISE": has, "NOTHING": 0.0}[name]
+
+    keys = {
+        "vehicle.autopilot": "px4", "vehicle.firmware.path": "px4",
+        "vehicle.firmware.parameters": {"NOTHING": 0, "MPC_XY_CRUISE": 12.5},
+    }  # fmt: skip
+    pilot: Any = SimpleNamespace(dialect=PX4, parameters=SimpleNamespace(get=get))
+    checked = _check_program(pilot, load_config(Path("quickstart"), keys))
+    if not said:
+        asyncio.run(checked)
+        return
+    with pytest.raises(FlightError, match=f"MPC_XY_CRUISE = 12.5: .* not take it: {said}$"):
+        asyncio.run(checked)
 
 
 @pytest.mark.real

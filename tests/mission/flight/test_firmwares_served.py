@@ -120,6 +120,15 @@ def test_one_of_our_own_flies_beside_them(ports: dict[str, int]) -> None:
     assert any(line.startswith("vehicle-2 at ") and "MAVLink on" in line for line in said)
 
 
+def test_who_is_alone_is_not_told_that_all_have_come(ports: dict[str, int]) -> None:
+    with world(["ardupilot"]) as said:
+        crew = ArduPilot(ports["ardupilot"])
+        until(lambda: crew.seconds > 1.0)
+        crew.end()
+    assert has(said, "ardupilot has come")()
+    assert not has(said, "all have come")()
+
+
 @pytest.mark.parametrize(
     ("words", "said"),
     [
