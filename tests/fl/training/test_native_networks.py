@@ -8,9 +8,12 @@ import torch
 from reference_net import train_plainly
 from torch import nn
 
+from fl.native import library
 from fl.native.library import Images, Network, count_correct, train
+from native import building, loading
 
 CLASSES = 7
+LEVELS = list(building.levels())[: loading.load(building.library("learning")).best_level() + 1]
 SHAPES = {
     "no block": ((3, 4, 2), (), (), (), (9, CLASSES)),
     "one dense layer": ((5, 3, 1), (), (), (), (CLASSES,)),
@@ -37,8 +40,14 @@ def flat(net):
     return nn.utils.parameters_to_vector(net.parameters()).detach().numpy().copy()
 
 
-@pytest.mark.parametrize("sizes", SHAPES.values(), ids=SHAPES)
-def test_training_is_that_of_torch(sizes):
+@pytest.mark.parametrize(
+    ("name", "level"),
+    [*((name, LEVELS[-1]) for name in SHAPES), *(("three blocks", level) for level in LEVELS[:-1])],
+)
+def test_training_is_that_of_torch(name, level, monkeypatch):
+    monkeypatch.setenv(loading.LEVEL, level)  # another number of parts of the 16 that are at once
+    monkeypatch.setattr(library, "LEARNING", loading.interface(building.library("learning")))
+    sizes = SHAPES[name]
     torch.manual_seed(1)
     net = module(*sizes)
     weights = flat(net)

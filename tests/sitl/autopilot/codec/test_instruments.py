@@ -1,6 +1,7 @@
 """Telemetry of sensors, setpoints, motors and filter, against what the aircraft does."""
 
 import math
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -82,6 +83,40 @@ def test_odometry_is_the_belief(desk: Desk) -> None:
     assert estimator.pos_horiz_accuracy == pytest.approx(across, rel=1e-3)
     assert 0.0 < estimator.pos_horiz_ratio < 1.0
     assert estimator.flags & mav.ESTIMATOR_POS_HORIZ_ABS
+
+
+def filter_status(gnss: object, stds: Any, **ratios: float) -> Any:
+    """ESTIMATOR_STATUS of a filter with such ratios of innovations."""
+    readings = SimpleNamespace(stds=stds)
+    deferred = SimpleNamespace(
+        instruments=SimpleNamespace(readings=readings),
+        innovation_ratios={kind.replace("_", " "): ratio for kind, ratio in ratios.items()},
+    )
+    moment: Any = SimpleNamespace(t_ns=5_000_000, gnss=gnss, deferred=deferred)
+    return INSTRUMENTS[mav.MAVLINK_MSG_ID_ESTIMATOR_STATUS](moment)
+
+
+def test_each_ratio_of_the_filter_has_its_field() -> None:
+    ratios = {"gnss_position": 0.25, "gnss_velocity": 0.5, "baro": 2.0, "heading": 0.75}
+    said = filter_status(object(), np.array([0.3, 0.4, 0.7]), **ratios)
+    assert said.time_usec == 5_000
+    assert (said.pos_horiz_ratio, said.vel_ratio) == (0.25, 0.5)
+    assert (said.pos_vert_ratio, said.mag_ratio) == (2.0, 0.75)
+    assert said.pos_horiz_accuracy == pytest.approx(0.5)
+    assert said.pos_vert_accuracy == pytest.approx(0.7)
+    assert not said.flags & mav.ESTIMATOR_GPS_GLITCH  # of the barometer, whose jump that is
+    assert said.flags & mav.ESTIMATOR_POS_HORIZ_ABS
+    for kind in ("gnss_position", "gnss_velocity"):
+        refused = filter_status(object(), None, **(ratios | {kind: 1.0}))
+        assert refused.flags & mav.ESTIMATOR_GPS_GLITCH, kind
+
+
+def test_what_has_not_been_measured_has_no_ratio() -> None:
+    said = filter_status(None, None)
+    assert (said.pos_horiz_ratio, said.vel_ratio, said.pos_vert_ratio, said.mag_ratio) == (0.0,) * 4
+    assert (said.pos_horiz_accuracy, said.pos_vert_accuracy) == (0.0, 0.0)
+    absolute = mav.ESTIMATOR_POS_HORIZ_ABS | mav.ESTIMATOR_PRED_POS_HORIZ_ABS
+    assert not said.flags & (absolute | mav.ESTIMATOR_GPS_GLITCH)
 
 
 def test_targets_are_what_is_flown(desk: Desk) -> None:
