@@ -141,3 +141,21 @@ def test_who_brings_least_a_second_is_left_out_first(order: tuple[int, ...]) -> 
             assert better is not None
             assert better.schedule.tolist() == found.schedule.tolist()
             assert fitted(given, start_m[None], above=found.value) is None
+
+
+@pytest.mark.parametrize("order", [*itertools.permutations(range(3))])
+def test_who_does_not_fit_counts_by_its_share_of_what_may_be_earned(
+    order: tuple[int, ...],
+) -> None:
+    """1 for 6 s, 0.88 for 5.5 s, 0.62 for 4 s: in 11.4 s the first and the last, worth 1.62. The
+    second fits by nine tenths: 1.8 seems possible, and nobody gives up before."""
+    turn, start_m = np.array(order), np.full(2, 400.0)
+    importance, upload_s = np.array([1.0, 0.88, 0.62])[turn], np.array([6.0, 5.5, 4.0])[turn]
+    given = round_problem(
+        np.tile(start_m, (3, 1)), importance, start_m, 1, 3, 100.0,
+        CHANNEL_PRESETS["suburban+30dB"], limits=RoundLimits(FLYING, 11.4), upload_s=upload_s,
+    )  # fmt: skip
+    found = fitted(given, start_m[None], above=1.61)
+    assert found is not None
+    assert {int(turn[k]) for k in np.flatnonzero(found.schedule[0, 0])} == {0, 2}
+    assert found.value == pytest.approx(1.62, rel=1e-3)
