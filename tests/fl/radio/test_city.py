@@ -93,6 +93,15 @@ def test_paths_are_those_of_another_ray_caster() -> None:
     assert more == pytest.approx(entry_db("low-loss") + 0.5 * within[some], abs=1e-3)
 
 
+@pytest.mark.parametrize("device", [[-1, 0], [2, 3]])
+def test_a_device_that_is_not_there_has_no_path(device: list[int]) -> None:
+    city = made([], DEVICES[:3])
+    at = np.full((2, 3), 50.0)
+    assert in_sight(city, np.array([0, 2]), at).all()
+    with pytest.raises(ValueError, match=r"^device must be from 0 to 2$"):
+        in_sight(city, np.array(device), at)
+
+
 def test_above_all_roofs_in_a_courtyard_and_within() -> None:
     outer = np.array([[0.0, 0], [40, 0], [40, 40], [0, 40]])
     court = np.array([[10.0, 10], [30, 10], [30, 30], [10, 30]])

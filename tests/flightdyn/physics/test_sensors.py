@@ -118,6 +118,26 @@ def test_magnetometer_turns_the_field_into_the_body() -> None:
     assert sample.t_ns == 7
 
 
+def test_the_magnetometer_keeps_an_offset_and_adds_white_noise() -> None:
+    """Of three axes each, about a field along the first of 0.2 gauss."""
+    level, field = (1.0, 0.0, 0.0, 0.0), np.array([0.2, 0.0, 0.0])
+    fields = {"field_north_gauss": 0.2, "field_east_gauss": 0.0, "field_down_gauss": 0.0}
+    kept = MagConfig(white_gauss=0, hard_iron_gauss=0.01, **fields)
+    magnetometers = [Magnetometer(kept, RandomStreams(seed)) for seed in range(300)]
+    first, second = (
+        np.array([each.measure(t_ns, level).field_frd_gauss for each in magnetometers]) - field
+        for t_ns in (0, 9)
+    )
+    assert (first == second).all()
+    assert first.std(axis=0) == pytest.approx([0.01] * 3, rel=0.15)
+    assert abs(np.corrcoef(first.T)[np.triu_indices(3, 1)]).max() < 0.2
+    noisy = Magnetometer(MagConfig(white_gauss=0.02, hard_iron_gauss=0, **fields), RandomStreams(1))
+    white = np.array([noisy.measure(k, level).field_frd_gauss for k in range(2000)]) - field
+    assert white.std(axis=0) == pytest.approx([0.02] * 3, rel=0.06)
+    assert abs(np.corrcoef(white.T)[np.triu_indices(3, 1)]).max() < 0.1
+    assert abs(np.corrcoef(white[1:, 0], white[:-1, 0])[0, 1]) < 0.1
+
+
 def test_the_field_at_home_is_central_europes() -> None:
     """Of WMM2025 at 47.4 degrees north, 8.5 degrees east, rounded: 48 400 nT, which
     dips by 63 degrees and points 3.4 degrees east of true north."""
