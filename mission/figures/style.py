@@ -24,7 +24,7 @@ PLANNED, FLOWN, BAND, FENCE = "var(--planned)", "var(--flown)", "var(--band)", "
 GOOD, WARM, BAD, COOL = "#009E73", "#E69F00", "#C8361D", "#0072B2"
 
 WIDTH, HEIGHT = 440, 210  # of a chart in a file; on a page it is as wide as its card
-CROWD = 60  # devices from which on all marks are smaller
+CROWD = 60  # devices; if there are more, all marks are smaller
 # A ring, one unit across.
 RING = "M-1,0A1,1,0,1,1,1,0A1,1,0,1,1,-1,0M-0.75,0A0.75,0.75,0,1,0,0.75,0A0.75,0.75,0,1,0,-0.75,0"
 _KEY_WIDTH = 300.0  # what a row of keys may take: it fits a phone
