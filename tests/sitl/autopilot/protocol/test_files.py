@@ -63,10 +63,13 @@ class Files(Desk):
 
     def download(self, log: int, offset: int = 0, count: int = 2**32 - 1) -> bytes:
         heard = self.send(mav.MAVLink_log_request_data_message(1, 1, log, offset, count))
+        waited = 0
         while not (parts := of(heard, "LOG_DATA")) or (
             parts[-1].count == 90 and sum(part.count for part in parts) < count
         ):
             heard += self.pass_wall_time(0.01, step=0.01)
+            waited += 1
+            assert waited < 100, "its end is not told"
         assert [part.ofs for part in parts] == [offset + 90 * i for i in range(len(parts))]
         return b"".join(bytes(part.data[: part.count]) for part in parts)
 
