@@ -99,3 +99,48 @@ EXPORTED void chain_bounds(
     free(zones);
     release(&arena);
 }
+
+static WidePoint wide_point(const double *at) { return (WidePoint){all_of(at[0]), all_of(at[1])}; }
+static WideSym wide_sym(const double *of) { return (WideSym){all_of(of[0]), all_of(of[1]), all_of(of[2])}; }
+
+/* The share of a step (m, 2), and of mu's, that may be gone from y (m, 2) within cones c^2 (m,). */
+EXPORTED double limit_of_step(
+    int64_t m, const double *cone, const double *y, const double *step, double mu, double mu_step)
+{
+    static Lanes all;
+    all.size = m;
+    all.mu = all_of(mu);
+    all.mu_step = all_of(mu_step);
+    for (int64_t k = 0; k < m; k++) {
+        all.link[k].cone = all_of(cone[k]);
+        all.link[k].y = wide_point(y + 2 * k);
+        all.link[k].a = wide_point(step + 2 * k);
+    }
+    return step_limit(&all)[LENGTH - 1];
+}
+
+/* The Newton step (m, 2), that of mu, and its decrement, from gradients and rows of mu (m, 2), blocks of the
+   diagonal and those of devices (m, 3), and the two derivatives by mu. */
+EXPORTED void newton_step(
+    int64_t m, const double *gradient, const double *cross, const double *block, const double *device,
+    double slope, double bend, double *step, double *of_mu)
+{
+    static Lanes all;
+    all.size = m;
+    all.slope = all_of(slope);
+    all.bend = all_of(bend);
+    for (int64_t k = 0; k < m; k++) {
+        Link *link = all.link + k;
+        link->gradient = wide_point(gradient + 2 * k);
+        link->cross = wide_point(cross + 2 * k);
+        link->block = wide_sym(block + 3 * k);
+        link->device = wide_sym(device + 3 * k);
+    }
+    step_newton(&all);
+    for (int64_t k = 0; k < m; k++) {
+        step[2 * k] = all.link[k].a.x[LENGTH - 1];
+        step[2 * k + 1] = all.link[k].a.y[LENGTH - 1];
+    }
+    of_mu[0] = all.mu_step[LENGTH - 1];
+    of_mu[1] = all.decrement[LENGTH - 1];
+}

@@ -22,7 +22,8 @@ def _parts() -> Any:
         building.compile_to(target, library, compiler, flags=(f"-I{planner.folder}", "-O1"))
         loaded = ctypes.CDLL(str(target))
     for function in (
-        loaded.order_bound, loaded.square_bound, loaded.conjugate, loaded.away_from_way
+        loaded.order_bound, loaded.square_bound, loaded.conjugate, loaded.away_from_way,
+        loaded.limit_of_step,
     ):  # fmt: skip
         function.restype = ctypes.c_double
     return loaded
@@ -96,3 +97,33 @@ def chain_bounds(
     _parts().chain_bounds(*map(ctypes.byref, shared), *at[:2], ctypes.c_double(mu), *at[2:])
     stop, ahead, behind = found
     return stop, ahead, behind
+
+
+def limit_of_step(cone: Floats, y: Floats, step: Floats, *, mu: float, mu_step: float) -> float:
+    """The share of a step (m, 2), and of that of mu, that is gone from multipliers y (m, 2) within
+    cones |y| < c mu, of which `cone` (m,) are the c^2."""
+    arrays = [np.ascontiguousarray(each, dtype=np.float64) for each in (cone, y, step)]
+    limit: float = _parts().limit_of_step(
+        ctypes.c_int64(len(cone)),
+        *(ctypes.c_void_p(each.ctypes.data) for each in arrays),
+        ctypes.c_double(mu),
+        ctypes.c_double(mu_step),
+    )
+    return limit
+
+
+def newton_step(
+    gradient: Floats, cross: Floats, block: Floats, device: Floats, *, slope: float, bend: float
+) -> tuple[Floats, float, float]:
+    """The Newton step (m, 2), that of mu and the decrement: of gradients and rows of mu (m, 2),
+    and of xx, xy, yy (m, 3) of the blocks of stops and of devices."""
+    step, of_mu = np.zeros_like(gradient), np.zeros(2)
+    arrays = [np.ascontiguousarray(each) for each in (gradient, cross, block, device)]
+    _parts().newton_step(
+        ctypes.c_int64(len(gradient)),
+        *(ctypes.c_void_p(each.ctypes.data) for each in arrays),
+        ctypes.c_double(slope),
+        ctypes.c_double(bend),
+        *(ctypes.c_void_p(each.ctypes.data) for each in (step, of_mu)),
+    )
+    return step, float(of_mu[0]), float(of_mu[1])

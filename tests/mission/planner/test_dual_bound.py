@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from one_aircraft import round_problem
-from search_parts import away_from_way, conjugate, order_bound
+from search_parts import away_from_way, conjugate, limit_of_step, newton_step, order_bound
 
 from fl.radio.channel import CHANNEL_PRESETS, average_per
 from mission.planner.certified import instance, relax
@@ -161,3 +161,48 @@ def test_a_polyline_ends_at_its_last_point() -> None:
     assert away_from_way(54.0, 72.0, way, 3) == 80.0  # 48 and 64
     assert away_from_way(54.0, 72.0, way, 1) == 90.0
     assert away_from_way(60.0, 61.0, way, 5) == 1.0
+
+
+@pytest.mark.parametrize(
+    ("cone", "y", "step", "mu", "mu_step", "limit"),
+    [
+        ([1.0], [(3.0, 0.0)], [(1.0, 0.0)], 5.0, 0.0, 1.0),  # the cone ends two steps away
+        ([1.0], [(3.0, 0.0)], [(8.0, 0.0)], 5.0, 0.0, 0.8 * 0.25),
+        ([1.0], [(0.0, -3.0)], [(0.0, -8.0)], 5.0, 0.0, 0.8 * 0.25),
+        ([1.0], [(2.4, 1.8)], [(6.4, 4.8)], 5.0, 0.0, 0.8 * 0.25),
+        ([1.0], [(3.0, 0.0)], [(0.0, 16.0)], 5.0, 0.0, 0.8 * 0.25),  # 3, 4, 5
+        ([1.0], [(3.0, 0.0)], [(-32.0, 0.0)], 5.0, 0.0, 0.8 * 0.25),  # across
+        ([4.0], [(6.0, 0.0)], [(16.0, 0.0)], 5.0, 0.0, 0.8 * 0.25),  # c is 2
+        ([1.0], [(1.0, 0.0)], [(6.0, 0.0)], 5.0, -2.0, 0.8 * 0.5),  # 4 both
+        ([1.0], [(0.0, 1.0)], [(0.0, 9.0)], 5.0, 1.0, 0.8 * 0.5),  # 5.5 both
+        ([1.0], [(0.0, 0.0)], [(0.0, 0.0)], 5.0, -20.0, 0.8 * 0.25),  # mu stays above 0
+        ([1.0, 1.0], [(0.0, 3.0), (3.0, 0.0)], [(0.0, 4.0), (8.0, 0.0)], 5.0, 0.0, 0.8 * 0.25),
+        ([1.0, 1.0], [(3.0, 0.0), (0.0, 3.0)], [(8.0, 0.0), (0.0, 4.0)], 5.0, 0.0, 0.8 * 0.25),
+    ],
+)
+def test_a_step_goes_four_fifths_of_the_way_to_the_nearest_cone(cone, y, step, mu, mu_step, limit):
+    found = limit_of_step(np.array(cone), np.array(y), np.array(step), mu=mu, mu_step=mu_step)
+    assert found == pytest.approx(limit, rel=1e-12)
+
+
+@pytest.mark.parametrize("stops", [1, 2, 3, 7])
+def test_the_newton_step_solves_the_whole_system(stops):
+    rng = np.random.default_rng(stops)
+    gradient, cross = rng.normal(size=(2, stops, 2))
+    block = rng.normal(size=(stops, 3)) * (0.5, 0.5, 0.5) + (6.0, 0.0, 6.0)
+    device = rng.normal(size=(stops, 3)) * 0.5 + (1.0, 0.0, 1.0)
+    slope, bend = 0.7, 9.0
+    matrix = np.zeros((2 * stops + 1, 2 * stops + 1))
+    for k in range(stops):
+        at, (xx, xy, yy) = slice(2 * k, 2 * k + 2), block[k]
+        matrix[at, at] = [[xx, xy], [xy, yy]]
+        matrix[at, -1] = matrix[-1, at] = cross[k]
+        if k + 1 < stops:
+            after, (xx, xy, yy) = slice(2 * k + 2, 2 * k + 4), device[k]
+            matrix[at, after] = matrix[after, at] = [[-xx, -xy], [-xy, -yy]]
+    matrix[-1, -1] = bend
+    right = -np.append(gradient.ravel(), slope)
+    expected = np.linalg.solve(matrix, right)
+    step, mu_step, decrement = newton_step(gradient, cross, block, device, slope=slope, bend=bend)
+    np.testing.assert_allclose(np.append(step.ravel(), mu_step), expected, rtol=1e-9, atol=1e-12)
+    assert decrement == pytest.approx(right @ expected, rel=1e-9)
