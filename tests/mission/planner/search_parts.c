@@ -144,3 +144,29 @@ EXPORTED void newton_step(
     of_mu[0] = all.mu_step[LENGTH - 1];
     of_mu[1] = all.decrement[LENGTH - 1];
 }
+
+/* The barrier of cones c^2 (m,) at y (m, 2) and mu, and what comes with it: bound, value, the two derivatives
+   by mu; of each stop (m, 7) gradient, mixed derivatives, block. */
+EXPORTED void barrier_at(
+    int64_t m, const double *cone, const double *y, double mu, double eps, double length, double *whole,
+    double *parts)
+{
+    static Lanes all;
+    all.size = m;
+    all.trial_mu = all_of(mu);
+    all.weight = all_of(eps);
+    all.length = all_of(length);
+    for (int64_t k = 0; k < m; k++) {
+        all.link[k].cone = all_of(cone[k]);
+        all.link[k].trial = wide_point(y + 2 * k);
+    }
+    look_at_barrier(&all);
+    const Wide found[] = {all.bound, all.barrier, all.slope, all.bend};
+    for (int i = 0; i < 4; i++) whole[i] = found[i][LENGTH - 1];
+    for (int64_t k = 0; k < m; k++) {
+        const Link *of = all.link + k;
+        const Wide seven[] = {of->gradient.x, of->gradient.y, of->cross.x, of->cross.y,
+                              of->block.xx, of->block.xy, of->block.yy};
+        for (int i = 0; i < 7; i++) parts[7 * k + i] = seven[i][LENGTH - 1];
+    }
+}

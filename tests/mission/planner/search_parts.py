@@ -127,3 +127,19 @@ def newton_step(
         *(ctypes.c_void_p(each.ctypes.data) for each in (step, of_mu)),
     )
     return step, float(of_mu[0]), float(of_mu[1])
+
+
+def barrier_at(
+    cone: Floats, y: Floats, *, mu: float, eps: float, length: float
+) -> tuple[Floats, Floats]:
+    """Bound, barrier and two derivatives by mu (4,) of their sum where multipliers are y (m, 2),
+    and of each stop (m, 7) gradient, its derivative by mu, and xx, xy, yy of its block."""
+    whole, parts = np.zeros(4), np.zeros((len(cone), 7))
+    arrays = [np.ascontiguousarray(each, dtype=np.float64) for each in (cone, y)]
+    _parts().barrier_at(
+        ctypes.c_int64(len(cone)),
+        *(ctypes.c_void_p(each.ctypes.data) for each in arrays),
+        *map(ctypes.c_double, (mu, eps, length)),
+        *(ctypes.c_void_p(each.ctypes.data) for each in (whole, parts)),
+    )
+    return whole, parts

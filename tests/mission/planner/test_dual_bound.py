@@ -5,7 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from one_aircraft import round_problem
-from search_parts import away_from_way, conjugate, limit_of_step, newton_step, order_bound
+from search_parts import (
+    away_from_way,
+    barrier_at,
+    conjugate,
+    limit_of_step,
+    newton_step,
+    order_bound,
+)
 
 from fl.radio.channel import CHANNEL_PRESETS, average_per
 from mission.planner.certified import instance, relax
@@ -206,3 +213,38 @@ def test_the_newton_step_solves_the_whole_system(stops):
     step, mu_step, decrement = newton_step(gradient, cross, block, device, slope=slope, bend=bend)
     np.testing.assert_allclose(np.append(step.ravel(), mu_step), expected, rtol=1e-9, atol=1e-12)
     assert decrement == pytest.approx(right @ expected, rel=1e-9)
+
+
+def test_the_barrier_is_the_logarithms_and_their_derivatives():
+    """Of mu length - eps sum log(c^2 mu^2 - |y|^2), by differences; infinite outside of a cone."""
+    cone = np.array([1.0, 4.0, 2.25])
+    y = np.array([[1.0, -2.0], [3.0, 2.0], [-0.5, 4.0]])
+    mu, eps, length = 3.0, 0.2, 7.0
+
+    def value(y, mu):
+        return mu * length - eps * np.log(cone * mu**2 - (y**2).sum(axis=1)).sum()
+
+    def slopes(y, mu, h=1e-4):
+        moved = [np.zeros_like(y) for _ in range(y.size)]
+        for i, one in enumerate(moved):
+            one.flat[i] = h
+        by_y = [(value(y + one, mu) - value(y - one, mu)) / (2 * h) for one in moved]
+        return np.array([*by_y, (value(y, mu + h) - value(y, mu - h)) / (2 * h)])
+
+    (bound, barrier, slope, bend), parts = barrier_at(cone, y, mu=mu, eps=eps, length=length)
+    assert bound == mu * length
+    assert bound + barrier == pytest.approx(value(y, mu), rel=1e-12)
+    np.testing.assert_allclose([*parts[:, :2].ravel(), slope], slopes(y, mu), rtol=1e-6)
+    h = 1e-3
+    by_mu = (slopes(y, mu + h) - slopes(y, mu - h)) / (2 * h)
+    np.testing.assert_allclose([*parts[:, 2:4].ravel(), bend], by_mu, rtol=1e-4)
+    for k, (xx, xy, yy) in enumerate(parts[:, 4:]):
+        for axis, row in enumerate(([xx, xy], [xy, yy])):
+            aside = np.zeros_like(y)
+            aside[k, axis] = h
+            by_y = (slopes(y + aside, mu) - slopes(y - aside, mu)) / (2 * h)
+            np.testing.assert_allclose(by_y[2 * k : 2 * k + 2], row, rtol=1e-4)
+    (bound, *_), _ = barrier_at(
+        cone, np.array([[1.0, -2.9], *y[1:]]), mu=mu, eps=eps, length=length
+    )
+    assert bound == np.inf
