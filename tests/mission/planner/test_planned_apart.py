@@ -237,6 +237,11 @@ def test_tracks_are_at_the_stops_when_they_are_foreseen_to_be() -> None:
         assert np.abs(np.diff(speed)).max() <= 5.0 * STEP_S + 1e-6
 
 
+def test_a_pair_of_one_step_counts() -> None:
+    one, other = (np.array([[x, 0.0, 60.0], [x + by, 0.0, 60.0]]) for x, by in ((0, 2), (30, -4)))
+    assert nearest_of([one], [other], 20.0) == pytest.approx((24.0, STEP_S))
+
+
 def test_a_shared_home_is_excused_until_it_is_left() -> None:
     t = np.arange(0.0, 100.0)[:, None]
     east, west = t * [1.0, 0.0, 0.0], t * [-1.0, 0.0, 0.0]
