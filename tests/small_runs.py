@@ -5,9 +5,13 @@ And what a run has left behind, or has said.
 
 import csv
 import hashlib
+import math
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
+
+from mission.analysis.load import LoadedRun
 
 SETTINGS = (
     *("--set", "mission.steps=5", "--set", "mission.path_budget_m=300"),
@@ -63,3 +67,12 @@ def refused(capsys: pytest.CaptureFixture[str], *words: str) -> None:
     assert printed.err.count("\n") == 1, printed.err
     for word in words:
         assert word in printed.err
+
+
+def without_its_end(run: LoadedRun) -> LoadedRun:
+    """The flight of a plan as if its last place had never been reached."""
+    assert run.judged is not None
+    (found,) = run.judged.passes
+    end = replace(found.passages[-1], t_s=math.nan)
+    cut = replace(found, passages=(*found.passages[:-1], end))
+    return replace(run, judged=replace(run.judged, passes=(cut,)))

@@ -186,7 +186,7 @@ def every_verdict(several: Several, limits: Mapping[str, float]) -> list[tuple[V
     alone = {name: limit for name, limit in limits.items() if name not in SEPARATIONS or not world}
     judged = [verdicts(flight, alone) for flight in flights]
     judged += [_of_pair(world, pair, limits) for pair in world.pairs] if world else []
-    for file, _, why in (each.partition(": ") for each in several.unread):
+    for file, why in several.unread:
         its = ((name, math.nan, limit, False, why) for name, limit in limits.items())
         judged.append(tuple(Verdict(file, *one) for one in its))
     return judged

@@ -105,7 +105,7 @@ def load_run(path: Path, plan: Path | None = None, *, believed: bool = False) ->
 
 def load_flights(
     path: Path, plan: Path | None = None, *, believed: bool = False, together: bool = False
-) -> tuple[list[LoadedRun], list[InputError], list[str]]:
+) -> tuple[list[LoadedRun], list[tuple[Path, InputError]], list[str]]:
     """Load a run or a log, or all logs of a folder, as `load_run`: those to compare, and why others
     of the folder are not: they cannot be read, or have no mission, as some have. Of flights that
     are judged `together` none is left out for the latter.
@@ -113,14 +113,14 @@ def load_flights(
     Raises:
         InputError: as `load_run`, of the first log, where none can be read.
     """
-    loaded, refused = list[LoadedRun](), list[InputError]()
+    loaded, refused = list[LoadedRun](), list[tuple[Path, InputError]]()
     for each in _flights_in(path):
         try:
             loaded.append(load_run(each, plan, believed=believed))
         except InputError as error:
-            refused.append(error)
+            refused.append((each, error))
     if not loaded:
-        raise refused[0]
+        raise refused[0][1]
     if together:
         return loaded, refused, []
     judged = [flight for flight in loaded if not flight.unjudged]

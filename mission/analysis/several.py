@@ -18,7 +18,8 @@ class Several:
     flights: tuple[RunComparison, ...]
     world: Together | None
     left_out: tuple[str, ...]  # logs that are not among them, and why
-    unread: tuple[str, ...] = ()  # those of them whose flight is not known: no limit is met
+    # Those of them whose flight is not known, (file, why): no limit is met.
+    unread: tuple[tuple[str, str], ...] = ()
 
     @property
     def together(self) -> Together:
@@ -52,7 +53,7 @@ def load_several(
     folder = RunFolder(first) if alone and isinstance(first, Path) else None
     of_run = folder is not None and folder.rounds.is_file()
     at_once = folder is not None and folder.summary.is_file()  # by a run, or one `aerofed fly`
-    loaded, left_out, unread = list[LoadedRun](), list[str](), list[str]()
+    loaded, left_out, unread = list[LoadedRun](), list[str](), list[tuple[str, str]]()
     for item in paths:
         flights, refused, apart = (
             ([item], [], [])
@@ -60,8 +61,8 @@ def load_several(
             else load_flights(item, plan, believed=believed, together=asked or alone)
         )
         loaded += flights
-        left_out += [*map(str, refused), *apart]
-        unread += [str(e) for e in refused if at_once or not isinstance(e, NoFlightError)]
+        left_out += [*(str(error) for _, error in refused), *apart]
+        unread += [_of_file(*one) for one in refused if at_once or _is_unknown(one[1])]
     comparisons = list[RunComparison]()
     for run in loaded:
         if of_run and not run.data.rounds:  # lost before its first was over, and among the others
@@ -72,7 +73,7 @@ def load_several(
             if not alone:
                 raise
             left_out.append(str(error))
-            unread += [str(error)] if not isinstance(error, NoFlightError) else []
+            unread += [_of_file(run.path, error)] if _is_unknown(error) else []
     if not comparisons:
         raise InputError(left_out[0])
     world = None
@@ -84,3 +85,14 @@ def load_several(
                 raise
         world = world and replace(world, left_out=tuple(left_out))
     return Several(tuple(comparisons), world, tuple(left_out), tuple(unread))
+
+
+def _is_unknown(error: InputError) -> bool:
+    """Whether there may be a flight in what is refused."""
+    return not isinstance(error, NoFlightError)
+
+
+def _of_file(path: Path, error: InputError) -> tuple[str, str]:
+    """Return the file that is refused, which is at a path or in that folder, and why."""
+    file, _, why = str(error).removeprefix(str(path)).partition(": ")
+    return f"{path}{file}", why

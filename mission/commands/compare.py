@@ -92,9 +92,11 @@ def compare(
     judged = every_verdict(several, bounds)
     if as_json:
         values = [*(item.values for item in found), *(world.rows if world else ())]
-        rows = [{**of, **in_json(its)} for of, its in zip(values, judged, strict=False)]
-        count = len(found)
-        print_json({"flights": rows[:count], "pairs": rows[count:]} if world else rows)
+        values += ({"unread": file, "why": why} for file, why in several.unread)
+        rows = [{**of, **in_json(its)} for of, its in zip(values, judged, strict=True)]
+        count, end = len(found), len(rows) - len(several.unread)
+        apart = {"flights": rows[:count], "pairs": rows[count:end], "unread": rows[end:]}
+        print_json(apart if world else rows)
     else:
         for part in in_full(found, width=console.width, world=world):
             console.print(part)
@@ -126,7 +128,7 @@ def tell_verdict(
     found, left_out = several.flights, several.left_out
     if junit is not None:
         pairs = several.world.pairs if several.world else ()
-        unread = [why.partition(": ")[0] for why in several.unread]
+        unread = [file for file, _ in several.unread]
         names = [*names_of(found), *(pair.name for pair in pairs), *unread]
         lasted_s = [item.total.duration_s for item in found] + [pair.known_s for pair in pairs]
         write(junit, names, judged, [*lasted_s, *(0.0 for _ in unread)], left_out)

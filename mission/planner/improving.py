@@ -109,10 +109,9 @@ def changes_for(problem: RoundProblem) -> int:
     """Return how many random changes to try: fewer where evaluating one takes longer."""
     work, devices = 1.0, len(problem.devices_m)
     limits = () if problem.limits is None else problem.limits.each
-    energy = any("energy_j" in limit.counted for limit in limits)  # takes most of the work
     if problem.ready_in_s is not None:
         work += 2
-    if energy:
+    if any("energy_j" in limit.counted for limit in limits):
         work += 1
     if not problem.airspace.is_open:
         ways = 1 + problem.airspace.outlines.pairs // _PAIRS

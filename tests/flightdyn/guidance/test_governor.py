@@ -3,6 +3,7 @@ and stands from 6 m on, whichever way the path leads."""
 
 import numpy as np
 import pytest
+from gains import DT_S, GAINS
 
 from flightdyn.config import LimitsConfig
 from flightdyn.guidance.path import FlightPath, plan_path
@@ -10,12 +11,6 @@ from flightdyn.native.library import FINISHED, LIMITED, STALLED, TRACK, Guide, S
 from flightdyn.native.ticks import Inner
 from flightdyn.state import Vector
 
-DT_S = 0.02
-GAINS = {
-    "dt": DT_S, "gravity": 9.81, "full": 41.5, "slope": 1.7, "idle": 0.05, "position": 1.6,
-    "velocity": 4.5, "integral": 2.5, "integral_limit": 6.0, "lead": 0.16, "drag_lag": 0.1,
-    "drag_limit": 12.0, "thrust_lag": 0.25, "motor_lag": 0.06, "most_thrust": 0.9, "yaw_rate": 1.0,
-}  # fmt: skip
 # Along the path, and across it level and upright: at right angles, each of length 1.
 ALONG, LEVEL = np.array([[0.48, 0.6, -0.64], [0.6, -0.48, 0.0] / np.hypot(0.6, 0.48)])
 UPRIGHT = np.cross(LEVEL, ALONG)

@@ -144,7 +144,7 @@ def test_a_log_that_cannot_be_read_makes_it_unknown(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """What flew in it may have come as near as it likes; the page says that it is missing."""
-    folder = head_on(tmp_path)
+    folder = head_on(tmp_path / "colons: none")
     other = folder / "vehicle-3" / "flight-0001.mcap"
     other.parent.mkdir()
     asked = ["compare", str(folder), "--limit", "separation_min_m=2.99"]
@@ -164,6 +164,11 @@ def test_a_log_that_cannot_be_read_makes_it_unknown(
     assert call(asked) == 6
     told = f"aerofed: {other}: separation_min_m = not known: must be at least 2.99; damaged at byte"
     assert capsys.readouterr().err.startswith(told)
+    assert call([*asked, "--json"]) == 6
+    (its,) = json.loads(capsys.readouterr().out)["unread"]
+    assert its["unread"] == str(other)
+    assert its["why"].startswith("damaged at byte")
+    assert not its["limits_met"]
     assert call(["log", "export", str(folder), "--to", "kml"]) == 0
     assert capsys.readouterr().err.startswith(f"left out: {other}: damaged at byte")
     assert call(["report", str(folder)]) == 0

@@ -2,14 +2,12 @@
 
 import asyncio
 import json
-import math
 from collections.abc import Mapping
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from crossings import crossing, independent, plan
-from small_runs import refused
+from small_runs import refused, without_its_end
 
 from mission.analysis.load import LoadedRun, load_run
 from mission.base.errors import AerofedError
@@ -138,17 +136,11 @@ def test_those_that_could_not_meet_have_their_page_and_verdict(
 def test_one_that_misses_its_end_is_named(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def without_its_end(path: Path) -> LoadedRun:
+    def second_without(path: Path) -> LoadedRun:
         run = load_run(path)
-        if path.name != "vehicle-2":
-            return run
-        assert run.judged is not None
-        (found,) = run.judged.passes
-        end = replace(found.passages[-1], t_s=math.nan)
-        cut = replace(found, passages=(*found.passages[:-1], end))
-        return replace(run, judged=replace(run.judged, passes=(cut,)))
+        return without_its_end(run) if path.name == "vehicle-2" else run
 
-    monkeypatch.setattr("mission.run.plan_flight.load_run", without_its_end)
+    monkeypatch.setattr("mission.run.plan_flight.load_run", second_without)
     plans = [plan(tmp_path / f"{n}.plan", (0, 10, 5), home=(30 * n, 0)) for n in range(2)]
     out = tmp_path / "out"
     assert fly(*plans, "--out", out, *QUICK) == 4

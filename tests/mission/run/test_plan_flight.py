@@ -11,7 +11,7 @@ import signal
 import socket
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager, redirect_stdout
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -22,10 +22,10 @@ from described import charts, rows
 from drawing import drawn
 from mcap.reader import make_reader
 from patience import HANG_S
-from small_runs import UP_AND_DOWN, refused
+from small_runs import UP_AND_DOWN, refused, without_its_end
 from test_planfile import HOME_ROW, ROW, plan_document, simple
 
-from mission.analysis.load import LoadedRun, load_run
+from mission.analysis.load import load_run
 from mission.cli import call
 from mission.commands.options import load
 from mission.flight.missions.plan_file import read_plan_file
@@ -561,15 +561,8 @@ def test_a_flight_whose_pictures_fail_is_not_finished(
 def test_a_flight_that_misses_its_end_has_failed(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def without_its_end(path: Path) -> LoadedRun:
-        run = load_run(path)
-        assert run.judged is not None
-        (found,) = run.judged.passes
-        end = replace(found.passages[-1], t_s=math.nan)
-        cut = replace(found, passages=(*found.passages[:-1], end))
-        return replace(run, judged=replace(run.judged, passes=(cut,)))
-
-    monkeypatch.setattr("mission.run.plan_flight.load_run", without_its_end)
+    cut = "mission.run.plan_flight.load_run"
+    monkeypatch.setattr(cut, lambda path: without_its_end(load_run(path)))
     plan, out = written(tmp_path, TAKE_OFF, place(NORTH, 8.5), RETURN), tmp_path / "out"
     assert call(["fly", str(plan), "--out", str(out), *QUIET]) == 4
     said = "item 2 was never reached"
