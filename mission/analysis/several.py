@@ -79,7 +79,8 @@ def load_several(
     world = None
     if asked or alone:
         try:
-            world = together(comparisons, offsets, of_run=of_run, at_once=at_once)
+            by_itself = at_once or bool(unread)  # or with one that cannot be read
+            world = together(comparisons, offsets, of_run=of_run, at_once=by_itself)
         except InputError:
             if asked:
                 raise

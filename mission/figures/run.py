@@ -11,6 +11,7 @@ from mission.analysis.numbers import Comparison
 from mission.analysis.several import load_several
 from mission.analysis.together import SEPARATIONS, Together
 from mission.base.palette import community_colour
+from mission.base.tables import count
 from mission.figures.charts import Series, line_chart
 from mission.figures.flight import profiles
 from mission.figures.learning import experiment_charts, learning_charts
@@ -100,7 +101,7 @@ def comparison_figure(
     if world is not None:
         charts = [together_map(world)]
         charts += [separation_chart(world, limits or {})] if world.pairs else []
-        return stacked(charts, title="Flown together", about=f"{len(runs)} flights")
+        return stacked(charts, title="Flown together", about=count(len(runs), "flight"))
     if all(run.run.judged is not None for run in runs):
         return profiles(runs)
     if all(run.run.data.planned is not None for run in runs):

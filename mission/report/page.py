@@ -170,6 +170,7 @@ def together_html(world: Together, name: str) -> str:
     top, lower = pair_rows(world)
     heads, *rows = ([cell.replace("\n", " ") for cell in row] for row in (top, *lower))
     names = [pair.name for pair in world.pairs]
+    how_many = count(len(flights), "vehicle")
     met, pair = list[tuple[str, str]](), list[tuple[str, int, list[tuple[str, str]]]]()
     if world.met:  # where all but one were lost as they took off nobody met
         nearest = min(world.met, key=lambda near: near.away_m)
@@ -187,9 +188,9 @@ def together_html(world: Together, name: str) -> str:
         title=name,
         badge="",
         good=True,
-        facts=[f"{len(flights)} vehicles", *world.names],
+        facts=[how_many, *world.names],
         notice="",
-        tiles=[(f"{len(flights)}", "vehicles"), *met],
+        tiles=[(f"{len(flights)}", how_many.partition(" ")[2]), *met],
         map=card(with_film(together_map(world)), is_map=True),
         film=together_film(world),
         rounds=[],
@@ -202,7 +203,7 @@ def together_html(world: Together, name: str) -> str:
         flight=[*([card(separation_chart(world, limits))] if met else []), card(timetable(world))],
         told=[card(chart) for chart in side_by_side_charts(flights)],
         tables=[
-            ("All pairs", heads, rows, 1),
+            *([("All pairs", heads, rows, 1)] if rows else []),
             (
                 "Each vehicle",
                 ["whole flight", *world.names],

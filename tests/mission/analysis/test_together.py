@@ -3,6 +3,7 @@ between them is at right angles to how they move against each other."""
 
 import json
 import math
+import re
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -173,6 +174,11 @@ def test_a_log_that_cannot_be_read_makes_it_unknown(
     assert capsys.readouterr().err.startswith(f"left out: {other}: damaged at byte")
     assert call(["report", str(folder)]) == 0
     assert f"left out: {other}: damaged at byte" in (folder / "together.html").read_text()
+    (folder / "vehicle-2" / other.name).write_bytes(other.read_bytes())
+    assert call(["report", str(folder)]) == 0
+    page = (folder / "together.html").read_text()
+    assert re.search(r"\b1 vehicle\b", page)
+    assert not re.search("1 vehicles|All pairs", page)
 
 
 def test_a_hole_makes_it_unknown(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

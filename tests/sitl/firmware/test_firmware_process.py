@@ -2,7 +2,6 @@
 
 import asyncio
 import math
-import os
 import signal
 import subprocess
 import sys
@@ -39,12 +38,10 @@ def script(path: Path, text: str) -> str:
 
 def alive(pid: int) -> bool:
     try:
-        os.kill(pid, 0)
-    except ProcessLookupError:
+        state = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0]
+    except (FileNotFoundError, ProcessLookupError):
         return False
-    # A child of a process that nobody waits for stays as a zombie.
-    state = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0]
-    return state != "Z"
+    return state != "Z"  # a child of a process that nobody waits for stays as a zombie
 
 
 def px4_stand_in(folder: Path, does: str = "sleep 600") -> VehicleConfig:
