@@ -8,7 +8,7 @@ import shapely
 
 from fl.arrays import Bools, Floats, Ints
 from fl.radio.city import Building, City
-from fl.radio.place import LinkTerms, PlacedRadio
+from fl.radio.place import LinkTerms, PlacedRadio, drawn_waves
 
 RNG = np.random.default_rng(1)
 
@@ -118,45 +118,124 @@ def test_above_all_roofs_in_a_courtyard_and_within() -> None:
     assert in_sight(made([], devices), np.arange(3), over).all()
 
 
-def path_loss_db(environment: str, flat: float, up: float, ghz: float, *, seen: bool) -> float:
+def path_loss_db(
+    environment: str, flat: float, up: float, ghz: float, *, seen: bool, device: float = 1.5
+) -> float:
     """TR 38.901, table 7.4.1-1, up to 22.5 m with the aircraft as base station; TR 36.777, B-2."""
-    d, f = (flat**2 + (up - 1.5) ** 2) ** 0.5, 20 * log10(ghz)
+    d, f = max(1.0, (flat**2 + (up - device) ** 2) ** 0.5), 20 * log10(ghz)
     if up > 22.5 and environment == "UMa":
         if seen:
             return 28.0 + 22 * log10(d) + f
-        return -17.5 + (46 - 7 * log10(up)) * log10(d) + 20 * log10(40 * pi * ghz / 3)
+        # Above 100 m all are in sight: what is not loses as much as at 100 m.
+        return -17.5 + (46 - 7 * log10(min(up, 100))) * log10(d) + 20 * log10(40 * pi * ghz / 3)
     if up > 22.5:
+        up = min(up, 300.0)
         free = 20 * log10(4 * pi * d * ghz * 1e9 / 299_792_458)
         los = max(free, 30.9 + (22.25 - 0.5 * log10(up)) * log10(d) + f)
         return los if seen else max(los, 32.4 + (43.2 - 7.6 * log10(up)) * log10(d) + f)
-    breakpoint_m = 4 * (up - 1.0) * (1.5 - 1.0) * ghz * 1e9 / 299_792_458
-    bend = log10(breakpoint_m**2 + (up - 1.5) ** 2)
+    # A street's heights are less the metre of what drives and walks there.
+    breakpoint_m = 4 * max(up - 1.0, 0.5) * max(device - 1.0, 0.5) * ghz * 1e9 / 299_792_458
+    bend = log10(breakpoint_m**2 + (up - device) ** 2)
     if environment == "UMa":
         near, far = 28 + 22 * log10(d) + f, 28 + 40 * log10(d) + f - 9 * bend
-        nlos = 13.54 + 39.08 * log10(d) + f - 0.6 * (1.5 - 1.5)
+        nlos = 13.54 + 39.08 * log10(d) + f - 0.6 * (device - 1.5)
     else:
         near, far = 32.4 + 21 * log10(d) + f, 32.4 + 40 * log10(d) + f - 9.5 * bend
-        nlos = 35.3 * log10(d) + 22.4 + 21.3 * log10(ghz) - 0.3 * (1.5 - 1.5)
+        nlos = 35.3 * log10(d) + 22.4 + 21.3 * log10(ghz) - 0.3 * (device - 1.5)
     los = near if flat <= breakpoint_m else far
     return los if seen else max(los, nlos)
+
+
+WALL = Building((np.array([[3.0, -5.0], [11.0, -5.0], [11.0, 5.0], [3.0, 5.0]]),), 900.0)
+# To the last metre of the street, and to where what hangs on the height ends.
+HEIGHTS = [0.25, 1.75, 4.0, 15.0, 22.5, 22.6, 30.0, 60.0, 95.0, 120.0, 295.0, 400.0]
 
 
 @pytest.mark.parametrize("environment", ["UMi", "UMa"])
 @pytest.mark.parametrize("ghz", [0.9, 2.4, 28.0])
 @pytest.mark.parametrize("seen", [True, False])
-def test_path_loss_is_the_standards(environment, ghz: float, seen: bool) -> None:
-    flat = np.repeat([12.0, 60.0, 300.0, 1500.0], 5)
-    up = np.tile([4.0, 15.0, 30.0, 60.0, 95.0], 4)
+@pytest.mark.parametrize("device_m", [0.5, 1.5, 9.0])
+def test_path_loss_is_the_standards(environment, ghz: float, seen: bool, device_m: float) -> None:
+    far = [0.0, 0.5, 2.0] * seen + [12.0, 60.0, 300.0, 1500.0]
+    flat, up = np.repeat(far, len(HEIGHTS)), np.tile(HEIGHTS, len(far))
     place_m = np.column_stack((flat, 0 * flat, up))
-    wall = np.array([[3.0, -5.0], [11.0, -5.0], [11.0, 5.0], [3.0, 5.0]])
-    houses = [] if seen else [Building((wall,), 900.0)]
-    city = made(houses, np.zeros((1, 2)), environment=environment, carrier_hz=ghz * 1e9)
+    city = made(
+        [] if seen else [WALL], np.zeros((1, 2)), environment=environment, carrier_hz=ghz * 1e9,
+        device_height_m=device_m,
+    )  # fmt: skip
     assert not city.indoors.any()
     expected = [
-        -path_loss_db(environment, x, h, ghz, seen=seen) for x, h in zip(flat, up, strict=True)
+        -path_loss_db(environment, x, h, ghz, seen=seen, device=device_m)
+        for x, h in zip(flat, up, strict=True)
     ]
     found = city.gain_db(np.zeros(len(up), dtype=np.int64), place_m)
     assert found == pytest.approx(expected, abs=1e-6)
+    low = np.array([[12.0, 0.0, -3.0]])  # below home: on the ground there
+    expected_db = -path_loss_db(environment, 12.0, 0.0, ghz, seen=seen, device=device_m)
+    assert city.gain_db(np.zeros(1, dtype=np.int64), low) == pytest.approx(expected_db, abs=1e-6)
+
+
+@pytest.mark.parametrize("seen", [True, False])
+@pytest.mark.parametrize(
+    ("environment", "sight_db", "hidden_db"),
+    [
+        ("UMi", [4.0, 4.0, 5 * exp(-0.226), 5 * exp(-0.6), 2.0], [7.82, 7.82, 8.0, 8.0, 8.0]),
+        (
+            "UMa",
+            [4.0, 4.0, *(4.64 * exp(-0.0066 * up) for up in (22.6, 60.0, 120.0))],
+            [6.0] * 5,
+        ),
+    ],
+)
+def test_shadowing_deviates_by_the_standards(
+    environment, sight_db: list[float], hidden_db: list[float], seen: bool
+) -> None:
+    """TR 38.901, table 7.4.1-1, up to 22.5 m; TR 36.777, table B-3."""
+    place_m = np.array([(30.0, 0.0, up) for up in (4.0, 22.5, 22.6, 60.0, 120.0)])
+    city = made([] if seen else [WALL], np.zeros((1, 2)), environment=environment)
+    found = city.unknown_db(np.zeros(5, dtype=np.int64), place_m)
+    assert found == pytest.approx(sight_db if seen else hidden_db, abs=1e-9)
+
+
+@pytest.mark.parametrize(("seen", "length_m"), [(True, 37.0), (False, 50.0)])
+def test_shadowing_is_the_sum_of_its_waves(seen: bool, length_m: float) -> None:
+    devices, places_m = np.zeros((3, 2)), np.array([(0.0, 60.0, 60.0), (70.0, 0.5, 60.0)])
+    device, place_m = np.repeat(np.arange(3), 2), np.tile(places_m, (3, 1))
+    ring = np.array([[-9.0, -9.0], [9.0, -9.0], [9.0, 9.0], [-9.0, 9.0]])
+    houses = [] if seen else [Building((ring, ring / 2), 900.0)]
+    plain, drawn = (
+        made(houses, devices, environment="UMa", rng=rng).gain_db(device, place_m)
+        for rng in (None, np.random.default_rng(5))
+    )
+    east, north, phase = drawn_waves(np.random.default_rng(5), 3)[
+        device, 0 if seen else 1
+    ].transpose(1, 0, 2)
+    x, y, _ = place_m.T[..., None] / length_m
+    field = np.cos(2 * pi * (x * east + y * north + phase)).sum(axis=1) / 10.0
+    sigma_db = 4.64 * exp(-0.0066 * 60.0) if seen else 6.0
+    assert drawn - plain == pytest.approx(sigma_db * field, abs=1e-11)
+    assert np.abs(field).max() > 0.5
+
+
+def test_who_flies_in_the_hall_of_a_device_is_in_its_sight() -> None:
+    """The whole path is indoors: nothing but a wall and its own length is in the way."""
+    hall = Building((np.array([[-9.0, -9.0], [9.0, -9.0], [9.0, 9.0], [-9.0, 9.0]]),), 30.0)
+    first, place_m = np.zeros(1, dtype=np.int64), np.array([[8.0, 0.0, 25.0]])
+    city = made([hall], np.zeros((1, 2)))
+    assert in_sight(city, first, place_m).all()
+    expected = -path_loss_db("UMi", 8.0, 25.0, 2.4, seen=True) - entry_db("low-loss") - 4.0
+    assert city.gain_db(first, place_m)[0] == pytest.approx(expected, abs=1e-6)
+
+
+def test_what_passes_along_a_roof_or_a_floor_is_free_and_corners_are_walls() -> None:
+    """A house on pillars, 8 to 20 m high, turned so that its corners are east and west."""
+    turned = np.array([[40.0, 20.0], [20.0, 40.0], [0.0, 20.0], [20.0, 0.0]])
+    devices = np.array([[-20.0, 20.0], [20.0, 20.0], [20.0, 20.0 - 1e-9]])
+    place_m, device = np.array([[60.0, 20.0, 20.0], [60.0, 20.0, 8.0]]), np.zeros(2, dtype=np.int64)
+    for height_m, seen in ((20.0, [True, False]), (8.0, [False, True]), (14.0, [False, False])):
+        city = made([Building((turned,), 20.0, 8.0)], devices, device_height_m=height_m)
+        assert in_sight(city, device, place_m).tolist() == seen
+        assert city.indoors.tolist() == [False, *[height_m == 14.0] * 2]
 
 
 def entry_db(walls: str, ghz: float = 2.4) -> float:
