@@ -1,5 +1,10 @@
-"""The checks that every page of the documentation passes; the pages themselves: `make check`."""
+"""The checks that every page of the documentation passes; the pages themselves: `make check`.
 
+Of those that are made from the code some are looked at here, too: they have each key's default and
+limits, each option, the columns of each file and each channel, which so change in two places.
+"""
+
+import importlib
 import json
 import re
 import subprocess
@@ -35,6 +40,14 @@ def test_the_site_has_every_page_and_all_that_pages_lead_to() -> None:
     assert set(re.findall(r": (\S+\.md)$", nav, re.MULTILINE)) == {*pages, *outside}
     links = {link for text in pages.values() for link in re.findall(r"\]\(\.\./([^)#]+)", text)}
     assert links <= {*outside.values(), "README.md"}
+
+
+@pytest.mark.parametrize("name", ["channels", "commands", "configuration", "file-formats"])
+def test_pages_that_the_code_makes_are_current(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(ROOT / "docs")
+    pages = importlib.import_module("generate").PAGES
+    page = f"{name}.md"
+    assert pages[page]() == (ROOT / "docs" / page).read_text(encoding="utf-8")
 
 
 @pytest.mark.slow

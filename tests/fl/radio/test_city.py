@@ -154,7 +154,7 @@ HEIGHTS = [0.25, 1.75, 4.0, 15.0, 22.5, 22.6, 30.0, 60.0, 95.0, 120.0, 295.0, 40
 @pytest.mark.parametrize("environment", ["UMi", "UMa"])
 @pytest.mark.parametrize("ghz", [0.9, 2.4, 28.0])
 @pytest.mark.parametrize("seen", [True, False])
-@pytest.mark.parametrize("device_m", [0.5, 1.5, 9.0])
+@pytest.mark.parametrize("device_m", [0.5, 1.5, 9.0, 118.0])
 def test_path_loss_is_the_standards(environment, ghz: float, seen: bool, device_m: float) -> None:
     far = [0.0, 0.5, 2.0] * seen + [12.0, 60.0, 300.0, 1500.0]
     flat, up = np.repeat(far, len(HEIGHTS)), np.tile(HEIGHTS, len(far))

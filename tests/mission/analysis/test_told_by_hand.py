@@ -1,5 +1,7 @@
-"""What a vehicle was told and what it did, of signals made by hand: each error by its definition, and
-stretches, steps and delays up to their bounds."""
+"""What a vehicle was told and what it did, of signals made by hand.
+
+Each error by its definition; stretches, steps and delays up to their bounds.
+"""
 
 import math
 from collections.abc import Mapping
