@@ -19,9 +19,11 @@ def line(start, end, *, step=2.0):
 
 
 def test_a_parallel_track_has_its_offset_and_its_own_progress() -> None:
-    fit = align(line((0, 3), (400, 3)), np.array([[0.0, 0.0], [400.0, 0.0]]))
+    track = line((0, 3), (400, 3), step=1.37)
+    fit = align(track, np.array([[0.0, 0.0], [400.0, 0.0]]))
     np.testing.assert_allclose(fit.cross_m, 3.0, atol=1e-12)
-    np.testing.assert_allclose(fit.along_m, np.linspace(0, 400, 201), atol=1e-9)
+    np.testing.assert_allclose(fit.along_m, track[:, 0], atol=1e-9)
+    np.testing.assert_array_equal(fit.above_m, 0.0)
     assert fit.length_m == 400.0
     assert fit.corners_m.size == 0
 
@@ -62,6 +64,59 @@ def test_a_corner_is_a_turn_from_the_leg_before() -> None:
     fit = align(line((0, 0), (100, 0)), path)
     np.testing.assert_allclose(fit.corners_m, [100.0, 190.0])
     np.testing.assert_allclose(fit.corner_points_m, [[100.0, 0.0], [100.0, 90.0]])
+
+
+@pytest.mark.parametrize(("turn_deg", "corner"), [(4.9, False), (5.1, True), (6.0, True)])
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_a_corner_turns_by_more_than_five_degrees(turn_deg: float, corner: bool, side) -> None:
+    turn = np.radians(turn_deg)
+    path = np.array([[0.0, 0.0], [50.0, 0.0], [50 + 50 * np.cos(turn), side * 50 * np.sin(turn)]])
+    assert align(path, path).corners_m.tolist() == [50.0] * corner
+
+
+def test_climbs_turn_nowhere_and_what_is_above_is_above() -> None:
+    path = np.array(
+        [[0, 0, 0], [0, 0, 10], [100, 0, 10], [100, 0, 40], [100, 50, 40], [60, 50, 40.0]]
+    )
+    track = np.array([[0.0, 3.0, 4.0], [31.3, -2.0, 8.5], [101.0, 20.7, 43.0], [70.2, 50.0, 39.0]])
+    fit = align(track, path)
+    np.testing.assert_allclose(fit.along_m, [4.0, 41.3, 160.7, 219.8], atol=1e-9)
+    np.testing.assert_allclose(fit.cross_m, [3.0, 2.0, 1.0, 0.0], atol=1e-9)
+    np.testing.assert_allclose(fit.above_m, [0.0, -1.5, 3.0, -1.0], atol=1e-9)
+    np.testing.assert_allclose(fit.waypoints_at_m, [0.0, 10.0, 110.0, 140.0, 190.0, 230.0])
+    np.testing.assert_allclose(fit.corners_m, [190.0])
+    np.testing.assert_allclose(fit.corner_points_m, [[100.0, 50.0]])
+    assert fit.length_m == 230.0
+    assert leg_of(fit).tolist() == [0, 1, 3, 4]
+
+
+def test_progress_is_between_bounds_that_are_known() -> None:
+    """Samples that stand at the middle of a hairpin's first leg, and what is known of them."""
+    path = np.array([[0.0, 0.0], [100.0, 0.0], [100.0, 6.0], [0.0, 6.0]])
+    track = np.tile([50.2, 1.0], (4, 1))
+    low_m, high_m = np.array([0.0, 20.0, 60.2, 110.0]), np.array([30.2, 80.0, 90.0, 206.0])
+    fit = align(track, path, between=(low_m, high_m))
+    # The last one is on the way back; pieces are half a metre long.
+    np.testing.assert_allclose(fit.along_m, [30.2, 50.2, 60.2, 155.8], atol=0.5)
+    np.testing.assert_allclose(fit.cross_m, [20.0, 1.0, 10.0, 5.0], atol=0.55)
+    np.testing.assert_allclose(fit.along_m[[1, 3]], [50.2, 155.8], atol=1e-9)
+
+
+def test_the_sum_of_squares_is_the_least_that_is_possible() -> None:
+    """Against all ways to give five samples nondecreasing pieces of a path of six."""
+    rng = np.random.default_rng(7)
+    for _ in range(8):
+        path = np.cumsum(rng.uniform(-0.28, 0.28, (7, 2)), axis=0)
+        track = path[np.sort(rng.integers(0, 7, 5))] + rng.normal(0.0, 0.3, (5, 2))
+        begin, way = path[:-1], np.diff(path, axis=0)
+        share = ((track[:, None] - begin) * way).sum(axis=2) / (way**2).sum(axis=1)
+        foot = begin + np.clip(share, 0.0, 1.0)[..., None] * way
+        away2 = ((track[:, None] - foot) ** 2).sum(axis=2)
+        least = min(
+            sum(away2[row, piece] for row, piece in enumerate(pieces))
+            for pieces in itertools.combinations_with_replacement(range(6), 5)
+        )
+        assert (align(track, path).cross_m ** 2).sum() == pytest.approx(least, abs=1e-6)
 
 
 def test_a_hover_is_one_point() -> None:
@@ -108,6 +163,10 @@ def test_items_at_one_place_share_a_leg_and_no_number_is_left_out() -> None:
     at_m = np.array([0.0, 10.0, 10.0, 20.0, 25.0, 30.0])
     ends = np.array([True, True, True, False, True])  # the last leg has a corner
     assert leg_numbers(at_m, ends).tolist() == [1, 2, 2, 3, 3]
+    # Half a metre is a leg of its own, less is none.
+    for long_m, second in ((0.4375, 1), (0.5, 2), (0.5625, 2)):
+        at_m = 3.0 + np.array([0.0, long_m, 10.0])
+        assert leg_numbers(at_m, np.array([True, True])).tolist() == [1, second]
 
 
 @pytest.mark.parametrize("step_s", [0.07, 0.1, 0.37])

@@ -6,8 +6,10 @@ Each error by its definition; stretches, steps and delays up to their bounds.
 import math
 from collections.abc import Mapping
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
+import pymap3d
 import pytest
 from bare_flight import bare_flight
 from numpy.typing import ArrayLike
@@ -35,7 +37,7 @@ def over(*axes: ArrayLike, t_s: np.ndarray = T_S) -> Signal:
     return Signal(t_s, np.column_stack([np.broadcast_to(axis, t_s.shape) for axis in axes]))
 
 
-def flight(signals: Mapping[str, Signal], **more: object) -> FlightData:
+def flight(signals: Mapping[str, Signal], **more: Any) -> FlightData:
     return replace(bare_flight(T_S, np.zeros((len(T_S), 3))), signals=signals, **more)
 
 
@@ -141,6 +143,39 @@ def test_in_modes_of_sticks_no_height_is_ordered() -> None:
     assert modes_at(modes, np.array([9.9, 10.0, 29.9, 30.0])) == [
         "mode unknown", "ACRO", "HOLD", "STABILIZE"
     ]  # fmt: skip
+
+
+def test_off_the_straight_way_to_a_goal_from_where_it_was_when_that_was_told() -> None:
+    """East from 10 s on, with a jump of 4 m to the north; from 40 s on north, 2 m to the west, past
+    its goal by 5 m; between it is told nothing that is known."""
+    east_m = np.select([T_S < 10.0, T_S <= 30.0, T_S <= 40.0], [0.0, T_S - 10.0, 20.0], 18.0)
+    north_m = np.select([T_S <= 10.0, T_S <= 40.0], [0.0, 4.0], T_S - 36.0)
+    places = np.column_stack((east_m, north_m, ZERO + 10.0))
+    home = bare_flight(T_S, places).area.home
+    goals = [
+        pymap3d.ned2geodetic(north, east, 0.0, home.lat_deg, home.lon_deg, home.alt_msl_m)[:2]
+        for east, north in ((100.0, 0.0), (math.nan, 0.0), (20.0, 19.0))
+    ]
+    told_s = np.array([10.0, 29.5, 30.0, 39.5, 40.0, 60.0])
+    goal = Signal(told_s, np.repeat(goals, 2, axis=0))
+    data = replace(bare_flight(T_S, places), signals={"goal_deg": goal})
+    off = error("target_m", data)
+    expected = np.select(
+        [T_S < 10.0, T_S == 10.0, T_S < 30.0, T_S < 40.0, T_S == 40.0, T_S <= 55.0],
+        [math.nan, 0.0, 4.0, math.nan, 0.0, 2.0], np.hypot(2.0, T_S - 55.0),
+    )  # fmt: skip
+    assert off == pytest.approx(expected, abs=1e-3, nan_ok=True)
+    assert judged(data).series["target_m"].hidden_s == 0.0
+
+
+def test_an_error_is_known_where_what_was_is() -> None:
+    """Of a signal of its own; not where only positions are."""
+    few = T_S[(T_S < 20.0) | (T_S > 30.0)]
+    data = flight({"wanted_velocity_mps": over(1.0, 1.0), "velocity_mps": over(1, 1, t_s=few)})
+    assert judged(data).series["speed_off_mps"].hidden_s == pytest.approx(11.0)
+    both = {"wanted_height_m": over(1.0), "height_error_m": over(1.0)}
+    told = flight(both | {"height_m": over(2.0, t_s=few)})
+    assert judged(told).series["height_off_m"].hidden_s == pytest.approx(11.0)
 
 
 def test_what_is_not_known_for_how_long_in_the_air() -> None:
@@ -344,6 +379,6 @@ def test_what_a_log_does_not_hold_is_named() -> None:
     for only, lacks in ((HEIGHTS, "positions"), (LOCAL, "places on the globe")):
         found = missing(replace(data, source=replace(data.source, only=only)))
         assert found == [nothing[0], lacks, *nothing[1:]]
-    empty, listed = (MissionRecord(0, "mission", items) for items in ((), ("an item",)))
+    empty, listed = (MissionRecord(0, "mission", items) for items in ((), ((1.0,),)))
     assert missing(replace(data, missions=(empty,))) == nothing
     assert missing(replace(data, missions=(empty, listed))) == nothing[1:]
