@@ -214,3 +214,14 @@ def test_a_leg_that_no_sample_is_close_to_is_flown_between_two_of_them() -> None
         assert fit.cross_m[middle] == pytest.approx(15.0, abs=0.01)
         assert fit.cross_m.max() == pytest.approx(15.0, abs=0.01)
         assert set(leg_of(fit)) == {0, 1, 2}
+
+
+@pytest.mark.parametrize(("long_m", "more"), [(0.5, 1), (0.5625, 31)])
+def test_samples_are_added_at_a_change_of_leg_and_where_one_lies_between(long_m, more) -> None:
+    """Of more than half a metre: 32 pieces to the next sample, of which two are beside it."""
+    path = np.array([[0.0, 0.0], [100.0, 0.0], [100.0 + long_m, 0.0], [200.0, 0.0]])
+    flown = np.array([[0.0, 0.0], [50.0, 0.0], [150.0, 0.0], [200.0, 0.0]])
+    track, fit = matched(Track(np.arange(4) * 10**9, flown), path)
+    added = sorted({*track.t_ns.tolist()} - {0, 10**9, 2 * 10**9, 3 * 10**9})
+    assert len(added) == more or (more > 1 and more <= len(added) <= more + 2)
+    assert len(fit.along_m) == len(fit.above_m) == len(track.t_ns)
