@@ -39,7 +39,8 @@ def measured(cross: ArrayLike = 0.0, *, number: int = 3, **more: Any) -> Measure
     return Measured(
         record=replace(UNKNOWN_ROUND, round=number), numbers={}, truth=track, belief=track,
         fit=replace(align(places[:, :2], PATH), cross_m=cross_m), pieces=np.ones(1, dtype=int),
-        seqs=np.zeros(0, dtype=int), holes=(), **(dict.fromkeys(names.split(), zero[:0]) | known | more),
+        seqs=np.zeros(0, dtype=int), holes=(),
+        **(dict.fromkeys(names.split(), zero[:0]) | known | more),
     )  # fmt: skip
 
 
