@@ -62,19 +62,21 @@ def test_a_spike_is_of_more_than_a_metre_and_ends_at_its_half() -> None:
     assert (found.number, found.leg, found.during) == (3, 3, ())
     assert found.words == "at 28.0-32.0 s cross-track 1.1 m, leg 3"
     # Where a metre is usual, only what is three times as far is one.
-    for peak, is_one in ((2.95, False), (3.05, True)):
-        assert bool(spikes(flight(), [measured(np.maximum(1.0, hill(peak)))])) == is_one
+    assert spikes(flight(), [measured(np.maximum(1.0, hill(2.95)))]) == ()
+    (found,) = spikes(flight(), [measured(np.maximum(1.0, hill(3.05)))])
+    assert (found.start_s, found.end_s, found.peak_m) == (28.0, 32.0, 3.05)
 
 
 def test_spikes_a_second_apart_are_one() -> None:
     """Three metres for a second each."""
 
-    def found(apart_s: float) -> int:
+    def found(apart_s: float) -> list[tuple[float, float]]:
         after_s = T_S - (20.75 + apart_s)
         high = ((T_S >= 20.0) & (T_S < 21.0)) | ((after_s >= 0.0) & (after_s < 1.0))
-        return len(spikes(flight(), [measured(3.0 * high)]))
+        return [(s.start_s, s.end_s) for s in spikes(flight(), [measured(3.0 * high)])]
 
-    assert (found(1.0), found(1.25)) == (1, 2)
+    assert found(1.0) == [(20.0, 22.5)]
+    assert found(1.25) == [(20.0, 20.75), (22.0, 22.75)]
 
 
 def test_each_kind_of_error_has_its_spikes_in_order() -> None:
@@ -111,6 +113,12 @@ def test_events_explain_what_begins_within_five_seconds() -> None:
     )  # fmt: skip
     assert found.words.endswith('leg 3, during "mode: HOLD"; "status: bad"; "fault: motor"; '
                                 '"failsafe: low"; "armed: off"')  # fmt: skip
+
+
+def test_events_before_a_pass_explain_what_is_at_its_begin() -> None:
+    told = [event(-5.25, "mode", "A"), event(-5.0, "mode", "B"), event(3.0, "mode", "C")]
+    (found,) = spikes(flight(*told), [measured(hill(3.0, at_s=0.0))])
+    assert found.during == ("mode: B", "mode: C")
 
 
 def test_events_are_told_uploaded_lost_and_dropped_in_order() -> None:
