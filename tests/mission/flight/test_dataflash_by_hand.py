@@ -117,14 +117,17 @@ def test_multipliers_of_a_log_count_and_ids_that_it_lacks_are_ardupilots(tmp_pat
     letters = "0ABCDEFG"
     for n, letter in enumerate(letters):
         rows = [(10**6, 3000.0, 5.0), (2 * 10**6, 4000.0, 6.0)]
-        kinds = [
+        kinds: list[tuple[str, Rows]] = [
             ("CTUN", ("Qff", "TimeUS,Alt,DAlt", rows)),
             ("FMTU", ("QBNN", "TimeUS,FmtType,UnitIds,MultIds", [(0, 1, "smm", f"F{letter}-")])),
         ]
         found = read(tmp_path, *kinds).signals
         np.testing.assert_allclose(found["height_m"].values[:, 0], [3e3 / 10**n, 4e3 / 10**n])
         assert found["wanted_height_m"].values[:, 0].tolist() == [5.0, 6.0]
-    told = ("MULT", ("Qbd", "TimeUS,Id,Mult", [(0, ord("A"), 0.5), (0, ord("-"), 0.0)]))
+    told: tuple[str, Rows] = (
+        "MULT",
+        ("Qbd", "TimeUS,Id,Mult", [(0, ord("A"), 0.5), (0, ord("-"), 0.0)]),
+    )
     kinds[1] = ("FMTU", ("QBNN", "TimeUS,FmtType,UnitIds,MultIds", [(0, 1, "smm", "FA-")]))
     found = read(tmp_path, told, ("CTUN", kinds[0][1]), kinds[1]).signals
     assert found["height_m"].values[:, 0].tolist() == [3000.0, 4000.0]  # its number is 2 now

@@ -325,7 +325,8 @@ def test_only_a_clock_of_the_recorder_that_was_set_back_by_a_second_is_mended(
         later_s = back_s if back_s > 2.0 else 0.0
         told = [
             (0.0, heartbeat()), (0.0, position(0.0)), (30.0, position(30.0)),
-            (30.5 - back_s, text), (31.0 - later_s, position(31.0)), (40.0 - later_s, position(40.0)),
+            (30.5 - back_s, text), (31.0 - later_s, position(31.0)),
+            (40.0 - later_s, position(40.0)),
         ]  # fmt: skip
         (tmp_path / "x.tlog").write_bytes(content(told))
         (event,) = (e for e in KIND.flight(tmp_path / "x.tlog").events if e.kind == "status")

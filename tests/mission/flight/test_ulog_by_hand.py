@@ -24,8 +24,9 @@ PLACES: Topic = (
 )  # fmt: skip
 
 
-def written(path: Path, topics: dict[str, Topic], *, places: bool = True) -> UlogBytes:
-    topics = {**({"vehicle_global_position": PLACES} if places else {}), **topics}
+def written(path: Path, told: dict[str, Topic | None]) -> UlogBytes:
+    every = {"vehicle_global_position": PLACES, **told}
+    topics = {name: topic for name, topic in every.items() if topic is not None}
     log = UlogBytes({name: (fields, form) for name, (fields, form, _) in topics.items()})
     for name, (_, _, rows) in topics.items():
         for t_s, *values in rows:
@@ -34,8 +35,8 @@ def written(path: Path, topics: dict[str, Topic], *, places: bool = True) -> Ulo
     return log
 
 
-def read(path: Path, *, places: bool = True, **topics: Topic) -> FlightData:
-    written(path / "x.ulg", topics, places=places)
+def read(path: Path, **topics: Topic | None) -> FlightData:
+    written(path / "x.ulg", topics)
     return KIND.flight(path / "x.ulg")
 
 
@@ -140,7 +141,7 @@ def test_places_of_a_receiver_are_degrees_or_whole_numbers(
     home: tuple[float, ...],
 ) -> None:
     rows = [(0.0, *first), (1.0, *first)]
-    found = read(tmp_path, places=False, vehicle_gps_position=(*form, rows))
+    found = read(tmp_path, vehicle_global_position=None, vehicle_gps_position=(*form, rows))
     at = found.area.home
     assert (at.lat_deg, at.lon_deg, at.alt_msl_m) == pytest.approx(home, rel=1e-12)
     assert found.source.only == "believed"
@@ -173,7 +174,9 @@ def test_local_places_count_where_it_is_known_where_they_begin(tmp_path: Path) -
         (2.0, 0.0, 0.0, 0.0, NAN, 8.0, 500.0, True),
         (3.0, 13.0, -16.0, -7.0, 47.0, 8.0, 500.0, True),
     ]
-    found = read(tmp_path, places=False, vehicle_local_position=(names, "fffddf?", rows))
+    found = read(
+        tmp_path, vehicle_global_position=None, vehicle_local_position=(names, "fffddf?", rows)
+    )
     assert found.belief.t_ns.tolist() == [0, 3 * S]
     assert found.area.home.alt_msl_m == pytest.approx(505.0)
     moved = found.belief.pos_m[1] - found.belief.pos_m[0]
@@ -292,7 +295,7 @@ def test_flags_that_no_reader_knows_refuse_a_log(
 def test_a_clock_since_1970_begins_with_the_log(
     tmp_path: Path, start_us: int, zero_us: int
 ) -> None:
-    log = written(tmp_path / "x.ulg", {}, places=True)
+    log = written(tmp_path / "x.ulg", {})
     content = bytes(log.content).replace(
         struct.pack("<Q", 100_000_000), struct.pack("<Q", start_us + 100_000_000)
     )
