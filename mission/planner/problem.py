@@ -262,7 +262,8 @@ def as_array(name: str, value: object, dtype: DTypeLike = np.float64) -> NDArray
         given: NDArray[np.generic] = np.asarray(value)
     except ValueError:  # rows of different lengths
         given = np.empty(0, dtype=object)
-    made = given.astype(dtype, copy=False) if given.dtype.kind in "biuf" else None
+    # Row by row, as C reads it: a user's may be reversed or transposed.
+    made = given.astype(dtype, order="C", copy=False) if given.dtype.kind in "biuf" else None
     if made is None or (dtype is np.bool_ and (made != given).any()):
         kind = "truth values" if dtype is np.bool_ else "numbers"
         raise PlanInputError(f"{name} = {shown(value)}: must be an array of {kind}")
