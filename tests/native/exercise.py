@@ -4,6 +4,7 @@ import ctypes
 import hashlib
 import socket
 import sys
+from dataclasses import replace
 
 import numpy as np
 from firmware_stand_ins import ArduPilotStandIn, Px4StandIn, plant
@@ -41,7 +42,7 @@ from mission.planner.factory import make_planner
 from mission.planner.fleet.joint import first_plans
 from mission.planner.fleet.team import team_of
 from mission.planner.flyable import foresee_round
-from mission.planner.improving import fitted
+from mission.planner.improving import fitted, serving_fewer
 from mission.planner.limits import RoundLimits
 from mission.planner.native.crews import search_orders
 from mission.planner.native.library import Goal
@@ -84,12 +85,13 @@ def learn(name, shape, dtype, count, convnet=None):
         digest.update(net.correct_per_class(split, result.model, scaling=scaling).tobytes())
 
 
-def plan_alone(channel, devices, steps, per_step):
+def plan_alone(channel, devices, steps, per_step, side_m=800.0, **asked):
     problem = RoundProblem(
-        rng.uniform(0.0, 800.0, (devices, 2)), rng.uniform(0.5, 1.5, devices),
-        (Start(rng.uniform(0.0, 800.0, 2), 700.0),), steps, per_step, CHANNEL_PRESETS[channel],
+        rng.uniform(0.0, side_m, (devices, 2)), rng.uniform(0.5, 1.5, devices),
+        (Start(rng.uniform(0.0, side_m, 2), 0.875 * side_m),), steps, per_step,
+        CHANNEL_PRESETS[channel],
     )  # fmt: skip
-    made = CertifiedPlanner(max_nodes=60).plan(problem)
+    made = CertifiedPlanner(**{"max_nodes": 60, **asked}).plan(problem)
     digest.update(made.waypoints_m.tobytes())
     digest.update(made.schedule.tobytes())
     digest.update(np.array([made.value, made.upper_bound, made.nodes]).tobytes())
@@ -107,6 +109,9 @@ def plan_within_limits(**more):
     way = np.vstack((problem.start_m, rng.uniform(0.0, 800.0, (7, 2))))
     made = fitted(problem, way)
     assert made is not None
+    everybody = np.ones_like(made.schedule)
+    fewer = serving_fewer(problem, replace(made, schedule=everybody))
+    digest.update(np.packbits(fewer.schedule).tobytes())
     taken = foresee_round(problem, made)
     digest.update(made.route_m.tobytes())
     digest.update(np.packbits(made.schedule).tobytes())
@@ -142,6 +147,7 @@ def plan_around():
     digest.update(route.tobytes())
     digest.update(at.tobytes())
     digest.update(airspace.away(places).tobytes())
+    digest.update(airspace.moved(places).tobytes())
 
 
 def plan_together(starts, devices, steps, per_step):
@@ -192,6 +198,9 @@ def hil(ticks):
         theirs.sendall(junk)
         bridge.hil_wait(at, False)
         contents(link, "sensor", "motors", "sent_us", "answered_us")
+    theirs.close()
+    bridge.hil_wait(at, False)
+    contents(link, "error")
 
 
 def json(ticks):
@@ -321,6 +330,8 @@ plan_alone("high-rise", 9, 4, 1)
 plan_alone("suburban+30dB", 11, 5, 3)
 plan_alone("suburban+10dB", 60, 3, 4)
 plan_alone("suburban+10dB", 45, 10, 2)
+plan_alone("suburban", 18, 7, 2, 400.0)  # more stops than steps
+plan_alone("suburban", 5, 3, 2, gap=1e-5, max_nodes=300)  # to squares that are not quartered
 plan_together(2, 7, 4, 1)
 plan_together(3, 9, 3, 2)
 plan_on_grid(7, 5, 2)

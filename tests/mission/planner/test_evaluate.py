@@ -145,6 +145,8 @@ def test_paths_end_with_their_budget_and_begin_at_the_start_to_a_millimetre() ->
     np.testing.assert_allclose(cut.waypoints_m[-1], [200.0, 150.0], atol=1e-6)
     with pytest.raises(PlanInputError, match=r"waypoints_m has shape \(3, 2\): must be \(4, 2\)"):
         finish(problem(steps=4), WAY)
+    with pytest.raises(PlanInputError, match=r"^importance\[0\] = -1.0: must be 0 or more"):
+        finish(problem(importance=[-1, 0, 0]), WAY)
 
 
 @pytest.mark.parametrize("metres", [[0.0, 0.0, 0.0], [120.0, 130.0, 170.0], [230.0, 240.0, 250.0]])
