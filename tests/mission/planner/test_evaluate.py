@@ -185,20 +185,22 @@ def test_where_nobody_is_heard_once_in_a_hundred_times_nothing_can_be_had(budget
         plans = [nothing] * len(given.starts)
         return bounded(given, RoundPlan.together(plans), 0.5, 1).upper_bound
 
-    edge_m, importance = HOPELESS_M + budget_m, np.array([1.0, 2.0, 0.0])
+    edge_m, importance = HOPELESS_M + budget_m, np.array([0.25, 0.5, 0.0])
+    start_m = np.array([3e3, -2e3])
     for beyond_m, most in ((0.5, 0.0), (-0.5, 0.5)):
         # One of no importance is near; of the other two the second decides.
         at = edge_m + beyond_m
-        devices_m = np.array([[0.0, 2e3], [-at * 0.6, at * 0.8], [1.0, 0.0]])
-        far: dict[str, Any] = {"devices_m": devices_m, "importance": importance}
+        devices_m = start_m + np.array([[0.0, 2e3], [-at * 0.6, at * 0.8], [1.0, 0.0]])
+        far: dict[str, Any] = {
+            "devices_m": devices_m, "importance": importance, "start_m": start_m
+        }  # fmt: skip
         assert bound(**far) == most
-        assert bound(**far, start_m=np.array([-0.06, 0.08]) * 2.0 * beyond_m) == most
         ready, upload = {"ready_in_s": np.ones(3), "limits": PAPER}, {"upload_s": np.ones(3)}
         assert bound(**far, **upload) == most
         assert bound(**far, **ready) == most
         assert bound(**far, **ready, **upload) == 0.5  # while one sends, others get ready
     # One of two aircraft is near enough.
-    starts = (Start([5e3, 0.0], budget_m), Start([0.0, 0.0], budget_m))
+    starts = (Start([9e3, 0.0], budget_m), Start(start_m, budget_m))
     given = RoundProblem(devices_m, importance, starts, 3, 1, CHANNEL)
     both = RoundPlan.together([nothing, nothing])
     assert bounded(given, both, 0.5, 1).upper_bound == 0.5
@@ -222,7 +224,7 @@ def test_at_rest_the_bound_has_the_best_places_whoever_is_without_hope() -> None
         served = sorted(np.array(chances)[[0, 1, 3]] * importance[[0, 1, 3]])[::-1][:places]
         assert made.value == pytest.approx(sum(served), rel=1e-12)
     # Each of what moving is for is needed: a second step, metres, a device, importance.
-    move = {"steps": 2, "path_budget_m": 1.0}
+    move = {"steps": 2, "path_budget_m": 1.0, "importance": np.full(4, 0.1)}
     assert plan_without_moving(changed(given, **move)) is None
     for none in ({"steps": 1}, {"path_budget_m": 0.0}, {"importance": np.zeros(4)},
                  {"devices_m": np.zeros((0, 2)), "importance": np.zeros(0)}):  # fmt: skip
