@@ -48,12 +48,22 @@ def searched(seed: int, nodes: int, **more: Any) -> Numbers:
     return [found.value, found.bound, found.nodes]
 
 
-def team(seed: int, aircraft: int, devices: int, steps: int) -> RoundProblem:
+def team(
+    seed: int,
+    aircraft: int,
+    devices: int,
+    steps: int,
+    own: dict[str, Any] | None = None,
+    **more: Any,
+) -> RoundProblem:
     rng = np.random.default_rng(seed)
     return RoundProblem(
         rng.uniform(0.0, 800.0, (devices, 2)), rng.uniform(0.5, 1.5, devices),
-        tuple(Start(rng.uniform(0, 800, 2), rng.uniform(300, 500)) for _ in range(aircraft)),
-        steps, 2, CHANNEL_PRESETS["suburban"],
+        tuple(
+            Start(rng.uniform(0, 800, 2), rng.uniform(300, 500), **own or {})
+            for _ in range(aircraft)
+        ),
+        steps, 2, CHANNEL_PRESETS["suburban"], **more,
     )  # fmt: skip
 
 
@@ -65,10 +75,16 @@ def joint(*drawn: int) -> Numbers:
     return [found.value, found.bound, found.nodes]
 
 
-def together(*drawn: int) -> Numbers:
-    """Prices, packed paths and changes of several aircraft."""
-    made = make_planner(PlannerConfig(max_nodes=60)).plan(team(*drawn))
-    return [made.value, made.upper_bound, made.nodes]
+def together(*drawn: int, **more: Any) -> Numbers:
+    """Prices, packed paths and changes of several aircraft, mended where they come too near."""
+    made = make_planner(PlannerConfig(max_nodes=60)).plan(team(*drawn, **more))
+    rest = [path.altitude_m or path.wait_s for path in made.paths]
+    return [made.value, made.upper_bound, made.nodes, made.path_m, *rest]
+
+
+def apart(metres: float) -> dict[str, Any]:
+    own = {"limits": RoundLimits(FLYING, 60.0)}
+    return {"own": own, "separation_m": metres, "late_s": 1.0, "least_m": 20.0}
 
 
 def priced(*drawn: int) -> Numbers:
@@ -151,6 +167,18 @@ CASES: dict[str, Callable[[], Numbers]] = {
     "two aircraft at once": lambda: joint(8, 2, 7, 4),
     "three aircraft at once": lambda: joint(9, 3, 8, 3),
     "two aircraft": lambda: together(10, 2, 12, 6),
+    "two aircraft within limits": lambda: together(
+        32, 2, 8, 4, own={"limits": RoundLimits(FLYING, 30.0)}, upload_s=UPLOAD_S
+    ),
+    "two aircraft in time": lambda: together(
+        33, 2, 8, 4, own={"limits": RoundLimits(FLYING, 60.0)}, ready_in_s=READY_S
+    ),
+    "two aircraft at the best altitudes": lambda: together(
+        34, 2, 6, 3, own={"altitudes_m": (40.0, 120.0)}
+    ),
+    "two aircraft that may not move": lambda: together(35, 2, 8, 1),
+    "two aircraft that exchange paths": lambda: together(48, 2, 8, 4, **apart(250.0)),
+    "three aircraft that wait": lambda: together(41, 3, 8, 4, **apart(150.0)),
     "prices of two": lambda: priced(22, 2, 9, 5),
     "prices of three": lambda: priced(23, 3, 7, 5),
     "prices of places": lambda: priced(31, 2, 6, 3),
