@@ -126,7 +126,7 @@ def test_a_path_is_shrunk_about_its_start_onto_its_budget() -> None:
         with pytest.raises(PlanInputError, match=r"^path_budget_m = .*: must be a number of m"):
             fit_budget(way, wrong)  # type: ignore[arg-type]  # as a user may
     with pytest.raises(PlanInputError, match=r"^waypoints_m\[1\]\[0\] = inf: must be a finite"):
-        fit_budget([[0, 0], [math.inf, 0]], 1.0)
+        fit_budget([[0.0, 0.0], [math.inf, 0.0]], 1.0)
 
 
 def test_paths_end_with_their_budget_and_begin_at_the_start_to_a_millimetre() -> None:
@@ -200,7 +200,7 @@ def test_where_nobody_is_heard_once_in_a_hundred_times_nothing_can_be_had(budget
         assert bound(**far, **ready) == most
         assert bound(**far, **ready, **upload) == 0.5  # while one sends, others get ready
     # One of two aircraft is near enough.
-    starts = (Start([9e3, 0.0], budget_m), Start(start_m, budget_m))
+    starts = (Start(np.array([9e3, 0.0]), budget_m), Start(start_m, budget_m))
     given = RoundProblem(devices_m, importance, starts, 3, 1, CHANNEL)
     both = RoundPlan.together([nothing, nothing])
     assert bounded(given, both, 0.5, 1).upper_bound == 0.5
@@ -213,7 +213,7 @@ def test_at_rest_the_bound_has_the_best_places_whoever_is_without_hope() -> None
     devices_m = np.array([[100.0, 0.0], [0.0, 0.0], [0.0, HOPELESS_M + 2.0], [0.0, 150.0]])
     importance = np.array([1.0, 0.1, 70.0, 0.2])
     given = problem(devices_m=devices_m, importance=importance, path_budget_m=0.0, steps=1)
-    chances = [heard(far) for far in np.hypot(*devices_m.T)]
+    chances = np.array([heard(far) for far in np.hypot(*devices_m.T)])
     assert 0.005 < chances[2] < 0.01
     worth = sorted((chances * importance).tolist(), reverse=True)
     for steps, per_step in ((1, 1), (1, 2), (2, 1), (3, 3)):
@@ -221,7 +221,7 @@ def test_at_rest_the_bound_has_the_best_places_whoever_is_without_hope() -> None
         assert made is not None
         places = steps * per_step
         assert made.upper_bound == pytest.approx(sum(worth[:places]), rel=1e-12)
-        served = sorted(np.array(chances)[[0, 1, 3]] * importance[[0, 1, 3]])[::-1][:places]
+        served = sorted(chances[[0, 1, 3]] * importance[[0, 1, 3]])[::-1][:places]
         assert made.value == pytest.approx(sum(served), rel=1e-12)
     # Each of what moving is for is needed: a second step, metres, a device, importance.
     move = {"steps": 2, "path_budget_m": 1.0, "importance": np.full(4, 0.1)}

@@ -53,6 +53,7 @@ def team(
     aircraft: int,
     devices: int,
     steps: int,
+    *,
     own: dict[str, Any] | None = None,
     **more: Any,
 ) -> RoundProblem:
