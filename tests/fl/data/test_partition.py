@@ -5,8 +5,17 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fl.data.partition import by_dirichlet, by_labels, class_counts, draw_owners, iid
-from native.errors import SettingError
+from fl.data.partition import (
+    CustomPartition,
+    PartitionTask,
+    by_dirichlet,
+    by_labels,
+    by_owner,
+    class_counts,
+    draw_owners,
+    iid,
+)
+from native.errors import SettingError, UsersCodeError
 
 
 def rng(seed: int = 0) -> np.random.Generator:
@@ -137,3 +146,52 @@ def test_weights_say_who_has_how_much(kind: str) -> None:
 def test_a_device_whose_share_is_no_sample_is_refused() -> None:
     with pytest.raises(SettingError, match="device 1 of them would be without a sample"):
         iid(100, devices=2, rng=rng(), weights=np.array([1.0, 1e-6]))
+
+
+def test_classes_are_dealt_to_as_many_as_can_own_them() -> None:
+    for devices, per_device, coverage, fits in (
+        (5, 2, True, True), (4, 2, True, False), (1, 10, True, True), (4, 2, False, True),
+        (1, 11, False, False),
+    ):  # fmt: skip
+        try:
+            draw_owners(devices, 10, per_device=per_device, coverage=coverage, rng=rng())
+        except SettingError:
+            assert not fits, (devices, per_device, coverage)
+        else:
+            assert fits, (devices, per_device, coverage)
+
+
+def test_each_device_has_the_samples_of_an_owner_of_its_own() -> None:
+    owners = np.array([7, 3, 7, 9, 3, 3, 5])
+    shares = [share.tolist() for share in by_owner(owners, devices=4, rng=rng())]
+    assert sorted(shares) == [[0, 2], [1, 4, 5], [3], [6]]
+    assert len({str(by_owner(owners, devices=2, rng=rng(seed))) for seed in range(20)}) > 5
+    with pytest.raises(SettingError, match="devices = 5: the data have 4 owners"):
+        by_owner(owners, devices=5, rng=rng())
+
+
+@pytest.mark.parametrize(
+    ("given_shares", "why"),
+    [
+        ([[0, 9], [3]], None),
+        ([[0]], "gives shares of 1 devices, not 2"),
+        ([[0], []], r"device 1 gets float64 \(0,\); wanted whole numbers"),
+        ([[0], np.zeros(0, dtype=np.int64)], r"device 1 gets int64 \(0,\); wanted"),
+        ([[0], [[1]]], r"device 1 gets int64 \(1, 1\); wanted"),
+        ([[0.0], [1]], "device 0 gets float64"),
+        ([[0, 10], [3]], "device 0 gets sample 10; there are 0 to 9"),
+        ([[0], [-1, 3]], "device 1 gets sample -1; there are 0 to 9"),
+        ([[0, 4], [4, 3]], "sample 4 is given 2 times"),
+        ([[5, 5, 5], [3]], "sample 5 is given 3 times"),
+    ],
+)
+def test_shares_of_a_plug_in_are_checked(given_shares, why: str | None) -> None:
+    task = PartitionTask(np.zeros(10, dtype=np.int64), None, 2, 1, rng())
+    plugin = CustomPartition("own:split", lambda _: given_shares, 0)
+    if why is None:
+        assert [share.tolist() for share in plugin.shares(task)] == [[0, 9], [3]]
+        turned = CustomPartition("own:split", lambda _: [[9, 0], [3]], 0).shares(task)
+        assert turned[0].tolist() == [0, 9]
+        return
+    with pytest.raises(UsersCodeError, match=why):
+        plugin.shares(task)

@@ -17,6 +17,7 @@ from fl.radio.channel import (
     link_budget,
     log_mean_snr,
     los_probability,
+    served_radius_m,
     smooth_per,
 )
 from native.errors import SettingError
@@ -187,3 +188,21 @@ def test_impossible_constants_are_named(name: str) -> None:
         make(**{name: math.nan})
     again = pickle.loads(pickle.dumps(caught.value))  # errors cross process borders in sweeps
     assert str(again) == str(caught.value)
+
+
+def test_served_is_up_to_where_half_of_the_packets_are_lost() -> None:
+    for preset in ("suburban", "suburban+30dB", "high-rise"):
+        channel = CHANNEL_PRESETS[preset]
+        radius_m = served_radius_m(channel)
+        assert average_per(channel, radius_m) <= 0.5 < average_per(channel, radius_m + 1.0)
+    assert served_radius_m(CHANNEL_PRESETS["literal"]) == 0.0
+    assert served_radius_m(make(tx_power_db=90.0, beta_nlos_db=40.0)) == 49_999.0
+
+
+def test_a_distance_below_zero_is_named() -> None:
+    channel = make()
+    assert channel.per([0.0, 200.0]).tolist() == average_per(channel, [0.0, 200.0]).tolist()
+    assert channel.per(3.0, 20.0) == average_per(channel, 3.0, height_m=20.0)
+    for wrong in (-1.0, math.nan):
+        with pytest.raises(ValueError, match=f"distance_m holds {wrong}: must be 0 or more"):
+            channel.per([0.0, wrong, -7.0])

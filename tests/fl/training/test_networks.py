@@ -13,7 +13,7 @@ from fl.config import ConvNetConfig
 from fl.data.dataset import Split
 from fl.training.local import CustomTrainer, LocalSettings, LocalTask, scaling_of
 from fl.training.networks import ConvNet, make_network
-from native.errors import InputError, UsersCodeError
+from native.errors import InputError, SettingError, UsersCodeError
 
 SHAPE = (8, 8, 1)
 ONE = LocalSettings(learning_rate=0.05, momentum=0.9, mu=0.1, batch_size=16, epochs=1)
@@ -260,3 +260,51 @@ def test_images_too_small_for_the_built_in_networks() -> None:
                 LocalTask(split, np.arange(3), scaling_of(split), net.initial(rng(1)), ONE, rng(1))
             )
             assert np.isfinite(result.model).all()
+
+
+@pytest.mark.parametrize(
+    ("name", "side", "channels", "inside"),
+    [
+        # LeNet-5's 28 and 32 pixels have 16 maps of 5 x 5; less have what "same" padding leaves.
+        ("lenet", 32, 3, 16 * 5 * 5), ("lenet", 31, 1, 16 * 5 * 5), ("lenet", 28, 1, 16 * 5 * 5),
+        ("lenet", 27, 1, 16 * 6 * 6), ("lenet", 16, 3, 16 * 4 * 4), ("lenet", 4, 1, 16),
+        ("lenet", 36, 1, 16 * 6 * 6), ("mcmahan", 28, 1, 64 * 7 * 7), ("mcmahan", 8, 3, 64 * 2 * 2),
+        ("convnet", 12, 1, 32 * 3 * 3), ("own", 20, 2, 5 * 2 * 2),
+    ],
+)  # fmt: skip
+def test_layers_are_those_of_the_papers(name: str, side: int, channels: int, inside: int) -> None:
+    own = ConvNetConfig(channels=(3, 4, 5), kernel=3, hidden=()) if name == "own" else None
+    maps, kernel, hidden = {
+        "lenet": ((6, 16), 5, (120, 84)), "mcmahan": ((32, 64), 5, (512,)),
+        "convnet": ((16, 32), 3, (64,)), "own": ((3, 4, 5), 3, ()),
+    }[name]  # fmt: skip
+    net = make_network(
+        "convnet" if own else name, image_shape=(side, side, channels), classes=7, convnet=own
+    )
+    assert isinstance(net, ConvNet)
+    units = (inside, *hidden, 7)
+    depths = (channels, *maps)
+    weights = [(depths[n + 1], depths[n], kernel, kernel) for n in range(len(maps))]
+    weights += [(units[n + 1], units[n]) for n in range(len(hidden) + 1)]
+    assert net.shapes == tuple(shape for w in weights for shape in (w, w[:1]))
+    assert net.parameters == sum(int(np.prod(w)) + w[0] for w in weights)
+    drawn, at = net.initial(np.random.default_rng(1)), 0
+    assert drawn.dtype == np.float32
+    for w in weights:  # weights and then biases, evenly up to one by the root of what comes in
+        bound = float(np.prod(w[1:])) ** -0.5
+        for size in (int(np.prod(w)), w[0]):
+            part, at = drawn[at : at + size], at + size
+            assert np.abs(part).max() <= bound * (1 + 1e-6)
+            if size > 100:
+                assert part.max() > 0.9 * bound
+                assert part.min() < -0.9 * bound
+    assert at == len(drawn)
+
+
+@pytest.mark.parametrize(("side", "fits"), [((4, 4), True), ((9, 3), False), ((3, 9), False)])
+def test_blocks_halve_images_of_four_pixels_at_least(side: tuple[int, int], fits: bool) -> None:
+    if fits:
+        make_network("mcmahan", image_shape=(*side, 1), classes=2)
+        return
+    with pytest.raises(SettingError, match=r"too small: 2 blocks .*, 4 x 4 is the least"):
+        make_network("mcmahan", image_shape=(*side, 1), classes=2)

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import small_runs
 
+from fl.radio.channel import CHANNEL_PRESETS
 from mission.analysis.load import load_run
 from mission.base.errors import InputError, PlanError
 from mission.cli import call
@@ -258,6 +259,32 @@ def test_link_budget_prints_and_warns(capsys: pytest.CaptureFixture[str]) -> Non
     assert printed.err == ""
     assert call(["link-budget", "--set", "channel.preset=literal"]) == 0
     assert "warning: PER straight overhead" in capsys.readouterr().err
+
+
+def test_link_budget_is_of_each_height_and_warns_above_a_half(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    def told(*settings: str) -> Any:
+        words = [word for each in settings for word in ("--set", each)]
+        assert call(["link-budget", "--json", *words]) == 0
+        return json.loads(capsys.readouterr().out)
+
+    channel = CHANNEL_PRESETS["suburban"]
+    one = told("mission.altitude_m=80")
+    assert one["altitude_m"] == 80.0
+    assert one["distance_m"] == [0, 25, 50, 75, 100, 150, 200, 300, 400, 600, 800]
+    assert one["per"] == pytest.approx(channel.per(one["distance_m"], 80.0).tolist())
+    assert one["overhead"]["per"] == one["per"][0]
+    two = told("mission.altitude_m=[40, 120]")
+    assert [each["altitude_m"] for each in two] == [40.0, 120.0]
+    assert [each["per"][6] for each in two] == [float(channel.per(200.0, h)) for h in (40, 120)]
+    # At 60 m as many packets are lost as the threshold is high.
+    middle = 10 ** (one["overhead"]["snr_los_db"] / 10)
+    warned = [
+        told(f"channel.snr_threshold={share * middle}", "mission.altitude_m=80")["warning"]
+        for share in (0.99, 1.01)
+    ]
+    assert [bool(each) for each in warned] == [False, True]
 
 
 @pytest.mark.slow
