@@ -284,6 +284,7 @@ def test_layers_are_those_of_the_papers(name: str, side: int, channels: int, ins
     assert isinstance(net, ConvNet)
     units = (inside, *hidden, 7)
     depths = (channels, *maps)
+    weights: list[tuple[int, ...]]
     weights = [(depths[n + 1], depths[n], kernel, kernel) for n in range(len(maps))]
     weights += [(units[n + 1], units[n]) for n in range(len(hidden) + 1)]
     assert net.shapes == tuple(shape for w in weights for shape in (w, w[:1]))
