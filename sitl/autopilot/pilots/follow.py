@@ -57,7 +57,6 @@ class Follower:
         return self._flight.order(Trigger.ORDER_FOLLOW, self._piloted)
 
     def _piloted(self) -> do.Manoeuvre:
-        self._aircraft.pursue(Target())  # brakes and stays
         return do.Piloted(
             self._aircraft,
             self._fly,
@@ -68,7 +67,7 @@ class Follower:
     def _fly(self) -> None:
         age_s = self._cockpit.now - self._heard_at
         if age_s > _KEPT_S:
-            self._aircraft.pursue(Target())
+            self._aircraft.pursue(Target())  # brakes and stays
             return
         p = self._parameters
         x, y, z = (self._pos[i] + self._vel[i] * age_s for i in range(3))
