@@ -45,8 +45,8 @@ def told(kind: str, *, readings: Readings = READINGS, **changed: Any) -> dict[st
     message = INSTRUMENTS[getattr(mav, f"MAVLINK_MSG_ID_{kind}")](moment)
     if message is None:
         return None
-    (heard,) = mav.MAVLink(None).parse_buffer(message.pack(mav.MAVLink(None, srcSystem=1)))
-    fields: dict[str, Any] = heard.to_dict()
+    heard: Any = mav.MAVLink(None).parse_buffer(message.pack(mav.MAVLink(None)))
+    fields: dict[str, Any] = heard[0].to_dict()
     assert fields.pop("mavpackettype") == kind
     return fields
 

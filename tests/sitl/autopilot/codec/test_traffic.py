@@ -1,5 +1,7 @@
 """What an aircraft says of itself to others, by MAVLink's tables of units."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 from pymavlink.dialects.v20 import common as mav
@@ -8,13 +10,12 @@ from flightdyn.state import GeodeticPoint
 from sitl.autopilot.codec.traffic import TRAFFIC, Transponder
 
 
-def said_by(kind: str, velocity: tuple[float, float, float], *, name: str = "north") -> dict:  # type: ignore[type-arg]  # fields
+def said_by(kind: str, velocity: tuple[float, float, float], *, name: str = "north") -> Any:
     place = GeodeticPoint(47.3976543, -8.5456789, 528.125)
     said = Transponder(name, 3, 1_700_000_000_000_000, place, 40.5, np.array(velocity), True)
     sender = mav.MAVLink(None, srcSystem=3, srcComponent=1)
-    (heard,) = mav.MAVLink(None).parse_buffer(TRAFFIC[kind](said).pack(sender))
-    fields: dict[str, object] = heard.to_dict()
-    return fields
+    heard: Any = mav.MAVLink(None).parse_buffer(TRAFFIC[kind](said).pack(sender))
+    return heard[0].to_dict()
 
 
 def test_adsb() -> None:

@@ -40,7 +40,8 @@ def held(pitch: int, roll: int, throttle: int, yaw: int) -> Any:
 
 
 def channels(*widths_us: int) -> Any:
-    return mav.MAVLink_rc_channels_override_message(1, 1, *widths_us, *(65535,) * 4)
+    make: Any = mav.MAVLink_rc_channels_override_message
+    return make(1, 1, *widths_us, *(65535,) * 4)
 
 
 @pytest.mark.parametrize(
@@ -307,7 +308,8 @@ def test_each_bit_leaves_out_its_own_field(mask: int, names: set[str]) -> None:
 
 
 def attitude(q: tuple[float, ...], rates: tuple[float, ...], thrust: float, mask: int) -> Any:
-    return mav.MAVLink_set_attitude_target_message(0, 1, 1, mask, q, *rates, thrust)
+    make: Any = mav.MAVLink_set_attitude_target_message
+    return make(0, 1, 1, mask, q, *rates, thrust)
 
 
 @pytest.mark.parametrize(
