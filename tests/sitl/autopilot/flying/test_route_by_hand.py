@@ -78,7 +78,7 @@ def test_waypoints_become_one_path_up_to_a_stop() -> None:
         at(1, "DO_CHANGE_SPEED", 0, 0, 0, 1, 5.0),
         at(2, "NAV_WAYPOINT", 100, 50),
         at(3, "DO_SET_ROI_NONE"),
-        at(4, "NAV_WAYPOINT", 0, 50, 30, 7.0),
+        at(4, "NAV_WAYPOINT", 0, 50, 30, 0.7, 0.5),
         at(5, "NAV_LOITER_TIME", 0, 0, 30, 3.0),
         at(6, "NAV_DELAY", 0, 0, 0, 2.0),
         at(7, "CONDITION_DELAY", 0, 0, 0, 4.0),
@@ -89,8 +89,8 @@ def test_waypoints_become_one_path_up_to_a_stop() -> None:
     same(
         found,
         ("fly", [(0.0, 0.0, -35.0), (100.0, 0.0, -35.0), (100.0, 50.0, -35.0), (0.0, 50.0, -35.0)],
-         [8.0, 5.0, 5.0], [6.0, 2.5, 6.0, 6.0], ((), (0, 1), (2, 3), ()), [90.0, NAN, NAN]),
-        ("wait", 7.0, 4),
+         [8.0, 5.0, 5.0], [6.0, 2.5, 6.0, 0.5], ((), (0, 1), (2, 3), ()), [90.0, NAN, NAN]),
+        ("wait", 0.7, 4),
         ("fly", [(0.0, 50.0, -35.0), (0.0, 0.0, -35.0)], [5.0], [6.0, 6.0], ((), ()), [NAN]),
         ("wait", 3.0, 5),
         ("wait", 2.0, 6),
@@ -140,6 +140,8 @@ def test_circles_begin_at_their_nearest_point() -> None:
     _, (_, orbit, phase, _) = compiled(at(0, "DO_CHANGE_SPEED", 0, 0, 0, 1, 3.0), plain)
     assert (orbit.radius_m, orbit.speed_mps, orbit.turns) == (10.0, 3.0, 0.0)
     assert phase == pytest.approx(-math.pi / 2, abs=1e-3)
+    (_, (_, orbit, *_)) = compiled(at(0, "NAV_LOITER_TURNS", 0, 100, 30, 0.5, 0, 0.5))
+    assert (orbit.radius_m, orbit.speed_mps, orbit.turns) == (0.5, 1.0, 0.5)
     (_, (_, orbit, *_)) = compiled(at(0, "NAV_LOITER_TURNS", 0, 100, 30, 1, 0, 900.0))
     assert orbit.speed_mps == 8.0
     assert math.isnan(orbit.heading_rad)
@@ -286,6 +288,11 @@ def test_items_are_near_enough() -> None:
     assert far == "item 3 is 1001 m from home, MIS_DIST_1WP allows 1000 m"
     assert not why_not(at(3, "DO_SET_ROI_LOCATION", 2000), farthest_m=1000.0)
     rally = at(0, "NAV_RALLY_POINT", 10_100)
+    near = at(0, "NAV_RALLY_POINT", 9_800), at(0, "NAV_RALLY_POINT", 10_100)
+    assert "9800 m from home, MIS_DIST_1WP allows 1000 m" in why_not(near[0], farthest_m=1000.0)
+    assert why_not(near[1], farthest_m=10_000.0).endswith(
+        "10 km from home, MIS_DIST_1WP allows 10 km"
+    )
     assert why_not(rally, farthest_m=9999.0).endswith("10 km from home, MIS_DIST_1WP allows 9999 m")
     away = route.too_far(np.array([80e3, 0, 80e3]), np.array([80e3, 0, 0]), farthest_m=1e3)
     assert away == "113 km from where the vehicle started, the most is 100 km"
@@ -301,11 +308,15 @@ def test_jumps_lead_to_an_item_and_come_to_an_end() -> None:
     jumps = [at(seq, "DO_JUMP", 0, 0, 0, 0, 0) for seq in range(1, 102)]
     assert not why_not(here, *jumps[:100])
     assert why_not(here, *jumps) == "101 items jump; at most 100 may"
-    assert not why_not(here, at(1, "DO_JUMP", 0, 0, 0, 0, 4990))
+    # Of two items and a jump 3333 times, then a landing, and of one item and a jump 5000 times.
+    second, jump = at(1, "NAV_WAYPOINT", 20), at(2, "DO_JUMP", 0, 0, 0, 0, 3332)
+    assert not why_not(here, second, jump, at(3, "NAV_LAND", 10))
     words = "from item 0 on it is more than 10000 items with its jumps"
-    assert why_not(here, at(1, "DO_JUMP", 0, 0, 0, 0, 5010)) == words
+    often = at(1, "DO_JUMP", 0, 0, 0, 0, 4999)
+    assert why_not(here, often, at(2, "NAV_LAND", 10)) == words
     # A landing ends a walk, and what is behind it is walked from there.
     land, beyond = at(1, "NAV_LAND", 10), at(2, "NAV_WAYPOINT", 10)
     words = "from item 2 on it is more than 10000 items with its jumps"
     assert why_not(here, land, beyond, at(3, "DO_JUMP", 0, 0, 0, 2, 5010)) == words
     assert not why_not(here, land, beyond, at(3, "DO_JUMP", 0, 0, 0, 0, 9000))
+    assert why_not(here, land, at(2, "DO_JUMP", 0, 0, 0, 2, 10_001)) == words
