@@ -5,6 +5,7 @@ import pickle
 import subprocess
 import sys
 from copy import deepcopy
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +22,7 @@ from fl.radio.channel import CHANNEL_PRESETS
 from flightdyn.config import LimitsConfig
 from mission.base.airspace import Airspace
 from mission.planner.check import check_plan
+from mission.planner.flyable import foresee_round
 from mission.planner.limits import RoundLimits
 from mission.planner.performance import Performance
 from mission.planner.plan import RoundPlan
@@ -187,6 +189,67 @@ def test_whoever_has_sent_sends_no_more_and_only_so_many_send_at_once() -> None:
         observation, *_ = env.step(action)
         assert np.flatnonzero(observation["asked"]).tolist() == asked
     assert (observation["heard"] <= observation["asked"]).all()
+
+
+def test_places_are_shares_of_the_half_of_the_longer_side_about_the_middle() -> None:
+    """Of an area of 800 m by 400 m, by its devices; all that is sent arrives there."""
+    devices_m = np.array([[0.0, 0.0], [800.0, 100.0], [200.0, 400.0], [400.0, 200.0]])
+    sure = replace(CHANNEL_PRESETS["suburban"], tx_power_db=90.0)
+    importance = np.array([0.5, 3.0, 0.25, 1.0])
+    made = round_problem(devices_m, importance, np.array([400.0, 200.0]), 4, 2, 500.0, sure)
+    env: Any = gymnasium.make("aerofed/Round-v0", problem=made).unwrapped
+    assert env.observation_space["importance"].high.tolist() == [3.0] * 4
+    seen, told = env.reset(seed=1)
+    assert told == {}
+    assert seen["position"].tolist() == [0.0, 0.0]
+    assert seen["devices"].tolist() == [[-1.0, -0.5], [1.0, -0.25], [-0.5, 0.5], [0.0, 0.0]]
+    assert seen["importance"].tolist() == importance.tolist()
+    assert seen["left"].tolist() == [1.0] * 4
+    rows = [
+        # where to go, who is to send; who has then sent; where it is; metres that are left
+        ((0.5, -0.25), (0.5, 0.5, 1.0, 0.0), [1, 0, 1, 0], (600.0, 100.0), 500 - 50_000**0.5),
+        ((0.5, -0.25), (1.0, 0.0, 1.0, 0.0), [1, 0, 1, 0], (600.0, 100.0), 500 - 50_000**0.5),
+        ((-1.0, -0.25), (-1.0, 0.1, -1.0, 1.0), [1, 1, 1, 1], (323.6068, 100.0), 0.0),
+        ((1.0, 1.0), (1.0, 1.0, 1.0, 1.0), [1, 1, 1, 1], (323.6068, 100.0), 0.0),
+    ]
+    before = np.zeros(4)
+    for step, (place, sends, asked, at_m, left_m) in enumerate(rows, start=1):
+        seen, reward, over, cut, told = env.step(np.array([*place, *sends]))
+        assert seen["asked"].tolist() == seen["heard"].tolist() == asked
+        assert reward == told["expected"] == importance @ (np.array(asked) - before)
+        assert seen["position"] == pytest.approx((np.array(at_m) - (400, 200)) / 400, abs=1e-6)
+        assert seen["left"] == pytest.approx([1 - step / 4, left_m / 500, 1, 1], abs=1e-6)
+        assert (over, cut) == (step == 4, False)
+        before = np.array(asked)
+    assert env.plan.value == pytest.approx(importance.sum())
+    assert np.flatnonzero(env.plan.schedule.any(axis=2)).tolist() == [0, 2]
+
+
+def test_of_time_and_energy_the_shares_are_left_that_a_plan_so_far_does_not_take() -> None:
+    for kind in ("time", "energy"):
+        env: Any = gymnasium.make("aerofed/Round-v0", problem=problem(kind)).unwrapped
+        env.reset(seed=1)
+        seen, *_ = env.step(np.array([0.5, 0.5, *[0.0] * 8]))
+        foreseen = foresee_round(env.problem, env.plan)
+        limits = KINDS[kind]["limits"]
+        used = foreseen.duration_s / limits.duration_s, foreseen.energy_j / limits.energy_j
+        assert 0.1 < max(used) < 1.0
+        assert seen["left"][2:] == pytest.approx(1.0 - np.array(used), abs=1e-6)
+
+
+def test_what_lies_on_a_line_or_a_point_has_a_unit_too() -> None:
+    for devices_m, half_m in (
+        ([[400.0, 400.0]], 1.0),
+        ([[400.0, 400.5]], 1.0),
+        ([[403, 400]], 1.5),
+    ):
+        made = changed(problem(), devices_m=np.array(devices_m, float), importance=np.ones(1))
+        env: Any = gymnasium.make("aerofed/Round-v0", problem=made).unwrapped
+        env.reset(seed=1)
+        seen, *_ = env.step(np.array([1.0, 0.0, 0.0]))
+        middle_m = np.mean([made.start_m, devices_m[0]], axis=0)
+        assert env.plan.waypoints_m[1] - middle_m == pytest.approx([half_m, 0.0])
+        assert seen["position"] == pytest.approx([1.0, 0.0])
 
 
 @pytest.mark.slow
