@@ -247,7 +247,7 @@ def test_what_lies_on_a_line_or_a_point_has_a_unit_too() -> None:
         env: Any = gymnasium.make("aerofed/Round-v0", problem=made).unwrapped
         env.reset(seed=1)
         seen, *_ = env.step(np.array([1.0, 0.0, 0.0]))
-        middle_m = np.mean([made.start_m, devices_m[0]], axis=0)
+        middle_m = (made.start_m + devices_m[0]) / 2.0
         assert env.plan.waypoints_m[1] - middle_m == pytest.approx([half_m, 0.0])
         assert seen["position"] == pytest.approx([1.0, 0.0])
 
