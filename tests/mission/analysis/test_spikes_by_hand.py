@@ -10,7 +10,7 @@ from bare_flight import bare_flight
 from numpy.typing import ArrayLike
 
 from mission.analysis.alignment import align
-from mission.analysis.measure import Measured, happened
+from mission.analysis.measure import Leg, Measured, happened, legs
 from mission.analysis.spikes import events, spikes
 from mission.analysis.whole import health, with_battery
 from mission.log.records import UNKNOWN_ROUND
@@ -32,14 +32,14 @@ def measured(cross: ArrayLike = 0.0, *, number: int = 3, **more: Any) -> Measure
     track, zero = Track((T_S * 1e9).astype(np.int64), places), 0 * T_S
     cross_m = np.broadcast_to(cross, T_S.shape)
     known: dict[str, Any] = {
-        "straight": cross_m, "height_m": zero, "estimate_m": zero, "leg": (T_S // 10).astype(int)
+        "straight": cross_m, "height_m": zero, "estimate_m": zero, "leg": (T_S // 10).astype(int),
+        "pieces": np.ones(1, dtype=int), "seqs": np.zeros(0, dtype=int),
     }  # fmt: skip
     names = "corner_cut_m speed_mps wind_mps estimate_height_m slot_miss_m slot_along_m slot_late_s"
     names += " plan_per est_per true_per per_shift"
     return Measured(
         record=replace(UNKNOWN_ROUND, round=number), numbers={}, truth=track, belief=track,
-        fit=replace(align(places[:, :2], PATH), cross_m=cross_m), pieces=np.ones(1, dtype=int),
-        seqs=np.zeros(0, dtype=int), holes=(),
+        fit=replace(align(places[:, :2], PATH), cross_m=cross_m), holes=(),
         **(dict.fromkeys(names.split(), zero[:0]) | known | more),
     )  # fmt: skip
 
@@ -160,6 +160,28 @@ def test_events_count_from_their_begin_up_to_the_end() -> None:
     assert (found["gnss_gaps"], found["gnss_gap_max_s"]) == (0, 0.0)
     found = happened(flight(gnss_ns=(np.array([0, 1, 2, 3, 7, 8, 9]) * 10**9)), 0, round(8e9))
     assert (found["gnss_gaps"], found["gnss_gap_max_s"]) == (1, 4.0)
+
+
+def test_a_leg_ends_where_the_next_one_begins() -> None:
+    """Three pieces of a path at 1 m/s, of which the last two are one leg; and an end of 0.4 m."""
+    path = np.array([[0.0, 0.0], [20.0, 0.0], [45.0, 0.0], [60.0, 0.0], [60.4, 0.0]])
+    of = measured(
+        np.where(T_S < 20.0, 1.0, 3.0), leg=np.where(T_S < 20.0, 1, 2),
+        height_m=np.where(T_S == 30.0, -7.0, 2.0), pieces=np.array([1, 2, 2, 3]),
+        seqs=np.array([0, 4, -1, 6, 7]),
+    )  # fmt: skip
+    of = replace(of, fit=replace(of.fit, waypoints_at_m=path[:, 0]))
+    first, second = legs(of)
+    assert first.cross_track_rms_m == pytest.approx(math.sqrt((80 * 1.0 + 9.0) / 81))
+    assert replace(first, cross_track_rms_m=1.0) == Leg(3, 1, 4, 20, 0.0, 20.0, 1.0, 3.0, 2.0, 1.0)
+    assert second == Leg(3, 2, 6, 40.0, 20.0, 60.0, 3.0, 3.0, 7.0, 1.0)
+    # Of a leg on which there is one sample at most nothing is known.
+    (_, unknown) = legs(replace(of, leg=np.where(T_S < 60.0, 1, 2)))
+    assert math.isnan(unknown.start_s)
+    assert math.isnan(unknown.speed_mean_mps)
+    assert (unknown.item, unknown.length_m) == (6, 40.0)
+    assert legs(replace(of, seqs=of.seqs[:0])) == ()
+    assert [leg.item for leg in legs(replace(of, seqs=np.array([0, -1, -1, 6, 7])))] == [None, 6]
 
 
 AIR_S = [(10.0, 20.0), (30.0, 40.0)]

@@ -49,6 +49,11 @@ def test_a_fence_is_shown_that_leaves_the_rest_large_enough(side_m: float, shown
     frame = MapFrame.around([square(100.0)], [square(side_m), square(5.0, -20.0)], 100.0)
     assert frame.shows(square(side_m)) == shown
     assert frame.shows(square(5.0, -20.0))
+    # Of a flight and a fence the longer side counts, whichever it is.
+    for turned in (slice(None), slice(None, None, -1)):
+        flown, fence = (square(100.0) * (1.0, 0.1))[:, turned], square(side_m) * (0.5, 1.0)
+        assert MapFrame.around([flown], [fence], 100.0).shows(fence) == shown
+        assert MapFrame.around([flown], [fence[:, ::-1]], 100.0).shows(fence[:, ::-1]) == shown
 
 
 def test_outlines_are_closed() -> None:

@@ -1,0 +1,106 @@
+"""Cells of the tables of a comparison, of numbers that are given."""
+
+import math
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from mission.analysis.comparison_text import in_words, leg_rows, pair_rows, stretch_rows
+from mission.analysis.measure import Leg
+from mission.analysis.spikes import Spike
+
+NAN = math.nan
+
+
+def test_legs_have_their_pass_where_there_are_several() -> None:
+    legs = [
+        Leg(1, 1, 3, 123.456, 10.04, 20.06, 1.234, 5.678, 0.125, 9.87),
+        Leg(1, 2, None, 0.6, NAN, NAN, NAN, NAN, NAN, NAN),
+    ]
+    heads, rows = leg_rows(legs)
+    assert len(heads) == 7
+    assert rows == [
+        ["1", "3", "123", "10.0 / 20.1", "1.23 / 5.68", "0.12", "9.9"],
+        ["2", "-", "1", "- / -", "- / -", "-", "-"],
+    ]
+    assert [row[0] for row in leg_rows([*legs, Leg(2, 1, 3, *[1.0] * 7)])[1]] == [
+        "1.1",
+        "1.2",
+        "2.1",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("reference", "cells"),
+    [
+        ("mission", ["1.00 / 2.00", "3.00 / 4.00"]), ("position", ["5.00 / 6.00", "7.00 / 8.00"]),
+        ("target", ["9.00 / 10.00", "7.00 / 8.00"]), ("velocity", ["5.00 / 6.00", "7.00 / 8.00"]),
+    ],
+)  # fmt: skip
+def test_a_stretch_has_the_errors_against_its_reference(reference: str, cells: list[str]) -> None:
+    names = "cross_track_{}_m height_{}_m tracking_{}_m height_tracking_{}_m across_target_{}_m"
+    row: dict[str, Any] = {
+        name.format(how): float(2 * n + m)
+        for n, name in enumerate(names.split())
+        for m, how in enumerate(("rms", "max"), start=1)
+    }
+    row |= {"start_s": 3.4, "end_s": 17.6, "mode": "HOLD", "reference": reference}
+    row |= {"attitude_tracking_rms_deg": 0.125, "delay_s": NAN}
+    told: Any = SimpleNamespace(stretches=[row])
+    heads, rows = stretch_rows(told)
+    assert rows == [["3-18", "HOLD", reference, *cells, "0.12", "-"]]
+    assert len(heads) == len(rows[0])
+    bare: Any = SimpleNamespace(stretches=[{k: v for k, v in row.items() if "rms_m" not in k}])
+    assert stretch_rows(bare)[1][0][3].startswith("- / ")
+
+
+def test_a_pair_has_its_distances_planned_and_flown() -> None:
+    row: dict[str, Any] = {"first": "a", "second": "b"}
+    for n, way in enumerate(("", "_horizontal", "_vertical"), start=1):
+        row |= {f"separation{way}_min_m": 10.0 + n, f"separation{way}_min_t_s": 100.04 + n,
+                f"plan_separation{way}_min_m": NAN if n == 2 else 20.0 + n}  # fmt: skip
+    row |= {"separation_min_lat_deg": 47.12345678, "separation_min_lon_deg": -8.5,
+            "separation_min_height_m": 49.96}  # fmt: skip
+    for lost, words in (("", ["11.00", "12.00", "13.00"]), ("a hole", ["not known"] * 3)):
+        pair = SimpleNamespace(lost=lambda said=lost: said)
+        world: Any = SimpleNamespace(pairs=[pair], rows=[row])
+        heads, rows = pair_rows(world)
+        assert rows == [[
+            "a\nb", f"21.00 / {words[0]}\nat 101.0 s", f"- / {words[1]}\nat 102.0 s",
+            f"23.00 / {words[2]}\nat 103.0 s", "47.1234568\n-8.5000000\n50.0 m high",
+        ]]  # fmt: skip
+        assert len(heads) == 5
+
+
+def test_what_was_not_compared_or_not_reached_is_said() -> None:
+    def passage(seq: int, t_s: float) -> Any:
+        return SimpleNamespace(seq=seq, t_s=t_s)
+
+    passes = [SimpleNamespace(passages=[passage(1, 5.0), passage(2, NAN)]),
+              SimpleNamespace(passages=[passage(7, NAN)])]  # fmt: skip
+    source = SimpleNamespace(skipped={"message": 1, "row": 3})
+    data = SimpleNamespace(source=source, battery=SimpleNamespace(t_ns=np.zeros(0)))
+    found: Any = SimpleNamespace(
+        data=data, apart={"HOLD": 12.34, "LAND": 3.0}, left_out={"DO_X": 2}, passes=passes
+    )
+    assert in_words(found) == [
+        "1 message not read", "3 rows not read",
+        "energy not known: the log has no numbers of a battery",
+        "flown outside the plan, not compared: HOLD 12.3 s, LAND 3.0 s",
+        "items that lead nowhere known here: DO_X (2)", "items never reached: 2, 7",
+    ]  # fmt: skip
+    assert in_words(found, holes=True)[-1] == "items never reached outside holes: 2, 7"
+    known = SimpleNamespace(t_ns=np.zeros(1))
+    all_well: Any = SimpleNamespace(
+        data=SimpleNamespace(source=SimpleNamespace(skipped={}), battery=known),
+        apart={}, left_out={}, passes=[SimpleNamespace(passages=[passage(1, 0.0)])],
+    )  # fmt: skip
+    assert in_words(all_well) == []
+
+
+def test_a_spike_alone_names_no_event() -> None:
+    assert Spike(1.04, 2.06, "height error", 3.25, 1.5, 1, 4, ()).words == (
+        "at 1.0-2.1 s height error 3.2 m, leg 4"
+    )
