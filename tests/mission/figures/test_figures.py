@@ -652,6 +652,7 @@ def test_a_picture_of_gains_is_of_the_device_and_covers_the_area() -> None:
     single = RadioMap(gain_db[:, :1, :1, :1], made.height_m[:1], y_m[:1], x_m[:1], made.devices_m)
     (cell,) = rows(described(gain_picture(single, 0)), "gain")
     assert (cell["x"], cell["y"]) == (4.5, 0.0)
+    assert (cell["x2"], cell["y2"]) == pytest.approx((5.5, 1.0), abs=0.01)
 
 
 def test_where_the_plan_was_wrong_is_shown_where_the_truth_is_another(made_run: Made) -> None:
