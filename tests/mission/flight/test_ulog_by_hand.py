@@ -128,6 +128,8 @@ def test_utc_is_that_of_the_row_or_of_another_instant(
         (("double lat;double lon;float alt", "ddf"), (89.5, -180.0, 5.0), (89.5, -180.0, 5.0)),
         (("int32_t lat;int32_t lon;int32_t alt", "iii"), (470000000, 100, 7000), (47.0, 1e-5, 7.0)),
         (("int32_t lat;int32_t lon;int32_t alt", "iii"), (50, 80000000, -10), (5e-6, 8.0, -0.01)),
+        (("int32_t lat;int32_t lon;int32_t alt", "iii"), (91, 90, 0), (9.1e-6, 9e-6, 0.0)),
+        (("int32_t lat;int32_t lon;int32_t alt", "iii"), (50, 181, 0), (5e-6, 1.81e-5, 0.0)),
         (
             ("double latitude_deg;double longitude_deg;double altitude_msl_m", "ddd"),
             (-47.0, 8.5, 500.0), (-47.0, 8.5, 500.0),
@@ -256,6 +258,8 @@ def test_a_jump_has_the_most_times_that_were_left(tmp_path: Path) -> None:
     assert mission.t_ns == S // 2
     jump = items_of(mission)[2]
     assert (jump.command, jump.frame, jump.params) == (177, mav.MAV_FRAME_MISSION, (0.0, 6.0, 0, 0))
+    assert (jump.x, jump.y, jump.z) == (0.0, 0.0, 0.0)
+    assert items_of(mission)[0].params == (0.0, 0.0, 0.0, 0.0)
     assert [t.tolist() for t in found.current] == [[S // 2, 4 * S], [0, 1]]
 
 
