@@ -260,7 +260,7 @@ def test_a_building_has_walls_of_two_triangles_a_side_and_a_flat_roof() -> None:
     assert len(corners) == 3 * 2 * 3
     area_m2 = 0.0
     for a, b, c in zip(*(iter(np.array(corners)),) * 3, strict=True):
-        area_m2 += np.linalg.norm(np.cross(b - a, c - a)) / 2
+        area_m2 += float(np.linalg.norm(np.cross(b - a, c - a))) / 2
         assert set(np.array([a, b, c])[:, 2]) == {3.0, 12.0}
         assert {tuple(p[:2].tolist()) for p in (a, b, c)} <= set(ring)
     around_m = 20.0 + 30.0 + math.hypot(20.0, 30.0)
