@@ -47,6 +47,23 @@ def test_a_table_has_its_own_over_what_all_have() -> None:
     assert found.heights_m == (40, 90)
 
 
+def test_numbers_and_homes_go_as_far_as_they_may() -> None:
+    found = config(
+        [{"system_id": 40}, {}, {"system_id": 250, "home_m": [800, 0]}, {"home_m": [799, 0]}],
+        vehicle__system_id=7,
+    )
+    assert [one.vehicle.system_id for one in found.aircraft] == [40, 8, 250, 10]
+    assert [one.home_m for one in found.aircraft] == [(400, 400), (405, 400), (800, 0), (799, 0)]
+    assert [one.altitude_m for one in found.aircraft] == [None] * 4
+    assert [one.vehicle.system_id for one in config(2, vehicle__system_id=249).aircraft][1] == 250
+    with pytest.raises(InputError, match=r"vehicles: uav2 has system_id 251: 250 at most"):
+        config(2, vehicle__system_id=250)
+    outside = config([{}, {"home_m": [0, 0]}], area__home_m=[-400.0, 9.0])
+    assert outside.aircraft[0].home_m == (-400, 9)
+    with pytest.raises(InputError, match=r"uav2 has home_m = \[-395.0, 9.0\], outside the area"):
+        config(2, area__home_m=[-400.0, 9.0])
+
+
 def test_what_is_of_an_autopilot_is_shared_by_those_that_have_it(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -108,6 +125,10 @@ def test_without_the_key_there_is_one() -> None:
             [{}, {"autopilot": "ardupilot", "firmware": {"path": "x"}, "parameters": {"A": 1}}],
             "parameters and parameter_file are the built-in autopilot's",
         ),
+        ([{"parameter_file": "v.parm"}, {}], "uav1 has a parameter_file, of one aircraft whose"),
+        ([{}, {"home_m": [800.5, 10]}], "uav2 has home_m = [800.5, 10.0], outside the area"),
+        ([{}, {"home_m": [10, 800.5]}], "which is area.size_m = [800.0, 800.0]"),
+        ([{"home_m": [10, 10]}, {}, {"home_m": [10, 10.99]}], "uav1 and uav3 stand 0.99 m apart"),
         ([{"aircraft": {"wind": {"speed_mps": 3}}}, {}], "the wind is of the place"),
     ],
 )

@@ -79,6 +79,85 @@ def test_area_and_home_lie_about_places_in_metres(load) -> None:
     assert config.area.home_m == (380.0, 180.0)
 
 
+@pytest.mark.parametrize(
+    ("positions", "given", "size_m", "home_m"),
+    [
+        # 50 m beyond the farthest, where a tenth of the extent is less; home in the middle.
+        ([[10, 20], [30, 25]], {}, (80.0, 75.0), (40.0, 37.5)),
+        ([[0, 0]], {}, (50.0, 50.0), (25.0, 25.0)),
+        ([[0, 0], [100, 600.2]], {}, (161.0, 661.0), (80.5, 330.5)),
+        ([[10, 20], [30, 25]], {"home_m": [5, -6]}, (80.0, 75.0), (5.0, -6.0)),
+        ([[0, 0], [31, 26]], {"size_m": [31, 26]}, (31.0, 26.0), (400.0, 400.0)),
+    ],
+)
+def test_what_is_not_said_of_the_area_is_taken_from_its_places(
+    load, positions: Any, given: dict[str, Any], size_m: Any, home_m: Any
+) -> None:
+    keys = "".join(f"{key} = {value}\n" for key, value in given.items())
+    config = load(BASE + f"positions_m = {positions}\n[area]\n{keys}")
+    assert (config.area.size_m, config.area.home_m) == (size_m, home_m)
+
+
+@pytest.mark.parametrize(
+    ("given", "size_m", "corner_m"),
+    [
+        ({}, None, None),  # the extent with its margin, in the middle
+        ({"size_m": (3000.0, 1200.0)}, (3000.0, 1200.0), None),
+        ({"home_lat_deg": 43.57, "home_lon_deg": 7.121}, None, None),
+        # The area reaches as far beyond the last place as its margin.
+        ({"home_lat_deg": 43.58, "home_lon_deg": 7.12, "home_m": (100.0, 150.0)}, None, (100, 150)),
+        ({"home_m": (70.0, -20.0)}, None, None),
+    ],
+)
+def test_the_area_about_places_on_the_globe(
+    load, tmp_path: Path, given: dict[str, Any], size_m: Any, corner_m: Any
+) -> None:
+    keys = "".join(f"{k} = {list(v) if isinstance(v, tuple) else v}\n" for k, v in given.items())
+    area = load(from_file(tmp_path, "d.geojson", points(*TOWN)) + f"[area]\n{keys}").area
+    at = given.get("home_lat_deg", 43.582), given.get("home_lon_deg", 7.126)
+    enu = [pymap3d.geodetic2enu(lat, lon, 130.0, *at, 130.0)[:2] for lat, lon in TOWN]
+    low, high = np.min(enu, axis=0), np.max(enu, axis=0)
+    margin_m = 0.1 * (high - low).max()  # some 97 m
+    if corner_m is None:
+        wanted = size_m or np.ceil(high - low + 2.0 * margin_m)
+        south_west = (low + high) / 2.0 - np.array(wanted) / 2.0
+    else:
+        wanted, south_west = np.ceil(np.add(corner_m, high) + margin_m), -np.array(corner_m)
+    assert area.size_m == pytest.approx(wanted)
+    if "home_m" in given and corner_m is None:  # home is moved to there
+        assert area.home_m == given["home_m"]
+        moved = pymap3d.geodetic2enu(
+            area.home_lat_deg, area.home_lon_deg, 130.0, 43.582, 7.126, 130.0
+        )
+        assert moved[:2] == pytest.approx(south_west + area.home_m, abs=0.02)
+    else:
+        assert area.home_m == pytest.approx(-south_west, abs=2e-3)
+        assert (area.home_lat_deg, area.home_lon_deg) == at
+
+
+def test_a_community_has_a_thousand_devices_and_no_more(load, tmp_path: Path) -> None:
+    rows = "".join(f"{n % 40},{n // 40}\n" for n in range(1000))
+    assert load(from_file(tmp_path, "d.csv", "x,y\n" + rows)).communities[0].devices == 1000
+    with pytest.raises(InputError, match="holds 1001 places; a community has 1000 devices at most"):
+        load(from_file(tmp_path, "d.csv", "x,y\n" + rows + "9,9\n"))
+
+
+def test_shares_are_of_the_file_or_of_the_configuration(load, tmp_path: Path) -> None:
+    text = from_file(tmp_path, "d.geojson", points(*TOWN, share=[2, 1, 1]))
+    with pytest.raises(InputError, match=r"has shares, as communities\.0\.data_shares has: one of"):
+        load(text + "data_shares = [1, 2, 3]\n")
+
+
+def test_who_is_in_the_area_is_told_at_its_edge(load) -> None:
+    text = BASE + "positions_m = [[0, 0], [50, 30], [%s, %s]]\n[area]\nsize_m = [50, 30]\n"
+    assert load(text % (0, 30)).communities[0].devices == 3
+    for x, y in ((50.01, 0), (0, 30.01), (-0.01, 0), (0, -0.01)):
+        with pytest.raises(
+            InputError, match=r"positions_m\.2: a device at .*, outside the area: x"
+        ):
+            load(text % (x, y))
+
+
 def test_degrees_become_metres_as_a_geodesy_library_has_them(load, tmp_path: Path) -> None:
     config = load(from_file(tmp_path, "d.geojson", points(*TOWN)))
     area = config.area
@@ -332,7 +411,15 @@ def test_an_area_with_a_hole_is_refused(load, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("low", "high", "counts"),
-    [(0, None, True), (0, 54, False), (0, 56, True), (64, None, True), (66, None, False)],
+    [
+        (0, None, True),
+        (0, 54, False),
+        (0, 55, False),
+        (0, 56, True),
+        (64, None, True),
+        (65, None, False),
+        (66, None, False),
+    ],
 )
 def test_an_area_counts_at_its_heights(load, low: float, high: float | None, counts: bool) -> None:
     heights = f"from_m = {low}\n" + ("" if high is None else f"to_m = {high}\n")
@@ -701,6 +788,21 @@ def test_buildings_of_another_place_are_refused(load, tmp_path: Path) -> None:
     (tmp_path / "b.geojson").write_text(houses(TALL, TALL))
     with pytest.raises(InputError, match=r"none of 2 buildings stands in the area; the nearest"):
         load(PLACED.replace("43.580", "43.680"))
+    # 3 m west, 4 m south of the area's corner; beside it to the north; and at its very edge.
+    hall = (
+        "[area]\nsize_m = [80, 60]\nhome_m = [9, 9]\nbuildings = [{polygon_m = %s, height_m = 9}]\n"
+    )
+    for ring, away_m in (
+        ([[-9, -8], [-3, -8], [-3, -4]], 5),
+        ([[20, 67], [40, 67], [40, 90]], 7),
+        ([[91, 10], [95, 10], [95, 20]], 11),
+    ):
+        words = (
+            rf"c\.toml: area.buildings: none of 1 buildings stands .* nearest is {away_m} m away"
+        )
+        with pytest.raises(InputError, match=words):
+            load(BASE + hall % ring)
+    assert load(BASE + hall % [[80, 60], [90, 60], [90, 90]]).area.buildings
 
 
 def test_buildings_that_flights_go_around_have_few_corners(load) -> None:
