@@ -60,7 +60,8 @@ def write_map(path: Path, made: RadioMap, origin: Mapping[str, str | float]) -> 
     stream = io.BytesIO()
     file = netcdf_file(stream, "w", version=2)
     for name, value in {"Conventions": "CF-1.8", **origin}.items():
-        setattr(file, name, value)
+        # Python's own numbers SciPy keeps in single precision: half a metre of longitude.
+        setattr(file, name, np.float64(value) if isinstance(value, float) else value)
     for name, size in zip(_AXES, made.path_gain_db.shape, strict=True):
         file.createDimension(name, size)
     columns: dict[str, tuple[tuple[str, ...], str, Floats, str]] = {

@@ -8,9 +8,15 @@ from mission.base.errors import InputError
 from mission.config.models import RunConfig
 from mission.scenario.limits import (
     UNLIMITED,
+    Amount,
+    aircraft_of,
+    budget_of,
+    budget_of_all,
     foreseen_performance,
+    is_limited,
     performance_of,
     round_limits,
+    separation,
     unflyable,
 )
 from mission.scenario.scenario import build_scenario
@@ -37,6 +43,84 @@ def test_air_is_as_thin_as_where_the_lowest_flight_is(heights: dict[str, Any]) -
     """The standard atmosphere's (ISO 2533) 1.1117 kg/m3 at 1000 m, and 1.225 at sea level."""
     flying = performance_of(config(**heights).mission, 800.0, None)
     assert flying.density == pytest.approx(1.1117 / 1.225, abs=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("from_deg", "blows"),
+    [(270.0, (4.0, 0.0)), (180.0, (0.0, 4.0)), (45.0, (-(8**0.5), -(8**0.5)))],
+)
+def test_the_wind_of_a_round_is_the_simulated_one(from_deg: float, blows: Any) -> None:
+    """Its velocity east and north; of an external vehicle nobody knows one."""
+    wind = {"speed_mps": 4.0, "from_deg": from_deg}
+    for link, wanted in (("in_process", blows), ("external", (0.0, 0.0))):
+        given = RunConfig.model_validate(
+            {**config(link=link).model_dump(), "vehicle": {"aircraft": {"wind": wind}}}
+        )
+        flying = foreseen_performance(given)
+        assert flying.wind_mps == pytest.approx(wanted, abs=1e-12)
+        assert (flying.speed_mps, flying.widest_m, flying.pace) == (20.0, 5.0, 1.0)
+
+
+def test_a_whole_round_takes_its_limits_or_what_its_metres_take() -> None:
+    """Unflown, at 20 m/s: 800 m take 40 s."""
+
+    def whole(**mission: Any) -> Amount:
+        given = config(flight="none", **mission)
+        return budget_of(given, foreseen_performance(given)).whole_round
+
+    metres, seconds, joules = whole()
+    assert (metres, seconds) == (800.0, 40.0)
+    assert whole(round_deadline_s=30.0) == pytest.approx((800.0, 30.0, 0.75 * joules))
+    assert whole(round_deadline_s=50.0) == pytest.approx((800.0, 50.0, joules))
+    assert whole(round_energy_j=joules / 2.0) == pytest.approx((800.0, 20.0, joules / 2.0))
+    hover = whole(strategy="barycenter", hover_s=20.0, hover_cost_m=90.0)
+    longer = whole(strategy="barycenter", hover_s=30.0, round_deadline_s=99.0)
+    assert hover[:2] == (90.0, 20.0)
+    assert longer == pytest.approx((100.0, 30.0, 1.5 * hover.joules))
+    given = config(total_budget_m=5e3, total_deadline_s=900.0, rounds=7)
+    budget = budget_of(given, foreseen_performance(given))
+    assert (budget.rounds, budget.total) == (7, Amount(5e3, 900.0))
+    assert budget_of(config(total_energy_j=9e5), foreseen_performance(given)).total.joules == 9e5
+    several = RunConfig.model_validate(
+        {**config(flight="none").model_dump(), "vehicles": [{"path_budget_m": 300}, {}]}
+    )
+    both = aircraft_of(several)
+    assert budget_of_all(both).whole_round == pytest.approx((800.0, 40.0, joules))
+    assert budget_of_all(both[:1]).whole_round.metres == 300.0
+
+
+def test_a_round_has_the_least_of_its_limits_and_of_what_is_left() -> None:
+    def limits(*left: float, timed: bool = False, **mission: Any) -> Any:
+        given = config(**mission)
+        made = round_limits(
+            given.mission, foreseen_performance(given), left=Amount(*left), timed=timed
+        )
+        return made and (made.duration_s, made.energy_j)
+
+    none = float("inf")
+    assert limits(1.0, 2.0, 3.0) is None
+    assert limits(1.0, timed=True) == (none, none)
+    assert limits(1.0, 20.0, 5e3, timed=True) == (20.0, 5e3)
+    assert limits(1.0, round_deadline_s=30.0) == (30.0, none)
+    assert limits(1.0, 29.0, 5e3, round_deadline_s=30.0) == (29.0, 5e3)
+    assert limits(1.0, 31.0, 4e3, round_deadline_s=30.0, round_energy_j=5e3) == (30.0, 4e3)
+    for key in ("round_deadline_s", "total_deadline_s", "round_energy_j", "total_energy_j"):
+        given: dict[str, Any] = {key: 1000.0}
+        assert is_limited(config(**given).mission)
+    assert not is_limited(config().mission)
+
+
+def test_flying_adds_to_a_separation_that_is_planned() -> None:
+    def kept(leaving: bool, **mission: Any) -> dict[str, Any]:
+        return separation(config(separation_m=20.0, **mission).mission, leaving=leaving)
+
+    flown = {"separation_m": 23.0, "late_s": 1.0, "least_m": None, "in_step": False}
+    assert kept(leaving=True) == flown
+    assert kept(leaving=False) == {**flown, "least_m": 20.0}
+    assert kept(leaving=True, replan="stop") == {**flown, "in_step": True}
+    exact = {**flown, "separation_m": 20.0, "late_s": 0.0}
+    assert kept(leaving=True, flight="none") == exact
+    assert separation(config().mission, leaving=True) == {}
 
 
 def check(given: RunConfig) -> None:

@@ -1,18 +1,24 @@
 """What is told of a run before its first round."""
 
 import csv
+import re
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from fl.data.arrays import Samples
-from fl.radio.place import RadioMap
+from fl.radio.place import PlacedRadio, RadioMap
+from flightdyn.random import RandomStreams
 from mission.base.errors import InputError
 from mission.config.loading import builtin_config, load_config
+from mission.config.models import RunConfig
 from mission.flight.flyers.choice import set_up
 from mission.scenario.radio_maps import read_map, write_map
+from mission.scenario.radios import radio_of
 from mission.scenario.scenario import build_scenario
+from native.errors import SettingError
 
 
 def test_the_assignment_is_written_as_it_is() -> None:
@@ -105,3 +111,62 @@ def test_a_radio_map_s_places_must_ascend(tmp_path: Path, name: str) -> None:
         write_map(tmp_path / "map.nc", made, {})
         with pytest.raises(InputError, match=f"map.nc: {name} must ascend$"):
             read_map(tmp_path / "map.nc")
+
+
+LINE = np.arange(10.0, 200.0, 10.0)  # of places in an area of 200 m, to a cell from its edge
+HOME = {"home_lat_deg": 60.0, "home_lon_deg": 8.0, "home_alt_msl_m": 100.0, "home_x_m": 20.0,
+        "home_y_m": 30.0}  # fmt: skip
+DEGREE_M = 111_195.0  # of latitude; of longitude at 60 degrees half of it
+
+
+@pytest.mark.parametrize(
+    ("changed", "why"),
+    [
+        ({}, None),
+        ({"devices": [[10.0, 0.0], [50.0, 61.0]]}, None),
+        ({"devices": [[10.0, 0.0], [50.0, 61.1]]}, "has device 1 1 m from where it stands in the"),
+        ({"devices": [[10.0, 0.0]]}, "is of 1 devices; the run has 2"),
+        ({"home_lat_deg": 60.0 + 0.99 / DEGREE_M}, None),
+        ({"home_lat_deg": 60.0 + 1.01 / DEGREE_M}, "is of another home: home_lat_deg = 60.00001;"),
+        ({"home_lon_deg": 8.0 - 1.99 / DEGREE_M}, None),
+        ({"home_lon_deg": 8.0 - 2.01 / DEGREE_M}, "is of another home: home_lon_deg = 7.999982; "),
+        ({"home_alt_msl_m": 101.0}, None),
+        ({"home_alt_msl_m": 98.9}, "is of another home: home_alt_msl_m = 98.9; the run has 100"),
+        ({"home_y_m": 31.01}, "is of another home: home_y_m = 31.01; the run has 30"),
+        ({"home_x_m": float("nan")}, "is of another home: home_x_m = nan; the run has 20"),
+        ({"x": LINE + 0.1}, "covers x from 10.1 to 190.1 m; the area has 0 to 200"),
+        ({"y": LINE - 0.1}, "covers y from 9.9 to 189.9 m; the area has 0 to 200"),
+        ({"y": LINE[:1]}, "covers y from 10 to 10 m; the area has 0 to 200"),
+        ({"height": np.array([65.0])}, None),
+        ({"height": np.array([65.1])}, "is of 65.1 m above home; mission.altitude_m is not withi"),
+        ({"height": np.array([50.0, 55.0])}, None),
+        ({"height": np.array([50.0, 54.9])}, "is of 50, 54.9 m above home; mission.altitude_m is"),
+    ],
+)
+def test_a_map_is_of_a_run_to_a_metre_and_a_cell(
+    tmp_path: Path, changed: dict[str, Any], why: str | None
+) -> None:
+    lines = {"height": np.array([60.0]), "y": LINE, "x": LINE, **changed}
+    devices_m = np.array(changed.get("devices", [[10.0, 0.0], [50.0, 60.0]]))
+    height_m, y_m, x_m = (lines[name] for name in ("height", "y", "x"))
+    gain_db = np.full((len(devices_m), len(height_m), len(y_m), len(x_m)), -60.0)
+    home = {name: changed.get(name, value) for name, value in HOME.items()}
+    write_map(tmp_path / "w.nc", RadioMap(gain_db, height_m, y_m, x_m, devices_m), home)
+    config = RunConfig.model_validate({
+        "area": {"size_m": (200.0, 200.0), "home_m": (20.0, 30.0), "home_lat_deg": 60.0,
+                 "home_lon_deg": 8.0, "home_alt_msl_m": 100.0},
+        "radio": {"truth": "map", "map_file": tmp_path / "w.nc"},
+        "communities": [{"name": "a", "task": "digits", "devices": 2, "partition": "iid"}],
+    })  # fmt: skip
+    stand_m = np.array([[10.0, 0.0], [50.0, 60.0]])
+
+    def radio() -> object:
+        channel = config.channel.channel(altitude_m=60.0)
+        return radio_of(config, channel, config.area.build(), stand_m, RandomStreams(1))
+
+    if why is None:
+        assert isinstance(radio(), PlacedRadio)
+    else:
+        with pytest.raises(SettingError, match=re.escape(why)) as wrong:
+            radio()
+        assert wrong.value.key == "radio.map_file"

@@ -1,16 +1,25 @@
 """The baselines' paths and schedules, against geometry done by hand and HiGHS."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 from one_aircraft import changed, round_problem
 from scipy.optimize import linprog
 
 from fl.radio.channel import CHANNEL_PRESETS, average_per
+from mission.base.errors import InputError
+from mission.config.area import AreaConfig
+from mission.config.models import MissionConfig
+from mission.planner.certified import CertifiedPlanner
 from mission.planner.check import check_plan
 from mission.planner.problem import RoundProblem
 from mission.scenario.strategies import (
     Barycenter,
     Rectangular,
+    Sortie,
+    longest,
+    make_strategy,
     stretch,
 )
 
@@ -59,6 +68,71 @@ def test_stretch_with_few_steps_keeps_its_ends(steps: int) -> None:
     np.testing.assert_allclose(points[0], [0.0, 0.0])
     if steps > 1:
         np.testing.assert_allclose(points[-1], [400.0, 400.0], atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("begin", "length_m", "steps", "points"),
+    [
+        # The longer a leg between corners, the more steps are on it: 100, 200 and 300 m in all.
+        (100.0, 500.0, 6,
+         [[100, 0], [200, 0], [300, 0], [400, 0], [400, 100], [400, 200]]),
+        (100.0, 500.0, 4, [[100, 0], [250, 0], [400, 0], [400, 200]]),
+        (100.0, 500.0, 3, [[100, 0], [400, 0], [400, 200]]),
+        (100.0, 500.0, 2, [[100, 0], [400, 200]]),
+        (300.0, 600.0, 3, [[300, 0], [400, 200], [300, 400]]),  # which cut two corners
+        (1500.0, 200.0, 3, [[0, 100], [0, 0], [100, 0]]),
+        (1700.0, 300.0, 2, [[100, 0], [400, 0]]),  # its end is no corner on the way
+        (400.0, 400.0, 2, [[400, 0], [400, 400]]),
+        (0.0, 1600.0, 5, [[0, 0], [400, 0], [400, 400], [0, 400], [0, 0]]),
+    ],
+)  # fmt: skip
+def test_stretch_has_its_steps_where_they_are_worked_out(
+    begin: float, length_m: float, steps: int, points: list[list[float]]
+) -> None:
+    np.testing.assert_allclose(stretch(SQUARE, begin, length_m, steps), points, atol=1e-9)
+
+
+def test_the_longest_that_fits_is_found_by_halves() -> None:
+    assert longest(100.0, lambda metres: metres <= 100.0) == 100.0
+    assert longest(100.0, lambda metres: metres < 0.0) == 0.0
+    for most_m in (0.01, 37.7, 99.99):
+        found = longest(100.0, lambda metres, most_m=most_m: metres <= most_m)  # type: ignore[misc]
+        assert most_m - 100.0 / 2**12 < found <= most_m
+    assert longest(100.0, lambda metres: metres <= 37.7, halvings=3) == 37.5
+    assert longest(100.0, lambda metres: metres <= 37.5, halvings=3) == 37.5
+
+
+@pytest.mark.parametrize("wrong", [-1e-9, float("nan"), float("inf")])
+def test_a_sortie_that_cannot_be_flown_is_refused(wrong: float) -> None:
+    plan = Barycenter(np.zeros(2), 5.0, 100.0).sortie(0, problem(devices=np.zeros((1, 2)))).plan
+    assert (Sortie(plan).hold_s, Sortie(plan).cost_m) == (0.0, None)
+    assert Sortie(plan, 0.0, 0.0).cost_m == 0.0
+    with pytest.raises(ValueError, match=r"^hold_s = .*: must be a finite number of 0 or more"):
+        Sortie(plan, hold_s=wrong)
+    with pytest.raises(ValueError, match=r"^cost_m = .*: must be a finite number of 0 or more"):
+        Sortie(plan, cost_m=wrong)
+
+
+def test_the_strategies_of_a_mission() -> None:
+    mission = MissionConfig(tour_inset=0.25, hover_s=7.0, hover_cost_m=90.0)
+    area = AreaConfig(size_m=(800.0, 400.0)).build()
+
+    def made(name: str) -> Any:
+        named = mission.model_copy(update={"strategy": name})
+        devices_m = np.array([[0.0, 0.0], [90.0, 30.0]])
+        return make_strategy(named, CertifiedPlanner(), devices_m=devices_m, area=area)
+
+    assert (made("cov").fairness, made("no_cov").fairness) == (True, False)
+    assert made("cov").approach_m is None
+    hover = made("barycenter")
+    assert (hover.approach_m.tolist(), hover.hover_s, hover.cost_m) == ([45.0, 15.0], 7.0, 90.0)
+    tour = made("rectangular")
+    assert tour.corners_m.tolist() == [[200, 100], [600, 100], [600, 300], [200, 300]]
+    assert (tour.length_m, tour.approach_m.tolist()) == (800.0, [200.0, 100.0])
+    assert hover.fairness and tour.fairness  # noqa: PT018 - of both
+    assert made("ideal") is None
+    with pytest.raises(InputError, match=r"mission.strategy = 'best': no strategy of ours"):
+        made("best")
 
 
 def test_schedule_of_a_fixed_path_is_the_lp_optimum() -> None:
