@@ -32,6 +32,7 @@ from mission.planner.native.crews import search_orders
 from mission.planner.native.library import Goal
 from mission.planner.performance import Performance
 from mission.planner.problem import RoundProblem, Start
+from mission.planner.sqp import SqpPlanner
 from mission.planner.timed import timed_bound
 
 KNOWN = Path(__file__).with_name("known_searches.json")
@@ -109,6 +110,12 @@ def limited(seed: int, **more: Any) -> Numbers:
     """The whole plan within limits, from all its beginnings."""
     made = make_planner(PlannerConfig(max_nodes=60)).plan(drawn_problem(seed, **more))
     return [made.value, made.upper_bound, made.nodes, made.path_m]
+
+
+def stepped(seed: int, **more: Any) -> Numbers:
+    """A plan by quadratic programs."""
+    made = SqpPlanner().plan(drawn_problem(seed, **more))
+    return [made.value, made.path_m]
 
 
 def foreseen(seed: int, guidance: LimitsConfig | None, radius_m: float) -> Numbers:
@@ -189,6 +196,7 @@ CASES: dict[str, Callable[[], Numbers]] = {
         26, limits=RoundLimits(FLYING, 35.0), upload_s=UPLOAD_S
     ),
     "a whole plan around areas": lambda: limited(27, airspace=AREAS),
+    "quadratic programs": lambda: stepped(37, devices=20, steps=8),
     "a flight": lambda: foreseen(28, LimitsConfig(), 5.0),
     "a flight with sharp corners": lambda: foreseen(29, LimitsConfig(), 0.5),
     "a flight at one speed": lambda: foreseen(30, None, 5.0),
