@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from bare_flight import bare_flight
 
-from mission.analysis.airborne import air_times, airborne, flown_modes
+from mission.analysis.airborne import air_times, airborne, flown_modes, times_in_air
 from mission.base.errors import InputError
 from mission.log.values import EventRecord, FlightData, Modes
 
@@ -96,3 +96,90 @@ def test_modes_count_and_time_is_in_the_air_while_it_is_armed() -> None:
     assert air_times(flight, 10**9, 10 * 10**9) == [(2.0, 5.0), (9.0, 10.0)]
     assert air_times(flight, 9 * 10**9, 20 * 10**9) == [(9.0, 12.0)]
     assert air_times(flight, 6 * 10**9, 8 * 10**9) == [(6.0, 8.0)]  # never: all of it
+
+
+def told(
+    *events: tuple[float, str], up_m: Callable[[float], float], until_s: int = 40
+) -> FlightData:
+    flight = data(up_m, until_s=until_s)
+    here = (3.0, 0.0, 2.0)
+    return replace(
+        flight,
+        events=tuple(EventRecord(round(t * 1e9), "armed", of, None, 6, here, here)
+                     for t, of in events),
+        modes=Modes(np.zeros(1, dtype=np.int64), ("HOLD",)),
+    )  # fmt: skip
+
+
+def hop(t_s: float) -> float:
+    """Up at 1 m/s from 10 s on, down to the ground at 30 s."""
+    return max(0.0, min(t_s - 10.05, 30.05 - t_s))
+
+
+def perch(t_s: float) -> float:
+    """Up as before, and down to 5 m at 25 s."""
+    return max(0.0, min(t_s - 10.05, max(5.0, 30.05 - t_s)))
+
+
+ARMED, DISARMED_AT_35 = (5.0, "armed"), (35.0, "disarmed")
+
+
+def test_in_the_air_it_is_from_0_7_m_on_and_down_to_that() -> None:
+    found = times_in_air("a log", told(ARMED, DISARMED_AT_35, up_m=hop))
+    assert found == [pytest.approx((10.8, 29.3))]
+    found = times_in_air("a log", told(ARMED, DISARMED_AT_35, up_m=perch))
+    assert found == [pytest.approx((10.8, 24.3))]
+    # Where nobody says that it was disarmed, it may have been in the air to the end.
+    assert times_in_air("a log", told(ARMED, up_m=perch)) == [pytest.approx((10.8, 40.0))]
+    # Two flights in a log.
+    twice = told((5.0, "armed"), (32.0, "disarmed"), (38.0, "armed"), (75.0, "disarmed"),
+                 up_m=lambda t_s: hop(t_s) + hop(t_s - 35.0), until_s=80)  # fmt: skip
+    assert times_in_air("a log", twice) == [
+        pytest.approx((10.8, 29.3)), pytest.approx((45.8, 64.3))
+    ]  # fmt: skip
+    # Armed on the ground alone it does not fly.
+    idle = told((5.0, "armed"), (8.0, "disarmed"), (9.0, "armed"), (35.0, "disarmed"), up_m=hop)
+    assert times_in_air("a log", idle) == [pytest.approx((10.8, 29.3))]
+
+
+def test_nobody_flies_all_of_a_run_without_a_flight() -> None:
+    run = replace(
+        told(ARMED, DISARMED_AT_35, up_m=hop),
+        attachments={"config.toml": b"[mission]\nflight = 'none'\n"},
+    )
+    assert times_in_air("a run", run) == [(0.0, 40.0)]
+
+
+@pytest.mark.parametrize(("later_s", "ends_s"), [(1.0, 24.3), (1.1, 40.0)])
+def test_who_is_disarmed_after_the_last_position_may_have_flown_to_that(later_s, ends_s) -> None:
+    found = times_in_air("a log", told(ARMED, (40.0 + later_s, "disarmed"), up_m=perch))
+    assert found == [pytest.approx((10.8, ends_s))]
+
+
+@pytest.mark.parametrize(("high_m", "armed_s", "begins_s"), [
+    (2.0, -1.5, 0.0), (2.0, -1.0, 10.8), (0.9, -1.5, 10.8), (1.1, -1.5, 0.0),
+])  # fmt: skip
+def test_positions_that_begin_in_the_air_begin_the_flight(high_m, armed_s, begins_s) -> None:
+    """A second after arming, and more than a metre above home."""
+    flight = told((armed_s, "armed"), DISARMED_AT_35, up_m=lambda t_s: hop(t_s) + high_m - 2.0)
+    assert times_in_air("a log", flight) == [pytest.approx((begins_s, 29.3))]
+
+
+def test_who_is_wrecked_in_the_air_was_in_it_to_the_end() -> None:
+    def fall(t_s: float) -> float:
+        return min(max(0.0, t_s - 10.05), 12.0)
+
+    # It moved by 0.29 m, or by 0.31 m, in its last second.
+    for pace_mps, ends_s in ((0.29, 33.5), (0.31, 35.0)):
+
+        def creep(t_s: float, pace: float = pace_mps) -> float:
+            return fall(t_s) - 9.0 * (t_s > 33.5) - pace * min(max(0.0, t_s - 34.0), 1.0)
+
+        found = times_in_air("a log", told(ARMED, DISARMED_AT_35, up_m=creep))
+        assert found == [pytest.approx((10.8, ends_s))]
+    stands = told(ARMED, DISARMED_AT_35, up_m=lambda t_s: fall(t_s) if t_s < 33.0 else 2.0)
+    assert times_in_air("a log", stands)[0][1] == pytest.approx(32.9)
+    for at_s, ends_s in ((35.5, 35.0), (36.5, 32.9)):
+        modes = Modes((np.array([0.0, at_s]) * 1e9).astype(np.int64), ("HOLD", "TERMINATED"))
+        ((_, end_s),) = times_in_air("a log", replace(stands, modes=modes))
+        assert end_s == pytest.approx(ends_s)
