@@ -18,7 +18,7 @@ from mission.analysis.one_pass import Pass
 from mission.analysis.passes import Judged, Plan, judged
 from mission.base.errors import InputError
 from mission.flight.missions.mission_path import record_of
-from mission.log.values import EventRecord, FlightData, Modes
+from mission.log.values import EventRecord, FlightData, Modes, PlanRecord
 from sitl.autopilot.codec.orders import MissionItem
 
 HOME = bare_flight([0.0], [(0.0, 0.0, 0.0)]).area.home
@@ -176,6 +176,37 @@ def test_a_return_has_no_errors_and_ends_with_the_landing(told: bool) -> None:
     assert np.isnan(landed.miss_m).all()
     assert not one.known_height[t_s > 50.2].any()
     assert one.known_height[t_s < 39.0].all()
+
+
+def test_a_landing_in_the_mission_has_its_errors_but_none_of_height() -> None:
+    land = item(4, 0.0, 0.0, command=mav.MAV_CMD_NAV_LAND)
+    (one,) = passes(flight(BACK, FLOWN, [*HEADED, (40.0, 4)], items=(*MISSION, land)))
+    t_s = one.track.t_ns / 1e9
+    *_, landed = one.passages
+    assert landed.t_s == pytest.approx(60.0, abs=0.4)
+    assert landed.miss_m == pytest.approx([0.0, 0.0, 0.0], abs=0.02)
+    assert one.fit.cross_m == pytest.approx(0.0, abs=0.02)
+    assert one.known_height[t_s < 39.9].all()
+    assert not one.known_height[t_s > 40.1].any()  # how high it comes down nobody knows
+    # Not at home: it comes by 4 m beside it.
+    beside = item(4, 3.0, -4.0, command=mav.MAV_CMD_NAV_LAND)
+    (one,) = passes(flight(BACK, FLOWN, [*HEADED, (40.0, 4)], items=(*MISSION, beside)))
+    assert one.passages[-1].miss_m == pytest.approx([0.0, 4.0, 0.0], abs=0.2)
+
+
+@pytest.mark.parametrize(("count", "kept"), [(6, True), (5, False), (7, False)])
+def test_times_are_foreseen_by_who_ordered_the_mission(count: int, kept: bool) -> None:
+    """From its start, straight up, to four places; of another way only how long it takes."""
+    slot_s = 7.0 * np.arange(float(count))
+    plan = PlanRecord.of_flight(1, 0, np.ones((count, 3)) * slot_s[:, None], slot_s=slot_s)
+    (one,) = passes(flight(WAY, FLOWN, HEADED, plans=(plan,)))
+    expected = slot_s if kept else [*[math.nan] * 5, slot_s[-1]]
+    np.testing.assert_array_equal(one.plan.slot_s, expected)
+    (late,) = passes(flight(WAY, [(0.0, "HOLD"), (12.0, "MISSION")], HEADED[1:], plans=(plan,)))
+    assert np.isnan(late.plan.slot_s).all()  # it began with another item
+    given = Plan("b.plan", MISSION, logged=False)
+    (other,) = passes(flight(WAY, FLOWN, HEADED, plans=(plan,)), given)
+    assert np.isnan(other.plan.slot_s).all()
 
 
 def test_each_upload_is_a_mission_of_its_own_and_going_back_a_pass() -> None:
