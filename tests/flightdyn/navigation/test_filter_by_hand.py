@@ -164,8 +164,8 @@ def test_a_fix_is_compared_with_the_state_and_its_bias() -> None:
     """A twentieth of a second old, in which the aircraft has moved on."""
     measured = waiting()
     kinds = measured.compare(fix_at(STATE.t_ns - S // 20), STATE, BIASES)
-    assert [(kind.name, kind.gate) for kind in kinds] == [
-        ("gnss position", 21.1), ("gnss velocity", 21.1),
+    assert [tuple(kind) for kind in kinds] == [
+        ("gnss position", 0, slice(0, 3), 21.1), ("gnss velocity", 1, slice(3, 6), 21.1),
     ]  # fmt: skip
     expected = [
         310.0 + 0.15 - 300.0 - 0.5, -405.0 - 0.1 + 400.0 + 0.25, -47.0 + 0.05 + 50.0 - 0.125,
@@ -183,14 +183,15 @@ def test_pressures_are_compared_each_with_its_own_height() -> None:
     late = BaroSample(STATE.t_ns + 1, pressure_pa(900.0))
     measured.baro.append(late)
     (kind,) = measured.compare(None, STATE, BIASES)
-    assert (kind.name, kind.gate) == ("baro", 15.1)
+    assert tuple(kind) == ("baro", 2, slice(6, 7), 15.1)
     curve = 500.0**2 / 2 / 6.371e6
     mean = ((252.0 - 200.0 - 48.0) + (250.5 - 200.0 - 49.0) + (251.0 - 200.0 - 50.0)) / 3
     assert measured.residual[6] == pytest.approx(mean - curve - 0.75, abs=1e-6)
     assert measured.R[6, 6] == pytest.approx((0.25 + 1e-6) / 3)
     assert list(measured.baro) == [late]
     assert measured.downs == []
-    measured.baro.appendleft(BaroSample(STATE.t_ns - S, pressure_pa(251.0)))
+    measured.downs[:] = [-47.0, -48.0]
+    measured.baro.appendleft(BaroSample(STATE.t_ns - S // 25, pressure_pa(251.0)))
     measured.compare(None, STATE, BIASES)  # from before all that is known
     assert measured.residual[6] == pytest.approx(1.0 - curve - 0.75, abs=1e-6)
     assert measured.R[6, 6] == pytest.approx(0.25 + 1e-6)
@@ -208,7 +209,7 @@ def test_a_heading_is_compared_at_its_own_instant() -> None:
         measured.mag.clear()
     measured.mag.extend([MagSample(STATE.t_ns - 5, (9, 9, 9)), MagSample(STATE.t_ns, (x, y, z))])
     (kind,) = measured.compare(None, STATE, BIASES)
-    assert (kind.name, kind.gate) == ("heading", 15.1)
+    assert tuple(kind) == ("heading", 3, slice(7, 8), 15.1)
     assert measured.residual[7] == pytest.approx(0.1)
     # How an offset of each axis changes it, by differences.
     for axis in range(3):
@@ -224,6 +225,7 @@ def test_a_heading_is_compared_at_its_own_instant() -> None:
     x, y, z = body.inv().apply(FIELD).tolist()
     exact.mag.append(MagSample(STATE.t_ns, (x, y, z)))
     exact.compare(None, STATE, Biases())
+    assert exact.residual[7] == pytest.approx(0.0, abs=1e-12)
     for axis in range(3):
         north, east, _ = body.apply(np.array([x, y, z]) + 1e-6 * np.eye(3)[axis])
         changed = DECLINATION - math.atan2(east, north)

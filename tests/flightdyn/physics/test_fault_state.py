@@ -1,9 +1,13 @@
-"""When configured faults begin."""
+"""When faults begin and end, and what they do together."""
 
+from typing import Any
 from unittest.mock import Mock
 
-from flightdyn.faults import WindBurst
+import pytest
+
+from flightdyn.faults import Fault, GnssJump, GnssOff, ImuBias, MotorLoss, WindBurst
 from flightdyn.physics.fault_state import FaultState
+from native.errors import FaultError
 
 S = 1_000_000_000
 
@@ -42,3 +46,59 @@ def test_a_fault_begun_twice_is_told_once() -> None:
     assert [(t, text.split()[1].rstrip(":")) for t, text in state.news] == list(
         zip([1, 3, 4, 4], words, strict=True)
     )
+
+
+def healths(vehicle: Mock) -> list[tuple[int, float]]:
+    """Motor and share of each call."""
+    return [each.args for each in vehicle.set_motor_health.call_args_list]
+
+
+def test_overlapping_faults_add_up_and_of_a_motor_the_least_share_counts() -> None:
+    vehicle, receiver, imu = Mock(), Mock(), Mock()
+    state = FaultState([], vehicle, Mock(t_ns=0), receiver=receiver, imu=imu)
+    faults: list[Fault] = [
+        GnssJump(north_m=1.0, east_m=2.0, down_m=3.0), GnssJump(north_m=10.0, down_m=-5.0),
+        WindBurst(north_mps=1.0, east_mps=2.0, down_mps=3.0), WindBurst(east_mps=4.0),
+        ImuBias(gyro_radps=(0.1, 0.2, 0.3), accel_mps2=(1.0, 2.0, 3.0)),
+        ImuBias(accel_mps2=(0.5, 0.0, -4.0)), MotorLoss(motor=2, share=0.5),
+        MotorLoss(motor=2, share=0.25), MotorLoss(motor=1, share=0.75), GnssOff(),
+    ]  # fmt: skip
+    for fault in faults:
+        state.begin(fault)
+    assert state.active == tuple(faults)
+    assert receiver.jump_ned_m == (11.0, 2.0, -2.0)
+    assert receiver.on is False
+    assert state.burst_ned_mps == (1.0, 6.0, 3.0)
+    assert imu.fail.call_args.args[0] == pytest.approx([0.1, 0.2, 0.3, 1.5, 2.0, -1.0])
+    assert healths(vehicle)[-2:] == [(1, 0.75), (2, 0.25)]
+    vehicle.reset_mock()
+    state.end(faults[7])
+    assert healths(vehicle) == [(1, 0.75), (2, 0.5)]
+    for fault in faults:
+        state.end(fault)
+    assert state.active == ()
+    assert (receiver.jump_ned_m, receiver.on) == ((0.0, 0.0, 0.0), True)
+    assert state.burst_ned_mps == (0.0, 0.0, 0.0)
+    assert imu.fail.call_args.args == ([0.0] * 6,)
+    assert dict(healths(vehicle)) == {1: 1.0, 2: 1.0}  # what was said last
+    vehicle.reset_mock()
+    state.begin(GnssOff())
+    assert healths(vehicle) == []  # no motor that has been well all along
+
+
+def test_a_fault_lasts_until_its_own_end() -> None:
+    clock: Any = Mock(t_ns=0)
+    state = FaultState([], Mock(), clock, receiver=None, imu=None)
+    for clock.t_ns, north_mps in ((0, 1.0), (S, 2.0)):
+        state.begin(WindBurst(north_mps=north_mps, duration_s=1.5))
+    state.begin(WindBurst(north_mps=4.0))
+    for t_ns, north_mps in ((1.499, 7.0), (1.5, 6.0), (2.499, 6.0), (2.5, 4.0), (9.0, 4.0)):
+        clock.t_ns = round(t_ns * S)
+        state.update()
+        assert state.burst_ned_mps[0] == north_mps
+
+
+@pytest.mark.parametrize("fault", [GnssOff(), GnssJump(), ImuBias()])
+def test_where_there_is_no_sensor_none_can_fail(fault: Fault) -> None:
+    with pytest.raises(FaultError, match=f"fault {fault.kind!r} needs sensors.kind = 'realistic'"):
+        FaultState([fault], Mock(), Mock(t_ns=0), receiver=None, imu=None)

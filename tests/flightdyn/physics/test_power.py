@@ -6,7 +6,7 @@ from flights import legs, make, path_along, run, take_off
 
 from flightdyn.guidance.path import FlightPath
 from flightdyn.physics.airframe.parameters import QUAD_X
-from flightdyn.physics.power import density_ratio, power_w
+from flightdyn.physics.power import density_ratio, least_power_w, open_circuit_voltage, power_w
 from flightdyn.state import GeodeticPoint
 
 HEIGHT_M = 30.0
@@ -55,3 +55,29 @@ def test_acceleration_costs_and_thin_air_as_well() -> None:
     fast, faster = power_w(np.full(2, 15.0), accel_mps2=np.array([0.0, 5.0]))
     assert faster - fast == pytest.approx(pushing - hover)  # its drag is overcome already
     assert power_w(np.zeros(1), density=0.81)[0] == pytest.approx(hover / 0.9)
+
+
+@pytest.mark.parametrize(
+    ("charge", "cell_v"),
+    [
+        (-0.1, 3.27), (0.0, 3.27), (0.025, 3.44), (0.05, 3.61), (0.1, 3.69), (0.2, 3.73),
+        (0.25, 3.745), (0.4, 3.79), (0.6, 3.87), (0.8, 4.02), (0.9, 4.11), (1.0, 4.2), (1.1, 4.2),
+    ],
+)  # fmt: skip
+def test_four_cells_have_the_usual_voltage(charge: float, cell_v: float) -> None:
+    assert open_circuit_voltage(charge) == pytest.approx(4 * cell_v, rel=1e-12)
+
+
+def test_air_thins_as_in_the_standard_atmosphere() -> None:
+    """ICAO 7488: 1.2250, 1.1117, 1.0066 and 0.7364 kg/m3."""
+    for alt_m, density in ((0.0, 1.2250), (1000.0, 1.1117), (2000.0, 1.0066), (5000.0, 0.7364)):
+        assert density_ratio(alt_m) == pytest.approx(density / 1.225, abs=1.5e-4)
+
+
+def test_the_least_power_of_a_speed_or_more() -> None:
+    """Before the cheapest speed it is that one's, and beyond each its own."""
+    speeds_mps = np.arange(0.0, len(QUAD_X.level_power_w) - 1, 0.5)
+    watts, least = power_w(speeds_mps), least_power_w(speeds_mps)
+    expected = [watts[at:].min() for at in range(len(watts))]
+    assert least.tolist() == pytest.approx(expected)
+    assert watts[0] > least[0]
