@@ -96,7 +96,7 @@ def some_orders(memory: Any, rng: np.random.Generator) -> None:
             memory.touching = memory.contact = memory.landed = 1
 
 
-def expected(mode: int, m: dict[str, Any], flags: tuple[int, int, int, int], s: dict[str, Any]):  # type: ignore[no-untyped-def]  # of the same kind as `m`
+def expected(mode: int, m: dict[str, Any], flags: tuple[int, int, int, int], s: dict[str, Any]):
     """What the loop makes of its memory in a step."""
     touching, contact, landed, oriented = flags
     w, x, y, z = s["turned"]
