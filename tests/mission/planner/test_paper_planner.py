@@ -180,3 +180,51 @@ def test_the_walk_counts_each_device_once_and_keeps_to_the_budget(paper):
     walk = paper.greedy_walk(problem, lambda r: (np.asarray(r) < 30.0).astype(float))
     # The pair first, then the single one; the far one is out of reach, so the walk stays.
     assert walk.tolist() == [[0, 0], [100, 0], [-90, 0], [-90, 0], [-90, 0]]
+
+
+@pytest.mark.parametrize(
+    ("power", "budget_m", "way"),
+    [
+        # 100 m to what is worth 1, 30 m to what is worth 0.4, 104.403 m between them.
+        (0.0, 204.404, [[100, 0], [0, 30], [0, 30]]),
+        (0.0, 204.402, [[100, 0], [100, 0], [100, 0]]),
+        (0.0, 100.0, [[100, 0], [100, 0], [100, 0]]),
+        (0.0, 99.9, [[0, 30], [0, 30], [0, 30]]),
+        (0.5, 204.404, [[100, 0], [0, 30], [0, 30]]),
+        (1.0, 204.404, [[0, 30], [100, 0], [100, 0]]),
+        (1.0, 29.9, [[0, 0], [0, 0], [0, 0]]),
+    ],
+)
+def test_the_walk_goes_where_most_is_to_be_won_a_metre(paper, power, budget_m, way):
+    problem = round_problem(
+        np.array([[100.0, 0.0], [0.0, 30.0]]), np.array([1.0, 0.4]), np.zeros(2), 4, 1, budget_m,
+        SUBURBAN,
+    )  # fmt: skip
+    walk = paper.greedy_walk(
+        problem, lambda r: (np.asarray(r) < 20.0).astype(float), metre_power=power
+    )
+    assert walk.tolist() == [[0, 0], *way]
+
+
+def test_right_below_the_start_a_metre_counts_as_one(paper):
+    """Worth 0.9 at once, or 1 at two metres: 0.5 a metre."""
+    problem = round_problem(
+        np.array([[0.0, 0.0], [2.0, 0.0]]), np.array([0.9, 1.0]), np.zeros(2), 2, 1, 9.0, SUBURBAN
+    )
+    walks = [
+        paper.greedy_walk(problem, lambda r: (np.asarray(r) < 1.0) * 1.0, metre_power=power)[1, 0]
+        for power in (0.0, 1.0)
+    ]
+    assert walks == [2.0, 0.0]
+
+
+@pytest.mark.parametrize(
+    ("kind", "seed", "value"),
+    [
+        ("paper", 1, 2.9174035), ("paper", 4, 6.2656538),
+        ("paper_literal", 1, 1.9820546), ("paper_literal", 2, 3.2043289),
+    ],
+)  # fmt: skip
+def test_what_the_alternation_comes_to_is_known(kind, seed, value):
+    made = make_planner(PlannerConfig(kind=kind)).plan(random_problem(seed))
+    assert made.value == pytest.approx(value, rel=1e-5)
