@@ -22,6 +22,7 @@ from mission.base.airspace import Airspace
 from mission.planner.altitudes import CertifiedAltitudes
 from mission.planner.certified import CertifiedPlanner, branched, case_of
 from mission.planner.config import PlannerConfig
+from mission.planner.evaluate import plan_along
 from mission.planner.factory import make_planner
 from mission.planner.fleet.joint import first_plans
 from mission.planner.fleet.prices import columns_of, search_prices
@@ -32,7 +33,7 @@ from mission.planner.native.crews import search_orders
 from mission.planner.native.library import Goal
 from mission.planner.performance import Performance
 from mission.planner.problem import RoundProblem, Start
-from mission.planner.sqp import SqpPlanner
+from mission.planner.sqp import ascended
 from mission.planner.timed import timed_bound
 
 KNOWN = Path(__file__).with_name("known_searches.json")
@@ -98,10 +99,10 @@ def priced(*drawn: int) -> Numbers:
     return [found.value, found.bound, found.nodes, *prices.tolist()]
 
 
-def higher(seed: int, **more: Any) -> Numbers:
+def higher(seed: int, gap: float = 1e-3, nodes: int = 60, **more: Any) -> Numbers:
     """The plan at the best altitude, and its bound."""
-    problem = drawn_problem(seed, altitudes_m=(40.0, 120.0), **more)
-    made = CertifiedAltitudes(CertifiedPlanner(gap=1e-3, max_nodes=60)).plan(problem)
+    problem = drawn_problem(seed, **{"altitudes_m": (40.0, 120.0), **more})
+    made = CertifiedAltitudes(CertifiedPlanner(gap=gap, max_nodes=nodes)).plan(problem)
     assert made.altitude_m is not None
     return [made.value, made.upper_bound, made.nodes, made.altitude_m]
 
@@ -113,9 +114,13 @@ def limited(seed: int, **more: Any) -> Numbers:
 
 
 def stepped(seed: int, **more: Any) -> Numbers:
-    """A plan by quadratic programs."""
-    made = SqpPlanner().plan(drawn_problem(seed, **more))
-    return [made.value, made.path_m]
+    """Where quadratic programs take a circle to."""
+    problem = drawn_problem(seed, channel=CHANNEL_PRESETS["suburban+10dB"], **more)
+    turns = np.linspace(0.0, 6.0, problem.steps)
+    circle = problem.start_m + 120.0 * np.column_stack((np.sin(turns), 1.0 - np.cos(turns)))
+    begun = plan_along(problem, circle)
+    made = ascended(problem, begun)
+    return [begun.value, made.value, made.path_m, *made.waypoints_m[-1]]
 
 
 def foreseen(seed: int, guidance: LimitsConfig | None, radius_m: float) -> Numbers:
@@ -197,6 +202,8 @@ CASES: dict[str, Callable[[], Numbers]] = {
     ),
     "a whole plan around areas": lambda: limited(27, airspace=AREAS),
     "quadratic programs": lambda: stepped(37, devices=20, steps=8),
+    "altitudes that are nearly one": lambda: higher(38, 1e-4, 150, altitudes_m=(60.0, 61.6)),
+    "altitudes that are hardly more": lambda: higher(38, 1e-4, 150, altitudes_m=(60.0, 62.4)),
     "a flight": lambda: foreseen(28, LimitsConfig(), 5.0),
     "a flight with sharp corners": lambda: foreseen(29, LimitsConfig(), 0.5),
     "a flight at one speed": lambda: foreseen(30, None, 5.0),
