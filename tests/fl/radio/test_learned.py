@@ -173,3 +173,48 @@ def test_of_those_whose_pilots_are_not_heard_it_learns_nothing_and_of_others_the
     moved, as_before = LISTENER.grid(more).success
     assert as_before == pytest.approx(both[1], abs=2e-6)
     assert np.abs(moved - both[0]).max() > 0.01
+
+
+@pytest.mark.parametrize(
+    ("of", "fields"),
+    [
+        ("channel", ((7.0, 25.0), (12.0, 300.0))), ("buildings", ((7.0, 15.0), (5.0, 300.0))),
+        ("map", ((7.0, 15.0), (5.0, 300.0))),
+    ],
+)  # fmt: skip
+def test_the_error_of_each_prior_is_of_two_fields_and_a_nugget(of: str, fields) -> None:
+    """Of one tone: how far it moves the mean, and how sure it makes, where and away from there."""
+    belief = Learned(PRIOR, TERMS, of)
+    error_db2 = 2.5**2 + sum(db**2 for db, _ in fields)
+    prior_db = 10.0 + math.sqrt(9.0 + error_db2) * float(ndtri(0.3))
+    tone = told(over((45.0, 45.0)), [prior_db + 6.0])
+    asked = over((45.0, 45.0), (75.0, 85.0), (45.0, 195.0))
+    common = [sum(db**2 * math.exp(-d / far_m) for db, far_m in fields) for d in (0.0, 50.0, 150.0)]
+    mean_db, deviation_db = belief.snr_db(tone, asked)
+    for place, known in enumerate(common):
+        gain = known / (common[0] + 2.5**2 + 3.0**2)
+        assert mean_db[0, place] == pytest.approx(prior_db + 6.0 * gain)
+        assert deviation_db[0, place] == pytest.approx(math.sqrt(error_db2 - known * gain))
+    assert mean_db[1] == pytest.approx(prior_db)
+    # What lies in one cell of ten metres is one place, and heard twice.
+    twice = told(over((41.0, 49.0), (49.9, 40.1)), [prior_db + 4.0, prior_db + 8.0])
+    gain = common[0] / (common[0] + 2.5**2 + 3.0**2 / 2)
+    assert belief.snr_db(twice, asked)[0][0, 0] == pytest.approx(prior_db + 6.0 * gain)
+    apart = told(over((41.0, 49.0), (50.1, 40.1)), [prior_db + 4.0, prior_db + 8.0])
+    assert belief.snr_db(apart, asked)[0][0, 0] != pytest.approx(prior_db + 6.0 * gain, abs=0.01)
+
+
+def test_rates_that_are_almost_sure_say_no_more_of_the_snr() -> None:
+    for rate, counts in ((0.0, 1e-6), (1e-9, 1e-6), (1e-5, 1e-5), (1.0, 1 - 1e-6)):
+        sure = PerGrid(np.full((1, 3, 3), rate), (5.0, 5.0), 10.0)
+        mean_db, _ = Learned(sure, TERMS).snr_db(Heard(), over((15.0, 15.0)))
+        spread_db = math.sqrt(9.0 + 2.5**2 + 7.0**2 + 12.0**2)
+        assert mean_db[0, 0] == pytest.approx(10.0 + spread_db * float(ndtri(counts)))
+
+
+def test_a_tone_is_heard_down_to_ten_decibels_under_what_a_packet_needs() -> None:
+    """The hill's second device has 0.3 dB less each metre: 20 dB more than it needs at 0."""
+    places = over((0.0, 0.0), (66.0, 0.0), (99.0, 0.0), (101.0, 0.0), (190.0, 0.0))
+    quiet = replace(LISTENER, truth=replace(TRUTH, terms=replace(TERMS, fading_db=1e-9)))
+    heard = quiet.hear(Heard(), places, places, np.array([False, True]), np.random.default_rng(1))
+    assert heard.snr_db == pytest.approx([30.0, 10.2, 0.3, 0.0, 0.0], abs=1e-6)
