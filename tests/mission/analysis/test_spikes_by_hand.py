@@ -7,13 +7,12 @@ from typing import Any
 import numpy as np
 import pytest
 from bare_flight import bare_flight
+from bare_measured import bare_measured
 from numpy.typing import ArrayLike
 
-from mission.analysis.alignment import align
 from mission.analysis.measure import Leg, Measured, happened, legs
 from mission.analysis.spikes import events, spikes
 from mission.analysis.whole import health, with_battery
-from mission.log.records import UNKNOWN_ROUND
 from mission.log.signals import Signal
 from mission.log.values import BatteryTrack, EventRecord, FlightData, MissionRecord, Track
 
@@ -28,20 +27,9 @@ def event(t_s: float, kind: str, text: str, *, severity: int = 6) -> EventRecord
 
 
 def measured(cross: ArrayLike = 0.0, *, number: int = 3, **more: Any) -> Measured:
-    places = np.column_stack((T_S, 0 * T_S, 0 * T_S))
-    track, zero = Track((T_S * 1e9).astype(np.int64), places), 0 * T_S
-    cross_m = np.broadcast_to(cross, T_S.shape)
-    known: dict[str, Any] = {
-        "straight": cross_m, "height_m": zero, "estimate_m": zero, "leg": (T_S // 10).astype(int),
-        "pieces": np.ones(1, dtype=int), "seqs": np.zeros(0, dtype=int),
-    }  # fmt: skip
-    names = "corner_cut_m speed_mps wind_mps estimate_height_m slot_miss_m slot_along_m slot_late_s"
-    names += " plan_per est_per true_per per_shift"
-    return Measured(
-        record=replace(UNKNOWN_ROUND, round=number), numbers={}, truth=track, belief=track,
-        fit=replace(align(places[:, :2], PATH), cross_m=cross_m), holes=(),
-        **(dict.fromkeys(names.split(), zero[:0]) | known | more),
-    )  # fmt: skip
+    track = Track((T_S * 1e9).astype(np.int64), np.column_stack((T_S, 0 * T_S, 0 * T_S)))
+    legs = {"leg": (T_S // 10).astype(int), "cross_m": np.broadcast_to(cross, T_S.shape)}
+    return bare_measured(track, PATH, number=number, **{**legs, **more})
 
 
 def flight(*told: EventRecord, **more: Any) -> FlightData:
