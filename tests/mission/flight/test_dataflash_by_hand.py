@@ -352,3 +352,65 @@ def test_what_is_no_dataflash_log_is_said(tmp_path: Path) -> None:
         KIND.flight(tmp_path / "x.bin")
     with pytest.raises(InputError, match="sdlog2"):
         read(tmp_path, ("TIME", ("Q", "StartTime", [])))
+
+
+@pytest.mark.parametrize(("letter", "size"), [("n", 4), ("N", 16), ("Z", 64), ("a", 64)])
+def test_text_ends_at_its_first_zero(tmp_path: Path, letter: str, size: int) -> None:
+    rows = [(10**6, b"abc\0xyz"[:size])]
+    found = read(tmp_path, ("MSG", (f"Q{letter}", "TimeUS,Message", rows)))
+    assert said(found, "status") == [(1.0, "abc")]
+
+
+def test_rows_that_lack_a_column_are_counted(tmp_path: Path) -> None:
+    rows = [(10**6, 3), (2 * 10**6, 3)]
+    found = read(tmp_path, ("ORGN", ("QB", "TimeUS,Type", rows)))
+    assert found.source.skipped == {"row of ORGN without Lat": 2}
+
+
+def test_targets_of_guided_hold_while_its_mode_does(tmp_path: Path) -> None:
+    """From the filter's origin, in centimetres; a target of before the mode counts no more."""
+    places = [(n * 10**6, LAT, LON, 500.0) for n in range(1, 10)]
+    found = read(
+        tmp_path,
+        ("ORGN", ("QBLLf", "TimeUS,Type,Lat,Lng,Alt", [(0, 0, LAT, LON, 500.0)])),
+        ("MODE", ("QBB", "TimeUS,Mode,ModeNum", [(2 * 10**6, 4, 4), (7 * 10**6, 3, 3)])),
+        ("GUIP", ("QBff", "TimeUS,Type,pX,pY", [
+            (10**6, 1, 9e4, 9e4), (3 * 10**6, 1, 1e4, 0.0), (5 * 10**6, 2, 0.0, 2e4),
+        ])),
+        places=("QLLf", "TimeUS,Lat,Lng,Alt", places),
+    )  # fmt: skip
+    goal = found.signals["goal_deg"]
+    assert goal.t_s.tolist() == [float(n) for n in range(1, 10)]
+    north, east = ((goal.values - [47.0, 8.0]) * [111_172.0, 76_056.0]).T
+    unknown = [NAN] * 2
+    np.testing.assert_allclose(north, [*unknown, 100, 100, 0, 0, *unknown, NAN], atol=0.1)
+    np.testing.assert_allclose(east, [*unknown, 0, 0, 200, 200, *unknown, NAN], atol=0.3)
+    assert "goal_m" not in found.signals
+    without = read(tmp_path, ("GUIP", ("QBff", "TimeUS,Type,pX,pY", [(10**6, 1, 1.0, 1.0)])))
+    assert not {"goal_deg", "goal_m"} & set(without.signals)
+
+
+def test_a_mission_that_was_not_listed_is_known_as_far_as_it_was_started(tmp_path: Path) -> None:
+    columns = "TimeUS,CTot,CNum,CId,Lat,Lng,Alt"
+
+    def started(t_s: int, total: int, *numbers: int) -> list[tuple[Any, ...]]:
+        return [
+            (t_s * 10**6 + n, total, number, 16, LAT + 10 * t_s + number, LON, 20.0)
+            for n, number in enumerate(numbers)
+        ]
+
+    rows = ("QHHHLLf", columns)
+    found = read(
+        tmp_path,
+        ("MISE", (*rows, started(1, 5, 1, 2))),
+        ("MSG", ("QZ", "TimeUS,Message", [(2 * 10**6, "New mission")])),
+        ("CMD", (*rows, started(3, 4, 0, 1))),  # two of its rows are lost
+        ("CMD", (*rows, started(4, 2, 0, 1))),
+    )
+    assert [(m.t_ns, [i.seq for i in items_of(m)]) for m in found.missions] == [
+        (S, [0, 1, 2]), (3 * S, [0, 1]), (4 * S + 1000, [0, 1]),
+    ]  # fmt: skip
+    assert items_of(found.missions[0])[0].command == 0
+    assert found.source.skipped == {"item of a mission": 2}
+    times, numbers = found.current  # a list that is not whole is no list of what is started
+    assert (times.tolist(), numbers.tolist()) == ([S, S + 1000], [1, 2])

@@ -1,5 +1,6 @@
 """What a ULog says, row by row: PX4's numbers, units and words for what it does not know."""
 
+import json
 import math
 import struct
 from collections.abc import Sequence
@@ -328,3 +329,34 @@ def test_only_the_first_instance_of_a_topic_counts_and_nested_rows_are_flat(
     assert found.truth.t_ns.tolist() == [0, 100 * S]
     assert found.area.home.lat_deg == 47.0
     assert found.source.skipped == {"byte with damage": 3 + 2 + 8 + 24 + 5}
+
+
+@pytest.mark.parametrize(
+    ("name", "truth", "clock"),
+    [
+        ("Aerofed", True, "simulated time"),
+        ("Aerofed", False, "seconds since PX4 started"),
+        ("PX4", True, "seconds since PX4 started"),
+    ],
+)
+def test_a_log_of_ours_says_so_and_has_missions_in_parts(
+    tmp_path: Path, name: str, truth: bool, clock: str
+) -> None:
+    log = written(
+        tmp_path / "x.ulg", {"vehicle_global_position_groundtruth": PLACES} if truth else {}
+    )
+    key = f"char[{len(name)}] sys_name".encode()
+    log.message(b"I", bytes([len(key)]) + key + name.encode())
+    item = [0.0, 16.0, 3.0, 0.0, 0.0, 0.0, 0.0, 47.0, 8.0, 20.0, 1.0]
+    for t_ns, kind in ((1, "mission"), (2, "fence")):
+        text = json.dumps([t_ns, kind, [item]]).encode()
+        for continued, part in ((0, text[:7]), (1, text[7:20]), (1, text[20:])):
+            key = f"char[{len(part)}] aerofed_missions".encode()
+            log.message(b"M", bytes([continued, len(key)]) + key + part)
+    (tmp_path / "x.ulg").write_bytes(log.content)
+    found = KIND.flight(tmp_path / "x.ulg")
+    assert found.source.clock == clock
+    assert found.source.only == (None if truth else "believed")
+    assert [(m.t_ns, m.kind, m.items) for m in found.missions] == [
+        (1, "mission", (tuple(item),)), (2, "fence", (tuple(item),)),
+    ]  # fmt: skip
