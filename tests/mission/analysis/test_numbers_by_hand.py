@@ -137,6 +137,40 @@ def test_a_path_that_turns_back_heads_there_and_a_hover_nowhere() -> None:
     assert of.slot_miss_m == pytest.approx([5.0, math.hypot(204.0, 3.0)])
 
 
+def test_a_place_where_it_hovers_heads_from_the_one_before_to_the_one_behind() -> None:
+    there = np.array([[-50.0, 90], [0, 0], [200, 0], [200, 0], [200, 200], [900, 300.0]])
+    plan = replace(
+        PLAN, waypoints_m=there, route_m=there, slot_s=np.zeros(6), stops_at=np.arange(6)
+    )
+    sent = tuple(
+        replace(uplink(1, 30.0, (204.0, 0.0)), step=step, plan_x_m=200.0, plan_y_m=0.0)
+        for step in (2, 3)
+    )
+    of = measure("a log", flight(uplinks=sent), RECORD, plan)
+    assert of.slot_along_m == pytest.approx([4.0 / math.sqrt(2)] * 2)
+
+
+def test_what_happens_between_two_rounds_is_of_the_first_one() -> None:
+    """The first has what is before it, too, and the last what is behind it."""
+    here = (0.0, 0.0, 0.0)
+    told = tuple(EventRecord(round(t * 1e9), "mode", "x", None, 6, here, here)
+                 for t in (6.0, 29.9, 30.0, 39.0, 45.0, 54.0))  # fmt: skip
+    rounds = tuple(
+        replace(RECORD, round=n, start_t_s=at_s, duration_s=8.0)
+        for n, at_s in ((1, 10.0), (2, 30.0), (3, 40.0))
+    )
+    run = replace(flight(events=told), rounds=rounds)
+    found = [measure("a log", run, record, PLAN).numbers["mode_changes"] for record in rounds]
+    assert found == [2, 2, 2]
+    # A hole between rounds is one of the first, and hides nothing that was flown in it.
+    holed = replace(flight(hole_s=(20.0, 28.0), events=told), rounds=rounds)
+    first, second, _ = (measure("a log", holed, record, PLAN) for record in rounds)
+    assert (first.numbers["gap_max_s"], second.numbers["gap_max_s"]) == (8.0, 0.0)
+    assert [hole.leg for hole in first.holes] == [None]
+    assert first.hidden_s.tolist() == [[20.0, 28.0]]
+    assert np.isfinite(first.cross_m).all()
+
+
 def whole(data: FlightData) -> dict[str, Any]:
     loaded: Any = SimpleNamespace(path="a log", data=data)
     return whole_flight(loaded, [])[1]
