@@ -9,7 +9,10 @@ import pytest
 
 from mission.analysis.comparison_text import in_words, leg_rows, pair_rows, stretch_rows
 from mission.analysis.measure import Leg
+from mission.analysis.numbers import Comparison, Made, Told, told_numbers
 from mission.analysis.spikes import Spike
+from mission.analysis.told import Values
+from mission.base.tables import annotated
 
 NAN = math.nan
 
@@ -104,3 +107,68 @@ def test_a_spike_alone_names_no_event() -> None:
     assert Spike(1.04, 2.06, "height error", 3.25, 1.5, 1, 4, ()).words == (
         "at 1.0-2.1 s height error 3.2 m, leg 4"
     )
+
+
+SIGNED = {"height_max_m", "slot_along_max_m", "per_shift_max", "height_tracking_max_m"}
+SIGNED |= {"speed_tracking_max_mps", "yaw_tracking_max_deg"}
+
+
+def reduced(name: str, values: np.ndarray) -> float:
+    """By what the name of a number says."""
+    known = values[np.isfinite(values)]
+    if "_rms" in name:
+        return float(np.sqrt(np.mean(np.square(known))))
+    if "_mean" in name or "delay" in name:
+        return float(np.mean(known))
+    if "_min" in name:
+        return float(min(known))
+    return float(max(abs(known) if name in SIGNED else known))
+
+
+def test_numbers_are_made_as_they_are_called() -> None:
+    """Of two rounds whose samples and slots are pooled, not of their means; NaN where none is."""
+    rng = np.random.default_rng(5)
+    arrays = {
+        how.of: [rng.normal(-1.0, 2.0, n) for n in (5, 9)] for _, how in annotated(Comparison, Made)
+    }
+    for first, _ in arrays.values():
+        first[2] = NAN
+    totals = {of: [float(rng.integers(1, 9)), float(rng.integers(10, 19))] for of in arrays}
+    rounds: Any = [
+        SimpleNamespace(numbers={of: each[n] for of, each in totals.items()},
+                        **{of: each[n] for of, each in arrays.items()})
+        for n in range(2)
+    ]  # fmt: skip
+    nothing: Any = [SimpleNamespace(numbers={}, **{of: np.full(3, NAN) for of in arrays})]
+    for name, how in annotated(Comparison, Made):
+        found = how.by(rounds)
+        if name in ("gap_max_s", "gnss_gap_max_s"):
+            assert found == max(totals[name]), name
+        elif name == "battery_remaining":
+            assert found == totals[name][1]
+        elif name == "expected":
+            assert how.by([rounds[1]]) == pytest.approx((1.0 - arrays["true_per"][1]).sum())
+        elif name == how.of:
+            assert found == sum(totals[name]), name
+            assert math.isnan(how.by(nothing)), name
+        else:
+            assert found == pytest.approx(reduced(name, np.concatenate(arrays[how.of]))), name
+            assert math.isnan(how.by(nothing)), name
+
+
+def test_numbers_over_time_are_made_as_they_are_called_and_have_a_worst() -> None:
+    rng, t_s = np.random.default_rng(6), np.arange(10.0, 20.0)
+    series = {
+        how.of: Values(t_s, rng.normal(-1.0, 2.0, 10)) for _, how in annotated(Comparison, Told)
+    }
+    found = told_numbers(series)
+    for name, how in annotated(Comparison, Told):
+        values = series[how.of].values
+        least = "_min" in name
+        assert found[name] == pytest.approx(reduced(name, values)), name
+        worst = values.argmin() if least else np.abs(values).argmax()
+        assert how.worst_s(series[how.of]) == t_s[worst], name
+        assert math.isnan(how.worst_s(Values(np.full(1, NAN), values[:1])))
+        assert math.isnan(how.worst_s(Values(t_s, np.full(10, NAN))))
+    assert all(map(math.isnan, told_numbers({}).values()))
+    assert len(found) == len(told_numbers({})) > 30
