@@ -21,7 +21,7 @@ from mission.scenario.limits import budget_of, foreseen_performance
 from mission.sweep.execute.cluster import RayEngine
 from mission.sweep.folder import SweepFolder
 from mission.sweep.grid import Point, make_grid
-from mission.sweep.outcome.curves import DISTANCE, ROUNDS, band, interval
+from mission.sweep.outcome.curves import DISTANCE, ROUNDS, band, interval, pictures_of
 from mission.sweep.outcome.view import final_table, over_seeds, percent
 from mission.sweep.results import (
     Row,
@@ -127,6 +127,88 @@ def test_runs_that_end_apart_are_compared_where_the_thriftiest_ends() -> None:
         "equal_rounds_accuracy_a": 0.4, "equal_metres_accuracy_a": 0.6,
     }  # fmt: skip
     assert with_equals((far, far)) == (far, far)
+
+
+def test_what_is_equal_is_read_off_from_the_untrained_model_on() -> None:
+    """The thriftiest ends in the middle of the other's first round; energy is summed up."""
+    rows: list[list[Row]] = [
+        [{"round": 1, "budget_used_m": 400.0, "energy_j": 90.0, "accuracy_a": 0.5},
+         {"round": 2, "budget_used_m": 800.0, "energy_j": 30.0, "accuracy_a": 0.9}],
+        [{"round": 1, "budget_used_m": 100.0, "energy_j": 60.0, "accuracy_a": 0.3}],
+        [{"round": 1, "budget_used_m": 0.0, "energy_j": 0.0, "accuracy_a": 0.7}],
+    ]  # fmt: skip
+    start: Row = {"untrained_accuracy_a": 0.1}
+    runs = [RunResult(Point("cov", n, ()), start, tuple(of), {}) for n, of in enumerate(rows)]
+    nan = pytest.approx(math.nan, nan_ok=True)
+    assert at_equal(runs, "rounds", "accuracy_a") == pytest.approx([0.5, 0.3, 0.7])
+    assert at_equal(runs, "metres", "accuracy_a") == [pytest.approx(0.2), 0.3, nan]
+    assert at_equal(runs, "energy", "accuracy_a") == [pytest.approx(0.1 + 0.4 * 2 / 3), 0.3, nan]
+    later = [replace(runs[0], rounds=tuple(rows[0])), replace(runs[1], rounds=(
+        {"round": 1, "budget_used_m": 600.0, "energy_j": 105.0, "accuracy_a": 0.3},
+    ))]  # fmt: skip
+    assert at_equal(later, "metres", "accuracy_a") == pytest.approx([0.7, 0.3])
+    assert at_equal(later, "energy", "accuracy_a") == pytest.approx([0.7, 0.3])
+    assert all(map(math.isnan, at_equal(runs, "metres", "accuracy_b")))
+
+
+def test_pictures_are_in_percent_kilometres_and_minutes() -> None:
+    def run(strategy: str, flies: bool) -> RunResult:
+        row: Row = {"round": 1, "budget_used_m": 2500.0, "end_t_s": 90.0 * flies}
+        row |= {"accuracy_a": 0.5, "cov_a": 1.5, "jain_communities": 0.75, "participation": 0.25}
+        row |= {"plan_per": 0.125, "true_per": 0.25} if flies else {}
+        summary: Row = {"simulated_s": 90.0 * flies, "final_accuracy_a": 0.5}
+        return RunResult(Point(strategy, 1, ()), summary, (row,), {})
+
+    found = {
+        (picture.name, panel.column): (
+            {name: (of.x.tolist(), of.mean.tolist(), of.flown)
+             for name, of in picture.curves(panel).items()},
+            panel.most,
+        )
+        for picture in pictures_of([run("cov", True), run("ideal", False)])
+        for panel in picture.panels
+    }  # fmt: skip
+
+    def both(value: float, most: float) -> object:
+        return {"cov": ([1.0], [value], True), "ideal": ([1.0], [value], False)}, most
+
+    def flown(at: float, value: float, most: float) -> object:
+        return {"cov": ([at], [value], True)}, most
+
+    assert found == {
+        ("accuracy-rounds", "accuracy_a"): both(50.0, 100.0),
+        ("accuracy-distance", "accuracy_a"): flown(2.5, 50.0, 100.0),
+        ("accuracy-time", "accuracy_a"): flown(1.5, 50.0, 100.0),
+        ("per", "plan_per"): flown(1.0, 0.125, 1.0), ("per", "true_per"): flown(1.0, 0.25, 1.0),
+        ("participation", "participation"): both(25.0, 100.0),
+        ("fairness", "jain_communities"): both(0.75, 1.0),
+        ("fairness", "cov_a"): both(1.5, math.inf),
+    }  # fmt: skip
+    assert [p.name for p in pictures_of([run("ideal", False)])] == [
+        "accuracy-rounds", "participation", "fairness"
+    ]  # fmt: skip
+
+
+def test_an_axis_is_cut_where_one_goes_on_for_more_than_twice_as_long() -> None:
+    def run(strategy: str, count: int) -> RunResult:
+        rows: list[Row] = [{"round": n + 1, "accuracy_a": 0.1 * n} for n in range(count)]
+        summary: Row = {"simulated_s": 0.0, "final_accuracy_a": 0.5}
+        return RunResult(Point(strategy, 1, ()), summary, tuple(rows), {})
+
+    for counts, end, label in (
+        ((4, 4, 8), None, "round"), ((4, 4, 9), 4.0, "round (c to 9)"),
+        ((4, 9, 9), None, "round"), ((3, 4, 20), 4.0, "round (c to 20)"),
+        ((4, 9), 4.0, "round (b to 9)"),
+    ):  # fmt: skip
+        runs = [run(name, count) for name, count in zip("abc", counts, strict=False)]
+        picture = pictures_of(runs)[0]
+        assert (picture.end, picture.x_label) == (end, label)
+        curves = picture.curves(picture.panels[0])
+        assert [len(of.x) for of in curves.values()] == [min(n, int(end or n)) for n in counts]
+        assert picture.about == ""
+    seeds = [replace(run("a", 4), point=Point("a", n, ())) for n in (1, 2, 3)]
+    told = [pictures_of(seeds[:count])[0].about for count in (1, 2, 3)]
+    assert told == ["", "mean over 2 seeds", "mean over 3 seeds, 95 % interval"]
 
 
 def test_a_seed_without_a_number_leaves_the_others_theirs() -> None:
