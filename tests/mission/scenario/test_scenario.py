@@ -15,9 +15,11 @@ from mission.base.errors import InputError
 from mission.config.loading import builtin_config, load_config
 from mission.config.models import RunConfig
 from mission.flight.flyers.choice import set_up
+from mission.planner.problem import RoundProblem
+from mission.scenario.limits import Amount
 from mission.scenario.radio_maps import read_map, write_map
 from mission.scenario.radios import radio_of
-from mission.scenario.scenario import build_scenario
+from mission.scenario.scenario import Scenario, build_scenario
 from native.errors import SettingError
 
 
@@ -111,6 +113,94 @@ def test_a_radio_map_s_places_must_ascend(tmp_path: Path, name: str) -> None:
         write_map(tmp_path / "map.nc", made, {})
         with pytest.raises(InputError, match=f"map.nc: {name} must ascend$"):
             read_map(tmp_path / "map.nc")
+
+
+def several(*vehicles: dict[str, Any], **more: Any) -> Scenario:
+    """Two communities with a device each, the second of which sends four times as much."""
+    communities = [
+        {"name": name, "task": "digits", "devices": 1, "partition": "iid", **more.pop(name, {})}
+        for name in "ab"
+    ]
+    given: dict[str, Any] = {
+        "mission": {"steps": 4, "flight": "none", **more.pop("mission", {})},
+        "communities": communities, **more,
+    }  # fmt: skip
+    if vehicles:
+        given["vehicles"] = vehicles
+    return build_scenario(RunConfig.model_validate(given), data_dir=None)
+
+
+SENDS = {
+    "a": {"upload_bits": 50_000}, "b": {"upload_bits": 200_000},
+    "channel": {"upload_rate_bps": 1e6},
+}  # fmt: skip
+
+
+def test_an_aircraft_hovers_while_devices_send_or_are_heard() -> None:
+    assert several().first_problem().upload_s is None
+    sending, stopping = several(**SENDS), several(mission={"replan": "stop"})
+    assert sending.first_problem().upload_s == pytest.approx([0.05, 0.2])
+    assert stopping.first_problem().upload_s == pytest.approx([0.1, 0.1])
+    both = several(mission={"replan": "stop"}, **SENDS)
+    assert both.first_problem().upload_s == pytest.approx([0.1, 0.2])
+    assert both.upload_s == pytest.approx([0.05, 0.2])
+    assert [one.device_times for one in (sending, stopping)] == [True, False]
+    rows = list(csv.DictReader(sending.devices_csv().splitlines()))
+    assert [float(row["upload_s"]) for row in rows] == [0.05, 0.2]
+    assert "upload_s" not in stopping.devices_csv()
+
+
+def test_a_round_of_several_has_what_is_left_and_each_ones_own() -> None:
+    scenario = several(
+        {}, {"altitude_m": 80.0, "path_budget_m": 300.0}, {"altitude_m": [50.0, 90.0]},
+        a={"compute_s": 12.0}, mission={"separation_m": 20.0},
+    )  # fmt: skip
+    assert scenario.channel.altitude_m == 50.0
+    assert scenario.device_times
+    first = scenario.first_problem()
+    assert first.ready_in_s == pytest.approx([12.0, 0.0])
+    assert [start.path_budget_m for start in first.starts] == [800.0, 300.0, 800.0]
+    assert [start.altitude_m for start in first.starts] == [60.0, 80.0, None]
+    assert [start.altitudes_m for start in first.starts] == [None, None, (50.0, 90.0)]
+    assert [start.start_m.tolist() for start in first.starts] == [
+        [400 + 5 * a, 400] for a in range(3)
+    ]
+    assert (first.separation_m, first.late_s, first.least_m) == (20.0, 0.0, None)
+    work = scenario.work_before().round_begins(1, 0)
+    flying, begins = scenario.fleet[0].performance, np.array([7.0, 9.0])
+
+    def later(t_s: float, *which: bool, **left: float) -> RoundProblem:
+        return scenario.problem(
+            np.ones(2), [(begins, flying) if there else None for there in which],
+            left=Amount(**{"metres": 500.0, **left}), work=work, t_ns=round(t_s * 1e9),
+            leaving=False,
+        )  # fmt: skip
+
+    rest = later(4.5, True, False, True)
+    assert rest.ready_in_s == pytest.approx([7.5, 0.0])
+    assert [start.name for start in rest.starts] == ["uav1", "uav3"]
+    assert [start.path_budget_m for start in rest.starts] == [500.0, 500.0]
+    assert [start.limits and start.limits.duration_s for start in rest.starts] == [np.inf] * 2
+    assert rest.least_m == 20.0
+    alone = later(12.0, False, True, False)
+    assert (alone.separation_m, alone.ready_in_s, alone.limits) == (0.0, None, None)
+    assert (alone.path_budget_m, alone.channel.altitude_m) == (300.0, 80.0)
+    limits = later(0.0, True, True, True, seconds=9.0).starts[1].limits
+    assert limits is not None
+    assert limits.duration_s == 9.0
+
+
+def test_what_a_user_should_know_is_told() -> None:
+    flown = {"mission": {"flight": "flown", "separation_m": 20.0}}
+    (line,) = several({}, {}, **flown).notices()
+    assert line == (
+        "mission.separation_m = 20: as flying adds errors, rounds are planned with 23 m, and for "
+        "one aircraft up to 1 s later than another"
+    )
+    assert several({}, {}, mission={"separation_m": 20.0}).notices() == []
+    assert several({}, **flown).notices() == []
+    (line,) = several(channel={"preset": "literal"}).notices()
+    assert line.startswith("the channel hardly reaches anybody; ")
 
 
 LINE = np.arange(10.0, 200.0, 10.0)  # of places in an area of 200 m, to a cell from its edge
