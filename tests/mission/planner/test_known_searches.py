@@ -21,6 +21,7 @@ from flightdyn.config import LimitsConfig
 from mission.base.airspace import Airspace
 from mission.planner.altitudes import CertifiedAltitudes
 from mission.planner.certified import CertifiedPlanner, branched, case_of
+from mission.planner.check import check_plan
 from mission.planner.config import PlannerConfig
 from mission.planner.evaluate import plan_along
 from mission.planner.factory import make_planner
@@ -80,7 +81,9 @@ def joint(*drawn: int) -> Numbers:
 
 def together(*drawn: int, **more: Any) -> Numbers:
     """Prices, packed paths and changes of several aircraft, mended where they come too near."""
-    made = make_planner(PlannerConfig(max_nodes=60)).plan(team(*drawn, **more))
+    problem = team(*drawn, **more)
+    made = make_planner(PlannerConfig(max_nodes=60)).plan(problem)
+    check_plan(problem, made)
     rest = [path.altitude_m or path.wait_s for path in made.paths]
     return [made.value, made.upper_bound, made.nodes, made.path_m, *rest]
 
@@ -189,6 +192,7 @@ CASES: dict[str, Callable[[], Numbers]] = {
     "two aircraft at the best altitudes": lambda: together(
         34, 2, 6, 3, own={"altitudes_m": (40.0, 120.0)}
     ),
+    "two aircraft on a grid": lambda: together(39, 2, 8, 3, per_grid=grid(39)),
     "two aircraft that may not move": lambda: together(35, 2, 8, 1),
     "two aircraft that exchange paths": lambda: together(48, 2, 8, 4, **apart(250.0)),
     "three aircraft that wait": lambda: together(41, 3, 8, 4, **apart(150.0)),
