@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 
 from fl.native import library as learning
+from fl.radio.per_grid import PerGrid
 from flightdyn.native.ticks import Gauges
 from mission.planner.native import library as planner
-from mission.planner.native.crews import Crew, search_orders
+from mission.planner.native.crews import MOST_AIRCRAFT, Crew, polished, search_orders
 from native.loading import address
 
 NET = learning.Network((6, 6, 1), (2,), (3,), (1,), (4,))
@@ -117,6 +118,67 @@ def test_problems_that_the_search_cannot_take():
         planner.explore(devices(0), limits, starts=1, tries=1)
     with pytest.raises(ValueError, match="must be finite"):
         planner.assign(np.array([[np.nan]]), np.ones(1), 1)
+
+
+def test_tables_that_the_search_cannot_take():
+    right = {
+        "radii_m": np.array([0.0, 50.0, 90.0]), "coefficients": np.ones((3, 4)),
+        "spacing": np.ones(3), "ends": np.array([[0, 1], [0, 2], [1, 2]]),
+        "row": np.array([[-1, 0, 1], [-1, -1, 2], [-1, -1, -1]]), "ladder": np.array([1, 2, 2]),
+        "promise": np.ones((2, 3)),
+    }  # fmt: skip
+    planner.Relaxation(**right).as_c(2)
+    for wrong, words in (
+        ({"coefficients": np.ones((3, 3))}, "splines of 3 coefficients between 3 radii"),
+        ({"radii_m": np.arange(128.0)}, "splines of 4 coefficients between 128 radii"),
+        ({"ends": right["ends"] + 1}, "ends must be from 0 to 2"),
+        ({"ends": right["ends"] - 1}, "ends must be from 0 to 2"),
+        ({"ladder": right["ladder"] + 1}, "ladder must be from 0 to 2"),
+        ({"row": right["row"] + 1}, "row must be from 0 to 2"),
+        ({"row": right["row"] - 1}, "row must be from 0 to 2"),
+        ({"promise": np.ones((3, 3))}, "takes a contiguous array of float64"),
+    ):
+        with pytest.raises(ValueError, match=words):
+            planner.Relaxation(**{**right, **wrong}).as_c(2)
+    for cell_m, places in ((0.0, (2, 2)), (10.0, (1, 2)), (10.0, (2, 1))):
+        grid = PerGrid(np.ones((2, *places)), (0.0, 0.0), cell_m)
+        with pytest.raises(ValueError, match=f"no grid: {places[0]} x {places[1]} places every"):
+            replace(devices(2), grid=grid).as_c()
+    replace(devices(2), grid=PerGrid(np.ones((2, 2, 2)), (0.0, 0.0), 0.1)).as_c()
+    crew = Crew(devices(2), planner.PathLimits(3, 1, 100.0), planner.Relaxation(**right))
+    other = replace(crew, limits=planner.PathLimits(4, 1, 100.0))
+    for crews in (
+        [crew, other],
+        [crew] * (MOST_AIRCRAFT + 1),
+        [crew, replace(crew, devices=devices(3))],
+    ):
+        with pytest.raises(
+            ValueError, match=f"1 to {MOST_AIRCRAFT} aircraft with the same devices"
+        ):
+            polished(crews, np.zeros((len(crews), 3, 2)))
+    assert polished([crew] * MOST_AIRCRAFT, np.zeros((MOST_AIRCRAFT, 3, 2)))[0] == 0.0
+
+
+def test_a_goal_is_met_at_its_gap_or_slack_and_leaves_nodes():
+    plan = planner.Found(0.9, np.zeros((3, 2)), np.zeros(2, np.int64), 1.0, nodes=10)
+    assert plan.gap == pytest.approx(0.1)
+    assert replace(plan, bound=0.0).gap == 0.0
+    assert planner.Goal(0.1, 30).met_by(plan)
+    assert not planner.Goal(0.0999, 30).met_by(plan)
+    assert planner.Goal(0.0, 30, slack=0.1).met_by(plan)
+    assert not planner.Goal(0.0, 30, slack=0.0999).met_by(plan)
+    goal = planner.Goal(0.05, 30)
+    assert goal.left(plan, 30) == planner.Goal(0.05, 20, max_open=80)  # 4 for each node
+    assert goal.left(plan, 15) == planner.Goal(0.05, 5, max_open=20)
+    assert goal.left(plan, 11) == planner.Goal(0.05, 1, max_open=4)
+    assert goal.left(plan, 10) is None
+    assert planner.Goal(0.1, 30).left(plan, 30) is None
+    nothing = replace(plan, value=0.0)
+    assert goal.left(nothing, 30) is None
+    assert planner.Goal(0.05, 30, scale=1.0).left(nothing, 30) is not None
+    few = planner.Goal(0.05, 30, max_open=7)
+    for aircraft, most_open in ((1, 7), (2, 3), (8, 1)):
+        assert few.left(plan, 30, aircraft) == planner.Goal(0.05, 20, max_open=most_open)
 
 
 def test_a_gauge_that_shows_no_number_is_an_error():
