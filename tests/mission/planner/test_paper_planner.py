@@ -221,7 +221,6 @@ def test_right_below_the_start_a_metre_counts_as_one(paper):
 @pytest.mark.parametrize(
     ("kind", "seed", "value"),
     [
-        ("paper", 1, 2.9174035), ("paper", 4, 6.2656538),
         ("paper_literal", 1, 1.9820546), ("paper_literal", 2, 3.2043289),
     ],
 )  # fmt: skip
