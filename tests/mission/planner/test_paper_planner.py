@@ -221,7 +221,7 @@ def test_right_below_the_start_a_metre_counts_as_one(paper):
 @pytest.mark.parametrize(
     ("kind", "seed", "value"),
     [
-        ("paper_literal", 1, 1.9820546), ("paper_literal", 2, 3.2043289),
+        ("paper", 1, 2.9174035), ("paper_literal", 1, 1.9820546), ("paper_literal", 2, 3.2043289),
     ],
 )  # fmt: skip
 def test_what_the_alternation_comes_to_is_known(kind, seed, value):
