@@ -92,6 +92,48 @@ def test_increments_that_are_not_there_are_refused() -> None:
         carried.carry(increments, 0, 2)
 
 
+def test_sums_and_states_are_those_of_numpy() -> None:
+    """Two sums of five samples, with biases and an Earth that turns fast; sculling and coning terms
+    as Savage has them."""
+    rng, earth, dt = np.random.default_rng(3), Earth(9.7, 0.02, -0.03), 0.01
+    for _ in range(20):
+        samples = rng.normal(0, (2, 2, 2, 8, 8, 8), (2, 5, 6))
+        gyro, accel = rng.normal(0, 0.1, 3), rng.normal(0, 0.5, 3)
+        p, v = rng.normal(0, 20, (2, 3))
+        body = Rotation.from_rotvec(rng.normal(0, 2, 3))
+        x, y, z, w = body.as_quat().tolist()
+        carried, increments = Strapdown(earth, most=2), Increments(2)
+        carried.place(tuple(p), tuple(v), (w, x, y, z))
+        carried.correct(tuple(gyro), tuple(accel))
+        for each in samples:
+            increments.add(each.ravel().tolist(), dt_s=dt)
+        carried.carry(increments, 0, 2)
+        gained, downs = np.zeros(3), []
+        for each in samples:
+            angle, velocity = np.zeros(3), np.zeros(3)
+            for rate, force in zip(each[:, :3], each[:, 3:], strict=True):
+                velocity += (force + np.cross(angle, force)) * dt
+                angle += rate * dt + np.cross(angle, rate * dt) / 2
+            velocity -= accel * 5 * dt
+            moved = body.apply(velocity)
+            gained += moved
+            turning = np.array([earth.rate_north_radps, 0.0, earth.rate_down_radps])
+            after = v + moved - 2 * np.cross(turning, v) * 5 * dt
+            after[2] += earth.gravity_mps2 * 5 * dt
+            p, v = p + (v + after) / 2 * 5 * dt, after
+            body *= Rotation.from_rotvec(angle - gyro * 5 * dt)
+            downs.append(p[2])
+        x, y, z, w = (math.copysign(1.0, body.as_quat()[3]) * body.as_quat()).tolist()
+        found = NavState.of(0, carried)
+        sign = math.copysign(1.0, found.q[0])
+        assert found.p == pytest.approx(p.tolist(), abs=1e-10)
+        assert found.v == pytest.approx(v.tolist(), abs=1e-10)
+        assert [sign * part for part in found.q] == pytest.approx([w, x, y, z], abs=1e-10)
+        assert carried.gained == pytest.approx(gained.tolist(), abs=1e-10)
+        assert carried.downs(2) == pytest.approx(downs, abs=1e-10)
+        assert carried.force == pytest.approx((velocity / (5 * dt)).tolist(), abs=1e-10)
+
+
 def test_coriolis_turns_right_on_the_northern_half() -> None:
     """Flying north at 47 deg, left free: 2 Omega sin(lat) v to the right."""
     earth = Earth.at(47.0, 0.0)
