@@ -35,14 +35,15 @@ def position(t_s: float, north: int = 0, alt_mm: int = 500_000) -> Any:
     )
 
 
-def content(told: Sequence[tuple[Any, ...]]) -> bytes:
-    """Each with its time, and the system and component that say it; 1, 1 unless they are given."""
+def content(told: Sequence[tuple[Any, ...]], *, first: bool = False) -> bytes:
+    """Messages, with `first` as MAVLink 1: each with its time, and the system and component that
+    say it; 1, 1 unless they are given."""
     out, senders = bytearray(), dict[tuple[int, int], Any]()
     for t_s, message, *who in told:
         system, component = (*who, 1, 1)[:2] if len(who) != 1 else (who[0], 1)
         sender = senders.setdefault((system, component), apm.MAVLink(None, system, component))
         stamp = struct.pack(">Q", round((BEGIN_S + t_s) * 1e6))
-        out += stamp + bytes(message.pack(sender))
+        out += stamp + bytes(message.pack(sender, force_mavlink1=first))
         sender.seq = (sender.seq + 1) % 256
     return bytes(out)
 
@@ -145,7 +146,7 @@ def test_state_and_events_are_the_vehicles(tmp_path: Path) -> None:
 
 
 def test_wind_home_and_fixes_have_their_fields(tmp_path: Path) -> None:
-    home = 470_000_000, 80_000_000, 490_000, 0, 0, 0, [1.0, 0, 0, 0], 0, 0, 0
+    home = 469_000_000, 79_000_000, 490_000, 0, 0, 0, [1.0, 0, 0, 0], 0, 0, 0
 
     def fix(kind: int) -> Any:
         return mav.MAVLink_gps_raw_int_message(0, kind, 470_000_000, 80_000_000, 1, 2, 3, 4, 5, 6)
@@ -156,7 +157,8 @@ def test_wind_home_and_fixes_have_their_fields(tmp_path: Path) -> None:
         (2.0, mav.MAVLink_wind_cov_message(0, 3.0, 4.0, 0, 0, 0, 0, 0, 0)),
         *((float(10 + kind), fix(kind)) for kind in range(1, 5)),
     )
-    assert found.area.home.alt_msl_m == 490.0
+    home_ = found.area.home
+    assert (home_.lat_deg, home_.lon_deg, home_.alt_msl_m) == (46.9, 7.9, 490.0)
     assert found.wind.vel_mps.tolist() == [[4.0, 3.0, 0.0]]
     assert found.gnss_ns.tolist() == [13 * S, 14 * S]
 
@@ -354,3 +356,32 @@ def test_of_another_component_what_is_the_autopilots_is_counted(tmp_path: Path) 
     }  # fmt: skip
     assert not [e for e in found.events if e.kind == "status"]
     assert found.belief.t_ns.tolist() == [0, 100 * S]
+
+
+@pytest.mark.parametrize("first", [False, True])
+def test_of_two_starts_that_were_joined_the_longer_flight_counts(
+    tmp_path: Path, first: bool
+) -> None:
+    """The only heartbeat stands before both."""
+    begun = heartbeat(custom=4 << 16 | 4 << 24 | 7, base=1)
+    told: list[Told] = [(0.0, begun), *((float(t), position(t, 1000 * t)) for t in range(50, 60))]
+    told += [(60.0 + t, position(t, 1000 * t)) for t in range(30)]
+    (tmp_path / "x.tlog").write_bytes(content(told, first=first))
+    found = KIND.flight(tmp_path / "x.tlog")
+    assert found.belief.t_ns.tolist() == [t * S for t in range(30)]
+    (said,) = (words for words in found.source.skipped if words.startswith("stretch"))
+    assert said.startswith("stretch of 50.0 to 59.0 s")
+
+
+def test_motors_are_the_outputs_that_parameters_name(tmp_path: Path) -> None:
+    outputs = [1000 + 25 * n for n in range(16)]
+    named = [
+        mav.MAVLink_param_value_message(f"SERVO{servo}_FUNCTION".encode(), function, 9, 1, 0)
+        for servo, function in ((1, 34.0), (16, 33.0))
+    ]
+    servos = mav.MAVLink_servo_output_raw_message(0, 0, *outputs[:8], *outputs[8:])
+    found = read(
+        tmp_path, *((1.0, each) for each in named), (2.0, servos), (3.0, servos),
+        first=heartbeat(ARDUPILOT),
+    )  # fmt: skip
+    np.testing.assert_allclose(found.signals["motors"].values, [[0.375, 0.0]] * 2)
