@@ -18,7 +18,7 @@ from mission.cli import call
 from mission.log import ForeignLogError, control, topics
 from mission.log.contents import load
 from mission.log.reader import decode, read_log
-from mission.log.values import ControlTrack, FlightData
+from mission.log.values import ControlTrack, FlightData, Track
 
 QUIET = ("--no-report", "--no-figures", "--quiet")
 
@@ -115,6 +115,29 @@ def test_rows_come_back_as_they_went() -> None:
         given = Rotation.from_quat(rows[:, [at + 1, at + 2, at + 3, at]])
         apart = (ned_to_enu * given * flu_to_frd).inv() * Rotation.from_quat(found)
         assert apart.magnitude().max() < 1e-3
+
+
+def test_what_was_told_and_done_is_north_east_down_in_degrees() -> None:
+    row = np.arange(31.0) / 8.0
+    row[0], row[1:5], row[8:12] = 2e9, [1.0, 0, 0, 0], np.array([1.0, 0, 0, 1.0]) / np.sqrt(2.0)
+    (t_ns, data), *_ = control.messages(AREA, np.array([row, row]))
+    track = control.track(np.array([t_ns]), [data])
+    at = AREA.xyz(np.array([[1.0, 2.0, -3.0], [5.0, 2.0, -4.0]]))
+    belief = Track(np.array([0, 2_000_000_000]), at)
+    found = control.signals(AREA, track, belief)
+    expected = {
+        "wanted_position_m": row[20:23], "wanted_velocity_mps": row[23:26],
+        "wanted_attitude_deg": [0.0, 0.0, 90.0], "attitude_deg": [0.0, 0.0, 0.0],
+        "wanted_rates_degps": np.degrees(row[12:15]), "rates_degps": np.degrees(row[5:8]),
+        "motors": row[16:20], "position_m": [1.0, 2.0, -3.0], "velocity_mps": [2.0, 0.0, -0.5],
+    }  # fmt: skip
+    assert set(found) == set(expected)
+    for name, values in expected.items():
+        np.testing.assert_allclose(found[name].values[0], values, atol=0.02, err_msg=name)
+    assert found["motors"].t_s.tolist() == [2.0]
+    assert found["position_m"].t_s.tolist() == [0.0, 2.0]
+    alone = control.signals(AREA, track, Track(belief.t_ns[:1], at[:1]))
+    assert not {"position_m", "velocity_mps"} & set(alone)
 
 
 def test_any_reader_of_protobuf_reads_it(flown: Path, data: FlightData) -> None:
