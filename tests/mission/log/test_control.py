@@ -2,6 +2,7 @@
 
 import re
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow.parquet as pq
@@ -125,7 +126,7 @@ def test_what_was_told_and_done_is_north_east_down_in_degrees() -> None:
     at = AREA.xyz(np.array([[1.0, 2.0, -3.0], [5.0, 2.0, -4.0]]))
     belief = Track(np.array([0, 2_000_000_000]), at)
     found = control.signals(AREA, track, belief)
-    expected = {
+    expected: dict[str, Any] = {
         "wanted_position_m": row[20:23], "wanted_velocity_mps": row[23:26],
         "wanted_attitude_deg": [0.0, 0.0, 90.0], "attitude_deg": [0.0, 0.0, 0.0],
         "wanted_rates_degps": np.degrees(row[12:15]), "rates_degps": np.degrees(row[5:8]),
