@@ -414,3 +414,17 @@ def test_a_mission_that_was_not_listed_is_known_as_far_as_it_was_started(tmp_pat
     assert found.source.skipped == {"item of a mission": 2}
     times, numbers = found.current  # a list that is not whole is no list of what is started
     assert (times.tolist(), numbers.tolist()) == ([S, S + 1000], [1, 2])
+
+
+def test_of_stretches_those_without_a_flight_are_passed_over(tmp_path: Path) -> None:
+    """The clock goes back twice; only the last part has positions."""
+
+    def turns(*times_s: int) -> tuple[str, Rows]:
+        return "ATT", ("Qff", "TimeUS,Roll,Pitch", [(t * 10**6, 0.0, 0.0) for t in times_s])
+
+    starts = turns(*range(50, 60)), turns(*range(20, 30))
+    with pytest.raises(InputError, match="no positions"):
+        read(tmp_path, *starts, places=None)
+    flown: Rows = (*POS[:2], [(t * 10**6, LAT, LON, 500.0 + t) for t in range(1, 10)])
+    found = read(tmp_path, *starts, turns(*range(1, 10)), places=flown)
+    assert found.belief.t_ns.tolist() == [t * S for t in range(1, 10)]
