@@ -15,9 +15,11 @@ from mission.base.errors import InputError
 from mission.flight.missions.geofence import fence_items, fence_of, item_zones
 from mission.flight.missions.mission_path import (
     MissionPath,
+    items_of,
     leads_on,
     mission_path,
     place_m,
+    record_of,
     returns,
 )
 from mission.flight.missions.plan_check import CheckedPath, checked_path, nowhere, placed, wait_of
@@ -169,6 +171,16 @@ def test_a_landing_comes_down_over_its_place_and_a_return_over_the_nearest() -> 
         assert found.given == 2
 
 
+def test_a_landing_without_a_place_comes_down_where_it_is() -> None:
+    bare = MissionItem(0, LAND, RELATIVE, (0.0,) * 4, NAN, NAN, NAN)
+    check(way(GOES, bare), [(10, 20, 30), (50, 60, 40), (50, 60, 40), (50, 60, 0)], [-1, 0, -1, 1])
+    # Unless it is said, a take-off leads to its place.
+    start = np.array([10.0, 20.0, 0.0])
+    up = mission_path(numbered(item(TAKEOFF, 50.0, 60.0, 40.0)), AREA, start)
+    check(up, [(10, 20, 0), (10, 20, 40), (50, 60, 40)], [-1, -1, 0])
+    assert items_of(record_of(5, 1, numbered(GOES)))[0].mission_type == 0
+
+
 def test_jumps_are_taken_as_often_as_they_say_or_for_ever() -> None:
     goes = [item(WAYPOINT, 50.0), item(WAYPOINT, 60.0)]
     assert way(*goes, jump(0, 2), item(WAYPOINT, 70.0)).seqs.tolist() == [-1, *[0, 1] * 3, 3]
@@ -181,7 +193,8 @@ def test_jumps_are_taken_as_often_as_they_say_or_for_ever() -> None:
 @pytest.mark.parametrize(
     ("laps", "radius", "points", "turned"),
     [(1.0, 12.0, 25, 1.0), (2.0, 12.0, 49, 2.0), (0.26, 12.0, 8, 0.26), (0.0, 12.0, 1, 0.0),
-     (-1.0, 12.0, 1, 0.0), (1.0, -12.0, 25, -1.0), (51.0, 12.0, 1201, 50.0), (1.0, 0.0, 25, 1.0)],
+     (-1.0, 12.0, 1, 0.0), (1.0, -12.0, 25, -1.0), (51.0, 12.0, 1201, 50.0), (1.0, 0.0, 25, 1.0),
+     (1.0, 0.5, 25, 1.0)],
 )  # fmt: skip
 def test_turns_are_circles_from_the_nearest_point_on(
     laps: float, radius: float, points: int, turned: float
