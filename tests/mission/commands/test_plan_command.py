@@ -12,8 +12,11 @@ from fl.radio.channel import CHANNEL_PRESETS
 from mission.analysis.load import load_run
 from mission.base.errors import InputError, PlanError
 from mission.cli import call
+from mission.commands.planning import show
+from mission.planner.config import PlannerConfig
 from mission.planner.evaluate import finish
-from mission.planner.plan import RoundPlan
+from mission.planner.files import NamedPlan, read_problems
+from mission.planner.plan import PlannedPath, RoundPlan
 from mission.planner.problem import RoundProblem
 
 CHANNEL = {
@@ -334,3 +337,25 @@ def test_plans_of_several_aircraft_have_a_picture_and_no_single_mission(
         capsys.readouterr().err
     )
     assert not (tmp_path / "a.plan").exists()
+
+
+def test_the_table_has_the_numbers_of_each_plan(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Of one that serves two within a bound, and of one that serves nobody and has none."""
+    (source := tmp_path / "problems.json").write_text(json.dumps([PROBLEM]))
+    (pair,) = read_problems(source)
+    waypoints = np.array([[0.0, 0.0], [90.0, 0.0], [90.0, 40.0]])
+    served = np.array([[False, False], [True, False], [False, True]])
+    made = RoundPlan((PlannedPath(waypoints),), served[None], 0.75, 1.0, nodes=17)
+    nobody = RoundPlan((PlannedPath(waypoints[:1].repeat(3, axis=0)),), 0 * served[None] > 0, 0.0)
+    plans = [NamedPlan("pair", made, 0.0126), NamedPlan("pair", nobody, 1.5)]
+    show(plans, [pair], PlannerConfig(gap=0.2))
+    head, _, first, second, loose, note = capsys.readouterr().out.splitlines()[-6:]
+    assert " ".join(head.split()) == "problem value bound % m served nodes ms"
+    assert first.split() == ["pair", "0.7500", "1.0000", "25.00", "130.0", "2", "17", "13"]
+    assert second.split() == ["pair", "0.0000", "-", "-", "0.0", "0", "0", "1500"]
+    assert loose.startswith("1 of 2 plans is proven less closely than planner.gap = 0.2 asks")
+    assert note.startswith("pair: no update gets through from anywhere on the way")
+    show(plans[:1], [pair], PlannerConfig(gap=0.3))
+    assert "less closely" not in capsys.readouterr().out
