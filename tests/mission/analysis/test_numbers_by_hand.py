@@ -208,6 +208,14 @@ def test_a_flight_without_a_plan_has_its_numbers() -> None:
     # A coulomb at 20 V each tenth of a second.
     assert found["energy_j"] == pytest.approx(20.0 * 10 * found["duration_s"], rel=0.01)
     assert found["battery_remaining"] == pytest.approx(0.62, abs=0.002)
+    # Of a hole nobody knows on which leg it is, but in which mode.
+    known = (t_s <= 15.0) | (t_s >= 22.0)
+    holed = replace(data, truth=data.truth.at(t_ns[known]))
+    loaded: Any = SimpleNamespace(path="a log", data=holed)
+    errors, found = whole_flight(loaded, [])
+    (hole,) = errors.holes
+    assert (hole.number, hole.leg, hole.mode) == (1, None, "HOLD")
+    assert (hole.start_s, hole.end_s, found["gap_max_s"]) == (15.0, 22.0, 7.0)
     with pytest.raises(InputError, match="the log has no positions, so there is nothing"):
         whole(replace(data, truth=data.truth.between(0, 0)))
     with pytest.raises(InputError, match="it never left the ground"):

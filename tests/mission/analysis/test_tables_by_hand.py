@@ -1,13 +1,20 @@
 """Cells of the tables of a comparison, of numbers that are given."""
 
 import math
+from dataclasses import fields
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
-from mission.analysis.comparison_text import in_words, leg_rows, pair_rows, stretch_rows
+from mission.analysis.comparison_text import (
+    COLUMNS,
+    in_words,
+    leg_rows,
+    pair_rows,
+    stretch_rows,
+)
 from mission.analysis.measure import Leg
 from mission.analysis.numbers import Comparison, Made, Told, told_numbers
 from mission.analysis.spikes import Spike
@@ -107,6 +114,37 @@ def test_a_spike_alone_names_no_event() -> None:
     assert Spike(1.04, 2.06, "height error", 3.25, 1.5, 1, 4, ()).words == (
         "at 1.0-2.1 s height error 3.2 m, leg 4"
     )
+
+
+def numbered(**more: Any) -> Any:
+    """A comparison whose numbers are 1.23456, 2.23456 and so on, in the order of its fields."""
+    names = [field.name for field in fields(Comparison)]
+    values: dict[str, Any] = {name: n + 1.23456 for n, name in enumerate(names)}
+    return Comparison(**{**values, "round": 1, **more}), values
+
+
+def test_cells_of_a_round_have_as_many_decimals_as_they_need() -> None:
+    counts = {"delivered": 3, "scheduled": 7, "unready": 2, "slots": 9, "slots_missed": 4}
+    one, of = numbered(
+        plan_duration_s=80.0, duration_s=100.0, plan_objective=0.5, true_objective=0.4, **counts
+    )
+
+    def pair(name: str, digits: int, first: str = "rms", unit: str = "m") -> str:
+        both = (of[f"{name}_{how}_{unit}"] for how in (first, "max"))
+        return " / ".join(f"{value:.{digits}f}" for value in both)
+
+    rates = " / ".join(f"{of[f'{which}_per_mean']:.4f}" for which in ("plan", "est", "true"))
+    assert [cell(one) for _, cell in COLUMNS] == [
+        f"{of['plan_path_m']:.0f} / {of['flown_path_m']:.0f}", pair("cross_track", 2),
+        pair("straight", 2), pair("corner_cut", 2, "mean"), "80.0 / 100.0", "-20.0 %",
+        pair("slot_late", 2, "mean", "s"), f"{of['plan_energy_j']:.0f} / {of['energy_j']:.0f}",
+        pair("slot_miss", 2), pair("height", 2), pair("estimate", 2), rates,
+        f"{of['per_shift_max']:.4f}", f"0.500 / {of['est_objective']:.3f} / 0.400", "3/7", "2",
+        "20.00", f"{of['upper_bound']:.3f}", "4 of 9",
+    ]  # fmt: skip
+    nothing, _ = numbered(duration_s=0.0, plan_objective=0.0, upper_bound=NAN)
+    cells = {head: cell(nothing) for head, cell in COLUMNS}
+    assert (cells["plan off\nby"], cells["lost %"], cells["proven bound"]) == ("-", "-", "-")
 
 
 SIGNED = {"height_max_m", "slot_along_max_m", "per_shift_max", "height_tracking_max_m"}
