@@ -10,7 +10,8 @@ from one_aircraft import round_problem
 
 from fl.radio.channel import CHANNEL_PRESETS
 from mission.figures.plan import plan_picture
-from mission.figures.style import dot_radii, importance_size, per_key, per_scale, table
+from mission.figures.render import card, stacked
+from mission.figures.style import Chart, dot_radii, importance_size, per_key, per_scale, table
 from mission.planner.evaluate import success
 from mission.planner.plan import PlannedPath, RoundPlan
 from mission.planner.problem import RoundProblem
@@ -91,3 +92,58 @@ def test_a_picture_of_a_plan_tells_its_numbers_and_who_is_served_how_well() -> N
     assert words == {
         "start": (0, 0), "0": (120, 70), "1": (200, 200), "2": (320, 40)
     }  # fmt: skip
+
+
+def chart(name: str, **more: Any) -> Chart:
+    rows = [{"x": 1.0, "y": 2.0}, {"x": 3.0, "y": None}]
+    usual = {"width": 440, "height": 210, "layer": [{"mark": "point"}], "datasets": {name: rows}}
+    return {"title": {"text": name}, **usual, **more}
+
+
+@pytest.mark.parametrize(
+    ("count", "together", "columns"),
+    [  # so many are 1.7 times as high as wide at most, and none is left alone in a row
+        (3, 3, 1), (4, 4, 2), (6, 6, 2), (7, 7, 4), (5, 5, 3), (9, 3, 3), (2, 2, 1), (8, 1, 1),
+        (13, 13, 5),
+    ],
+)  # fmt: skip
+def test_charts_stand_in_as_few_columns_as_fit_a_screen(count, together, columns) -> None:
+    made = stacked([chart(str(n)) for n in range(count)], title="t", about="a", together=together)
+    assert set(made["datasets"]) == {str(n) for n in range(count)}
+    assert (made["title"]["text"], made["title"]["subtitle"]) == ("t", "a")
+    groups = [part.get("concat") for part in made["vconcat"]]
+    if columns == 1:
+        assert groups == [None] * count
+        return
+    assert [len(group) for group in groups] == [together] * (count // together)
+    assert {part["columns"] for part in made["vconcat"]} == {columns}
+    assert [one["title"]["text"] for group in groups for one in group] == [
+        str(n) for n in range(count)
+    ]
+
+
+def test_a_picture_has_one_key_or_each_chart_its_own() -> None:
+    own = stacked([chart("a"), chart("b")], title="t", about="")["resolve"]["scale"]
+    assert set(own.values()) == {"independent"}
+    assert {"color", "strokeDash"} <= set(own)
+    assert "resolve" not in stacked([chart("a")], title="t", about="", one_key=True)
+
+
+def test_a_card_is_as_wide_as_its_place_and_zooms_where_there_are_numbers() -> None:
+    named_x, of_numbers = ({"mark": "bar", "encoding": {"x": {"type": kind}}}
+                           for kind in ("ordinal", "quantitative"))  # fmt: skip
+    both = chart("a", layer=[named_x, of_numbers, of_numbers], height=110)
+    for is_map, aspect, ways in ((False, None, ["x"]), (True, 0.25, ["x", "y"])):
+        made: Any = card({**both, "title": {"text": "a", "subtitle": "so"}}, is_map=is_map)
+        assert (made["title"], made["note"], made["aspect"]) == ("a", "so", aspect)
+        spec = made["spec"]
+        assert "title" not in spec
+        assert (spec["description"], spec["width"]) == ("a", "container")
+        assert spec["datasets"] == {"a": {"x": [1.0, 3.0], "y": [2.0, None]}}
+        zooms = ["params" in layer for layer in spec["layer"]]
+        assert zooms == [False, True, False]
+        assert spec["layer"][1]["params"][0]["select"]["encodings"] == ways
+    still: Any = card(chart("a", datasets={"a": []}))
+    assert not any("params" in layer for layer in still["spec"]["layer"])
+    assert still["spec"]["datasets"] == {"a": {}}
+    assert still["note"] == ""
