@@ -36,8 +36,8 @@ LAT_DEG = 1 / 111_171.6  # of a metre, at 47 degrees
 
 
 def state(t_ns: int, at: tuple[float, float, float], vel: tuple[float, float, float]) -> Kinematics:
-    """Headed east."""
-    q = np.array([HALF, 0.0, 0.0, HALF])
+    """Headed by 60 degrees."""
+    q = np.array([math.sqrt(0.75), 0.0, 0.0, 0.5])
     return Kinematics(t_ns, np.array(at), np.array(vel), q, np.zeros(3))
 
 
@@ -51,7 +51,7 @@ def control(t_ns: int) -> np.ndarray:
 
 
 ITEMS = [
-    (22, 3, 47.0, 8.0, 20.0), (16, 0, 47.001, 8.0, 530.0), (178, 2, 0.0, 0.0, 0.0),
+    (22, 3, 47.0, 8.0, 20.0), (19, 0, 47.001, 8.0, 530.0), (178, 2, 0.0, 0.0, 0.0),
     (16, 3, 47.0, 8.001, 25.0), (21, 3, 47.0, 8.0, 0.0),
 ]  # fmt: skip
 
@@ -70,7 +70,7 @@ def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
             (float(n), float(command), float(frame), 0.0, 0.0, 0.0, 0.0, x, y, z, 1.0)
             for n, (command, frame, x, y, z) in enumerate(ITEMS)
         )
-        made.mission(MissionRecord(0, "mission", rows))
+        made.mission(MissionRecord(S, "mission", rows))
         for t_s in range(5):
             t_ns = t_s * S
             truth = state(t_ns, (10.0 * t_s, 20.0, -30.0), (10.0, 1.0, -2.0))
@@ -113,7 +113,7 @@ def test_positions_attitudes_and_speeds_are_px4s(ulog: ULog) -> None:
         place = row(ulog, name, "x", "y", "z", "vx", "vy", "vz")
         expected = [20 + more, 20 + more, -30 - 2 * more, 10 + more, 1 + more, -2 - more]
         assert place == pytest.approx(expected, abs=1e-3)
-        assert row(ulog, name, "heading")[0] == pytest.approx(math.pi / 2, abs=1e-4)
+        assert row(ulog, name, "heading")[0] == pytest.approx(math.pi / 3, abs=1e-4)
         assert row(ulog, name, "ref_lat", "ref_lon", "ref_alt") == [47.0, 8.0, 500.0]
         flags = "xy_valid", "z_valid", "v_xy_valid", "v_z_valid", "xy_global", "z_global"
         assert row(ulog, name, *flags) == [1.0] * 6
@@ -121,7 +121,7 @@ def test_positions_attitudes_and_speeds_are_px4s(ulog: ULog) -> None:
         assert lat == pytest.approx(47.0 + (20 + more) * LAT_DEG, abs=1e-7)
         assert height == pytest.approx(alt, abs=1e-3)
     q = row(ulog, "vehicle_attitude_groundtruth", *(f"q[{n}]" for n in range(4)))
-    assert q == pytest.approx([HALF, 0.0, 0.0, HALF], abs=1e-4)
+    assert q == pytest.approx([math.sqrt(0.75), 0.0, 0.0, 0.5], abs=1e-4)
 
 
 def test_control_is_px4s(ulog: ULog) -> None:
@@ -141,6 +141,7 @@ def test_control_is_px4s(ulog: ULog) -> None:
     motors = of("actuator_motors", "control", 12)
     assert motors[:4] == near(0.1, 0.2, 0.3, 0.4)
     assert np.isnan(motors[4:]).all()
+    assert "control[12]" not in topic(ulog, "actuator_motors")
     name = "vehicle_local_position_setpoint"
     found = row(ulog, name, "x", "y", "z", "vx", "vy", "vz", "yaw", "yawspeed")
     assert tuple(found) == near(10, 20, -30, 1, 2, -3, 0.5, 0.25)
@@ -160,6 +161,7 @@ def test_sensors_and_states_are_px4s(ulog: ULog) -> None:
     names = "connected", "voltage_v", "current_a", "discharged_mah", "remaining"
     assert row(ulog, "battery_status", *names) == [1.0, 20.0, 5.0, 20.0, 0.5]
     assert row(ulog, "wind", "windspeed_north", "windspeed_east") == [3.0, 4.0]
+    assert len(topic(ulog, "home_position")["lat"]) == 1
     names = "lat", "lon", "alt", "valid_alt", "valid_hpos"
     assert row(ulog, "home_position", *names, at=0) == [47.0, 8.0, 500.0, 1.0, 1.0]
     status = topic(ulog, "vehicle_status")
@@ -283,3 +285,21 @@ def test_geojson_has_both_tracks_with_their_times(log: Path, tmp_path: Path) -> 
     assert features[0]["properties"]["round"] == 1
     point = feature_of(AREA, np.array([[100.0, 50.0, 20.0]]), name="x")
     assert point["geometry"] == {"type": "Point", "coordinates": (8.0, 47.0, 520.0)}
+
+
+@pytest.mark.parametrize(
+    ("mode", "state_"),
+    [("RETURN_TO_LAUNCH", 5), ("RTL", 5), ("AUTO", 3), ("ALTCTL", 1), ("POSCTL", 2),
+     ("FOLLOW_ME", 19), ("ACRO", 10), ("TAKEOFF", 17), ("LAND", 18), ("GUIDED", 255)],
+)  # fmt: skip
+def test_modes_of_any_autopilot_are_px4s_where_it_has_them(
+    tmp_path: Path, mode: str, state_: int
+) -> None:
+    path = tmp_path / "x.mcap"
+    with FlightLog(path, area=AREA, devices=Devices(np.zeros((0, 2)), ())) as made:
+        for t_s in range(2):
+            here = state(t_s * S, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+            battery = BatteryState(22.0, 1.0, 0.0, 1.0)
+            made.sampled(VehicleSample(t_s * S, here, here, None, battery, mode, armed=True))
+    found = ULog(str(export_ulog(path, tmp_path / "x.ulg")))
+    assert topic(found, "vehicle_status")["nav_state"].tolist() == [state_]
