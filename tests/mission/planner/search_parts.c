@@ -170,3 +170,32 @@ EXPORTED void barrier_at(
         for (int i = 0; i < 7; i++) parts[7 * k + i] = seven[i][LENGTH - 1];
     }
 }
+
+/* Whether a search is hopeless after so many nodes, and when it looks again; `look` (2,) of number and gap. */
+EXPORTED int hopeless(double *look, int64_t nodes, double gap, double goal, int64_t most_nodes)
+{
+    Progress progress = {(int64_t)look[0], look[1]};
+    const int found = is_hopeless(&progress, nodes, gap, goal, most_nodes);
+    look[0] = (double)progress.look;
+    look[1] = progress.gap;
+    return found;
+}
+
+/* Leave nodes with bounds (count,) open where there is room for so many, then take them out again, into
+   `bound`; returns what was closed. */
+EXPORTED double queued(int64_t count, double *bound, int64_t room)
+{
+    double closed = 0.0, *open[64];
+    Queue queue = {open, 0, room};
+    for (int64_t i = 0; i < count; i++) {
+        double *node = malloc(sizeof(double));
+        if (node) *node = bound[i];
+        leave_open(&queue, node, bound[i], &closed);
+    }
+    for (int64_t i = 0; i < count; i++) {
+        double *node = queue.count > 0 ? dequeue(&queue) : NULL;
+        bound[i] = node ? *node : -1.0;
+        free(node);
+    }
+    return closed;
+}

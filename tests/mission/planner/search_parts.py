@@ -23,7 +23,7 @@ def _parts() -> Any:
         loaded = ctypes.CDLL(str(target))
     for function in (
         loaded.order_bound, loaded.square_bound, loaded.conjugate, loaded.away_from_way,
-        loaded.limit_of_step,
+        loaded.limit_of_step, loaded.queued,
     ):  # fmt: skip
         function.restype = ctypes.c_double
     return loaded
@@ -143,3 +143,26 @@ def barrier_at(
         *(ctypes.c_void_p(each.ctypes.data) for each in (whole, parts)),
     )
     return whole, parts
+
+
+def hopeless(
+    look: tuple[int, float], nodes: int, gap: float, *, goal: float, most_nodes: int
+) -> tuple[bool, int, float]:
+    """Whether a search would not end in time, at which node and with which gap it looks again;
+    `look` has both of its last look."""
+    seen = np.array(look, dtype=np.float64)
+    found: int = _parts().hopeless(
+        ctypes.c_void_p(seen.ctypes.data), ctypes.c_int64(nodes), ctypes.c_double(gap),
+        ctypes.c_double(goal), ctypes.c_int64(most_nodes),
+    )  # fmt: skip
+    return bool(found), int(seen[0]), float(seen[1])
+
+
+def queued(bounds: Floats, room: int) -> tuple[Floats, float]:
+    """The bounds of open nodes in the order that they are taken, -1 where there are no more, and
+    the largest of those for which there is no `room`."""
+    found = bounds.astype(np.float64)
+    closed: float = _parts().queued(
+        ctypes.c_int64(len(found)), ctypes.c_void_p(found.ctypes.data), ctypes.c_int64(room)
+    )
+    return found, closed

@@ -9,9 +9,11 @@ from search_parts import (
     away_from_way,
     barrier_at,
     conjugate,
+    hopeless,
     limit_of_step,
     newton_step,
     order_bound,
+    queued,
 )
 
 from fl.radio.channel import CHANNEL_PRESETS, average_per
@@ -248,3 +250,40 @@ def test_the_barrier_is_the_logarithms_and_their_derivatives():
         cone, np.array([[1.0, -2.9], *y[1:]]), mu=mu, eps=eps, length=length
     )
     assert bound == np.inf
+
+
+@pytest.mark.parametrize(
+    ("nodes", "gap", "goal", "most_nodes", "ends"),
+    [
+        (99, 0.5, 0.0, 10, None),  # no time to look
+        (101, 0.5, 0.0, 10, None),
+        # From a gap of 0.5 at 50 nodes to 0.375 at 100. What is foretold may be half as far again.
+        (100, 0.375, 0.375, 67, False),  # 100 nodes to 100.5
+        (100, 0.375, 0.375, 66, True),
+        (100, 0.375, 0.3125, 100, False),  # half of another doubling: 150
+        (100, 0.375, 0.3125, 99, True),
+        (100, 0.375, 0.25, 134, False),  # one: 200
+        (100, 0.375, 0.25, 133, True),
+        (100, 0.375, 0.0625, 400, False),  # two and a half: 600
+        (100, 0.375, 0.0625, 399, True),
+        (100, 0.5, 0.375, 10**9, True),  # nothing was gained
+        (100, 0.625, 0.375, 10**9, True),
+        (100, 0.499, 0.0, 10**6, True),  # 499 doublings
+    ],
+)
+def test_a_search_ends_where_its_pace_foretells_too_many_nodes(nodes, gap, goal, most_nodes, ends):
+    found, look, last = hopeless((100, 0.5), nodes, gap, goal=goal, most_nodes=most_nodes)
+    assert found == bool(ends)
+    assert (look, last) == ((100, 0.5) if ends is None else (200, gap))
+
+
+def test_open_nodes_are_taken_by_their_bounds_as_far_as_there_is_room():
+    rng = np.random.default_rng(4)
+    for count in (1, 2, 3, 7, 20, 64):
+        bounds = (rng.permutation(count) // 2).astype(np.float64)
+        taken, closed = queued(bounds, 64)
+        assert taken.tolist() == sorted(bounds.tolist(), reverse=True)
+        assert closed == 0.0
+    taken, closed = queued(np.array([3.0, 1.0, 4.0, 1.5, 9.0, 2.6]), 4)
+    assert taken.tolist() == [4.0, 3.0, 1.5, 1.0, -1.0, -1.0]
+    assert closed == 9.0
