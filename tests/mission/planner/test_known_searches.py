@@ -79,10 +79,10 @@ def joint(*drawn: int) -> Numbers:
     return [found.value, found.bound, found.nodes]
 
 
-def together(*drawn: int, **more: Any) -> Numbers:
+def together(*drawn: int, nodes: int = 60, **more: Any) -> Numbers:
     """Prices, packed paths and changes of several aircraft, mended where they come too near."""
     problem = team(*drawn, **more)
-    made = make_planner(PlannerConfig(max_nodes=60)).plan(problem)
+    made = make_planner(PlannerConfig(max_nodes=nodes)).plan(problem)
     check_plan(problem, made)
     rest = [path.altitude_m or path.wait_s for path in made.paths]
     return [made.value, made.upper_bound, made.nodes, made.path_m, *rest]
@@ -192,6 +192,8 @@ CASES: dict[str, Callable[[], Numbers]] = {
     "two aircraft at the best altitudes": lambda: together(
         34, 2, 6, 3, own={"altitudes_m": (40.0, 120.0)}
     ),
+    "two aircraft, and no search": lambda: together(10, 2, 12, 6, nodes=0),
+    "two aircraft, and hardly a search": lambda: together(10, 2, 12, 6, nodes=1),
     "two aircraft on a grid": lambda: together(39, 2, 8, 3, per_grid=grid(39)),
     "two aircraft that may not move": lambda: together(35, 2, 8, 1),
     "two aircraft that exchange paths": lambda: together(48, 2, 8, 4, **apart(250.0)),
