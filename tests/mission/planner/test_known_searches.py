@@ -206,6 +206,7 @@ CASES: dict[str, Callable[[], Numbers]] = {
     "a whole plan within limits": lambda: limited(
         26, limits=RoundLimits(FLYING, 35.0), upload_s=UPLOAD_S
     ),
+    "a whole plan on a grid": lambda: limited(40, per_grid=grid(40), steps=4),
     "a whole plan around areas": lambda: limited(27, airspace=AREAS),
     "quadratic programs": lambda: stepped(37, devices=20, steps=8),
     "altitudes that are nearly one": lambda: higher(38, 1e-4, 150, altitudes_m=(60.0, 61.6)),
