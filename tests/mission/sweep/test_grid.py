@@ -11,8 +11,9 @@ from mission.base.errors import InputError
 from mission.config.loading import builtin_config, load_config
 from mission.scenario.scenario import build_scenario
 from mission.scenario.strategies import CustomStrategy
-from mission.sweep.folder import SweepFolder, points_of, read_manifest
+from mission.sweep.folder import Missing, SweepFolder, SweepState, points_of, read_manifest
 from mission.sweep.grid import Axis, Grid, Point, make_grid, parse_axis
+from mission.sweep.results import RunResult
 
 QUICK = builtin_config("quickstart.toml")
 
@@ -165,6 +166,53 @@ def test_values_that_are_left_out_are_named_as_they_are_given(tmp_path: Path) ->
     wanted = "--set channel.preset=urban,suburban,dense-urban"
     assert f"channel.preset dense-urban is there too, so give {wanted}" in str(caught.value)
     assert "another configuration" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("lacks", "told"), [(0, ""), (6, ""), (7, " and 1 more"), (9, " and 3 more")]
+)
+def test_six_runs_that_are_missing_are_named(lacks: int, told: str) -> None:
+    done = RunResult(Point("cov", 1, ()), {}, (), {})
+    missing = tuple(Missing(f"run-{n}", "cov" if n < 2 else "ideal", "why") for n in range(lacks))
+    state = SweepState({}, (done, done), missing)
+    assert state.planned == 2 + lacks
+    if not lacks:
+        assert (state.progress, state.seeds("cov")) == ("All 2 runs are done.", "2")
+        return
+    named = ", ".join(f"run-{n}" for n in range(min(6, lacks)))
+    assert state.progress == f"2 of {2 + lacks} runs are done; missing: {named}{told}."
+    assert (state.seeds("cov"), state.seeds("ideal")) == ("2 of 4", f"0 of {lacks - 2}")
+
+
+def test_eight_changes_are_named_and_several_values_that_are_left_out(tmp_path: Path) -> None:
+    folder = started(tmp_path / "s", grid(seeds=3, sets=["mission.steps=5,6,7"]))
+    with pytest.raises(
+        InputError, match=r"seed 2, 3 are there too, so give --seeds 3; mission\.st"
+    ):
+        folder.check(grid(seeds=1, sets=["mission.steps=5,6"]), data_dir=None)
+    keys = ("local_epochs", "batch_size", "mu", "momentum", "learning_rate")
+    other = {f"learning.{key}": 0.5 if n > 1 else 7 for n, key in enumerate(keys)}
+    other |= {
+        f"communities.{c}.{key}": 5 for c in (0, 1) for key in ("devices", "labels_per_device")
+    }
+    other |= {"mission.rounds": 9}
+    with pytest.raises(InputError) as caught:
+        folder.check(grid(common=other, seeds=3, sets=["mission.steps=5,6,7"]), data_dir=None)
+    assert str(caught.value).count(", is ") == 8
+
+
+def test_a_manifest_of_another_version_is_none_of_a_sweep(tmp_path: Path) -> None:
+    folder = started(tmp_path / "s", grid())
+    whole = json.loads(folder.manifest.read_text())
+    assert [p.name for p in points_of(read_manifest(folder.path))] == [r.name for r in grid().runs]
+    changes: list[dict[str, Any]] = [
+        {"format": 2}, {"axes": []}, {"axes": {"seed": [1], "strategy": ["cov"]}},
+        {"axes": {**whole["axes"], "mission.steps": 5}},
+    ]  # fmt: skip
+    for change in changes:
+        folder.manifest.write_text(json.dumps({**whole, **change}))
+        with pytest.raises(InputError, match="not written by a sweep of this version"):
+            read_manifest(folder.path)
 
 
 def test_another_data_folder_is_refused(tmp_path: Path) -> None:
