@@ -250,3 +250,76 @@ def test_what_is_damaged_is_named(tmp_path: Path, case: str) -> None:
     assert str(refused.value).startswith(str(path))
     assert words in str(refused.value)
     assert "\n" not in str(refused.value)
+
+
+def scan(**changes: Any) -> dict[str, Any]:
+    return {
+        "type": "ComplexItem", "complexItemType": "StructureScan", "version": 3,
+        "CameraCalc": {
+            "AdjustedFootprintFrontal": 10, "AdjustedFootprintSide": 12, "DistanceToSurface": 15,
+        },
+        "EntranceAltitude": 40, "ScanBottomAlt": 10, "StructureHeight": 30, "StartFromTop": False,
+        "Layers": 2, "GimbalPitch": -20,
+        "polygon": [[47.4, 8.5], [47.4, 8.501], [47.401, 8.501]], **changes,
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("changes", "items"),
+    [
+        ({"Layers": 1}, 4 + 6), ({"Layers": 100}, 4 + 600), ({"Layers": 0}, 0),
+        ({"Layers": 101}, 0),
+        ({"Layers": 1.5}, 0), ({"polygon": [[47.4, 8.5], [47.4, 8.501]]}, 0),
+        ({"CameraCalc": {"AdjustedFootprintFrontal": 0, "AdjustedFootprintSide": 1,
+                         "DistanceToSurface": 1}}, 0),
+    ],
+)  # fmt: skip
+def test_a_structure_scan_has_layers_and_corners(
+    tmp_path: Path, changes: dict[str, Any], items: int
+) -> None:
+    path = tmp_path / "a.plan"
+    path.write_text(json.dumps(plan_document(scan(**changes))))
+    if items:
+        assert len(read_plan_file(path).items) == items
+    else:
+        with pytest.raises(InputError):
+            read_plan_file(path)
+
+
+def test_a_building_drawn_the_other_way_round_is_gone_around_outside_too(tmp_path: Path) -> None:
+    path, found = tmp_path / "a.plan", []
+    corners = scan()["polygon"]
+    for ring in (corners, [corners[0], *corners[:0:-1]]):
+        path.write_text(json.dumps(plan_document(scan(polygon=ring, Layers=1))))
+        flown = [item for item in read_plan_file(path).items if item.command == 16]
+        found.append({(round(item.x, 6), round(item.y, 6)) for item in flown})
+    assert found[0] == found[1]
+    (south, *_), (*_, north) = sorted(found[0]), sorted(found[0])
+    assert south[0] < 47.4 - 14 / 111_200
+    assert north[0] > 47.401 + 14 / 111_200
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "taken"),
+    [
+        ("command", 0xFFFF, True),
+        ("command", 0x10000, False),
+        ("command", -1, False),
+        ("frame", 0xFF, True),
+        ("frame", 0x100, False),
+        ("frame", -1, False),
+        ("params", [0] * 7, True),
+        ("params", [0] * 8, False),
+        ("params", [0] * 6, False),
+    ],
+)
+def test_numbers_of_an_item_fit_its_message(
+    tmp_path: Path, key: str, value: Any, taken: bool
+) -> None:
+    path = tmp_path / "a.plan"
+    path.write_text(json_damage(**{key: value}))
+    if taken:
+        assert len(read_plan_file(path).items) == 1
+    else:
+        with pytest.raises(InputError, match=f"items.0..{key}"):
+            read_plan_file(path)

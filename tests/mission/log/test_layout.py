@@ -167,3 +167,29 @@ def test_a_flight_of_a_plan_file_has_no_empty_panels_of_learning() -> None:
         return {re.split(r"[.{]", path)[0] for path in paths}
 
     assert topics_of(["digits"]) - topics_of([]) == {"/learning", "/uplinks"}
+
+
+@pytest.mark.parametrize(("side_m", "zoom"), [(1e8, 0), (1e-3, 19)])
+def test_a_map_has_the_zooms_that_maps_have(side_m: float, zoom: int) -> None:
+    area = Area.at(size_m=(side_m, side_m), home_m=(0.0, 0.0), home=AREA.home)
+    (config,) = (
+        panel["config"]
+        for panel in panels(json.loads(layout(area, ["digits"]))["content"])
+        if panel["panelType"] == "Map"
+    )
+    assert config["zoomLevel"] == zoom
+
+
+def test_the_scene_is_seen_from_above_the_middle_of_the_area() -> None:
+    area = Area.at((600.0, 400.0), (0.0, 0.0), AREA.home)
+    shown = list(panels(json.loads(layout(area, ["a", "b"]))["content"]))
+    (camera,) = (p["config"]["cameraState"] for p in shown if "cameraState" in p["config"])
+    assert camera["targetOffset"] == [300.0, 200.0, 0.0]
+    assert 600.0 < camera["distance"] < 900.0  # the longer side, and a little around
+    assert camera["far"] > 10 * camera["distance"]
+    paths = [p["config"].get("paths", []) for p in shown]
+    learnt = [path for each in paths for path in each if "/learning" in path["value"]]
+    assert [path["label"] for path in learnt] == ["a", "b"]
+    assert len({path["color"] for path in learnt}) == 2
+    without = list(panels(json.loads(layout(area, []))["content"]))
+    assert len(without) == len(shown) - 2
