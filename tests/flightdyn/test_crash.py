@@ -9,6 +9,7 @@ from flights import BREEZE, PERFECT, legs, make, path_along, run, take_off
 from flightdyn.aircraft import Aircraft
 from flightdyn.config import SensorsConfig, WindConfig
 from flightdyn.faults import GnssOff, MotorLoss, WindBurst
+from flightdyn.frames import normal_gravity, rotation_matrix
 
 REALISTIC = SensorsConfig()
 
@@ -118,3 +119,31 @@ def test_faults_end_one_by_one_and_leave_the_others_their_time() -> None:
     assert aircraft.faults.active == ()
     aircraft.faults.end(outage)
     assert aircraft.faults.active == ()
+
+
+def test_the_accelerometers_feel_the_blow_and_then_rest() -> None:
+    """All of the velocity is taken in one tick; what lies as it fell is pushed up by the ground."""
+    aircraft = make(sensors=PERFECT)
+    vehicle = aircraft.vehicle
+    take_off(aircraft, 20.0)
+    aircraft.follow(path_along(legs(aircraft.belief.pos_ned_m, (40.0,)), 12.0))
+    run(aircraft, 1.5)  # it leans, moves and climbs no more
+    before, force = vehicle.kinematics(0), np.array(vehicle.specific_force())
+    body = np.array(rotation_matrix(vehicle.attitude())).reshape(3, 3)
+    assert np.abs(before.vel_ned_mps[:2]).min() > 2.0
+    vehicle.wreck()
+    blow = force - body.T @ before.vel_ned_mps / 0.004
+    assert vehicle.specific_force() == pytest.approx(blow.tolist(), rel=1e-9)
+    assert vehicle.imu.read() == pytest.approx([0.0, 0.0, 0.0, *blow.tolist()], rel=1e-9)
+    assert vehicle.run()
+    up = body.T @ [0.0, 0.0, -normal_gravity(47.0, 0.0)]
+    for _ in range(3):
+        assert vehicle.specific_force() == pytest.approx(up.tolist(), rel=1e-9)
+        assert vehicle.imu.read() == pytest.approx([0.0, 0.0, 0.0, *up.tolist()], rel=1e-9)
+        assert vehicle.run()
+    after = vehicle.kinematics(0)
+    assert after.pos_ned_m == pytest.approx(before.pos_ned_m, rel=1e-12)
+    assert after.q_frd_to_ned == pytest.approx(before.q_frd_to_ned, rel=1e-12)
+    assert not after.vel_ned_mps.any()
+    assert not after.omega_frd_radps.any()
+    assert (vehicle.electrical_power_w(), max(vehicle.rotor_thrusts_n())) == (0.0, 0.0)

@@ -190,6 +190,37 @@ def test_what_was_altered_or_not_signed_stays_out(place: int) -> None:
     assert seal().opened(old) == b""
 
 
+def test_each_stream_has_a_time_of_its_own() -> None:
+    """By system, component and link: what one has sent shuts out no other, nor itself later."""
+    sealing, at = seal(), 1_000 * 100_000
+
+    def said(system: int, component: int, link: int, stamp: int) -> bytes:
+        station = mav.MAVLink(None, srcSystem=system, srcComponent=component)
+        station.signing.secret_key, station.signing.sign_outgoing = KEY, True
+        station.signing.link_id, station.signing.timestamp = link, stamp
+        return hello(station)
+
+    streams = [(255, 190, 3), (254, 190, 3), (255, 191, 3), (255, 190, 4)]
+    for number, stream in enumerate(streams):
+        frame = said(*stream, at - number)
+        assert sealing.opened(frame) == frame
+        assert sealing.opened(said(*stream, at - number)) == b""  # no newer than the last
+        later = said(*stream, at - number + 1)
+        assert sealing.opened(later) == later
+
+
+def test_stamps_are_ten_microseconds_and_always_newer() -> None:
+    now_s = 1_420_070_400 + 12.34567
+    sealing = Seal(KEY, link_id=9, clock=lambda: now_s)
+    plain = bytes(mav.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3).pack(mav.MAVLink(None)))
+    stamps = []
+    for _ in range(3):
+        sealed = sealing.sealed(plain)
+        assert (sealed[2], sealed[-13], len(sealed)) == (1, 9, len(plain) + 13)
+        stamps.append(int.from_bytes(sealed[-12:-6], "little"))
+    assert stamps == [1_234_567, 1_234_568, 1_234_569]
+
+
 def test_a_forged_frame_of_the_future_shuts_nobody_out() -> None:
     sealing, station = seal(), signing_station()
     forged = bytearray(hello(station))

@@ -23,7 +23,7 @@ from sitl.autopilot.codec.orders import (
     read_order,
 )
 from sitl.autopilot.codec.telemetry import TELEMETRY
-from sitl.autopilot.codec.wire import Wire
+from sitl.autopilot.codec.wire import Wire, whole_frames
 from sitl.autopilot.reporter import Reporter
 
 FRAME = LocalFrame(HOME)
@@ -265,6 +265,33 @@ def test_nobody_elses_messages_are_read() -> None:
     assert wire.read(camera.pack(station)) == []
     assert len(wire.read(everybody.pack(station))) == 1
     assert [len(wire.read(held.pack(station))) for held in sticks] == [1, 1, 0]
+
+
+def test_ones_own_words_and_answers_to_nobodys_ping_are_not_read() -> None:
+    ask, answer = (mav.MAVLink_ping_message(1, 2, to, to) for to in (0, 1))
+    for system, component, heard in ((255, 190, 1), (1, 1, 0), (1, 2, 1), (2, 1, 1)):
+        sender = mav.MAVLink(None, srcSystem=system, srcComponent=component)
+        assert len(Wire(1, 1).read(ask.pack(sender))) == heard
+        assert Wire(1, 1).read(answer.pack(sender)) == []
+
+
+def test_frames_are_numbered_up_to_255() -> None:
+    wire = Wire(7, 9)
+    for number in (*range(256), 0, 1):
+        frame = wire.pack(mav.MAVLink_system_time_message(1, 2))
+        assert (frame[4], frame[5], frame[6]) == (number, 7, 9)
+
+
+def test_whole_frames_of_a_stream_are_told_from_the_rest() -> None:
+    station = mav.MAVLink(None, srcSystem=255, srcComponent=190)
+    one, two = (
+        bytes(mav.MAVLink_mission_request_list_message(1, 1, kind).pack(station)) for kind in (0, 1)
+    )
+    damaged = bytearray(one)
+    damaged[10] ^= 0xFF
+    assert whole_frames(one + two) == (one + two, b"")
+    assert whole_frames(b"noise" + one + bytes(damaged) + two[:7]) == (one, two[:7])
+    assert whole_frames(two[:7]) == (b"", two[:7])
 
 
 def test_damaged_datagrams_do_not_harm_the_next() -> None:

@@ -278,6 +278,56 @@ def test_a_burst_does_not_go_on_with_another_file(folder: Path) -> None:
     assert of(desk.pass_wall_time(0.1, step=0.01), "FILE_TRANSFER_PROTOCOL") == []
 
 
+@pytest.mark.parametrize(("offset", "size", "count"), [(0, 239, 23), (239, 100, 52), (5399, 9, 1)])
+def test_a_burst_is_numbered_and_its_last_part_says_so(
+    folder: Path, offset: int, size: int, count: int
+) -> None:
+    """Of 5400 bytes."""
+    desk, whole = Files(folder), bytes_of(folder, 4)
+    _, session, _ = desk.ftp(OPEN, b"/log/flight-0004.mcap")
+    head = struct.pack("<HBBBBBxI", 65_530, session, BURST, size, 0, 0, offset)
+    ask = mav.MAVLink_file_transfer_protocol_message(0, 1, 1, list(head.ljust(251, b"\0")))
+    heard = of(desk.send(ask) + desk.pass_wall_time(0.1, step=0.005), "FILE_TRANSFER_PROTOCOL")
+    parts = [bytes(message.payload) for message in heard]
+    heads = [struct.unpack_from("<HBBBBBxI", part) for part in parts]
+    lengths = [min(size, 5400 - offset - i * size) for i in range(count)]
+    assert heads == [
+        ((65_531 + i) % 65_536, session, ACK, length, BURST, i == count - 1, offset + i * size)
+        for i, length in enumerate(lengths)
+    ]
+    got = b"".join(part[12 : 12 + length] for part, length in zip(parts, lengths, strict=True))
+    assert got == whole[offset:]
+    head = struct.pack("<HBBBBBxI", 9, session, BURST, size, 0, 0, 5400)
+    ask = mav.MAVLink_file_transfer_protocol_message(0, 1, 1, list(head.ljust(251, b"\0")))
+    answer = bytes(the(desk.send(ask), "FILE_TRANSFER_PROTOCOL").payload)
+    assert (answer[3], answer[12]) == (NAK, END)
+
+
+def test_thirty_parts_go_out_every_five_milliseconds(folder: Path) -> None:
+    desk = Files(folder)
+    _, session, _ = desk.ftp(OPEN, b"/log/flight-0005.mcap")
+    head = struct.pack("<HBBBBBxI", 7, session, BURST, 239, 0, 0, 0).ljust(251, b"\0")
+    ask = mav.MAVLink_file_transfer_protocol_message(0, 1, 1, list(head))
+    counts = [len(of(desk.send(ask), "FILE_TRANSFER_PROTOCOL"))]
+    for _ in range(14):
+        heard = desk.pass_wall_time(0.00251, step=0.00251)
+        counts.append(len(of(heard, "FILE_TRANSFER_PROTOCOL")))
+    assert counts == [30, 0, 30, 0, 30, 0, 30, 0, 30, 0, 18, 0, 0, 0, 0]  # 168 of 239 bytes
+
+
+def test_ftp_lists_the_folders(folder: Path) -> None:
+    desk = Files(folder)
+    size = struct.unpack("<I", desk.ftp(OPEN, b"@PARAM/param.pck")[2])[0]
+    for path, names in {
+        b"/": b"D@PARAM\0Dfs\0Dlog\0", b"": b"D@PARAM\0Dfs\0Dlog\0", b"/fs": b"Dmicrosd\0",
+        b"/fs/microsd/": b"Dlog\0", b"@PARAM": b"Fparam.pck\t%d\0" % size,
+        b"/@PARAM/": b"Fparam.pck\t%d\0" % size,
+    }.items():  # fmt: skip
+        assert desk.ftp(LIST, path)[2] == names
+    assert desk.ftp(LIST, b"/", offset=2)[2] == b"Dlog\0"
+    assert desk.refused(LIST, b"/", offset=3) == END
+
+
 def test_a_request_whose_answer_was_lost_is_answered_again(folder: Path) -> None:
     desk = Files(folder)
     code, session, _ = desk.ftp(OPEN, b"/log/flight-0001.mcap")

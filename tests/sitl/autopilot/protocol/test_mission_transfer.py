@@ -410,6 +410,65 @@ def test_a_broken_off_upload_leaves_the_old_mission() -> None:
     assert vehicle.transfer.due() == math.inf
 
 
+def test_an_item_is_asked_for_sixteen_times_in_three_seconds() -> None:
+    """The first one from the seventh time on by the old message in turn with the new one."""
+    vehicle, old = Vehicle(), mav.MAVLink_mission_request_message
+    asked = vehicle.say(count_of(2))
+    for n in range(1, 16):
+        vehicle.transfer.poll(n * 0.201 - 0.002)
+        assert vehicle.take() == []
+        vehicle.transfer.poll(n * 0.201)
+        asked += vehicle.take()
+    assert [isinstance(body, old) for body in asked] == [n in (6, 8, 10, 12, 14) for n in range(16)]
+    assert {(body.seq, body.mission_type) for body in asked} == {(0, MISSION)}
+    vehicle.transfer.poll(3.22)
+    assert vehicle.take() == [ack(mav.MAV_MISSION_OPERATION_CANCELLED)]
+    # Of a later item it is as many, all by the message that was answered.
+    vehicle.say(count_of(2), now=10.0)
+    vehicle.transfer.poll(10.2)
+    vehicle.say(waypoints(2)[0], now=10.3)
+    vehicle.take()
+    for n in range(1, 16):
+        vehicle.transfer.poll(10.3 + n * 0.201)
+        assert vehicle.take() == [request_for(1, to=STATION)]
+    vehicle.transfer.poll(13.52)
+    assert vehicle.take() == [ack(mav.MAV_MISSION_OPERATION_CANCELLED)]
+
+
+def test_five_thousand_items_are_taken_and_no_more() -> None:
+    vehicle = Vehicle()
+    assert vehicle.say(count_of(5001)) == [ack(mav.MAV_MISSION_NO_SPACE)]
+    assert vehicle.transfer.due() == math.inf
+    assert vehicle.say(count_of(5000)) == [request_for(0, to=STATION)]
+    assert vehicle.transfer.due() == pytest.approx(0.2)
+
+
+def test_echoes_come_three_times_at_a_tenth_of_a_second() -> None:
+    vehicle, items = Vehicle(), waypoints(1)
+    vehicle.say(count_of(1))
+    vehicle.transfer.poll(0.25)
+    vehicle.take()
+    assert vehicle.say(items[0], now=1.0) == [ack(ACCEPTED)]
+    said = []
+    for n in range(1, 60):
+        vehicle.transfer.poll(1.0 + n * 0.01)
+        said += [n] * len(vehicle.take())
+    assert said == pytest.approx([10, 20, 30], abs=1)
+    assert vehicle.transfer.due() == math.inf
+
+
+@pytest.mark.parametrize(("later_s", "kept"), [(9.9, True), (10.1, False)])
+def test_a_download_is_kept_for_ten_seconds_after_each_request(later_s: float, kept: bool) -> None:
+    """Of the list that was there as it began."""
+    vehicle, old, new = Vehicle(), waypoints(2), waypoints(2, shift=1.0)
+    upload(vehicle, old)
+    vehicle.say(request_list(), now=5.0)
+    assert vehicle.say(request_for(0), now=14.0) == [old[0]]
+    upload(vehicle, new, now=14.0)
+    vehicle.transfer.poll(14.0 + later_s)
+    assert vehicle.say(request_for(1), now=14.0 + later_s) == [(old if kept else new)[1]]
+
+
 def test_a_second_count_starts_again_so_that_missions_never_mix() -> None:
     vehicle = Vehicle()
     old, new = waypoints(3), waypoints(3, shift=1.0)
