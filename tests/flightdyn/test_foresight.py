@@ -1,5 +1,7 @@
 """What is foreseen of a path is what the aircraft flies: time, energy, and bounds on both."""
 
+import math
+
 import numpy as np
 import pytest
 from flights import HOME, legs, make, path_along, run, take_off
@@ -8,7 +10,7 @@ from flightdyn.config import LimitsConfig, WindConfig
 from flightdyn.foresight import SETTLING_S, least_duration, least_energy, longest_within
 from flightdyn.guidance.path import FlightPath, passing_times, plan_path
 from flightdyn.physics.air import steady_wind_ned
-from flightdyn.physics.power import density_ratio, power_w
+from flightdyn.physics.power import density_ratio, least_power_w, power_w
 from mission.planner.performance import Foreseen, Performance
 
 LIMITS = LimitsConfig()
@@ -164,3 +166,74 @@ def test_joules_are_those_of_the_reference(seed: int) -> None:
     settled_j = SETTLING_S * power_w(np.linalg.norm([wind], axis=1), density=0.9)[0]
     foreseen = foresee(path, density=0.9, wind_mps=(3.0, -1.0, 0.0))
     assert foreseen.energy_j == pytest.approx(np.trapezoid(watts, times) + settled_j, rel=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("length_m", "speed_mps", "seconds"),
+    [
+        # 5 m/s2: 16 m to 20 m/s and back, 0.4 s of smoothing and 0.3 s until it stands.
+        (80.0, 20.0, 8.7), (180.0, 20.0, 13.7), (20.0, 20.0, 4.7), (20.0, 10.0, 4.7),
+        (70.0, 10.0, 9.7), (500.0, 40.0, 25.7),
+    ],
+)  # fmt: skip
+def test_the_least_time_of_a_length_by_hand(
+    length_m: float, speed_mps: float, seconds: float
+) -> None:
+    limits = LimitsConfig(speed_mps=25.0)
+    keys = {"speed_mps": speed_mps, "limits": limits}
+    assert least_duration(length_m, **keys) == pytest.approx(seconds)  # type: ignore[arg-type]  # by name
+    assert longest_within(seconds, **keys) == pytest.approx(length_m)  # type: ignore[arg-type]  # by name
+    assert longest_within(seconds - 0.01, **keys) < length_m  # type: ignore[arg-type]  # by name
+
+
+@pytest.mark.parametrize("legs_count", [np.inf, 3.0])
+@pytest.mark.parametrize(("wind_mps", "density"), [(0.0, 1.0), (4.0, 0.9)])
+def test_the_least_energy_of_a_length_is_that_of_its_description(
+    legs_count: float, wind_mps: float, density: float
+) -> None:
+    """Speed by speed, without the shortcuts: what a metre takes at the cheapest of what is had."""
+    speed, accel, window_s, cut_m = 18.0, 5.0, 0.4, 2.0
+    lengths = np.linspace(0.0, 90.0, 46)
+    found = least_energy(
+        lengths, legs=legs_count, speed_mps=speed, limits=LIMITS, cut_m=cut_m, density=density,
+        wind_mps=wind_mps,
+    )  # fmt: skip
+    speeds = np.linspace(0.0, speed, 2001)
+
+    def level_w(at: np.ndarray) -> np.ndarray:
+        slow = np.maximum(0.0, np.abs(at) - wind_mps)
+        return least_power_w(slow, density=density)
+
+    apart = accel * window_s / math.sqrt(12.0)
+    averaged = ((level_w(speeds + apart) + level_w(speeds - apart)) / 2 - level_w(speeds)).max()
+    entered = np.maximum(speeds[:-1], 1e-9)
+    # The mean speed of a parabola that is entered at u: of sqrt(1 - s^2 + (s x)^2), x from 0 to 1.
+    sine = np.clip(np.sqrt(2 * accel * cut_m) / entered, 1e-9, 1 - 1e-9)
+    x = np.linspace(0.0, 1.0, 20_001)
+    root = np.sqrt(1.0 - sine[::100, None] ** 2 + (sine[::100, None] * x) ** 2)
+    few = entered[::100] * np.trapezoid(root, x, axis=1)
+    mean = entered / 2 * (1 + (1 - sine**2) / sine * np.arctanh(sine))
+    np.testing.assert_allclose(few, mean[::100], rtol=1e-6, atol=1e-9)
+    watts, cruise_w = level_w(mean) - averaged, level_w(speeds[-1:])[0] - averaged
+    hover, pushed = power_w(np.zeros(2), accel_mps2=np.array([0.0, accel]), density=density)
+    settling_j = power_w(np.array([wind_mps]), density=density)[0] * 0.3
+
+    def joules(added_w: float) -> tuple[list[float], float]:
+        per_m = [(w + added_w) / u for w, u in zip(watts, speeds[1:], strict=True)]
+        per_m[-1] = min(per_m[-1], cruise_w / speed)
+        total, totals = settling_j, [0.0]
+        for before, after in zip(lengths[:-1] / 2, lengths[1:] / 2, strict=True):
+            had = min(int(np.searchsorted(speeds, math.sqrt(2 * accel * after))), 2000)
+            total += 2 * min(per_m[:had]) * (after - before)
+            totals.append(total)
+        return totals, min(per_m)
+
+    free, _ = joules(0.0)
+    if math.isinf(legs_count):
+        assert found.tolist() == pytest.approx(free, rel=1e-9)
+        return
+    paid, cheapest = joules(pushed - hover)
+    # Each leg has jumps of 4 a^2, each as many of a sixth of a window.
+    spared = legs_count * 4 * window_s / 6 * 2 * (cheapest * speeds[1:] - watts).max()
+    expected = [max(a, b - spared) for a, b in zip(free, paid, strict=True)]
+    assert found.tolist() == pytest.approx(expected, rel=1e-9)

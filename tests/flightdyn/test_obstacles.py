@@ -28,6 +28,18 @@ def test_places_within_are_those_of_a_geometry_library() -> None:
     assert not Obstacles(()).contain(0.0, 0.0, 0.0)
 
 
+def test_seen_from_another_home_they_stand_where_they_stood() -> None:
+    about, rng = Obstacles(PRISMS), np.random.default_rng(3)
+    once, twice = about.seen_from(7.0, -30.0), about.seen_from(2.0, -10.0).seen_from(5.0, -20.0)
+    inside = 0
+    for north, east, up in rng.uniform((-30, -30, 0), (100, 30, 50), (300, 3)):
+        expected = about.contain(north, east, up)
+        assert once.contain(north - 7.0, east + 30.0, up) == expected
+        assert twice.contain(north - 7.0, east + 30.0, up) == expected
+        inside += expected
+    assert 10 < inside < 290
+
+
 @pytest.mark.parametrize("height_m", [10.0, 60.0])
 def test_who_flies_into_a_wall_is_a_wreck_and_who_flies_over_it_is_not(height_m: float) -> None:
     config = AircraftConfig(sensors={"kind": "perfect"})
