@@ -13,13 +13,15 @@ from fl.radio.channel import CHANNEL_PRESETS, Channel, average_per
 from mission.base.airspace import Airspace
 from mission.base.errors import InfeasiblePlanError, PlanInputError
 from mission.planner.altitudes import CertifiedAltitudes
-from mission.planner.certified import CertifiedPlanner
+from mission.planner.certified import CertifiedPlanner, ExploringPlanner
 from mission.planner.check import check_plan
 from mission.planner.config import PlannerConfig
 from mission.planner.evaluate import check_problem, finish, success_bounds
 from mission.planner.factory import make_planner
+from mission.planner.plan import Planner
 from mission.planner.problem import RoundProblem
 from mission.planner.reward import FINE_M, excess, reward_table
+from mission.planner.sqp import SqpPlanner
 
 LIMITS = (40.0, 120.0)
 GAP = 0.01
@@ -171,6 +173,26 @@ def test_plans_that_do_not_fit_their_limits_are_refused() -> None:
             check_plan(given, made.with_own(altitude_m=altitude_m))
     with pytest.raises(InfeasiblePlanError, match="the problem has one of 60 m"):
         check_plan(changed(given, altitudes_m=None), made)
+
+
+@pytest.mark.parametrize("kind", ["certified", "sqp", "exploring"])
+@pytest.mark.parametrize("exponent", [-30, 30])
+def test_importance_in_another_unit_gives_the_same_plan_at_the_same_altitude(
+    kind: str, exponent: int
+) -> None:
+    planners: dict[str, Planner] = {
+        "certified": CertifiedAltitudes(CertifiedPlanner()), "sqp": SqpPlanner(),
+        "exploring": ExploringPlanner(),
+    }  # fmt: skip
+    made = planners[kind]
+    given = problem() if kind == "certified" else changed(problem(), altitudes_m=None)
+    scaled = dataclasses.replace(given, importance=np.ldexp(given.importance, exponent))
+    here, there = made.plan(given), made.plan(scaled)
+    assert there.value == np.ldexp(here.value, exponent)
+    assert there.waypoints_m.tobytes() == here.waypoints_m.tobytes()
+    assert there.altitude_m == here.altitude_m
+    if kind == "certified":
+        assert there.upper_bound == np.ldexp(here.upper_bound, exponent)
 
 
 @pytest.mark.parametrize("limits", [(120.0, 40.0), (60.0, 60.0), (0.0, 40.0), (40.0, np.nan)])

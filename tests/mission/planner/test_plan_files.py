@@ -245,6 +245,12 @@ def test_numbers_are_taken_to_their_ends_and_no_further(tmp_path, key, least, mo
         step = 1 if isinstance(value, int) else 2e-3 * abs(value)
         with pytest.raises(PlanInputError, match=re.escape(f"{key} = ")):
             read_problems(file(value + beyond * step))
+    for no_number in (str(most or least), True):
+        with pytest.raises(PlanInputError, match=re.escape(f"{key} = ")):
+            read_problems(file(no_number))
+    if key in ("deadline_s", "energy_j"):
+        with pytest.raises(PlanInputError, match=re.escape(f"{key} = 0")):
+            read_problems(file(0))
 
 
 # A value of every type that JSON has, and numbers beyond all limits.
