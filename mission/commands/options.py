@@ -1,9 +1,10 @@
 """Options that several commands share, and what they are turned into."""
 
 import json
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import Parameter
 
@@ -93,6 +94,15 @@ def single(set_: Sequence[str]) -> tuple[tuple[str, ...], dict[str, list[str]]]:
         keys = {text.partition("=")[0] for text in texts}
         own[name] = [*(text for text in common if text.partition("=")[0] not in keys), *texts]
     return common, own
+
+
+def pace_of(speed: float | Literal["max"]) -> float:
+    """Simulated seconds per second; infinity for "max". InputError: it is out of range."""
+    if speed == "max":
+        return math.inf
+    if not 0 < speed <= 1000:
+        raise InputError(f'--speed {speed:g}: more than 0 and at most 1000, or "max"')
+    return speed
 
 
 def given_offsets(options: Sequence[str]) -> dict[str, float]:

@@ -1,6 +1,5 @@
 """`aerofed sitl`."""
 
-import math
 import os
 from collections.abc import Mapping
 from functools import partial
@@ -11,7 +10,7 @@ from cyclopts import Parameter
 
 from mission.base.console import PLAIN, Terminal
 from mission.base.errors import InputError
-from mission.commands.options import Overrides, load, single
+from mission.commands.options import Overrides, load, pace_of, single
 from mission.config import OF_VEHICLE
 from mission.flight.serve import PX4_HOME
 
@@ -57,10 +56,7 @@ def sitl(
             vehicle.aircraft.wind.speed_mps=5; of one of several by its name: --set
             vehicle-2:vehicle.aircraft.battery.initial=0.3
     """
-    if speed is None:
-        speed = _heard("PX4_SIM_SPEED_FACTOR", 1.0)
-    if speed != "max" and not 0 < speed <= 1000:
-        raise InputError(f'--speed {speed:g}: more than 0 and at most 1000, or "max"')
+    pace = pace_of(_heard("PX4_SIM_SPEED_FACTOR", 1.0) if speed is None else speed)
     usual = None if config else _usual_home()
     set_, own = single(set_)
     loaded = partial(load, config, options=_home(home), usual=usual, counts=OF_VEHICLE)
@@ -73,8 +69,7 @@ def sitl(
     if logs is not None:
         of_one = logs if count == 1 else logs / served[0].name
         kept = f"each flight is logged in {logs}, for aerofed compare {of_one}"
-    pace, say = math.inf if speed == "max" else speed, Terminal(**PLAIN).print
-    serve(served, speed=pace, say=say, first=kept)
+    serve(served, speed=pace, say=Terminal(**PLAIN).print, first=kept)
     return 0
 
 

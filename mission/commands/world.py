@@ -1,6 +1,5 @@
 """`aerofed world`."""
 
-import math
 from contextlib import suppress
 from pathlib import Path
 from typing import Annotated, Literal
@@ -9,7 +8,7 @@ from cyclopts import Parameter
 
 from mission.base.console import PLAIN, Terminal
 from mission.base.errors import InputError
-from mission.commands.options import Overrides, load, single
+from mission.commands.options import Overrides, load, pace_of, single
 
 Times = Annotated[int, Parameter(count=True)]
 
@@ -72,8 +71,7 @@ def world(
                 f"--{option} {given}: for one vehicle alone; several have the ports of their "
                 "instances, as --help says"
             )
-    if speed != "max" and not 0 < speed <= 1000:
-        raise InputError(f'--speed {speed:g}: more than 0 and at most 1000, or "max"')
+    pace = pace_of(speed)
     if port is not None and not 1 <= port <= 65535:
         raise InputError(f"--port {port}: must be from 1 to 65535")
     set_, own = single(set_)
@@ -81,7 +79,6 @@ def world(
     resolved = load(config, set_, options)
     if own and not several:
         raise InputError(f"--set {next(iter(own))}:...: for one of several; leave the name out")
-    pace, say = math.inf if speed == "max" else speed, Terminal(**PLAIN).print
     each = {name: load(config, its, options) for name, its in own.items()}
     # Only now, so that wrong input is answered at once.
     from mission.flight.serve.firmwares import serve_world
@@ -89,6 +86,6 @@ def world(
     with suppress(KeyboardInterrupt):
         serve_world(
             resolved, autopilots, built_in, each=each, port=port, mavlink=mavlink, speed=pace,
-            say=say, logs=logs,
+            say=Terminal(**PLAIN).print, logs=logs,
         )  # fmt: skip
     return 0
