@@ -23,6 +23,7 @@ from mission.log.export import (
     kml_colour,
 )
 from mission.log.reader import read_log
+from mission.log.records import UNKNOWN_ROUND
 from mission.log.values import Devices, MissionRecord, PlanRecord, Zone
 from mission.log.writer import FlightLog
 from sitl.observer import VehicleEvent, VehicleSample
@@ -90,6 +91,7 @@ def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
                 seq = {2: 0, 3: 1, 4: 4}[t_s]
                 made.happened(VehicleEvent(t_ns, kind, f"item {seq}", truth, belief, seq))
         made.happened(VehicleEvent(4 * S, "status", "+done", truth, belief, None, 3))
+        made.round(replace(UNKNOWN_ROUND, round=1, start_t_s=1.0, duration_s=2.0))
     return path
 
 
@@ -197,7 +199,7 @@ def table(folder: Path, name: str) -> list[dict[str, str]]:
 
 def test_tables_have_every_number_in_its_column(log: Path, tmp_path: Path) -> None:
     names = [path.name for path in export_tables(log, tmp_path / "t", "csv")]
-    assert {"rounds.csv", "uplinks.csv"}.isdisjoint(names)
+    assert {"learning.csv", "uplinks.csv"}.isdisjoint(names)
     folder = tmp_path / "t"
     place = {name: float(value) for name, value in table(folder, "track")[2].items()}
     # Heights count from the globe, 0.06 mm farther down there.
@@ -223,8 +225,8 @@ def test_tables_have_every_number_in_its_column(log: Path, tmp_path: Path) -> No
         "t_s": "1.0", "voltage_v": "21.0", "current_a": "5.0", "consumed_mah": "10.0",
         "remaining": "0.5",
     }  # fmt: skip
-    assert table(folder, "wind")[0] == {
-        "t_s": "0.0", "east_mps": "4.0", "north_mps": "3.0", "up_mps": "5.0",
+    assert table(folder, "wind")[1] == {
+        "t_s": "1.0", "east_mps": "4.0", "north_mps": "3.0", "up_mps": "5.0",
     }  # fmt: skip
     innovations = table(folder, "innovations")
     position = [row for row in innovations if row["sensor"] == "gnss position"]
@@ -234,7 +236,8 @@ def test_tables_have_every_number_in_its_column(log: Path, tmp_path: Path) -> No
     assert (position[0]["ratio"], position[0]["accepted"].lower()) == ("0.5", "true")
     baro = next(row for row in innovations if row["sensor"] == "baro")
     assert (baro["axis"], baro["value"], baro["accepted"].lower()) == ("", "7.0", "false")
-    control_ = table(folder, "control")[0]
+    control_ = table(folder, "control")[1]
+    assert control_["t_s"] == "1.0"
     assert control_["thrust_setpoint"] == "0.75"
     assert float(control_["motors_3"]) == pytest.approx(0.4, abs=2e-4)
 
@@ -265,9 +268,9 @@ def test_kml_has_devices_fence_and_both_paths(log: Path, tmp_path: Path) -> None
     ((planned, path),) = lines("planned")
     assert planned == "round 1"
     assert [round(alt) for _, _, alt in path] == [500, 520, 520]
-    ((flown, track),) = lines("flown")
-    assert flown == "flight"
-    assert len(track) == 5
+    pieces = [(flown, len(track)) for flown, track in lines("flown")]
+    assert pieces == [("to round 1", 2), ("round 1", 3), ("after the last round", 2)]
+    (_, track), *_ = lines("flown")
     assert track[1][1] - track[0][1] == pytest.approx(10 * LAT_DEG, abs=2e-8)
     assert kml_colour("#12AbcD") == "ffcdab12"
 
@@ -283,6 +286,13 @@ def test_geojson_has_both_tracks_with_their_times(log: Path, tmp_path: Path) -> 
         assert lat == pytest.approx(47.0 + north * LAT_DEG, abs=2e-8)
         assert alt == pytest.approx(up, abs=2e-3)
     assert features[0]["properties"]["round"] == 1
+    for only, left in (("believed", ["planned", "believed"]), ("true", ["planned", "true"])):
+        told = replace(data, source=replace(data.source, only=only))
+        text = export_geojson(told, tmp_path / f"{only}.geojson").read_text()
+        assert [each["properties"]["kind"] for each in json.loads(text)["features"]] == left
+    once = replace(data, truth=data.truth.between(0, 0), plans=())
+    text = export_geojson(once, tmp_path / "once.geojson").read_text()
+    assert [each["properties"]["kind"] for each in json.loads(text)["features"]] == ["believed"]
     point = feature_of(AREA, np.array([[100.0, 50.0, 20.0]]), name="x")
     assert point["geometry"] == {"type": "Point", "coordinates": (8.0, 47.0, 520.0)}
 
