@@ -428,3 +428,61 @@ def test_of_stretches_those_without_a_flight_are_passed_over(tmp_path: Path) -> 
     flown: Rows = (*POS[:2], [(t * 10**6, LAT, LON, 500.0 + t) for t in range(1, 10)])
     found = read(tmp_path, *starts, turns(*range(1, 10)), places=flown)
     assert found.belief.t_ns.tolist() == [t * S for t in range(1, 10)]
+
+
+SIGNALS: list[tuple[list[tuple[str, str, tuple[float, ...]]], str, list[float]]] = [
+    ([("PSCN", "TPN PN TVN VN", (1, 2, 3, 4)), ("PSCE", "TPE PE TVE VE", (5, 6, 7, 8)),
+      ("PSCD", "TPD PD TVD VD", (9, 10, 11, 12))], "wanted_position_m", [1, 5, 9]),
+    ([("PSCN", "TPN PN TVN VN", (1, 2, 3, 4)), ("PSCE", "TPE PE TVE VE", (5, 6, 7, 8)),
+      ("PSCD", "TPD PD TVD VD", (9, 10, 11, 12))], "position_m", [2, 6, 10]),
+    ([("PSCN", "TPN PN TVN VN", (1, 2, 3, 4)), ("PSCE", "TPE PE TVE VE", (5, 6, 7, 8)),
+      ("PSCD", "TPD PD TVD VD", (9, 10, 11, 12))], "wanted_velocity_mps", [3, 7, 11]),
+    ([("PSCN", "TPN PN TVN VN", (1, 2, 3, 4)), ("PSCE", "TPE PE TVE VE", (5, 6, 7, 8)),
+      ("PSCD", "TPD PD TVD VD", (9, 10, 11, 12))], "velocity_mps", [4, 8, 12]),
+    ([("PSC", "TPX TPY PX PY", (1, 2, 3, 4))], "wanted_position_m", [1, 2]),
+    ([("PSC", "TPX TPY PX PY", (1, 2, 3, 4))], "position_m", [3, 4]),
+    ([("PSC", "TVX TVY VX VY", (1, 2, 3, 4))], "velocity_mps", [3, 4]),
+    ([("NTUN", "DPosX DPosY PosX PosY", (100, 200, 300, 400))], "wanted_position_m", [1, 2]),
+    ([("NTUN", "DPosX DPosY PosX PosY", (100, 200, 300, 400))], "position_m", [3, 4]),
+    ([("NTUN", "DVelX DVelY VelX VelY", (100, 200, 300, 400))], "wanted_velocity_mps", [1, 2]),
+    ([("NTUN", "DVelX DVelY VelX VelY", (100, 200, 300, 400))], "velocity_mps", [3, 4]),
+    ([("CTUN", "DAlt Alt", (5, 6))], "wanted_height_m", [5]),
+    ([("CTUN", "DAlt Alt", (5, 6))], "height_m", [6]),
+    ([("ATT", "DesRoll Roll DesPitch Pitch DesYaw Yaw", (1, 2, 3, 4, 5, 6))],
+     "wanted_attitude_deg", [1, 3, 5]),
+    ([("ATT", "DesRoll Roll DesPitch Pitch DesYaw Yaw", (1, 2, 3, 4, 5, 6))],
+     "attitude_deg", [2, 4, 6]),
+    ([("RATE", "RDes R PDes P YDes Y", (1, 2, 3, 4, 5, 6))], "wanted_rates_degps", [1, 3, 5]),
+    ([("VIBE", "VibeX VibeY VibeZ Clip0 Clip1 Clip2", (1, 2, 3, 4, 5, 6))],
+     "vibration_mps2", [1, 2, 3]),
+    ([("VIBE", "VibeX VibeY VibeZ Clip0 Clip1 Clip2", (1, 2, 3, 4, 5, 6))], "clips", [4, 5, 6]),
+    ([("XKF4", "SV SP SH SM", (1, 2, 3, 4)), ("NKF4", "SV SP SH SM", (5, 6, 7, 8))],
+     "innovation_ratio", [1, 2, 3, 4]),
+    ([("EKF4", "SV SP SH SM", (1, 2, 3, 4)), ("NKF4", "SV SP SH SM", (5, 6, 7, 8))],
+     "innovation_ratio", [5, 6, 7, 8]),
+    ([("GPS", "Status NSats HDop", (3, 14, 1.5))], "gnss_fix", [3]),
+    ([("GPS", "Status NSats HDop", (3, 14, 1.5))], "satellites", [14]),
+    ([("GPS", "Status NSats HDop", (3, 14, 1.5))], "hdop", [1.5]),
+    ([("GPA", "VDop HAcc", (1, 2.5))], "gnss_accuracy_m", [2.5]),
+    ([("CUR2", "Volt Curr", (12, 3))], "voltage_v", [NAN, 12]),
+    ([("CUR2", "Volt Curr", (12, 3))], "current_a", [NAN, 3]),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("rows", "signal", "values"), SIGNALS)
+def test_each_signal_is_of_its_rows_and_columns(
+    tmp_path: Path,
+    rows: list[tuple[str, str, tuple[float, ...]]],
+    signal: str,
+    values: list[float],
+) -> None:
+    """A velocity that stands still is none, so that they last a second."""
+    kinds = [
+        (name, ("Q" + "f" * len(row), f"TimeUS,{names.replace(' ', ',')}", [
+            (10**6, *row), (2 * 10**6, *row),
+        ]))
+        for name, names, row in rows
+    ]  # fmt: skip
+    found = read(tmp_path, *kinds).signals[signal]
+    np.testing.assert_allclose(found.values[0], values)
+    assert found.t_s[0] == 1.0

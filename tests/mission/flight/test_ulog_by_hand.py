@@ -360,3 +360,79 @@ def test_a_log_of_ours_says_so_and_has_missions_in_parts(
     assert [(m.t_ns, m.kind, m.items) for m in found.missions] == [
         (1, "mission", (tuple(item),)), (2, "fence", (tuple(item),)),
     ]  # fmt: skip
+
+
+def floats(names: str, *rows: tuple[float, ...]) -> Topic:
+    """A topic of floats; rows are at 1 s, 2 s and on."""
+    fields = ";".join(f"float {name}" for name in names.split())
+    return fields, "f" * len(rows[0]), [(float(n), *row) for n, row in enumerate(rows, start=1)]
+
+
+def test_signals_of_a_ulog_have_their_units_and_what_is_not_known(tmp_path: Path) -> None:
+    """The quaternion is of 90 degrees about down; angles are in radians."""
+    half, radian = math.sqrt(0.5), 180.0 / math.pi
+    turn = ("float[4] q", "ffff", [(1.0, half, 0.0, 0.0, half), (2.0, 1.0, 0.0, 0.0, 0.0)])
+    goal = ("float[4] q_d", "ffff", turn[2])
+    imu = "float accel_vibration_metric;uint32_t[3] accel_clipping", "fIII"
+    gps = "uint8_t fix_type;uint8_t satellites_used;float hdop;float eph", "BBff"
+    local = "float x;float y;float z;bool xy_valid;float vx;float vy;float vz;bool v_xy_valid"
+    motors = "float[12] control", "f" * 12
+    found = read(
+        tmp_path,
+        vehicle_attitude=turn,
+        vehicle_attitude_setpoint=goal,
+        vehicle_rates_setpoint=floats("roll pitch yaw", (0.1, 0.2, 0.3), (0.1, 0.2, 0.3)),
+        vehicle_angular_velocity=("float[3] xyz", "fff", [(1.0, 1.0, 2.0, 3.0)]),
+        vehicle_local_position_setpoint=floats("x y z vx vy vz", (1, 2, -3, 4, 5, -6)),
+        trajectory_setpoint=("float[3] position", "fff", [(1.0, 9.0, 9.0, 9.0)]),
+        vehicle_local_position=(local, "fff?fff?", [
+            (1.0, 1, 2, -3, True, 4, 5, -6, False), (2.0, 7, 8, -9, False, 10, 11, -12, True),
+        ]),
+        vehicle_imu_status=(*imu, [(1.0, 0.5, 1, 2, 3)]),
+        estimator_status=floats(
+            "vel_test_ratio pos_test_ratio hgt_test_ratio mag_test_ratio", (0.1, 0.2, 0.3, 0.4)
+        ),
+        vehicle_gps_position=(*gps, [(1.0, 3, 14, 1.25, 2.5), (2.0, 4, 15, 0.0, 4294967.5)]),
+        actuator_motors=(*motors, [(1.0, *[0.25, 0.5], *[NAN] * 10)]),
+    ).signals  # fmt: skip
+    expected: dict[str, list[list[float]]] = {
+        "attitude_deg": [[0.0, 0.0, 90.0], [0.0, 0.0, 0.0]],
+        "wanted_attitude_deg": [[0.0, 0.0, 90.0], [0.0, 0.0, 0.0]],
+        "wanted_rates_degps": [[0.1 * radian, 0.2 * radian, 0.3 * radian]] * 2,
+        "rates_degps": [[radian, 2 * radian, 3 * radian]],
+        "wanted_position_m": [[1.0, 2.0, -3.0]], "wanted_velocity_mps": [[4.0, 5.0, -6.0]],
+        "position_m": [[1.0, 2.0, -3.0], [NAN, NAN, -9.0]],
+        "velocity_mps": [[NAN, NAN, -6.0], [10.0, 11.0, -12.0]],
+        "vibration_mps2": [[0.5]], "clips": [[6.0]], "innovation_ratio": [[0.1, 0.2, 0.3, 0.4]],
+        "gnss_fix": [[3.0], [4.0]], "satellites": [[14.0], [15.0]], "hdop": [[1.25], [NAN]],
+        "gnss_accuracy_m": [[2.5], [NAN]], "motors": [[0.25, 0.5]],
+    }  # fmt: skip
+    assert set(found) == set(expected)
+    for name, values in expected.items():
+        np.testing.assert_allclose(found[name].values, values, atol=1e-5, err_msg=name)
+        assert found[name].t_s[0] == 1.0
+
+
+def test_signals_of_older_versions_stand_elsewhere(tmp_path: Path) -> None:
+    attitude = "roll pitch yaw rollspeed pitchspeed yawspeed"
+    found = read(
+        tmp_path,
+        vehicle_attitude=floats(attitude, (0.1, 0.2, 0.3, 0.4, 0.5, 0.6)),
+        vehicle_attitude_setpoint=floats("roll_body pitch_body yaw_body", (0.4, 0.5, 0.6)),
+        vehicle_local_position=floats("x y z vx vy vz", (1, 2, -3, 4, 5, -6)),
+        trajectory_setpoint=(
+            "float[3] position;float[3] velocity", "ffffff", [(1.0, 1, 2, 3, 4, 5, 6)],
+        ),
+        estimator_status=floats("vel_test_ratio hdg_test_ratio", (0.1, 0.2)),
+        sensor_gps=("uint8_t fix_type;uint8_t satellites_used", "BB", [(1.0, 3, 14)]),
+    ).signals  # fmt: skip
+    expected: dict[str, list[float]] = {
+        "attitude_deg": [5.72958, 11.45916, 17.18873],
+        "rates_degps": [22.91831, 28.64789, 34.37747],
+        "wanted_attitude_deg": [22.91831, 28.64789, 34.37747], "position_m": [1.0, 2.0, -3.0],
+        "velocity_mps": [4.0, 5.0, -6.0], "wanted_position_m": [1.0, 2.0, 3.0],
+        "wanted_velocity_mps": [4.0, 5.0, 6.0], "gnss_fix": [3.0], "satellites": [14.0],
+        "innovation_ratio": [0.1, NAN, NAN, 0.2],
+    }  # fmt: skip
+    for name, values in expected.items():
+        np.testing.assert_allclose(found[name].values[0], values, atol=1e-4, err_msg=name)
