@@ -25,7 +25,9 @@ from mission.planner.evaluate import (
     in_time,
     objective,
     path_length,
+    plan_along,
     plan_without_moving,
+    scheduled,
     success,
     success_bounds,
 )
@@ -88,6 +90,13 @@ def test_who_is_ready_when_a_step_begins_is_in_time() -> None:
     assert in_time(sooner, plan)[0, :, 0].all()
     assert in_time(sooner, plan)[0, [1, 2], [1, 2]].tolist() == [False, False]
     assert in_time(sooner, plan, hold_s=4.0)[0].tolist()[2] == [True, True, True]
+    # Whose step begins too early is not served, unless a hover comes before it.
+    waited = problem(limits=PAPER, ready_in_s=np.array([99.0, 99.0, 25.5]))
+    for made in (plan_along, scheduled, finish):
+        assert [made(waited, WAY).value > 0.0, made(waited, WAY, hold_s=1.0).value > 0.0] == [
+            False,
+            True,
+        ]
     # Each of two in its own time: the second flies the way back, 300 m first.
     two = RoundProblem(
         given.devices_m, given.importance,

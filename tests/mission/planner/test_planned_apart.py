@@ -203,6 +203,42 @@ def test_a_plan_of_anybody_is_mended(hold_s: float) -> None:
     assert made.paths == plan.paths
 
 
+@pytest.mark.parametrize(
+    ("count", "apart_m", "own", "height_m", "flown_m"),
+    [
+        (2, 20.0, {}, None, [50, 70]),  # about the channel's 60 m
+        (3, 20.0, {}, None, [40, 60, 80]),
+        (2, 7.0, {}, None, [55, 65]),  # ten metres at least
+        (2, 20.0, {"altitude_m": 20.0}, None, [10, 30]),
+        (2, 20.0, {"altitude_m": 19.9}, None, []),  # not under ten metres
+        (2, 20.0, {"altitude_m": 490.0}, None, [480, 500]),
+        (2, 20.0, {"altitudes_m": (40.0, 80.0)}, 60.0, [50, 70]),
+        (2, 20.0, {"altitudes_m": (40.0, 80.0)}, 45.0, [40, 60]),
+        (2, 20.0, {"altitudes_m": (40.0, 80.0)}, 78.0, [60, 80]),
+        (3, 20.0, {"altitudes_m": (40.0, 80.0)}, 78.0, [40, 60, 80]),
+        (2, 20.0, {"altitudes_m": (40.0, 60.0)}, 59.0, [40, 60]),
+        (2, 20.0, {"altitudes_m": (40.0, 59.9)}, 59.0, []),
+    ],
+)
+def test_layers_are_about_what_was_planned_as_far_as_may_be_flown(
+    count: int, apart_m: float, own: dict[str, Any], height_m: float | None, flown_m: list[float]
+) -> None:
+    """Beside each other to places side by side, 5 m apart, where nobody may wait for long."""
+    starts = tuple(
+        Start(np.array([-200.0, 5.0 * a]), 500.0, RoundLimits(GUIDED, 20.0), **own)
+        for a in range(count)
+    )
+    problem = crossing(starts=starts, least_m=apart_m, separation_m=apart_m)
+    ways = [[[-200, 5 * a], [0, 5 * a]] for a in range(count)]
+    made = kept_apart(problem, along(problem, *ways, altitude_m=height_m))
+    if flown_m:
+        assert sorted(path.altitude_m or 0.0 for path in made.paths) == flown_m
+        heights = ", ".join(f"{path.altitude_m:g}" for path in made.paths)
+        assert f"{apart_m:g} m are kept: flown at {heights} m; " in made.mended
+    else:
+        assert "flown at" not in made.mended
+
+
 def test_a_wait_and_a_height_part_what_crosses() -> None:
     problem = crossing(GUIDED)
     plan = along(problem, [[-200, 0], [200, 0]], [[0, -200], [0, 200]])
