@@ -358,6 +358,12 @@ def test_what_has_no_parts_in_the_file_is_given_as_a_whole(write, override: str,
     assert str(caught.value).startswith(f"command line: {said}")
 
 
+def test_a_built_in_file_that_is_missing() -> None:
+    assert builtin_config("quickstart.toml").is_file()
+    with pytest.raises(InputError, match=r"configuration nope\.toml is missing from the inst"):
+        builtin_config("nope.toml")
+
+
 def test_missing_file(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"nothing\.toml: cannot be read: No such file"):
         load_config(tmp_path / "nothing.toml")

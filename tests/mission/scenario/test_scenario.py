@@ -20,6 +20,7 @@ from mission.scenario.limits import Amount
 from mission.scenario.radio_maps import read_map, write_map
 from mission.scenario.radios import radio_of
 from mission.scenario.scenario import Scenario, build_scenario
+from mission.scenario.strategies import Sortie, StrategyContext
 from native.errors import SettingError
 
 
@@ -188,6 +189,42 @@ def test_a_round_of_several_has_what_is_left_and_each_ones_own() -> None:
     limits = later(0.0, True, True, True, seconds=9.0).starts[1].limits
     assert limits is not None
     assert limits.duration_s == 9.0
+
+
+class Approaching:
+    """A strategy that begins elsewhere than above home."""
+
+    fairness, approach_m = True, (120.0, 90.0)
+
+    def __init__(self, context: StrategyContext) -> None:
+        self.planner = context.planner
+
+    def sortie(self, round_index: int, problem: RoundProblem) -> Sortie:  # noqa: ARG002
+        return Sortie(self.planner.plan(problem))
+
+
+def test_where_a_strategy_begins_is_for_one_aircraft() -> None:
+    own: dict[str, Any] = {"mission": {"strategy": f"{__name__}:Approaching"}}
+    assert several(**own).first_problem().start_m.tolist() == [120.0, 90.0]
+    assert several().first_problem().start_m.tolist() == [400.0, 400.0]
+    with pytest.raises(InputError, match=r"Approaching'?: approach_m must be None with several"):
+        several({}, {}, **own)
+
+
+def test_no_owner_is_missed_where_labels_are_not_shared_out() -> None:
+    task = f"{__name__}:four_of_five"
+    given = {"task": task, "partition": "iid", "devices": 2}
+    lines = several(a=given, b=given).notices()
+    assert len(lines) == 2
+    assert all(
+        line.endswith("no device owns class 4, so accuracy cannot reach 1") for line in lines
+    )
+
+
+def four_of_five(data_dir: Path | None) -> Samples:  # noqa: ARG001
+    """A class of which samples are asked for, but nobody has one."""
+    images = np.random.default_rng(1).random((40, 8, 8))
+    return Samples(images, np.arange(40) % 4, images, np.arange(40) % 5)
 
 
 def test_what_a_user_should_know_is_told() -> None:
