@@ -172,3 +172,46 @@ def test_a_plan_file_shows_item_height_battery_and_what_is_said() -> None:
         "t 2.3 s: Battery low",
         "t 2.4 s: item 4 (4 of 4), 50 m high, battery 97 %",
     ]
+
+
+def test_of_many_places_each_tenth_is_told_and_notices_but_no_less() -> None:
+    progress = Mock(spec=Progress)
+    watch = PlanProgress(progress, "x.plan", tuple(range(20)))
+    belief, battery = Mock(pos_ned_m=(0.0, 0.0, 0.4)), Mock(remaining=0.004)
+    for t_s in (0.0, 0.999, 1.0, 1.5, 2.0):
+        watch.sampled(Mock(t_ns=round(t_s * 1e9), belief=belief, battery=battery))
+    assert progress.phase.call_count == 3  # once a second
+    assert progress.phase.call_args.args[0].endswith("first place, 0 m high, battery 0 %")
+    for seq in range(20):
+        watch.happened(Mock(t_ns=2 * 10**9, kind="reached", text="", seq=seq, severity=6))
+    told = [str(call.args[0]) for call in progress.notice.call_args_list]
+    assert [words.split(" (")[0] for words in told] == [
+        f"t 2.0 s: item {seq}" for seq in range(1, 20, 2)
+    ]
+    assert "(20 of 20)" in told[-1]
+    progress.notice.reset_mock()
+    for kind, severity in (("status", 5), ("status", 6), ("fault", 4), ("mode", 2), ("armed", 2)):
+        watch.happened(Mock(t_ns=2 * 10**9, kind=kind, text=kind, seq=None, severity=severity))
+    told = [str(call.args[0]) for call in progress.notice.call_args_list]
+    assert told == ["t 2.0 s: status", "t 2.0 s: fault"]
+
+
+def test_a_phase_is_timed_from_two_seconds_on_and_a_quiet_console_shows_nothing(
+    monkeypatch,
+) -> None:
+    console = Console(file=io.StringIO(), force_terminal=True, width=80)
+    monkeypatch.setattr(time, "monotonic", lambda: 100.0)
+    progress = LiveTable(console, rounds=3, flown=True)
+    progress.phase("planning")
+    shown_at = {}
+    for after_s in (1.99, 2.0):
+        monkeypatch.setattr(time, "monotonic", lambda after_s=after_s: 100.0 + after_s)
+        with console.capture() as caught:
+            console.print(progress)
+        shown_at[after_s] = caught.get()
+    monkeypatch.undo()
+    progress.close()
+    assert "s" not in shown_at[1.99].partition("...")[2].replace("\x1b[0m", "")
+    assert "planning ..., 2 s" in shown_at[2.0]
+    quiet = make_progress(Console(file=io.StringIO(), quiet=True), rounds=1, flown=True)
+    assert type(quiet) is Progress
