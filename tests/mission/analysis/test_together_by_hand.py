@@ -20,7 +20,8 @@ from mission.log.values import EventRecord, Modes, PlanRecord, Source
 NOT_FLOWN = {"config.toml": b"[mission]\nflight = 'none'\n"}  # so that all of it is in the air
 HOME = GeodeticPoint(47.0, 8.0, 400.0)
 # 60 m to the north and 20 m lower.
-OTHER = GeodeticPoint(*pymap3d.ned2geodetic(60.0, 0.0, 0.0, 47.0, 8.0, 400.0)[:2], 380.0)
+_LAT, _LON, _ = pymap3d.ned2geodetic(60.0, 0.0, 0.0, 47.0, 8.0, 400.0)
+OTHER = GeodeticPoint(_LAT, _LON, 380.0)
 T_S = np.arange(0.0, 40.25, 0.25)
 
 
@@ -151,6 +152,8 @@ def test_a_wreck_is_said_with_its_cause_and_a_hole_with_what_is_known() -> None:
     track = other.run.data.truth
     holed = changed(other, truth=track.at(track.t_ns[kept]))
     world: Together = together([wreck, holed])
+    later = together([other, wreck], {"a.mcap": 3.0}, at_once=True)
+    assert next(later.lines) == "a.mcap: lost at 33.0 s: hit a wall"
     lines = list(world.lines)
     assert lines[0] == "a.mcap: lost at 30.0 s: hit a wall"
     assert lines[-1].startswith(
@@ -179,5 +182,8 @@ def test_plans_are_compared_while_both_are_on_one() -> None:
     assert row["plan_separation_horizontal_min_m"] == pytest.approx(12.0, abs=0.02)
     assert row["plan_separation_min_t_s"] == pytest.approx(21.0, abs=0.02)
     (path,), (second,) = world.plans
+    a, b = world.seen
+    assert (a.name, a.track, a.plans, b.name) == ("a.mcap", world.tracks[0], (path,), "b.mcap")
+    assert a.colour != b.colour
     assert path == pytest.approx(np.array([(50, 50, 30), (250, 50, 30)]), abs=0.05)
     assert second[0] == pytest.approx([250.0, 62.0, 34.0], abs=0.05)
