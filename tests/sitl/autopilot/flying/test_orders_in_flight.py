@@ -187,6 +187,60 @@ def test_a_return_takes_the_speed_that_is_ordered_meanwhile() -> None:
     assert desk.mass.paths[-1].speeds_mps[-1] == 10.0
 
 
+def test_a_filter_that_does_not_get_ready_is_given_up_after_two_minutes() -> None:
+    desk = Desk(ready=False, ready_after_s=500.0)
+    desk.fly(seconds=119.9)
+    assert desk.vehicle.moving
+    desk.fly(seconds=0.2)
+    desk.exchange()
+    assert not desk.vehicle.moving
+    (told,) = of(desk.heard, "STATUSTEXT")
+    assert (told.text, told.severity) == ("Not ready: aligning", mav.MAV_SEVERITY_ERROR)
+    assert desk.command(mav.MAV_CMD_COMPONENT_ARM_DISARM, 1, 0) == REJECTED
+
+
+def test_what_does_not_leave_the_ground_is_switched_off() -> None:
+    desk = Desk()
+    assert desk.command(mav.MAV_CMD_COMPONENT_ARM_DISARM, 1, 0) == OK
+    assert desk.command(mav.MAV_CMD_NAV_TAKEOFF, *(NAN,) * 6, HOME.alt_msl_m + 20.0) == OK
+    desk.mass.idle()
+    desk.mass.progress.stalled = True
+    desk.fly(seconds=0.1)
+    desk.exchange()
+    assert not desk.mass.armed
+    assert desk.vehicle.autopilot.mode is Mode.HOLD
+    told = of(desk.heard, "STATUSTEXT")[-1]
+    assert told.text == "The aircraft does not follow its path"
+    assert told.severity == mav.MAV_SEVERITY_CRITICAL
+
+
+def test_what_gets_stuck_in_the_air_lands() -> None:
+    desk = hovering()
+    assert desk.vehicle.autopilot.flight.go_to(np.array([90.0, 30.0, -30.0])) is None
+    desk.mass.progress.stalled = True
+    desk.fly(seconds=0.1)
+    assert desk.vehicle.autopilot.mode is Mode.LAND
+    desk.fly()
+    assert desk.mass.on_ground
+    assert not desk.mass.armed
+
+
+def test_a_mission_whose_return_is_not_possible_rests_where_it_ends() -> None:
+    desk = hovering()
+    desk.vehicle.autopilot.parameters.set("COM_POSLOSS_ACT", 0)
+    way = [
+        item(0, mav.MAV_CMD_NAV_WAYPOINT, north=300.0),
+        item(1, mav.MAV_CMD_NAV_RETURN_TO_LAUNCH),
+    ]
+    assert desk.upload(way) == OK
+    assert desk.command(mav.MAV_CMD_MISSION_START, 0, NAN) == OK
+    desk.mass.gnss_works = False
+    desk.fly()
+    assert desk.vehicle.autopilot.mode is Mode.HOLD
+    assert desk.vehicle.autopilot.flight.mission.complete
+    assert desk.mass.pos_ned_m[0] == pytest.approx(300.0, abs=0.5)
+
+
 def test_health_is_said_bit_by_bit() -> None:
     """By the numbers of MAV_SYS_STATUS_SENSOR."""
     sensors, rates, heading, motors, battery = 1 | 2 | 4 | 8, 1024 | 2048, 4096, 32768, 0x2000000
