@@ -101,6 +101,33 @@ def test_a_part_of_an_orbit_ends() -> None:
     assert np.linalg.norm(away) == pytest.approx(10.0, abs=0.2)
 
 
+@pytest.mark.parametrize(
+    ("flags", "yaw_rad", "heads"),
+    [(0, 1.0, 1.0), (1, 1.0, 1.0), (2, 1.0, 1.5), (3, 1.0, 1.5), (3, -1.0, -0.5), (1, NAN, 0.5)],
+)
+def test_a_reposition_turns_to_a_heading_or_by_an_angle(
+    flags: int, yaw_rad: float, heads: float
+) -> None:
+    """From half a radian on."""
+    desk = hovering()
+    desk.mass.yaw_rad = 0.5
+    where = (*place(60.0, 30.0), HOME.alt_msl_m + 30.0)
+    assert desk.command(mav.MAV_CMD_DO_REPOSITION, 4.0, flags, 0.0, yaw_rad, *where) == OK
+    assert desk.mass.paths[-1].speeds_mps.tolist() == [4.0]
+    desk.fly()
+    assert desk.mass.yaw_rad == pytest.approx(heads)
+    assert desk.mass.pos_ned_m[0] == pytest.approx(60.0, abs=0.2)
+
+
+def test_a_speed_is_kept_by_a_reposition_that_names_none_and_given_back_by_a_negative_one() -> None:
+    desk = hovering()
+    for speed_mps, north, flown_mps in ((4.0, 60.0, 4.0), (NAN, 80.0, 4.0), (-1.0, 60.0, 10.0)):
+        where = (*place(north, 30.0), HOME.alt_msl_m + 30.0)
+        assert desk.command(mav.MAV_CMD_DO_REPOSITION, speed_mps, 1, 0, NAN, *where) == OK
+        assert desk.mass.paths[-1].speeds_mps.tolist() == [flown_mps]
+        desk.fly(seconds=0.2)
+
+
 def test_a_loiter_may_name_a_height_alone() -> None:
     loiter = mav.MAV_CMD_NAV_LOITER_UNLIM
     for frame, z in ((6, 45.0), (5, HOME.alt_msl_m + 45.0)):
