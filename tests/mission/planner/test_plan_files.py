@@ -356,3 +356,19 @@ def test_the_served_radius_is_where_half_gets_through(preset):
     radius = served_radius_m(CHANNEL_PRESETS[preset])
     assert average_per(CHANNEL_PRESETS[preset], radius) <= 0.5
     assert average_per(CHANNEL_PRESETS[preset], radius + 1.0) > 0.5
+
+
+@pytest.mark.parametrize(
+    ("given", "timed"),
+    [
+        ({}, False),
+        ({"separation_m": 0}, False),
+        ({"separation_m": 0.5}, True),
+        ({"ready_in_s": [0, 0, 0]}, True),
+        ({"deadline_s": 60}, True),
+    ],
+)
+def test_rounds_have_times_where_anything_depends_on_them(tmp_path, given, timed):
+    (named,) = read_problems(write(tmp_path, [{**GOOD, **given}]))
+    (start,) = named.problem.starts
+    assert (start.limits is not None) == timed
