@@ -217,7 +217,7 @@ CASES: dict[str, Callable[[], Numbers]] = {
     "seconds": lambda: timed(11, 2.0, ready_in_s=None),
     "turns": lambda: timed(12, 2.0, upload_s=None),
     "seconds and turns": lambda: timed(13, 2.0),
-    "joules": lambda: timed(14, 2.0, energy_j=9000.0),
+    "joules": lambda: timed(14, 2.0, energy_j=6000.0),
     "metres": lambda: climbed(15, 3000),
     "around areas": lambda: climbed(16, 1500, airspace=AREAS),
     "in time": lambda: climbed(17, 1500, limits=RoundLimits(FLYING, 30.0)),

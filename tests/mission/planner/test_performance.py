@@ -61,6 +61,8 @@ def test_a_guided_aircraft_brakes_and_starts() -> None:
     # Beyond the table's 20 km all metres cost the same, and nothing is said of how far.
     beyond_j = GUIDED.least_j(21_000.0) - GUIDED.least_j(20_000.0)
     assert beyond_j == pytest.approx(1000.0 * GUIDED.cheapest_j(), rel=1e-9)
+    across_j = GUIDED.least_j(20_010.0) - GUIDED.least_j(19_990.0)
+    assert across_j == pytest.approx(20.0 * GUIDED.cheapest_j(), rel=1e-4)
     assert GUIDED.least_j(300.5) > GUIDED.least_j(300.0) > 0.0
     assert GUIDED.farthest_m(GUIDED.least_j(19_000.0)) == pytest.approx(19_000.5)
     assert GUIDED.farthest_m(GUIDED.least_j(20_000.0) * 1.001) == math.inf
@@ -114,6 +116,7 @@ def test_a_plan_is_checked_to_a_millimetre_and_a_billionth() -> None:
             given, RoundPlan((PlannedPath(**{"waypoints_m": way, **path}),), schedule, value, bound)
         )
 
+    assert (PlannedPath(way).wait_s, PlannedPath(way).altitude_m) == (0.0, None)
     check()
     check(wait_s=1e9)
     check(plan.value * (1.0 + 0.9e-9))

@@ -253,6 +253,20 @@ def test_numbers_are_taken_to_their_ends_and_no_further(tmp_path, key, least, mo
             read_problems(file(0))
 
 
+@pytest.mark.parametrize("key", ["areas", "fence"])
+def test_an_outline_has_five_hundred_corners_at_most(tmp_path, key):
+    def file(corners):
+        turns = 2.0 * np.pi * np.arange(corners) / corners
+        ring = (2e3 * np.column_stack((np.cos(turns), np.sin(turns)))).tolist()
+        return write(tmp_path, [{**GOOD, key: [ring] if key == "areas" else ring}])
+
+    for corners in (3, 500):
+        assert len(read_problems(file(corners))) == 1
+    for corners in (2, 501):
+        with pytest.raises(PlanInputError, match=key):
+            read_problems(file(corners))
+
+
 # A value of every type that JSON has, and numbers beyond all limits.
 STRANGE: tuple[Any, ...] = (
     "?",
