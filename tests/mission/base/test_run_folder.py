@@ -56,7 +56,8 @@ def test_a_folder_that_cannot_be_made_names_the_way_out(
 @pytest.mark.parametrize(("chosen", "way_out"), [(True, ", or name another"), (False, "")])
 def test_a_folder_in_use_names_the_way_out(tmp_path: Path, chosen: bool, way_out: str) -> None:
     folder = RunFolder(tmp_path / "one")
-    with folder.lock(), pytest.raises(InputError) as refused, folder.lock(chosen=chosen):
+    how = {"chosen": True} if chosen else {}
+    with folder.lock(), pytest.raises(InputError) as refused, folder.lock(**how):
         pass
     assert str(refused.value) == (
         f"{folder.path}: another aerofed run is at work in this folder; wait until it has ended"

@@ -3,12 +3,15 @@
 import asyncio
 import math
 from collections.abc import Callable
+from contextlib import nullcontext
+from copy import copy
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, cast
 
 import numpy as np
 import pytest
+from mavsdk.exceptions import MavsdkError
 
 from flightdyn.config import LimitsConfig
 from flightdyn.state import GeodeticPoint
@@ -19,7 +22,8 @@ from mission.flight.flyers.external import ExternalFlyer, limits_of
 from mission.flight.flyers.firmware import FirmwareFlyer, Milestones
 from mission.flight.missions.plan_file import PlanFile
 from mission.flight.missions.round_mission import Demand, FlightPlan
-from mission.flight.pilot.dialects import ARDUPILOT
+from mission.flight.pilot.dialects import ARDUPILOT, PX4, Dialect
+from mission.flight.pilot.pilot import Pilot
 from mission.flight.track import FlightRecorder, FlownTrack, TrackPoint
 from mission.planner.flyable import Stop
 from sitl.autopilot.codec.orders import MissionItem
@@ -299,3 +303,67 @@ def test_a_firmware_that_is_lost_has_its_fall_in_its_flight() -> None:
     whole = FirmwareFlyer.end(flyer, plan)
     assert whole.t_ns.tolist() == [0, S, 2 * S]
     assert (whole.passages, whole.battery_remaining) == ((None,), 0.5)
+
+
+class Uploads:
+    """What `Pilot.upload_items` needs: takes a mission after so many failures, and may alter it."""
+
+    def __init__(self, dialect: Dialect, *, fails: int = 0, alters: bool = False) -> None:
+        self.log, self.fails, self.alters = list[str](), fails, alters
+        self.dialect, self.giving, self._held = dialect, nullcontext, list[Any]()
+        self.watch = SimpleNamespace(order_given=lambda: self.log.append("forget"))
+        self._mission = SimpleNamespace(
+            upload_mission=self._upload, download_mission=self._download,
+            set_current_mission_item=lambda number: number,
+        )  # fmt: skip
+
+    async def _upload(self, items: list[Any]) -> None:
+        self.log.append("upload")
+        if self.fails:
+            self.fails -= 1
+            raise MavsdkError("TIMEOUT")
+        self.there = [copy(item) for item in items]
+
+    async def _download(self) -> list[Any]:
+        back = [copy(item) for item in self.there]
+        back[-1].x += self.alters
+        return back
+
+    def _check_alive(self, what: str) -> None:
+        self.log.append(f"alive? {what}")
+
+    async def _order(self, what: str, number: int) -> None:
+        self.log.append(f"{what} to {number}")
+
+    async def _refused(self, what: str, error: MavsdkError) -> FlightError:
+        return FlightError(f"{what}: {error}")
+
+    def upload(self, *norths_m: float) -> list[str]:
+        self.log.clear()
+        items = [item(n, 16, north_m) for n, north_m in enumerate(norths_m)]
+        asyncio.run(Pilot.upload_items(cast("Any", self), items))
+        return list(self.log)
+
+
+def test_a_mission_is_uploaded_three_times_at_most_and_rewound_where_it_may_go_on() -> None:
+    taken = ["forget", "upload"]
+    px4 = Uploads(PX4, fails=2)
+    again = ["upload", "alive? take a mission"] * 2
+    rewound = "rewind the mission to 0"
+    assert px4.upload(0.0, 10.0) == [
+        "forget",
+        *again,
+        "upload",
+        rewound,
+    ]  # nobody knows what it had
+    assert px4.upload(0.0, 20.0) == taken
+    assert px4.upload(0.0, 20.0) == [*taken, rewound]
+    ardupilot = Uploads(ARDUPILOT)
+    for north_m in (10.0, 20.0):
+        assert ardupilot.upload(0.0, north_m) == [*taken, "rewind the mission to 1"]
+    with pytest.raises(FlightError, match=r"take the mission of 2 items: TIMEOUT"):
+        Uploads(PX4, fails=3).upload(0.0, 10.0)
+    altered = Uploads(PX4, alters=True)
+    with pytest.raises(FlightError, match="holds another mission than the 2 items uploaded"):
+        altered.upload(0.0, 10.0)
+    assert altered.log.count("upload") == 3

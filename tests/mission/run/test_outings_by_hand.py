@@ -269,6 +269,9 @@ def test_a_recorder_keeps_newer_samples_first_passages_and_energy() -> None:
     kept.sampled(sample(6.0, 0.0, 12.0))
     kept.start(end)
     assert math.isnan(kept.finish(end, 1.0).energy_j)
+    kept.start(end)
+    kept.sampled(sample(7.0, 0.0, 12.01))
+    assert kept.finish(end, 1.0).energy_j == pytest.approx(0.36)
 
 
 def test_tracks_are_joined_and_read_between_samples() -> None:
@@ -299,7 +302,7 @@ def test_reports_count_in_turn_where_none_was_lost() -> None:
 
 @pytest.mark.parametrize(("hovers", "t_s"), [(False, 6.0), (True, 5.0)])
 def test_a_hover_is_reached_a_metre_before_its_closest(hovers: bool, t_s: float) -> None:
-    flight = track(*((t, 0.0, min(float(t), 6.0)) for t in range(10)))
+    flight = track(*((t / 5, 0.0, min(t / 5, 6.0)) for t in range(50)))
     at = np.array([[1.0, 7.0, -19.0]])  # what is believed is a metre off
     (found,) = passages(flight, at, reported_ns=[None], hovers=[hovers])
     assert found.t_ns == t_s * S
