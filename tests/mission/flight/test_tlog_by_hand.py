@@ -364,7 +364,8 @@ def test_of_two_starts_that_were_joined_the_longer_flight_counts(
 ) -> None:
     """The only heartbeat stands before both."""
     begun = heartbeat(custom=4 << 16 | 4 << 24 | 7, base=1)
-    told: list[Told] = [(0.0, begun), *((float(t), position(t, 1000 * t)) for t in range(50, 60))]
+    told: list[Told] = [(0.0, mav.MAVLink_statustext_message(6, b"hello")), (0.0, begun)]
+    told += [(float(t), position(t, 1000 * t)) for t in range(50, 60)]
     told += [(60.0 + t, position(t, 1000 * t)) for t in range(30)]
     (tmp_path / "x.tlog").write_bytes(content(told, first=first))
     found = KIND.flight(tmp_path / "x.tlog")
