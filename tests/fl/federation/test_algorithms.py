@@ -58,6 +58,28 @@ def test_scaffold_by_hand() -> None:
     np.testing.assert_allclose(correction, control - np.array([0.0, -4.0]), rtol=1e-6)
 
 
+def test_scaffold_goes_on_from_what_it_has_learnt_of_the_devices() -> None:
+    """c_k' = c_k - c + (theta - theta_k) / (steps eta); of a stale update the mean gradient, which
+    is what its steps were less the correction that it added to them."""
+    algorithm = Scaffold(learning_rate=0.5, server_learning_rate=1.0)
+    model, state = algorithm.apply(algorithm.init(MODEL, 3), MODEL, UPDATES)
+    moved = model + np.array([1.0, 0.0], np.float32)
+    added = np.array([0.25, 0.5], np.float32)
+    # It went by (1, 0) in one step of 0.5, from c = (-0.05, -1.2) and c_2 = (0, -4).
+    for staleness, correction, own in (
+        (0, None, [-1.95, -2.8]), (0, added, [-1.95, -2.8]), (1, added, [-2.25, -0.5]),
+        (1, None, [-1.95, -2.8]),
+    ):  # fmt: skip
+        sent = Update(2, 0.3, moved, 1, model, staleness=staleness, correction=correction)
+        after, found = algorithm.apply(state, model, [sent])
+        np.testing.assert_allclose(after, moved, rtol=1e-6)
+        np.testing.assert_allclose(
+            found["device_controls"], np.array([[-0.5, 0.0], [0.0, 0.0], own]), rtol=1e-5
+        )
+        control = np.array([-0.05, -1.2]) + 0.3 * (np.array(own) - [0.0, -4.0])
+        np.testing.assert_allclose(found["control"], control, rtol=1e-5)
+
+
 def test_scaffold_control_stays_the_weighted_mean_of_the_devices() -> None:
     algorithm = Scaffold(learning_rate=0.1, server_learning_rate=0.7)
     rng = np.random.Generator(np.random.PCG64(3))
