@@ -94,6 +94,16 @@ def test_each_rule_holds_for_each_aircraft() -> None:
             check_plan(problem, plan)
 
 
+@pytest.mark.parametrize("shape", [(1, 3), (3, 4), (2, 3, 4), (1, 2, 4), (1, 3, 4, 1)])
+def test_a_schedule_is_of_each_aircraft_step_and_device(shape: tuple[int, ...]) -> None:
+    path = PlannedPath(np.zeros((3, 2)))
+    assert RoundPlan((path,), np.zeros((1, 3, 4), dtype=bool), 0.0).schedule.shape == (1, 3, 4)
+    with pytest.raises(
+        PlanInputError, match=r"^schedule has shape .*: must be \(1, 3, K\), for each"
+    ):
+        RoundPlan((path,), np.zeros(shape, dtype=bool), 0.0)
+
+
 def test_limits_of_time_are_each_ones_own() -> None:
     """At 20 m/s and 5 m/s2 a leg of 100 m takes 9 s: two are too much for 10 s, not for 40 s."""
     limits = [RoundLimits(FLYING, 40.0), RoundLimits(FLYING, 10.0)]
