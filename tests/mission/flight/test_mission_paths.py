@@ -345,6 +345,30 @@ def test_the_last_place_is_passed_before_what_is_waited_there() -> None:
     np.testing.assert_allclose(ends[1].slot_s[:-1], ends[0].slot_s[:-1])
 
 
+def test_a_plan_is_over_as_late_as_its_parts_take() -> None:
+    """Twice round a circle of 20 m at 4 m/s, a wait, and a landing from 20 m: what each adds."""
+
+    def over_s(*items: MissionItem) -> float:
+        parameters = Parameters()
+        parameters.apply({"MPC_XY_CRUISE": 4.0, "MPC_LAND_SPEED": 0.5, "MPC_LAND_ALT2": 8.0,
+                          "MPC_Z_VEL_MAX_DN": 2.5}, "here")  # fmt: skip
+        plan = PlanFile(Path("a.plan"), b"", HOME, tuple(numbered(*items)))
+        path = checked_path(plan, HOME, parameters=parameters, limits=LimitsConfig())
+        return float(path.slot_s[-1])
+
+    circle = item(TURNS, 200.0, 50.0, params=(2.0, 0.0, 20.0, 0.0))
+    once = item(TURNS, 200.0, 50.0, params=(1.0, 0.0, 20.0, 0.0))
+    stay = item(19, 100.0, 50.0, params=(7.0, 0.0, 0.0, 0.0))
+    lands = MissionItem(0, LAND, RELATIVE, (0.0,) * 4, HOME.lat_deg, HOME.lon_deg, 0.0)
+    # To the circle it is 80 m, and it settles there before it turns.
+    way = item(WAYPOINT, 180.0, 50.0)
+    assert over_s(UP, circle) - over_s(UP, once) == pytest.approx(math.tau * 20.0 / 4.0)
+    assert over_s(UP, once) - over_s(UP, way) == pytest.approx(math.tau * 20.0 / 4.0, abs=0.01)
+    assert over_s(UP, stay) - over_s(UP) == pytest.approx(7.0, abs=1.0)
+    # A leg of no length, to above where it lands, is one that it stops after: 0.45 s.
+    assert over_s(UP, lands) - over_s(UP) == pytest.approx(0.45 + 12 / 2.5 + 8 / 0.5, abs=1e-3)
+
+
 def test_a_fence_is_what_it_draws_and_the_circle_about_home() -> None:
     parameters = Parameters()
     drawn = fence_items(

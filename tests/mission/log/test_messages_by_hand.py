@@ -75,6 +75,12 @@ def test_numbers_of_high_rate_are_rounded_to_their_grids() -> None:
         assert xyz(place) == (102.0, 51.0, 3.0)  # 1.0003 m is a third of a cell
         half = round(math.sqrt(0.5) * 2**16) / 2**16
         assert (turn.x, turn.y, turn.z, turn.w) == (0.0, 0.0, half, half)  # to the north
+    turned = state()._replace(q_frd_to_ned=np.array([0.1, 0.3, 0.5, 0.8]))
+    got = decoded(topics.TRUE_POSE, messages.pose(stamp, messages.area_pose(AREA, turned)))
+    found = got.pose.orientation
+    given = [(0.3 + 0.5), (0.3 - 0.5), (0.1 - 0.8), (0.1 + 0.8)]
+    expected = [round(value * math.sqrt(0.5) * 2**16) / 2**16 for value in given]
+    assert [found.x, found.y, found.z, found.w] == expected
     got = decoded(topics.TRUE_VELOCITY, messages.velocity(np.array([1.0006, 2.0, 3.0])))
     assert xyz(got) == (2.0, 1.0 + 2**-10, -3.0)
     got = decoded(topics.PLAN_PATH, messages.path(stamp, [(1.003, 2.005, 3.0)]))
@@ -150,6 +156,9 @@ def test_a_grid_has_at_most_81_places_a_side_and_a_byte_for_each_device(
     ]
     assert list(got.data[:4]) == [255, 128, 0, 64]
     assert len(got.data) == got.row_stride * math.ceil(3 / every)
+    tall = messages.success_grid(S, PerGrid(success.swapaxes(1, 2), (10.0, 20.0), 4.0))
+    assert decoded(topics.RADIO_TRUE, tall).column_count == math.ceil(3 / every)
+    assert len(decoded(topics.RADIO_TRUE, tall).data) == len(got.data)
 
 
 @pytest.mark.parametrize("rate_hz", [2.0, 1.0, 0.3])
