@@ -1,10 +1,22 @@
 """Server rules against steps computed by hand, and SCAFFOLD's own invariants."""
 
+from types import SimpleNamespace
+from typing import Any
+
 import numpy as np
 import pytest
 
 from fl.config import LearningConfig
-from fl.federation.algorithms import FedAdam, FedAvg, FedAvgM, Scaffold, Update, make_algorithm
+from fl.federation.algorithms import (
+    CustomStaleAlgorithm,
+    FedAdam,
+    FedAvg,
+    FedAvgM,
+    Scaffold,
+    Update,
+    make_algorithm,
+)
+from native.errors import UsersCodeError
 
 MODEL = np.array([1.0, -2.0], dtype=np.float32)
 UPDATES = (
@@ -117,3 +129,50 @@ def test_settings_choose_the_algorithm() -> None:
         assert make_algorithm(settings).mu == 0.0
     scaffold = make_algorithm(LearningConfig(algorithm="scaffold"))
     assert scaffold.momentum == 0.0
+
+
+@pytest.mark.parametrize(
+    ("what", "value", "why"),
+    [
+        ("mu", 100.0, None), ("mu", 0.0, None), ("mu", -0.1, "mu is -0.1: must be from 0 to 100"),
+        ("mu", 100.1, "mu is 100.1: must be"), ("momentum", 0.999, None), ("momentum", 0.0, None),
+        ("momentum", 1.0, "momentum is 1.0: must be below 1"),
+        ("momentum", -0.1, "momentum is -0.1: must be from 0 to 1"),
+        ("init", {"a": [1, 2]}, None), ("init", [1], r"init\(\) gives a list as its state"),
+        ("init", {"a": np.nan}, r"'a' in the state of init\(\) is nan: must be finite"),
+        ("correction", None, None), ("correction", [0.5, 1.0], None),
+        ("correction", [np.inf, 0.0], "what correction.. of device 1 gives holds inf at .0.: must"),
+        ("apply", (MODEL + 1, {}), None), ("apply", [MODEL, {}], r"apply\(\) gives a list, not a "),
+        ("apply", (MODEL, {}, 1), r"apply\(\) gives 3 things, not the two of model and state"),
+        ("apply", (MODEL,), "gives 1 things"), ("apply", (MODEL[:1], {}), "the model that apply"),
+        ("apply", (MODEL, 5), r"apply\(\) gives an int as its state"),
+        ("start", MODEL + 2, None), ("start", MODEL[:1], r"start\(\) of device 1 gives is of sh"),
+    ],
+)  # fmt: skip
+def test_answers_of_an_algorithm_of_ones_own_are_checked(what: str, value: Any, why: Any) -> None:
+    own = SimpleNamespace(
+        **{name: lambda *_: value for name in ("init", "correction", "apply", "start")},
+        mu=value, momentum=value,
+    )  # fmt: skip
+    plugin = CustomStaleAlgorithm("own:algorithm", own)
+    asked = {
+        "mu": lambda: plugin.mu, "momentum": lambda: plugin.momentum,
+        "init": lambda: plugin.init(MODEL, 3), "correction": lambda: plugin.correction({}, 1),
+        "apply": lambda: plugin.apply({}, MODEL, UPDATES),
+        "start": lambda: plugin.start({}, MODEL, 1),
+    }[what]  # fmt: skip
+    if why is not None:
+        with pytest.raises(
+            UsersCodeError, match=rf"learning\.algorithm = 'own:algorithm': .*{why}"
+        ):
+            asked()
+        return
+    found: Any = asked()
+    if what == "apply":
+        np.testing.assert_array_equal(found[0], value[0])
+    elif what == "init":
+        assert {key: of.tolist() for key, of in found.items()} == value
+    elif value is None:
+        assert found is None
+    else:
+        np.testing.assert_array_equal(found, value)

@@ -238,6 +238,9 @@ def test_what_was_flown_outside_is_counted_by_mode() -> None:
     assert found.data.planned is not None
     assert found.data.planned.reached == {0, 1, 2}
     assert found.data.planned.source == "mission in the log"
+    assert list(found.data.planned.places_m) == [0, 1, 2, 3]
+    assert found.data.planned.places_m[2] == pytest.approx([100.0, 100.0, 30.0], abs=0.05)
+    assert not found.data.planned.in_holes
 
 
 def test_without_a_log_of_items_what_was_reached_tells_which_came_next() -> None:

@@ -53,6 +53,7 @@ def test_places_are_those_at_even_times_while_it_flies() -> None:
     flown = [[step / 2, 0.0, 20.0] for step in range(21)]
     assert one["places"] == [*flown, None, None, None, None]
     assert film([Actor(run, run.truth)], {0: (0.0, 7200.0)})["step"] == 2.0  # 3600 at most
+    assert film([Actor(run, run.truth)], {1: (900.0, 950.0), 2: (400.0, 4000.0)})["step"] == 1.0
 
 
 @pytest.mark.parametrize("name", ["", "b"])
