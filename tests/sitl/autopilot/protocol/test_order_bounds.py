@@ -8,7 +8,8 @@ import math
 import pytest
 from pymavlink.dialects.v20 import common as mav
 
-from sitl.autopilot.protocol.order_rules import COMMAND_RULES, ITEM_RULES
+from sitl.autopilot.codec.orders import bare_name
+from sitl.autopilot.protocol.order_rules import ABSENT, COMMAND_RULES, ITEM_RULES
 
 ABOVE_SEA, ABOVE_HOME = mav.MAV_FRAME_GLOBAL, mav.MAV_FRAME_GLOBAL_RELATIVE_ALT
 MISSION, FENCE = ITEM_RULES[mav.MAV_MISSION_TYPE_MISSION], ITEM_RULES[mav.MAV_MISSION_TYPE_FENCE]
@@ -59,3 +60,77 @@ def test_heights_are_bounded_as_their_frame_counts_them():
         for height, is_taken in ((low, True), (high, True), (low - 1, False), (high + 1, False)):
             wrong = rule.wrong((0, 0, 0, math.nan, 47.0, 8.0, height), frame)
             assert wrong == (None if is_taken else 6), (frame, height)
+
+
+# Of each parameter that chooses the whole numbers that it may be, by orders as they are sent: c of
+# a command, m of a mission's item; and whether it may be left open (?).
+CHOICES = {
+    "c COMPONENT_ARM_DISARM 1": "0 1", "c COMPONENT_ARM_DISARM 2": "0 21196 ?",
+    "c DO_REPOSITION 2": "0 1 2 3 ?", "c DO_CHANGE_ALTITUDE 2": "0 3 5 6", "c DO_SET_ROI 1": "0 3",
+    "c DO_CHANGE_SPEED 1": "0 1", "c DO_CHANGE_SPEED 3": "-2 -1 0 ?", "m DO_CHANGE_SPEED 1": "0 1",
+    "m DO_CHANGE_SPEED 3": "-2 -1 0 ?", "c CONDITION_YAW 3": "-1 0 1 ?",
+    "c CONDITION_YAW 4": "0 1 ?", "m CONDITION_YAW 3": "-1 0 1 ?", "m CONDITION_YAW 4": "0 1 ?",
+    "c DO_PAUSE_CONTINUE 1": "0 1", "c DO_SET_MISSION_CURRENT 2": "0 1 ?", "c DO_SET_HOME 1": "0 1",
+    "c DO_ORBIT 3": "0 1 2 3 5 ?", "c DO_FENCE_ENABLE 1": "0 1",
+    "c PREFLIGHT_REBOOT_SHUTDOWN 1": "1", "c PREFLIGHT_REBOOT_SHUTDOWN 7": "-1 0 ?",
+    "c PREFLIGHT_STORAGE 2": "-1 0 ?", "c REQUEST_AUTOPILOT_CAPABILITIES 1": "0 1 ?",
+    "c REQUEST_MESSAGE 7": "0 1 2 ?", "c SET_MESSAGE_INTERVAL 2": "-1 0 21196",
+    "c SET_MESSAGE_INTERVAL 7": "0 1 2 ?", "m NAV_DELAY 2": "-1 0 ?", "m NAV_DELAY 3": "-1 0 ?",
+    "m NAV_DELAY 4": "-1 0 ?", "m DO_SET_ROI 1": "0 3",
+}  # fmt: skip
+# Ranges, whose ends are above, or any number; with a ? where they may be left open.
+RANGES = """
+c NAV_TAKEOFF 1? 4?; c NAV_LAND 1? 4?; c NAV_LOITER_UNLIM 3? 4?; c DO_REPOSITION 1? 3? 4?
+c DO_CHANGE_ALTITUDE 1?; c DO_CHANGE_SPEED 2; c CONDITION_YAW 1 2?; c DO_SET_MODE 1? 2? 3?
+c MISSION_START 1? 2?; c DO_SET_MISSION_CURRENT 1?; c DO_FLIGHTTERMINATION 1?
+c DO_ORBIT 1? 2? 4?; c PREFLIGHT_STORAGE 1?; c INJECT_FAILURE 1? 2? 3?; c REQUEST_MESSAGE 1?
+c SET_MESSAGE_INTERVAL 1?; c GET_MESSAGE_INTERVAL 1?; m NAV_WAYPOINT 1? 2? 4?
+m NAV_LOITER_UNLIM 3? 4?; m NAV_LOITER_TIME 1? 3? 4?; m NAV_LOITER_TO_ALT 1? 2? 4?
+m NAV_LOITER_TURNS 1? 3? 4?; m NAV_TAKEOFF 1? 4?; m NAV_LAND 1? 4?; m NAV_DELAY 1
+m CONDITION_DELAY 1; m CONDITION_YAW 1 2?; m DO_CHANGE_SPEED 2; m DO_JUMP 1 2
+"""
+# With a place, which may be left open: also its altitude (?), or not (~).
+PLACES = """
+c NAV_TAKEOFF ?; c NAV_LAND ?; c NAV_LOITER_UNLIM ?; c DO_REPOSITION ?; c DO_ORBIT ?
+c DO_SET_ROI_LOCATION; c DO_SET_ROI; c DO_SET_HOME; m NAV_WAYPOINT; m NAV_LOITER_UNLIM
+m NAV_LOITER_TIME; m NAV_LOITER_TO_ALT; m NAV_LOITER_TURNS; m NAV_TAKEOFF ~; m NAV_LAND ~
+m DO_SET_ROI_LOCATION; m DO_SET_ROI
+"""
+_PROBES = [half / 2 for half in range(-6, 45)] + [21196.0, math.nan]
+
+
+def _rows(text):
+    rows = [row.split() for row in text.replace("\n", ";").split(";") if row]
+    return {" ".join(words[:2]): words[2:] for words in rows}
+
+
+def test_every_parameter_of_every_order_may_be_what_it_says_and_else_nothing():
+    ranged, places = _rows(RANGES), _rows(PLACES)
+    for kind, table in (("c", COMMAND_RULES), ("m", MISSION)):
+        for command, rule in table.items():
+            if not isinstance(command, int) or command in ABSENT:
+                continue
+            name = f"{kind} {bare_name(command)}"
+            open_ = places.get(name)
+            elsewhere = {0, 2, 3, 5, 6, 10, 11, None}
+            frames = (
+                elsewhere if open_ is None else {0, 3, 5, 6} | ({None} if kind == "c" else set())
+            )
+            assert {f for f in (*range(-1, 22), None) if f in rule.frames} == frames, name
+            assert rule.placed == (open_ is not None), name
+            assert rule.above_sea == (name == "c DO_ORBIT")
+            for index in range(7):
+                taken = [v for v in _PROBES if any(v in part for part in rule.params[index])]
+                left_open = any(map(math.isnan, taken))
+                where = f"{name} {index + 1}"
+                if (numbers := CHOICES.get(where)) is not None:
+                    said = [f"{v:g}".replace("nan", "?") for v in taken]
+                    assert " ".join(said) == numbers, where
+                elif open_ is not None and index > 3:
+                    assert left_open == bool(open_ and (index < 6 or open_ == ["?"])), where
+                elif (given := [w for w in ranged.get(name, ()) if w[0] == str(index + 1)]) != []:
+                    assert left_open == given[0].endswith("?"), where
+                    assert len(taken) > 2, where
+                else:
+                    assert [v for v in taken if v == v] == [0.0], where
+                    assert left_open, where
