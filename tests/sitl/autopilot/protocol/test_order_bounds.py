@@ -8,8 +8,14 @@ import math
 import pytest
 from pymavlink.dialects.v20 import common as mav
 
-from sitl.autopilot.codec.orders import bare_name
-from sitl.autopilot.protocol.order_rules import ABSENT, COMMAND_RULES, ITEM_RULES
+from sitl.autopilot.codec.orders import CommandOrder, MissionItem, bare_name
+from sitl.autopilot.protocol.order_rules import (
+    ABSENT,
+    COMMAND_RULES,
+    ITEM_RULES,
+    check_item,
+    rule_of,
+)
 
 ABOVE_SEA, ABOVE_HOME = mav.MAV_FRAME_GLOBAL, mav.MAV_FRAME_GLOBAL_RELATIVE_ALT
 MISSION, FENCE = ITEM_RULES[mav.MAV_MISSION_TYPE_MISSION], ITEM_RULES[mav.MAV_MISSION_TYPE_FENCE]
@@ -134,3 +140,48 @@ def test_every_parameter_of_every_order_may_be_what_it_says_and_else_nothing():
                 else:
                     assert [v for v in taken if v == v] == [0.0], where
                     assert left_open, where
+
+
+def test_speeds_below_zero_are_names():
+    for table in (COMMAND_RULES, MISSION):
+        rule = table[mav.MAV_CMD_DO_CHANGE_SPEED]
+        for speed, wrong in ((-1.0, None), (-2.0, None), (-1.5, 1), (-3.0, 1), (0.0, 1)):
+            assert rule.wrong((1.0, speed, -1.0, 0.0, 0.0, 0.0, 0.0), None) == wrong
+
+
+@pytest.mark.parametrize(
+    ("command", "first", "others"),
+    [
+        (mav.MAV_CMD_DO_SET_HOME, 1.0, (0.0,)), (mav.MAV_CMD_DO_SET_ROI, 0.0, (3.0,)),
+        (mav.MAV_CMD_REQUEST_MESSAGE, 244.0, (243.0, 245.0)),
+    ],
+)  # fmt: skip
+def test_a_first_parameter_may_decide_what_the_others_are(command, first, others):
+    def rule(number):
+        return rule_of(COMMAND_RULES, CommandOrder(command, (number, *(0.0,) * 6)))
+
+    assert rule(first) is COMMAND_RULES[command, first]
+    assert all(rule(other) is COMMAND_RULES[command] for other in others)
+    if command == mav.MAV_CMD_REQUEST_MESSAGE:  # of which message's interval
+        assert rule(244.0).wrong((244.0, 30.0, 0.0, 0.0, 0.0, 0.0, 0.0), None) is None
+        assert rule(30.0).wrong((30.0, 30.0, 0.0, 0.0, 0.0, 0.0, 0.0), None) == 1
+    else:  # which needs no place
+        assert rule(first).wrong((first, *(math.nan,) * 6), None) is None
+        assert rule(others[0]).wrong((others[0], *(math.nan,) * 6), None) == 4
+
+
+@pytest.mark.parametrize(
+    ("place", "result", "words"),
+    [
+        ((47.0, 8.0, 30.0), mav.MAV_MISSION_ACCEPTED, ""),
+        ((math.nan, 8.0, 30.0), mav.MAV_MISSION_INVALID_PARAM5_X, "latitude nan"),
+        ((47.0, math.nan, 30.0), mav.MAV_MISSION_INVALID_PARAM6_Y, "longitude nan"),
+        ((math.nan, math.nan, 30.0), mav.MAV_MISSION_ACCEPTED, ""),
+        ((47.0, 8.0, 1e5), mav.MAV_MISSION_INVALID_PARAM7, "altitude 100000"),
+    ],
+)
+def test_half_a_place_is_none(place, result, words):
+    takeoff = MissionItem(0, mav.MAV_CMD_NAV_TAKEOFF, 3, (0.0, 0.0, 0.0, 0.0), *place)
+    found, said = check_item(takeoff)
+    assert found == result
+    assert said.startswith(words)
