@@ -160,3 +160,5 @@ def test_every_number_of_a_motor_is_known() -> None:
     found = motors(named, outputs, "C{}")["motors"].values[0]
     np.testing.assert_allclose(found, [(33 - n) / 100 for n in range(1, 13)])
     assert not motors({"SERVO33_FUNCTION": 33.0, "SERVO0_FUNCTION": 34.0}, outputs, "C{}")
+    others = {f"SERVO{n}_FUNCTION": f for n, f in enumerate((32.0, 41.0, 81.0, 86.0), start=1)}
+    assert not motors(others, outputs, "C{}")
