@@ -3,6 +3,7 @@
 import asyncio
 import math
 from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, cast
 
@@ -107,6 +108,14 @@ def test_vehicles_that_cannot_be_are_refused(more: dict[str, Any], words: str) -
         served(**more)
 
 
+def test_two_do_not_share_a_file_of_parameters(tmp_path: Path) -> None:
+    (tmp_path / "p.params").write_text("")
+    config = load(None, (f"vehicle.parameter_file={tmp_path / 'p.params'}",))
+    assert len(make_vehicles(config, count=1, udp=("14540",), logs=None)) == 1
+    with pytest.raises(InputError, match=r"--count 2: vehicle\.parameter_file cannot be shared"):
+        make_vehicles(config, count=2, udp=("14540",), logs=None)
+
+
 def test_the_last_vehicle_and_the_last_port_are_taken() -> None:
     (last,) = served(instance=249, udp=("tcpin://127.0.0.1:7000",))
     assert last.name == "vehicle-250"
@@ -124,10 +133,11 @@ def test_a_home_of_its_own_is_a_place_of_the_common_ground() -> None:
     assert area_of(common, common, 0).home_m == (x, y)
     assert area_of(common, common, 3).home_m == (x + 15.0, y)
     assert area_of(common, moved, 3).home_m == (x + 7.0, y + 3.0)
-    away = common.model_copy(update={"home_lat_deg": 47.001, "home_alt_msl_m": 510.0})
+    update = {"home_lat_deg": 47.001, "home_lon_deg": 8.001, "home_alt_msl_m": 510.0}
+    away = common.model_copy(update=update)
     found = area_of(common, away, 3)
     assert found.home == away.home
-    assert found.home_m == pytest.approx((x, y + 111.17), abs=0.01)
+    assert found.home_m == pytest.approx((x + 76.06, y + 111.17), abs=0.05)
     assert found.site == area_of(common, common, 0).site
 
 
