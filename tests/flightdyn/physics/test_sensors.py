@@ -1,12 +1,14 @@
 """Sensor models: magnitudes, correlation, delay, independence of the flight."""
 
 import math
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
 from pydantic import ValidationError
 from scipy.spatial.transform import Rotation
 
+from flightdyn.clock import SimClock
 from flightdyn.config import (
     AircraftConfig,
     BaroConfig,
@@ -16,7 +18,8 @@ from flightdyn.config import (
     SensorsConfig,
 )
 from flightdyn.frames import quaternion_from_euler
-from flightdyn.physics.sensors import Baro, Gnss, ImuErrors, Magnetometer
+from flightdyn.native.ticks import Gauges
+from flightdyn.physics.sensors import Baro, Gnss, ImuErrors, Magnetometer, SensorSuite
 from flightdyn.random import RandomStreams
 
 ORIGIN = (0.0, 0.0, 0.0)
@@ -90,6 +93,81 @@ def test_gnss_solutions_arrive_after_their_delay_and_in_order() -> None:
             arrived.append((fix.t_ns, t_ns - fix.t_ns))
     assert [epoch for epoch, _ in arrived] == [k * 200_000_000 for k in range(len(arrived))]
     assert {age for _, age in arrived} == {300_000_000}
+
+
+def test_a_solution_without_noise_is_the_truth_and_says_how_sure_it_is() -> None:
+    exact = dict.fromkeys(("std_horizontal_m", "std_vertical_m", "white_m"), 0.0)
+    exact |= dict.fromkeys(("std_vel_horizontal_mps", "std_vel_vertical_mps"), 0.0)
+    gnss = Gnss(GnssConfig(**exact, delay_s=0.1, satellites=9), RandomStreams(1))
+    assert gnss.due_ns == math.inf
+    gnss.jump_ned_m = (10.0, -20.0, 30.0)
+    gnss.measure(5_000, (1.0, 2.0, 3.0), (4.0, 5.0, 6.0))
+    gnss.on = False
+    gnss.measure(6_000, ORIGIN, ORIGIN)
+    assert gnss.due_ns == 100_005_000
+    assert gnss.deliver(100_004_999) is None
+    fix = gnss.deliver(100_005_000)
+    assert fix is not None
+    assert (fix.t_ns, fix.satellites) == (5_000, 9)
+    assert fix.pos_ned_m.tolist() == [11.0, -18.0, 33.0]
+    assert fix.vel_ned_mps.tolist() == [4.0, 5.0, 6.0]
+    assert gnss.error_ned_m == (10.0, -20.0, 30.0)
+    assert (gnss.due_ns, gnss.deliver(10**12)) == (math.inf, None)
+    noisy = Gnss(
+        GnssConfig(std_horizontal_m=0.6, std_vertical_m=1.5, white_m=0.8,
+                   std_vel_horizontal_mps=0.2), RandomStreams(1),
+    )  # fmt: skip
+    noisy.measure(0, ORIGIN, ORIGIN)
+    fix = noisy.deliver(10**9)
+    assert fix is not None
+    stds = fix.std_horizontal_m, fix.std_vertical_m, fix.std_velocity_mps
+    assert stds == pytest.approx((1.0, 1.7, 0.2))
+
+
+def test_white_errors_of_a_receiver_are_of_each_axis_alone() -> None:
+    config = GnssConfig(
+        std_horizontal_m=0, std_vertical_m=0, white_m=0.5, std_vel_horizontal_mps=0.1,
+        std_vel_vertical_mps=0.3,
+    )  # fmt: skip
+    gnss, rows = Gnss(config, RandomStreams(2)), []
+    for k in range(3000):
+        gnss.measure(k, ORIGIN, ORIGIN)
+        rows.append([*gnss.error_ned_m, *gnss.velocity_error_ned_mps])
+    errors = np.array(rows)
+    assert errors.std(axis=0) == pytest.approx([0.5, 0.5, 0.5, 0.1, 0.1, 0.3], rel=0.05)
+    assert abs(errors.mean(axis=0) / errors.std(axis=0)).max() < 0.08
+    assert abs(np.corrcoef(errors.T)[np.triu_indices(6, 1)]).max() < 0.08
+    assert abs(np.corrcoef(errors[1:, 0], errors[:-1, 0])[0, 1]) < 0.08
+
+
+@pytest.mark.parametrize("baro", [True, False])
+def test_each_sensor_is_read_at_its_own_ticks(baro: bool) -> None:
+    """At 250 Hz: receiver every 100, barometer every 30, magnetometer every 75 ticks."""
+    config = SensorsConfig(
+        gnss=GnssConfig(interval_s=0.4, delay_s=0.0), baro=BaroConfig(interval_s=0.12),
+        mag=MagConfig(interval_s=0.3),
+    )  # fmt: skip
+    clock, vehicle = SimClock(250), Mock()
+    vehicle.position_ned.return_value = vehicle.velocity_ned.return_value = (1.0, 2.0, 3.0)
+    vehicle.attitude.return_value, vehicle.pressure_pa.return_value = (1.0, 0.0, 0.0, 0.0), 9e4
+    vehicle.imu = Gauges([(lambda: 0.0, 0.0, 1.0)] * 6)
+    suite = SensorSuite(config, vehicle, clock, RandomStreams(1))
+    assert (suite.due, suite.field, suite.pressure) == (0, None, None)
+    every = (100, 75, 30) if baro else (100, 75)
+    for tick in range(700):
+        clock.tick = tick
+        pressure, field = suite.slow(baro=baro)
+        assert (field is not None) == (tick % 75 == 0)
+        assert (pressure is not None) == (baro and tick % 30 == 0)
+        assert (suite.fix() is not None) == (tick % 100 == 0)
+        assert suite.due == min((tick // n + 1) * n for n in every)
+        for sample in (pressure, field):
+            assert sample is None or sample.t_ns == tick * 4_000_000
+    assert suite.field is not None
+    assert suite.field.t_ns == 675 * 4_000_000
+    felt = suite.feel_pressure(7, 8e4)
+    assert suite.pressure is felt
+    assert (felt.t_ns, felt.pressure_pa) == (7, pytest.approx(8e4, abs=10.0))
 
 
 def test_an_outage_does_not_change_later_noise() -> None:
