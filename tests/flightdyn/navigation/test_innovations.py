@@ -6,6 +6,7 @@ from flights import PERFECT, make, run
 
 from flightdyn.config import SensorsConfig, WindConfig
 from flightdyn.faults import GnssJump
+from flightdyn.navigation.inertial_navigation import InertialNavigation
 
 
 def test_every_sensor_is_told_of_once_in_order_of_time() -> None:
@@ -51,6 +52,23 @@ def test_a_jump_of_the_receiver_is_shown_as_refused() -> None:
     for item in refused:
         assert item.ratio > 1.0
         assert item.values[0] == pytest.approx(40.0, abs=3.0)
+
+
+def test_rates_and_forces_are_told_without_their_biases() -> None:
+    aircraft = make(seed=3, sensors=SensorsConfig())
+    navigation = aircraft.navigation
+    assert isinstance(navigation, InertialNavigation)
+    for _ in range(7):  # between guidance steps as well as at them
+        run(aircraft, 0.004)
+        biases, imu = navigation.estimator.biases, navigation.sensors.imu
+        rates = np.subtract(imu.rates, biases.gyro)
+        assert aircraft.belief.omega_frd_radps.tolist() == pytest.approx(rates.tolist(), rel=1e-12)
+        readings = navigation.readings()
+        assert readings.rates_radps == pytest.approx(rates.tolist(), rel=1e-12)
+        if samples := navigation._loop.taken:
+            force = np.subtract(samples[-3:], biases.accel)
+            assert readings.specific_force_mps2 == pytest.approx(force.tolist(), rel=1e-12)
+        assert readings.pressure_pa == navigation.sensors.pressure.pressure_pa  # type: ignore[union-attr]  # aligned by it
 
 
 def test_without_an_estimator_there_is_none() -> None:

@@ -51,6 +51,25 @@ def test_bias_walks_with_the_square_root_of_time() -> None:
     assert ends[:, 3:].std() == pytest.approx(6e-3 * 5, rel=0.12)
 
 
+def test_a_bias_walks_on_where_the_last_second_left_it() -> None:
+    config = ImuConfig(
+        gyro_noise_density=0, accel_noise_density=0, gyro_random_walk=1e-5, accel_random_walk=1e-3
+    )
+    errors = ImuErrors(config, RandomStreams(2), dt_s=0.004)
+    before = errors.bias.copy()
+    for _ in range(5):
+        drawn = errors.draw()
+        assert drawn.shape == (250, 6)
+        steps = np.diff(np.vstack((before, drawn)), axis=0)
+        assert steps.std(axis=0) == pytest.approx(
+            math.sqrt(0.004) * np.array([1e-5] * 3 + [1e-3] * 3), rel=0.2
+        )
+        assert (abs(steps[0]) < 5 * steps.std(axis=0)).all()
+        assert (steps[0] != steps[1]).all()
+        before = errors.bias.copy()
+        assert np.array_equal(before, drawn[-1])
+
+
 def test_turn_on_bias_differs_from_flight_to_flight() -> None:
     biases = np.array(
         [ImuErrors(ImuConfig(), RandomStreams(s), dt_s=0.004).bias for s in range(300)]
@@ -117,9 +136,15 @@ def test_a_solution_without_noise_is_the_truth_and_says_how_sure_it_is() -> None
         GnssConfig(std_horizontal_m=0.6, std_vertical_m=1.5, white_m=0.8,
                    std_vel_horizontal_mps=0.2), RandomStreams(1),
     )  # fmt: skip
-    noisy.measure(0, ORIGIN, ORIGIN)
+    noisy.measure(0, (1.0, 2.0, 3.0), (4.0, 5.0, 6.0))
     fix = noisy.deliver(10**9)
     assert fix is not None
+    for told, true, off in (
+        (fix.pos_ned_m, (1.0, 2.0, 3.0), noisy.error_ned_m),
+        (fix.vel_ned_mps, (4.0, 5.0, 6.0), noisy.velocity_error_ned_mps),
+    ):
+        assert 0.0 not in off
+        assert told.tolist() == pytest.approx(np.add(true, off).tolist())
     stds = fix.std_horizontal_m, fix.std_vertical_m, fix.std_velocity_mps
     assert stds == pytest.approx((1.0, 1.7, 0.2))
 
