@@ -3,6 +3,7 @@
 import json
 import socket
 import struct
+from pathlib import Path
 from typing import Any
 
 from pymavlink.dialects.v20 import common as mav
@@ -11,12 +12,29 @@ from sitl_mavsdk import HOME
 from flightdyn.config import AircraftConfig
 from flightdyn.plant import Plant
 from flightdyn.random import RandomStreams
+from sitl.config import FirmwareConfig, VehicleConfig
 
 
 def plant(physics_hz: int = 250, **changes: Any) -> Plant:
     """The default aircraft on the ground at home."""
     config = AircraftConfig(physics_hz=physics_hz, **changes)
     return Plant(config, home=HOME, streams=RandomStreams(1))
+
+
+def script(path: Path, text: str) -> str:
+    path.write_text(f"#!/bin/sh\n{text}\n")
+    path.chmod(0o755)
+    return str(path)
+
+
+def px4_stand_in(folder: Path, does: str = "sleep 600") -> VehicleConfig:
+    """A vehicle under a shell script that is taken for PX4."""
+    for part in ("bin", "etc/init.d-posix"):
+        (folder / part).mkdir(parents=True)
+    (folder / "etc" / "init.d-posix" / "rcS").touch()
+    script(folder / "bin" / "px4", does)
+    firmware = FirmwareConfig(path=folder / "bin" / "px4")
+    return VehicleConfig(autopilot="px4", firmware=firmware)
 
 
 class Px4StandIn:

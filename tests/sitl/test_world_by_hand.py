@@ -120,6 +120,12 @@ def test_time_goes_on_by_as_much_as_nobody_can_touch_in() -> None:
     slow = Even((0.0, 300.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), waited_for=True)
     waits = World({"one": Even((0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)), "two": slow})
     assert set(run(waits, 0.2)) == {20}
+    for first_ms, second_ms, stands_ms in ((4, 10, 72), (10, 4, 80)):  # by the first one's ticks
+        pair = [Even((0.0, 100.0 * i), (0, 0, 0), (0, 0, 0)) for i in range(2)]
+        pair[0].aircraft.dt_ns, pair[1].aircraft.dt_ns = first_ms * MS, second_ms * MS
+        ticks = World(dict(zip("ab", pair, strict=True)))
+        ticks.stride(71 * MS)
+        assert ticks.t_ns == stands_ms * MS
 
 
 def test_one_alone_strides_as_it_asks() -> None:
@@ -161,3 +167,16 @@ def test_a_reboot_gives_another_aircraft_whose_time_begins_anew() -> None:
     run(world, 5.5)
     # It did not fly from its old place to the new one: 30 m from home, the other is there at 5 s.
     assert two.said == ["4 one is near: 5.0 m at 5.00 s"]
+
+
+def test_what_comes_from_a_reboot_begins_at_rest() -> None:
+    """Its motion begins where it stands: no nearer than the 10 m that it stays away."""
+    one = Even((0.0, 0.0), (0.0, 0.0, -10.0), (0.0, 0.0, 0.0))
+    two = Even((0.0, 100.0), (0.0, 0.0, -10.0), (4.0, -4.0, 2.0))
+    world = World({"one": one, "two": two})
+    run(world, 1.0)
+    two.aircraft = two.another(two.aircraft.frame, (0.0, -90.0, -10.0), (0.0, 0.0, 0.0))
+    two.t_ns = 0
+    run(world, 2.0)
+    (least,) = world.least
+    assert least.distance_m == pytest.approx(10.0, abs=1e-3)

@@ -171,8 +171,12 @@ def test_clock_counts_whole_ticks() -> None:
     assert clock.ticks(0.02, what="interval") == 5
     with pytest.raises(InputError, match=r"interval = 0.003 s is not a whole number"):
         clock.ticks(0.003, what="interval")
-    with pytest.raises(InputError, match="300007 Hz"):
-        SimClock(300_007)
+    with pytest.raises(InputError, match="interval = 0 s is not"):
+        clock.ticks(0.0, what="interval")
+    for rate_hz in (300_007, 0, -250):
+        with pytest.raises(InputError, match=f"rate {rate_hz} Hz"):
+            SimClock(rate_hz)
+    assert (clock.ticks(0.004, what="interval"), SimClock(1000).dt_s) == (1, 0.001)
 
 
 def test_the_acceleration_alone_is_led() -> None:

@@ -10,7 +10,7 @@ from types import SimpleNamespace
 from typing import Any, cast
 
 import pytest
-from firmware_stand_ins import plant
+from firmware_stand_ins import plant, px4_stand_in, script
 from patience import HANG_S, until
 from pymavlink.dialects.v20 import common as mav
 from sitl_mavsdk import HOME
@@ -18,22 +18,13 @@ from sitl_mavsdk import HOME
 from flightdyn.config import AircraftConfig
 from flightdyn.random import RandomStreams
 from native.errors import FirmwareSilentError, InputError
-from sitl.autopilot.parameters import parameters_of
 from sitl.config import FirmwareConfig, VehicleConfig
-from sitl.firmware.ardupilot import airframe_parameters as of_copter
 from sitl.firmware.launch import FirmwareProcess, LaunchOptions, check_binary
-from sitl.firmware.px4 import airframe_parameters as of_px4
 from sitl.firmware.px4 import px4_launch
 from sitl.firmware.relay import Relay
 from sitl.firmware.vehicle import FirmwareVehicle, plant_for
 
 PARSER = mav.MAVLink(None)
-
-
-def script(path: Path, text: str) -> str:
-    path.write_text(f"#!/bin/sh\n{text}\n")
-    path.chmod(0o755)
-    return str(path)
 
 
 def alive(pid: int) -> bool:
@@ -42,16 +33,6 @@ def alive(pid: int) -> bool:
     except (FileNotFoundError, ProcessLookupError):
         return False
     return state != "Z"  # a child of a process that nobody waits for stays as a zombie
-
-
-def px4_stand_in(folder: Path, does: str = "sleep 600") -> VehicleConfig:
-    """A vehicle under a shell script that is taken for PX4."""
-    for part in ("bin", "etc/init.d-posix"):
-        (folder / part).mkdir(parents=True)
-    (folder / "etc" / "init.d-posix" / "rcS").touch()
-    script(folder / "bin" / "px4", does)
-    firmware = FirmwareConfig(path=folder / "bin" / "px4")
-    return VehicleConfig(autopilot="px4", firmware=firmware)
 
 
 def test_a_missing_binary_is_named(tmp_path: Path) -> None:
@@ -131,16 +112,6 @@ def test_scripts_given_to_it_are_found_first_wherever_its_folder_is(
     assert process.last_words(1) == "ours"
     process.stop()
     launch.bridge.close()
-
-
-def test_legs_without_a_speed_are_as_fast_under_a_firmware_as_they_are_planned() -> None:
-    """The mission's own speed is ordered with each mission that has one."""
-    options = LaunchOptions(VehicleConfig(), 1, 2, 20.0)
-    px4, copter = of_px4(options, plant()), of_copter(options, plant())
-    cruise_mps = parameters_of(VehicleConfig())["MPC_XY_CRUISE"]
-    assert (px4["MPC_XY_CRUISE"], px4["MPC_XY_VEL_MAX"]) == (cruise_mps, 20.0)
-    assert copter["WPNAV_SPEED"] == 100 * cruise_mps
-    assert copter["WP_SPD"] == cruise_mps
 
 
 def test_arducopters_gnss_is_switched_at_the_first_message_after_ours(tmp_path: Path) -> None:
@@ -241,41 +212,3 @@ def test_a_fault_of_the_built_in_links_is_refused(tmp_path: Path) -> None:
     config = px4_stand_in(tmp_path).model_copy(update={"aircraft": aircraft})
     with pytest.raises(InputError, match="'link_off' is of the built-in autopilot: a firmware has"):
         plant_for(config, home=HOME, streams=RandomStreams(1))
-
-
-def test_every_parameter_that_a_firmware_is_given_for_our_aircraft() -> None:
-    """In each firmware's units, from limits of 5 m/s2, 0.4 s of smoothing, 60 deg, 4 m/s up and
-    2.5 m/s down, and a receiver of 5 Hz whose fixes are 120 ms old."""
-    options = LaunchOptions(VehicleConfig(), 1, 2, 20.0)
-    assert of_copter(options, plant(250)) == pytest.approx({
-        "FRAME_CLASS": 1, "FRAME_TYPE": 1, "MOT_PWM_MIN": 1000, "MOT_PWM_MAX": 2000,
-        "MOT_THST_EXPO": 0.82, "MOT_THST_HOVER": 0.17, "SIM_RATE_HZ": 250,
-        "FS_THR_ENABLE": 0, "FS_GCS_ENABLE": 0, "BATT_MONITOR": 0,
-        "ANGLE_MAX": 6000, "WPNAV_SPEED": 1000, "WP_SPD": 10, "WPNAV_ACCEL": 500,
-        "WPNAV_JERK": 5 / 0.4, "WPNAV_SPEED_UP": 400, "WPNAV_SPEED_DN": 250,
-        "LOG_DISARMED": 0, "LOG_BACKEND_TYPE": 0,
-        "ATC_RAT_RLL_P": 0.0675, "ATC_RAT_RLL_I": 0.0675, "ATC_RAT_RLL_D": 0.0018,
-        "ATC_RAT_PIT_P": 0.0675, "ATC_RAT_PIT_I": 0.0675, "ATC_RAT_PIT_D": 0.0018,
-        "SIM_DRIFT_SPEED": 0, "SIM_BARO_RND": 0, "SIM_BARO2_RND": 0, "SIM_BARO_DRIFT": 0,
-        "SIM_MAG_RND": 4.0 * 3**0.5,  # a standard deviation of 4 milligauss, uniform
-        "SIM_GPS1_HZ": 5, "SIM_GPS1_LAG_MS": 120, "SIM_GPS1_NUMSATS": 14, "SIM_GPS1_NOISE": 0,
-        "GPS1_DELAY_MS": 120,
-        **{f"COMPASS_OFS{n}_{axis}": by for n in ("", 2, 3)
-           for axis, by in (("X", 5), ("Y", 13), ("Z", -18))},
-    })  # fmt: skip
-    px4 = of_px4(options, plant())
-    arm_m = 0.25 * 0.5**0.5  # an arm of 25 cm at 45 degrees to the nose
-    for rotor, (ahead, right, turns) in enumerate(
-        ((1, 1, 1), (-1, -1, 1), (1, -1, -1), (-1, 1, -1))
-    ):
-        place = px4.pop(f"CA_ROTOR{rotor}_PX"), px4.pop(f"CA_ROTOR{rotor}_PY")
-        assert place == pytest.approx((ahead * arm_m, right * arm_m))
-        assert px4.pop(f"CA_ROTOR{rotor}_KM") == pytest.approx(turns * 0.0158, rel=2e-3)
-    assert px4 == pytest.approx({
-        "THR_MDL_FAC": 0.82, "MC_ROLLRATE_K": 0.25, "MC_PITCHRATE_K": 0.25,
-        "EKF2_GPS_DELAY": 120, "EKF2_GPS_CHECK": 31, "MPC_XY_VEL_MAX": 20, "MPC_XY_CRUISE": 10,
-        "MPC_ACC_HOR": 5, "MPC_JERK_AUTO": 12.5, "MPC_TILTMAX_AIR": 60, "MPC_Z_VEL_MAX_UP": 4,
-        "MPC_Z_V_AUTO_UP": 4, "MPC_Z_VEL_MAX_DN": 2.5, "MPC_Z_V_AUTO_DN": 2.5,
-        "MPC_THR_HOVER": 0.17, "SIM_BAT_ENABLE": 0, "COM_FLTT_LOW_ACT": 0, "COM_FAIL_ACT_T": 0,
-        "SDLOG_MODE": -1,
-    })  # fmt: skip
