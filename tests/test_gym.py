@@ -38,6 +38,8 @@ KINDS: dict[str, dict[str, Any]] = {
     "readiness": {"limits": RoundLimits(FLYING, 60.0), "ready_in_s": np.linspace(0.0, 50.0, 8)},
 }
 
+PERFECT = {"vehicle.aircraft.sensors.kind": "perfect"}
+
 
 def problem(kind: str = "metres", seed: int = 1) -> RoundProblem:
     rng = np.random.default_rng(seed)
@@ -289,6 +291,60 @@ def test_setpoints_go_where_they_say(setpoint: str, share: float) -> None:
         assert total == pytest.approx(nearer_m)
         # Belief is not the truth, and what is seen is belief.
         assert 0.0 < np.abs(observation[:3] - info["offset_m"]).max() < 3.0
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_places_are_drawn_around_the_hover(seed: int) -> None:
+    """Any way, up to 40 m, 10 to 30 m high; the hover is at 20 m."""
+    env = gymnasium.make("aerofed/Setpoint-v0", overrides=PERFECT)
+    seen, told = env.reset(seed=seed)
+    draw = np.random.Generator(np.random.PCG64(seed))
+    way, far_m, height_m = draw.uniform(0, 2 * np.pi), 40 * draw.uniform(), draw.uniform(10, 30)
+    offset_m = [far_m * np.cos(way), far_m * np.sin(way), height_m - 20.0]
+    assert told["offset_m"] == pytest.approx(offset_m, abs=0.15)
+    assert told["velocity_mps"] == pytest.approx(np.zeros(3), abs=0.1)
+    assert seen == pytest.approx(np.concatenate((offset_m, np.zeros(3))), abs=0.15)
+    near = gymnasium.make("aerofed/Setpoint-v0", overrides=PERFECT, far_m=5.0)
+    assert near.reset(seed=seed)[1]["offset_m"][:2] * 8.0 == pytest.approx(offset_m[:2], abs=0.05)
+
+
+@pytest.mark.parametrize(
+    ("setpoint", "steps", "grown"), [("velocity", 80, 1.0), ("acceleration", 20, 2.0)]
+)
+def test_setpoints_are_shares_of_the_limits(setpoint: str, steps: int, grown: float) -> None:
+    """Velocities are reached, accelerations held: `grown` s of 3, 3, 2 m/s2, 0.1 s a step."""
+    limits = {"speed_mps": 10, "climb_mps": 2, "acceleration_mps2": 3}
+    limits |= {"vertical_acceleration_mps2": 2}
+    given = {f"vehicle.aircraft.limits.{name}": value for name, value in limits.items()}
+    env = gymnasium.make("aerofed/Setpoint-v0", setpoint=setpoint, overrides=PERFECT | given)
+    _, told = env.reset(seed=1)
+    action, most = np.array([0.3, -0.2, 0.25]), ((10, 10, 2), (3, 3, 2))[setpoint != "velocity"]
+    for _ in range(steps):
+        before = told
+        seen, reward, over, cut, told = env.step(action.astype(np.float32))
+        moved_m = before["offset_m"] - told["offset_m"]
+        assert moved_m == pytest.approx(
+            0.05 * (before["velocity_mps"] + told["velocity_mps"]), abs=0.01
+        )
+        nearer_m = np.linalg.norm(before["offset_m"]) - np.linalg.norm(told["offset_m"])
+        assert reward == pytest.approx(nearer_m, abs=1e-9)
+        assert (over, cut) == (False, False)
+        assert seen == pytest.approx(
+            np.concatenate((told["offset_m"], told["velocity_mps"])), abs=0.05
+        )
+    assert told["velocity_mps"] == pytest.approx(action * most * grown, rel=0.25, abs=0.15)
+
+
+def test_the_spaces_of_setpoints() -> None:
+    env = gymnasium.make("aerofed/Setpoint-v0")
+    act, see = env.action_space, env.observation_space
+    assert (act.low.tolist(), act.high.tolist()) == ([-1.0] * 3, [1.0] * 3)
+    assert see.high.tolist() == [1000.0, 1000.0, 1000.0, 50.0, 50.0, 50.0]
+    assert see.low.tolist() == [-each for each in see.high.tolist()]
+    assert see.dtype == np.float32
+    gymnasium.make("aerofed/Setpoint-v0", far_m=500)
+    with pytest.raises(aerofed.InputError, match=r"far_m = 500\.1: must be more than 0"):
+        gymnasium.make("aerofed/Setpoint-v0", far_m=500.1)
 
 
 @pytest.mark.slow
