@@ -1,6 +1,7 @@
 """A sweep's report: complete by itself, and right in its numbers."""
 
 import json
+import math
 import re
 from dataclasses import replace
 
@@ -8,13 +9,24 @@ import numpy as np
 import pytest
 from described import axes, charts, described, keys, layers, tables
 from drawing import in_svg
+from rich.console import Console
 
 from mission.report.sweep_page import sweep_html
 from mission.sweep.folder import Missing, SweepState
 from mission.sweep.grid import Point
-from mission.sweep.outcome.curves import pictures_of
-from mission.sweep.outcome.figures import sweep_pictures
-from mission.sweep.results import Row, RunResult
+from mission.sweep.outcome.curves import Interval, pictures_of
+from mission.sweep.outcome.figures import final_chart, gain_charts, sweep_pictures
+from mission.sweep.outcome.view import (
+    ACCURACY,
+    FAIRNESS,
+    REST,
+    final_table,
+    outcome,
+    paired_gains,
+    percent,
+    points,
+)
+from mission.sweep.results import Row, RunResult, with_equals
 
 SEEDS = (1, 2, 3)
 # Final accuracy per seed; flying strategies first. Of "b" there are no runs of ideal.
@@ -234,3 +246,159 @@ def test_a_sweep_that_goes_on_says_how_far_it_is_and_what_is_missing() -> None:
     assert "What cov gains" not in text
     assert row(text, "Not done", "no_cov-seed2") == ["no_cov-seed2", "not begun"]
     assert "Not done" not in sweep_html(state())
+
+
+def one(strategy: str, seed: int, wall_s: dict[str, float], **numbers: float) -> RunResult:
+    """A run of 8 rounds with numbers of its own."""
+    made = result(strategy, seed)
+    return replace(made, summary={**made.summary, **numbers}, wall_s=wall_s)
+
+
+def tiles(page: str) -> list[tuple[str, str]]:
+    return re.findall(
+        r'<div class="tile"><b>(.*?)</b><span>(.*?)</span>', page.replace("&#39;", "'")
+    )
+
+
+def test_tiles_are_sums_in_kilometres_and_hours() -> None:
+    runs = (
+        one("cov", 1, {"fly": 10.0, "total": 1.8e6}, flown_m=12.3e6, simulated_s=4.5e6),
+        one("cov", 2, {"fly": 20.0}, flown_m=8.2e6, simulated_s=1e6),
+        one("no_cov", 1, {"fly": 5.0, "total": 1.08e6}, flown_m=150.0, simulated_s=1.7e6),
+    )
+    page = sweep_html(SweepState({"name": "n"}, runs, ()))
+    assert tiles(page) == [
+        ("3", "runs"),
+        ("45.0 %", "highest mean, a: cov"),  # of 44 and 46
+        ("91.0 %", "highest mean, b: cov"),  # of 90 and 92, as no_cov, which comes later
+        ("20500.1 km", "of path, all rounds"),
+        ("2000.0 h", "simulated"),
+        ("800.00 h", "of one core's wall time"),
+    ]
+    assert '<p class="sub">sweep · 2 strategies · 2 seeds</p>' in page
+    assert row(page, "Every run", "cov-seed1")[-5:] == [
+        "8",
+        "12300.0",
+        "30/40",
+        "75000.0",
+        "30000.0",
+    ]
+    assert row(page, "Every run", "no_cov-seed1")[1:] == [
+        *("1", "40.0", "91.0", "8", "0.1", "30/40", "28333.3", "18000.0"),
+    ]  # fmt: skip
+    # Two of cov, one of no_cov: means without an interval.
+    assert row(page, "Outcome", "cov")[:4] == ["cov", "2", "45.0", "91.0"]
+    assert row(page, "Outcome", "cov")[-2:] == ["8", "10250.0"]
+    alone = sweep_html(SweepState({"name": "n"}, runs[2:], ()))
+    assert tiles(alone)[:2] == [("1", "run"), ("40.0 %", "highest mean, a: no_cov")]
+    assert '<p class="sub">sweep · 1 strategy · 1 seed</p>' in alone
+    assert "What cov gains" not in alone
+    swept = sweep_html(SweepState({"name": "n"}, by_setting(2, 3), ()))
+    assert '<p class="sub">sweep · 2 strategies · 3 settings · 3 seeds</p>' in swept
+    only = sweep_html(SweepState({"name": "n"}, (result("ideal", 1),), ()))
+    assert [what for _, what in tiles(only)] == [
+        *("run", "of path, all rounds", "simulated", "of one core's wall time"),
+    ]  # fmt: skip
+
+
+def test_the_table_of_outcomes_has_units_and_digits() -> None:
+    runs = tuple(
+        one(
+            "cov", seed, {}, flown_m=flown_m, energy_j=energy_j, rounds=rounds,
+            final_cov_a=cov, final_cov_b=2 * cov, final_jain_communities=jain,
+            plan_per=0.0625, true_per=0.1875, delivered_share=0.5, participation_a=0.25,
+            participation_b=0.125,
+        )
+        for seed, flown_m, energy_j, rounds, cov, jain in (
+            (1, 1200.0, 40_000.0, 7, 0.25, 0.91), (2, 1500.0, 41_600.0, 8, 0.125, 0.9125),
+        )
+    )  # fmt: skip
+    heads, (cells,) = outcome(
+        with_equals(runs), (*ACCURACY, *FAIRNESS, *REST), seeds=lambda name: f"{name}: 2"
+    )
+    assert dict(zip(heads, cells, strict=True)) == {
+        "strategy": "cov", "seeds": "cov: 2", "a %": "45.0", "b %": "91.0", "CoV a": "0.19",
+        "CoV b": "0.38", "Jain": "0.911", "a arrived %": "25.0", "b arrived %": "12.5",
+        "scheduled arrived %": "50.0", "PER planned": "0.062", "PER true": "0.188",
+        "rounds": "8", "km of path": "1.4", "kJ flown": "41",
+    }  # fmt: skip
+    console = Console(width=200)
+    with console.capture() as capture:
+        console.print(final_table(runs))
+    (line,) = (line for line in capture.get().splitlines() if line.lstrip().startswith("cov"))
+    assert line.split() == ["cov", "2", "45.0", "91.0", "50.0", "75.0", "1.4", "41"]
+
+
+@pytest.mark.parametrize(
+    ("value", "signed", "said"),
+    [
+        *((0.0004, True, "0.0"), (-0.0004, True, "0.0"), (-0.0004, False, "0.0")),
+        *((0.0006, True, "+0.1"), (0.0006, False, "0.1"), (-0.0006, True, "-0.1")),
+        *((0.25, True, "+25.0"), (0.25, False, "25.0"), (-0.25, False, "-25.0")),
+    ],
+)
+def test_shares_are_percent_and_have_a_sign_where_they_show_one(
+    value: float, signed: bool, said: str
+) -> None:
+    assert points(value, signed=signed) == said
+    assert percent(Interval(value, math.nan), signed=signed) == said
+    assert percent(Interval(value, 0.0125), signed=signed) == f"{said} ± 1.2"
+    assert percent(Interval(math.nan, 0.0125), signed=signed) == "-"
+
+
+def test_gains_are_within_seeds_of_the_same_settings() -> None:
+    def run(strategy: str, seed: int, setting: int, **finals: float) -> RunResult:
+        summary = {f"final_accuracy_{name}": value for name, value in finals.items()}
+        return RunResult(Point(strategy, seed, (("k", setting),)), dict(summary), (), {})
+
+    gains = paired_gains(
+        (
+            run("other", 1, 1, a=0.5, b=0.0), run("other", 2, 1, a=0.4, b=0.0),
+            run("other", 3, 1, a=0.9, b=0.9), run("cov", 1, 1, a=0.6, b=0.1),
+            run("cov", 2, 1, a=0.4, b=0.2), run("cov", 1, 2, a=0.7, b=0.7),
+            run("cov", 2, 2, a=0.8), run("other", 2, 2, a=0.9),
+        )
+    )  # fmt: skip
+    found = [(g.other, g.settings, g.community, len(g.pairs), g.better) for g in gains]
+    assert found == [
+        ("other", "k = 1", "a", 2, 1),
+        ("other", "k = 1", "b", 2, 2),
+        ("other", "k = 2", "a", 1, 0),
+    ]
+    first, second, third = gains
+    assert (first.label, third.label) == ("other, k = 1", "other, k = 2")
+    assert first.finals == ((0.6, 0.5), (0.4, 0.4))
+    assert first.differences == pytest.approx((0.1, 0.0))
+    assert first.relative == pytest.approx(1.0 / 0.9 - 1.0)
+    assert math.isnan(second.relative)
+    assert third.relative == pytest.approx(0.8 / 0.9 - 1.0)
+    assert (first.interval.mean, third.interval.mean) == pytest.approx((0.05, -0.1))
+
+
+def test_ends_of_intervals_stop_where_the_quantity_does() -> None:
+    def run(strategy: str, seed: int, final: float) -> RunResult:
+        return RunResult(Point(strategy, seed, ()), {"final_accuracy_a": final}, (), {})
+
+    low, high = (0.0, 0.02, 0.1), (1.0, 0.98, 0.9)
+    runs = [run(name, k, of[k]) for name, of in (("cov", high), ("x", low)) for k in range(3)]
+    # t(0.975, 2) = 4.3027; s = sqrt((16 + 4 + 36) / 2) points about 4 and 96.
+    half = 4.302653 * 28.0**0.5 / 3.0**0.5
+    (bars,) = tables(described(final_chart(runs, "a")), "x", "high")
+    ends = {bar["row"]: (bar["x"], bar["high"]) for bar in bars}
+    assert ends == {
+        "cov": pytest.approx((96.0 - half, 100.0), abs=1e-3),
+        "x": pytest.approx((0.0, 4.0 + half), abs=1e-3),
+    }
+    (gain,) = gain_charts(runs)
+    ((bar,),) = tables(described(gain), "x", "high")
+    # Differences of 100, 96 and 80 points.
+    half = 4.302653 * 112.0**0.5 / 3.0**0.5
+    assert (bar["x"], bar["high"]) == pytest.approx((92.0 - half, 100.0), abs=1e-3)
+    (less,) = gain_charts(
+        [
+            replace(r, point=replace(r.point, strategy={"cov": "x", "x": "cov"}[r.point.strategy]))
+            for r in runs
+        ]
+    )
+    ((bar,),) = tables(described(less), "x", "high")
+    assert (bar["x"], bar["high"]) == pytest.approx((-100.0, -92.0 + half), abs=1e-3)
