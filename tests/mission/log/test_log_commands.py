@@ -23,7 +23,7 @@ from synthetic_flight import AREA, CONFIG, Fixed, fly
 from mission.base.errors import DIFFERENT, InputError
 from mission.cli import call
 from mission.commands import log, report
-from mission.log import DamagedLogError, ForeignLogError, LogError, inspection
+from mission.log import DamagedLogError, ForeignLogError, LogError, contents, inspection
 from mission.log.export import _harmless, _pieces, export_kml
 from mission.log.reader import read_log
 from mission.log.records import RoundRecord, UplinkRecord
@@ -72,6 +72,56 @@ def test_info_counts_what_is_there(made: Fixed, capsys: pytest.CaptureFixture[st
     assert "foxglove.PoseInFrame" in text
     assert f"attachment config.toml: {len(CONFIG)} bytes" in text
     assert "attachment foxglove-layout.json" in text
+
+
+def test_info_and_recover_print_megabytes_and_seconds(
+    made: Fixed, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    topics = (
+        inspection.TopicInfo("/a", "A", 1801, 10.0, 190.0),
+        inspection.TopicInfo("/b", "B", 1, 20.0, 20.0),
+        inspection.TopicInfo("/c", "C", 2, 20.0, 24.0),
+    )
+    values = {"origin": {"lat": "1", "lon": "2"}}
+    known = inspection.LogInfo(made.log, 12_340_000, 10.0, 190.0, topics, values, {"x": 7})
+    monkeypatch.setattr(inspection, "info", lambda _: known)
+    assert log.info(made.log) == 0
+    said = capsys.readouterr().out.splitlines()
+    # 12.34 MB in 180 s, which are a twentieth of an hour.
+    assert said[0] == (
+        f"{made.log}: 12.34 MB, 1804 messages, 180.0 s of simulated time, 246.8 MB an hour"
+    )
+    table = [line.split() for line in said[1:] if line.strip() and "\u2500" not in line]
+    assert table == [
+        *(["topic", "schema", "messages", "Hz"], ["/a", "A", "1801", "10.00"]),
+        *(["/b", "B", "1", "0.00"], ["/c", "C", "2", "0.25"]),
+        *(["attachment", "x:", "7", "bytes"],),
+        *(["metadata", "origin:", "lat", "=", "1,", "lon", "=", "2"],),
+    ]  # fmt: skip
+    assert log.info(made.log, as_json=True) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["messages"] == 1804
+    assert [topic["rate_hz"] for topic in told["topics"]] == [10.0, 0.0, 0.25]
+    assert told["attachments"] == {"x": 7}
+    assert replace(known, end_s=10.0).megabytes_per_hour == 0.0
+    losses = contents.Loss(5, 9, "torn"), contents.Loss(9, 9, "no end"), contents.Loss(8, 9, "odd")
+    saved = contents.Recovery(Path("new"), 12, 3, 10**9, 3_250_000_000, losses)
+    targets: list[Path] = []
+
+    def recover(_: Path, target: Path) -> contents.Recovery:
+        targets.append(target)
+        return saved
+
+    monkeypatch.setattr(contents, "recover", recover)
+    assert log.recover(made.log) == 0
+    assert capsys.readouterr().out.splitlines() == [
+        "new: 12 messages, 3 attachments, 2.2 s of simulated time",
+        "lost: bytes 5 to 9: torn",
+        "lost: nothing: no end",
+        "lost: bytes 8 to 9: odd",
+    ]
+    assert log.recover(made.log, Path("other.mcap")) == 0
+    assert targets == [made.log.with_name("flight.recovered.mcap"), Path("other.mcap")]
 
 
 def test_check_passes_a_sound_log_and_names_gaps(

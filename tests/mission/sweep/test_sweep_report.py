@@ -264,27 +264,22 @@ def test_tiles_are_sums_in_kilometres_and_hours() -> None:
     runs = (
         one("cov", 1, {"fly": 10.0, "total": 1.8e6}, flown_m=12.3e6, simulated_s=4.5e6),
         one("cov", 2, {"fly": 20.0}, flown_m=8.2e6, simulated_s=1e6),
-        one("no_cov", 1, {"fly": 5.0, "total": 1.08e6}, flown_m=150.0, simulated_s=1.7e6),
+        one("no_cov", 1, {"fly": 5.0, "total": 1.08e6}, flown_m=180.0, simulated_s=1.7e6),
     )
     page = sweep_html(SweepState({"name": "n"}, runs, ()))
     assert tiles(page) == [
         ("3", "runs"),
         ("45.0 %", "highest mean, a: cov"),  # of 44 and 46
         ("91.0 %", "highest mean, b: cov"),  # of 90 and 92, as no_cov, which comes later
-        ("20500.1 km", "of path, all rounds"),
+        ("20500.2 km", "of path, all rounds"),
         ("2000.0 h", "simulated"),
         ("800.00 h", "of one core's wall time"),
     ]
     assert '<p class="sub">sweep · 2 strategies · 2 seeds</p>' in page
-    assert row(page, "Every run", "cov-seed1")[-5:] == [
-        "8",
-        "12300.0",
-        "30/40",
-        "75000.0",
-        "30000.0",
-    ]
+    cells = row(page, "Every run", "cov-seed1")
+    assert cells[-5:] == ["8", "12300.0", "30/40", "75000.0", "30000.0"]
     assert row(page, "Every run", "no_cov-seed1")[1:] == [
-        *("1", "40.0", "91.0", "8", "0.1", "30/40", "28333.3", "18000.0"),
+        *("1", "40.0", "91.0", "8", "0.2", "30/40", "28333.3", "18000.0"),
     ]  # fmt: skip
     # Two of cov, one of no_cov: means without an interval.
     assert row(page, "Outcome", "cov")[:4] == ["cov", "2", "45.0", "91.0"]
