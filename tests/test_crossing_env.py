@@ -162,9 +162,11 @@ def test_defaults_and_spaces() -> None:
     ("name", "most"), [("radius_m", 300), ("separation_m", 100), ("max_cycles", 10**6)]
 )
 def test_the_most_that_is_allowed(name: str, most: int) -> None:
-    CrossingEnv(**{name: most})
+    given: dict[str, Any] = {name: most}
+    CrossingEnv(**given)
+    given = {name: most * 1.000001}
     with pytest.raises(aerofed.InputError, match=f"{name} = .*: must be more than 0, at most"):
-        CrossingEnv(**{name: most * 1.000001})
+        CrossingEnv(**given)
 
 
 @pytest.mark.parametrize(

@@ -1,18 +1,26 @@
 """The report: complete by itself, well formed, and right in what it says."""
 
 import json
+import math
 import re
+from collections.abc import Mapping
+from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 from described import charts, rows
 from synthetic_flight import AREA, devices, fly
 
+from mission.analysis.compare import compare_run
+from mission.analysis.load import load_run
 from mission.base.errors import InputError
 from mission.log.writer import FlightLog
-from mission.report.page import write_report
+from mission.report import page as report_page
+from mission.report.page import about, report_html, write_report
 
 VOID = {"meta", "input", "br", "i"}
 
@@ -80,6 +88,100 @@ def test_it_says_what_the_run_was(page: str) -> None:
     assert re.findall(r'data-round="(\d)"', page) == ["1", "2", "3"]
     assert {row["round"] for row in rows(charts(page)["Planned and flown"], "outcome")} == {1, 2, 3}
     assert "/tmp" not in page  # nothing of the machine that wrote it
+
+
+@pytest.mark.parametrize(
+    ("wind", "words"),
+    [
+        ({}, "no steady wind, no turbulence, no gusts"),
+        ({"speed_mps": 0.0, "from_deg": 90}, "no steady wind, no turbulence, no gusts"),
+        ({"speed_mps": 3.5}, "3.5 m/s, no turbulence, no gusts"),
+        (
+            {"speed_mps": 8.0, "from_deg": 0.0, "turbulence_severity": 1, "gusts": [1]},
+            "8 m/s from north (0\u00b0), turbulence of severity 1 of 7, 1 gust",
+        ),
+        (
+            {"speed_mps": 8.0, "from_deg": 22.6, "turbulence_severity": 7, "gusts": [1, 2]},
+            "8 m/s from north-east (22.6\u00b0), turbulence of severity 7 of 7, 2 gusts",
+        ),
+        *(
+            (
+                {"speed_mps": 1.0, "from_deg": degrees},
+                f"1 m/s from {name} ({degrees}\u00b0), no turbulence, no gusts",
+            )
+            for degrees, name in (
+                *((22, "north"), (45, "north-east"), (67, "north-east"), (68, "east")),
+                *((135, "south-east"), (180, "south"), (225, "south-west"), (270, "west")),
+                *((315, "north-west"), (337, "north-west"), (338, "north"), (359, "north")),
+            )
+        ),
+    ],
+)
+def test_the_wind_is_in_words(wind: dict[str, object], words: str) -> None:
+    config = {"vehicle": {"aircraft": {"wind": wind}}}
+    assert told({}, config)["conditions"] == [("wind", words)]
+
+
+def told(summary: dict[str, object], config: Mapping[str, object]) -> dict[str, Any]:
+    attachments = {"config.toml": b"seed = 7\xff"}
+    run: Any = SimpleNamespace(
+        summary=summary, data=SimpleNamespace(attachments=attachments, config=config)
+    )
+    return about(run)
+
+
+def test_times_conditions_and_versions_stand_at_the_end() -> None:
+    summary: dict[str, object] = {
+        "wall_s": {"fly": 3.0, "learn": 5.0, "total": 8.5}, "seed": 7, "ended_by": "rounds",
+        "simulated_s": 1234.56, "battery_changes": 0, "python": "3.11", "cpus": 4,
+        "libraries": {"mcap": "1.6.0"}, "strategy": "cov",
+    }  # fmt: skip
+    assert told(summary, {}) == {
+        "wall_s": [("fly", 3.0), ("learn", 5.0)], "total_s": 8.5,
+        "conditions": [
+            ("ended by", "rounds"), ("seed", "7"), ("simulated s", "1235"), ("battery changes", "0")
+        ],
+        "versions": "python         3.11\ncpus           4\nmcap           1.6.0",
+        "config": "seed = 7\ufffd",
+    }  # fmt: skip
+    summary["wall_s"] = {"fly": 3.0, "learn": 5.0}
+    assert told(summary, {})["total_s"] == 8.0
+    assert told({"wall_s": 3.0}, {})["total_s"] == 0
+
+
+def test_tiles_are_percent_kilometres_and_sums(tmp_path: Path) -> None:
+    def tiles(**other: Any) -> list[tuple[str, str]]:
+        loaded = load_run(tmp_path)
+        rounds = tuple(
+            replace(
+                record,
+                scheduled=4 + k,
+                delivered=2 + k,
+                accuracy={"digits": 0.25 * (k + 1), "colour-shapes": 0.5 - 0.1 * k},
+            )
+            for k, record in enumerate(loaded.data.rounds)
+        )
+        changed = replace(loaded, data=replace(loaded.data, rounds=rounds))
+        made = compare_run(changed)
+        total = replace(made.total, **other)
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(report_page, "compare_run", lambda _: replace(made, total=total))
+            text = report_html(changed)
+        return re.findall(r'<div class="tile"><b>(.*?)</b><span>(.*?)</span>', text)
+
+    fly(tmp_path, rounds=2)
+    measured = {"flown_path_m": 12_345_000.0, "straight_rms_m": 1.234}
+    assert tiles(**measured, battery_remaining=0.876, corner_cut_max_m=2.345) == [
+        *(("2", "rounds"), ("50.0 %", "accuracy digits"), ("40.0 %", "accuracy colour-shapes")),
+        ("5 / 9", "updates delivered"),
+        *(("12345.00 km", "flown in rounds"), ("1.23 m", "cross-track rms on straights")),
+        *(("88 %", "battery left"), ("2.35 m", "deepest corner cut")),
+    ]
+    nothing = dict.fromkeys(("flown_path_m", "straight_rms_m", "corner_cut_max_m"), math.nan)
+    assert tiles(**nothing, battery_remaining=math.nan) == [
+        *(("2", "rounds"), ("50.0 %", "accuracy digits"), ("40.0 %", "accuracy colour-shapes")),
+        ("5 / 9", "updates delivered"),
+    ]
 
 
 def test_it_shows_the_wind_and_what_the_estimator_refused(page: str) -> None:
