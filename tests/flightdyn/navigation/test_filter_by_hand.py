@@ -20,8 +20,9 @@ from flightdyn.navigation.error_model import (
     process_noise,
     transition,
 )
+from flightdyn.navigation.estimator import Estimator
 from flightdyn.navigation.measurements import Biases, Measurements
-from flightdyn.physics.air import pressure_pa
+from flightdyn.physics.air import pressure_pa, pressure_slope
 from flightdyn.physics.sensors import BaroSample, MagSample
 from flightdyn.state import GnssFix, Vector
 
@@ -284,3 +285,61 @@ def test_the_earth_turns() -> None:
     earth = Earth.at(30.0, 0.0)
     assert earth.rate_north_radps == pytest.approx(7.292115e-5 * math.sqrt(0.75), rel=1e-9)
     assert earth.rate_down_radps == pytest.approx(-7.292115e-5 / 2, rel=1e-9)
+
+
+# --- from increments to a correction --------------------------------------------------------------
+
+EARTH = Earth.at(47.0, 0.0)
+STEP_NS = S // 50
+
+
+def at_rest(rates: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> Estimator:
+    """With solutions that are 120 ms old, five increments to a step of 0.1 s."""
+    align = Alignment((0, 0, 0), (0, 0, -EARTH.gravity_mps2), (0.2, 0.1, 0.4), 101_325.0, 4.0)
+    estimator = Estimator(
+        CONFIG, align=align, fix=fixed(0), t_ns=0, earth=EARTH, step_s=0.1, increments=5
+    )
+    for at_ns in range(STEP_NS, S // 2, STEP_NS):
+        estimator.increments.add(
+            [*rates, 0.0, 0.0, -EARTH.gravity_mps2], dt_s=0.02, carried=estimator.to_now
+        )
+        estimator.update(at_ns, None)
+        if at_ns == 320_000_000:
+            break
+    return estimator
+
+
+def fixed(t_ns: int) -> GnssFix:
+    return GnssFix(t_ns, frozen([0.0] * 3), frozen([0.0] * 3), 1.0, 1.0, 0.1, 12)
+
+
+def test_the_first_two_steps_are_those_of_the_equations() -> None:
+    """Without measurements the covariance of 0.2 s is F P F^T + Q, with the columns of F that turn
+    attitude and biases into motion by the gravity that is felt."""
+    estimator, dt, g = at_rest(), 0.2, EARTH.gravity_mps2
+    align = Alignment((0, 0, 0), (0, 0, -g), (0.2, 0.1, 0.4), 101_325.0, 4.0)
+    P = initial_covariance(CONFIG, align, attitude=(1, 0, 0, 0), gravity_mps2=g)
+    F = transition(CONFIG, step_s=dt)
+    felt = np.array([[0.0, g, 0.0], [-g, 0.0, 0.0], [0.0, 0.0, 0.0]])  # cross product with force
+    F[3:6, 6:9], F[0:3, 6:9] = -felt * dt, -felt * dt**2 / 2
+    F[6:9, 9:12] = -np.eye(3) * dt
+    F[3:6, 12:15], F[0:3, 12:15] = -np.eye(3) * dt, -np.eye(3) * dt**2 / 2
+    F[3:6, 9:12], F[0:3, 9:12] = felt * dt**2 / 2, felt * dt**3 / 6
+    P = F @ P @ F.T + process_noise(CONFIG, step_s=dt, pa_per_m=pressure_slope(101_325.0))
+    np.testing.assert_allclose(estimator.std(slice(0, 22)), np.sqrt(np.diag(P)), rtol=1e-3)
+
+
+def test_a_filter_is_due_with_each_step_of_a_solution_and_else_each_200_ms() -> None:
+    """120 ms later than its horizon."""
+    estimator = at_rest()
+    assert estimator.horizon.t_ns == 200_000_000
+    assert estimator.due_ns == 520_000_000
+    estimator.update(340_000_000, fixed(280_000_000))
+    assert (estimator.horizon.t_ns, estimator.due_ns) == (200_000_000, 420_000_000)
+
+
+def test_the_state_of_now_is_carried_once() -> None:
+    """Turning on its place; corrections without measurements carry nothing again."""
+    turning = at_rest((0.0, 0.0, 0.5))
+    w, *_, z = turning.now.q
+    assert 2.0 * math.atan2(z, w) == pytest.approx(0.5 * 0.32, abs=1e-4)

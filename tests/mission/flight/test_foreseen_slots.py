@@ -77,3 +77,14 @@ def test_waits_and_turns_last_as_long_as_they_are_given() -> None:
     assert np.diff([slots(40.0, (TURNS, n, 100.0))[-1] for n in (1.0, 2.0, 5.0)]) == (
         pytest.approx(np.array([1.0, 3.0]) * math.tau * 20.0 / 4.0)
     )
+
+
+@pytest.mark.parametrize("wait_s", [3.0, 10.0])
+def test_a_wait_leads_nowhere(wait_s: float) -> None:
+    """So what is passed before it is passed as early, and what comes after so much later."""
+    on = (mav.MAV_CMD_NAV_WAYPOINT, 0.0, 100.0)
+    plain = slots(40.0, (STAYS, 0.0, 50.0), on)
+    later = np.where(np.arange(len(plain)) < 4, 0.0, wait_s)
+    assert slots(40.0, (STAYS, wait_s, 50.0), on) - plain == pytest.approx(later, abs=1e-6)
+    twice = slots(40.0, (STAYS, wait_s, 50.0), (STAYS, wait_s, 100.0))
+    assert twice[3] == pytest.approx(plain[3], abs=1e-6)

@@ -318,6 +318,22 @@ def test_a_position_that_comes_late_is_not_read(tmp_path: Path) -> None:
     assert len(found.belief.t_ns) == 297
 
 
+@pytest.mark.parametrize(("late", "read"), [(1, 299), (127, 299), (128, 300), (200, 300)])
+def test_what_is_late_by_half_of_all_numbers_is_ahead(tmp_path: Path, late: int, read: int) -> None:
+    """Positions each 10 ms, one of which comes so many numbers later."""
+    packets = [content([(0.0, heartbeat())])]
+    sender = mav.MAVLink(None, 1, 1)
+    for n in range(300):
+        sender.seq = (n + 1) % 256
+        stamp = struct.pack(">Q", round((BEGIN_S + 0.01 * n) * 1e6))
+        packets.append(stamp + bytes(position(0.01 * n).pack(sender)))
+    packets.insert(20 + late, packets.pop(20))
+    (tmp_path / "x.tlog").write_bytes(b"".join(packets))
+    assert KIND.flight(tmp_path / "x.tlog").source.skipped.get("position that came late", 0) == (
+        300 - read
+    )
+
+
 def test_only_a_clock_of_the_recorder_that_was_set_back_by_a_second_is_mended(
     tmp_path: Path,
 ) -> None:

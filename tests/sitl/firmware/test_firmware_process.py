@@ -1,6 +1,7 @@
 """Firmware as a process: what cannot be started, what ends, and what must not be left behind."""
 
 import asyncio
+import fcntl
 import math
 import signal
 import subprocess
@@ -17,7 +18,7 @@ from sitl_mavsdk import HOME
 
 from flightdyn.config import AircraftConfig
 from flightdyn.random import RandomStreams
-from native.errors import FirmwareSilentError, InputError
+from native.errors import FirmwareSilentError, InputError, LinkLostError
 from sitl.config import FirmwareConfig, VehicleConfig
 from sitl.firmware.launch import FirmwareProcess, LaunchOptions, check_binary
 from sitl.firmware.px4 import px4_launch
@@ -183,8 +184,36 @@ def test_two_px4_take_different_instances_where_ports_do_not_tell_them_apart(
     launches[0].bridge.close()
     again = px4_launch(options, plant())
     assert again.argv[again.argv.index("-i") + 1] == "238"
-    for launch in (launches[1], again):
-        launch.bridge.close()
+    for taken, instance in ((launches[1], 239), (again, 238)):
+        with Path(f"/tmp/px4_lock-{instance}").open() as theirs:
+            fcntl.flock(theirs, fcntl.LOCK_EX | fcntl.LOCK_NB)  # free for PX4
+        taken.bridge.close()
+
+
+def test_locks_that_are_taken_leave_nothing_open(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of PX4s that are running, or of others of ours."""
+    monkeypatch.setattr("sitl.firmware.px4._LOCK", f"{tmp_path}/theirs-{{}}")
+    monkeypatch.setattr("sitl.firmware.px4._OUR_LOCK", f"{tmp_path}/ours-{{}}")
+    monkeypatch.setattr("sitl.firmware.px4.INSTANCES", range(40, 43))
+    monkeypatch.setattr("sitl.firmware.px4.Px4Bridge.open", lambda _: None)
+    options = LaunchOptions(px4_stand_in(tmp_path), 1, 2, 10.0)
+    held = [(tmp_path / name).open("w") for name in ("theirs-40", "ours-41")]
+    for lock in held:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+    before = len(list(Path("/proc/self/fd").iterdir()))
+    launch = px4_launch(options, plant())
+    assert launch.argv[launch.argv.index("-i") + 1] == "42"
+    launch.bridge.close()
+    launch.bridge.close()
+    assert len(list(Path("/proc/self/fd").iterdir())) == before
+    monkeypatch.setattr("sitl.firmware.px4.INSTANCES", range(40, 42))
+    with pytest.raises(LinkLostError, match="no TCP port from 4600 to 4601 is free"):
+        px4_launch(options, plant())
+    assert len(list(Path("/proc/self/fd").iterdir())) == before
+    for lock in held:
+        lock.close()
 
 
 def test_px4_is_given_no_bias_that_it_would_take_for_a_broken_sensor(tmp_path: Path) -> None:

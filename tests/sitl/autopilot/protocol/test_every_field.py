@@ -431,6 +431,7 @@ def test_without_autocontinue_it_waits_for_an_order(params: tuple[float, float])
         assert desk.command(mav.MAV_CMD_MISSION_START, *params) == OK
     assert desk.vehicle.autopilot.flight.mission.complete
     assert desk.vehicle.autopilot.mode.name == "HOLD"
+    assert not desk.vehicle.autopilot.flight.mission.waiting
     assert desk.command(mav.MAV_CMD_MISSION_START) == OK
     desk.fly()
     assert desk.command(mav.MAV_CMD_DO_SET_MISSION_CURRENT, 2) == OK
