@@ -318,3 +318,14 @@ def test_long_status_texts_are_split_and_end_with_a_short_chunk() -> None:
         assert len({chunk.id for chunk in heard}) == 1
         assert (heard[0].id == 0) == (length <= 50)
         assert len(heard) == 1 or len(heard[-1].text) < 50
+
+
+def test_long_status_texts_are_numbered_from_1_to_65535_and_again() -> None:
+    """0 is the number of those in one message, and there are 16 bits."""
+    outbox = Outbox()
+    reporter = Reporter(outbox, lambda *_: None)
+    for _ in range(65_536):
+        reporter.say("x" * 51)
+    numbers = [message.id for _, message in outbox.take() if message.chunk_seq == 0]
+    assert numbers[:2] == [1, 2]
+    assert numbers[-2:] == [65535, 1]
