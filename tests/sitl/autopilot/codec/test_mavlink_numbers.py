@@ -326,6 +326,7 @@ def test_long_status_texts_are_numbered_from_1_to_65535_and_again() -> None:
     reporter = Reporter(outbox, lambda *_: None)
     for _ in range(65_536):
         reporter.say("x" * 51)
-    numbers = [message.id for _, message in outbox.take() if message.chunk_seq == 0]
+    said = [message.to_dict() for _, message in outbox.take()]
+    numbers = [message["id"] for message in said if message["chunk_seq"] == 0]
     assert numbers[:2] == [1, 2]
     assert numbers[-2:] == [65535, 1]
