@@ -189,7 +189,8 @@ class Simulated(ABC):
         began_s = self.t_s
         while not met(self):
             if self.t_s - began_s >= timeout_s:
-                raise NotInTimeError(f"not within {timeout_s:g} s of simulated time{self._where()}")
+                limit_s = float(timeout_s)  # fractions have no format of numbers
+                raise NotInTimeError(f"not within {limit_s:g} s of simulated time{self._where()}")
             self.step(LOOK_S)
 
 

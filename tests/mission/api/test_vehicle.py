@@ -20,6 +20,7 @@ from patience import HANG_S
 from pymavlink.dialects.v20 import common as mav
 
 import aerofed
+from mission.api.life import NotInTimeError, Simulated
 from mission.base.errors import FlightError
 from mission.cli import call
 from native.errors import ModelDivergedError
@@ -202,6 +203,69 @@ def test_time_passes_by_itself_at_other_paces() -> None:
         began_s = vehicle.t_s
         while vehicle.t_s == began_s:
             assert time.monotonic() < limit
+
+
+class Clock(Simulated):
+    """Time alone, which begins at 5 s."""
+
+    KIND = "clock"
+
+    def __init__(self) -> None:
+        self.steps: list[float] = []
+
+    @property
+    def t_s(self) -> float:
+        return 5.0 + 0.125 * len(self.steps)  # a step lasts a little longer than it was asked to
+
+    def step(self, seconds: float) -> None:
+        self.steps.append(seconds)
+
+    def _where(self) -> str:
+        return ": here"
+
+
+def test_a_condition_is_looked_at_every_tenth_until_time_is_up() -> None:
+    times: list[tuple[Any, int]] = [(0, 0), (1.0, 8), (1.01, 9), (Fraction(1, 2), 4)]
+    for timeout_s, steps in times:
+        clock = Clock()
+        with pytest.raises(NotInTimeError, match=r"^not within .* s of simulated time: here"):
+            clock.until(lambda _: False, timeout_s=timeout_s)
+        assert clock.steps == [0.1] * steps
+    clock = Clock()
+    with pytest.raises(NotInTimeError, match=r"^not within 60 s of"):
+        clock.until(lambda _: False)
+    assert len(clock.steps) == 480
+    asked: list[Any] = []
+
+    def met(it: Clock) -> bool:
+        asked.append(it)
+        return len(it.steps) == 2
+
+    (clock := Clock()).until(met, timeout_s=0.25)
+    assert asked == [clock] * 3
+    clock.until(lambda _: True, timeout_s=999_999.9)
+    clock.until(lambda _: True, timeout_s=0)
+    for wrong in (1e6, -0.1, math.nan, math.inf, "1", True, None, 1j):
+        with pytest.raises(aerofed.InputError, match=r"a function of the clock, and simulated sec"):
+            clock.until(lambda _: True, timeout_s=wrong)  # type: ignore[arg-type]  # is refused
+    with pytest.raises(aerofed.InputError, match=r"^until\(3, timeout_s=60.0\): a function of"):
+        clock.until(3)  # type: ignore[arg-type]  # is refused
+    assert len(clock.steps) == 2
+
+
+def test_the_paces_and_steps_that_are_allowed() -> None:
+    for pace in (0.001, 1, 1000, 1000.0, Fraction(1, 3), "steps", "moving"):
+        aerofed.vehicle(pace=pace)  # type: ignore[arg-type]  # some are no float
+    for wrong in (-1.0, 1000.5, math.nan, "always"):
+        with pytest.raises(aerofed.InputError, match=r"^pace = .*: more than 0, at most 1000$"):
+            aerofed.vehicle(pace=wrong)  # type: ignore[arg-type]  # is refused
+    with aerofed.vehicle() as vehicle:
+        for seconds in (0, -1.0, 1e6, "1", True):
+            with pytest.raises(aerofed.InputError, match=r"^step\(.*\): simulated seconds, more"):
+                vehicle.step(seconds)  # type: ignore[arg-type]  # is refused
+        began_s = vehicle.t_s
+        vehicle.step(Fraction(1, 4))  # type: ignore[arg-type]  # not a float, and a number
+        assert vehicle.t_s - began_s == pytest.approx(0.25, abs=0.005)
 
 
 @pytest.mark.parametrize(
