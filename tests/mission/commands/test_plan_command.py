@@ -1,6 +1,7 @@
 """`aerofed plan` and `aerofed link-budget` as a user calls them."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -8,17 +9,22 @@ import numpy as np
 import pytest
 import small_runs
 
+from fl.radio import channel
 from fl.radio.channel import CHANNEL_PRESETS
+from flightdyn.config import LimitsConfig
 from mission.analysis.load import load_run
 from mission.base.errors import InputError, PlanError
 from mission.cli import call
 from mission.commands.planning import show
 from mission.planner.config import PlannerConfig
 from mission.planner.evaluate import finish
-from mission.planner.files import NamedPlan, read_problems
+from mission.planner.files import NamedPlan, NamedProblem, read_problems
+from mission.planner.limits import RoundLimits
+from mission.planner.performance import Foreseen, Performance
 from mission.planner.plan import PlannedPath, RoundPlan
-from mission.planner.problem import RoundProblem
+from mission.planner.problem import RoundProblem, Start
 
+FLYING = Performance(20.0, 5.0, LimitsConfig())
 CHANNEL = {
     "altitude_m": 60.0, "alpha_los": 2.27, "alpha_nlos": 3.64, "beta_los_db": -30.0,
     "beta_nlos_db": -40.0, "sigma_los": 0.3257, "sigma_nlos": 0.5149, "a1_per_rad": 24.64,
@@ -272,15 +278,15 @@ def test_link_budget_is_of_each_height_and_warns_above_a_half(
         assert call(["link-budget", "--json", *words]) == 0
         return json.loads(capsys.readouterr().out)
 
-    channel = CHANNEL_PRESETS["suburban"]
+    suburban = CHANNEL_PRESETS["suburban"]
     one = told("mission.altitude_m=80")
     assert one["altitude_m"] == 80.0
     assert one["distance_m"] == [0, 25, 50, 75, 100, 150, 200, 300, 400, 600, 800]
-    assert one["per"] == pytest.approx(channel.per(one["distance_m"], 80.0).tolist())
+    assert one["per"] == pytest.approx(suburban.per(one["distance_m"], 80.0).tolist())
     assert one["overhead"]["per"] == one["per"][0]
     two = told("mission.altitude_m=[40, 120]")
     assert [each["altitude_m"] for each in two] == [40.0, 120.0]
-    assert [each["per"][6] for each in two] == [float(channel.per(200.0, h)) for h in (40, 120)]
+    assert [each["per"][6] for each in two] == [float(suburban.per(200.0, h)) for h in (40, 120)]
     # At 60 m as many packets are lost as the threshold is high.
     middle = 10 ** (one["overhead"]["snr_los_db"] / 10)
     warned = [
@@ -359,3 +365,89 @@ def test_the_table_has_the_numbers_of_each_plan(
     assert note.startswith("pair: no update gets through from anywhere on the way")
     show(plans[:1], [pair], PlannerConfig(gap=0.3))
     assert "less closely" not in capsys.readouterr().out
+
+
+def test_the_table_has_what_flights_take_and_how_far_apart_they_are(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Two fly side by side, 25 m apart, and one of the two plans has one height for both."""
+    monkeypatch.setenv("COLUMNS", "120")
+    devices_m = np.array([[50.0, 0.0], [50.0, 25.0]])
+    starts = tuple(
+        Start(np.array([0.0, y]), path_budget_m=400.0, limits=RoundLimits(FLYING))
+        for y in (0.0, 25.0)
+    )
+    apart = RoundProblem(
+        devices_m=devices_m, importance=np.ones(2), starts=starts, steps=2, per_step=1,
+        channel=CHANNEL_PRESETS["suburban"], separation_m=20.0,
+    )  # fmt: skip
+    anyhow = replace(apart, separation_m=0.0)
+    served = np.zeros((2, 2, 2), dtype=np.bool_)
+    served[0, 1, 0] = served[1, 1, 1] = True
+
+    def plan(*heights: float | None, value: float) -> RoundPlan:
+        paths = tuple(
+            PlannedPath(
+                np.array([[0.0, y], [100.0, y]]), altitude_m=height_m,
+                foreseen=Foreseen(np.array([0.0, lasts_s]), lasts_s, energy_j),
+            )
+            for y, height_m, lasts_s, energy_j in zip(
+                (0.0, 25.0), heights, (30.0, 45.5), (6000.0, 1550.0), strict=True
+            )
+        )  # fmt: skip
+        return RoundPlan(paths, served, value, 2.0, nodes=3)
+
+    plans = [
+        NamedPlan("same", plan(60.0, 60.0, value=1.5), 0.001),
+        NamedPlan("two", plan(40.0, 60.0, value=1.25), 0.0125),
+        NamedPlan("none", plan(None, None, value=1.0), 2.0),
+    ]
+    problems = [NamedProblem("same", apart), NamedProblem("two", anyhow)]
+    show(plans, [*problems, NamedProblem("none", anyhow)], PlannerConfig(gap=0.9))
+    lines = [line.split() for line in capsys.readouterr().out.splitlines()]
+    head, units, _, *rows = lines[:6]
+    assert (head, units) == (
+        ["upper", "gap", "path", "alt.", "takes", "takes", "apart"],
+        ["problem", "value", "bound", "%", "m", "m", "s", "kJ", "m", "served", "nodes", "ms"],
+    )
+    assert [row[:9] for row in rows] == [
+        ["same", "1.5000", "2.0000", "25.00", "200.0", "60.0", "45.5", "7.5", "25.0"],
+        ["two", "1.2500", "2.0000", "37.50", "200.0", "-", "45.5", "7.5", "-"],
+        ["none", "1.0000", "2.0000", "50.00", "200.0", "-", "45.5", "7.5", "-"],
+    ]
+    assert [row[9:] for row in rows] == [["2", "3", "1"], ["2", "3", "12"], ["2", "3", "2000"]]
+
+
+def test_a_device_at_the_end_of_the_longest_path_is_in_reach(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    source = tmp_path / "problems.json"
+    for away_m, words in ((250.0, "no update gets through"), (251.0, "no device is in reach")):
+        deaf = {"channel": {**CHANNEL, "noise_db": 95.0}, "devices": [[0.0, -away_m], [999.0, 0.0]]}
+        source.write_text(json.dumps([PROBLEM | deaf]))
+        assert call(["plan", "--problem", str(source)]) == 0
+        assert f"pair: {words}" in capsys.readouterr().out
+
+
+def test_link_budget_prints_a_row_for_each_distance(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    fit = channel.LogisticFit(12.345, -1.005, 0.0625)
+    monkeypatch.setattr(channel, "fit_logistic", lambda _: fit)
+    monkeypatch.setattr(channel, "served_radius_m", lambda _: 0.6)
+    monkeypatch.setattr(channel, "average_per", lambda _, r_m: r_m / 1000.0)
+    assert call(["link-budget", "--set", "mission.altitude_m=[40, 120.5]"]) == 0
+    first, second = capsys.readouterr().out.split("channel suburban, ")[1:]
+    assert second.startswith("120.5 m above\noverhead: SNR ")
+    assert first.startswith("40 m above\noverhead: SNR ")
+    assert [line.split() for line in first.splitlines()[3:]] == [
+        ["distance", "m", "PER"],
+        *([f"{m}", f"{m / 1000:.4f}"] for m in (0, 25, 50, 75, 100, 150, 200, 300, 400, 600, 800)),
+        [],
+        ["served", "radius", "(PER", "0.5):", "1", "m"],
+        first.splitlines()[-1].split(),
+    ]
+    assert first.splitlines()[-1].endswith("b1 = 12.35 per rad, b2 = -1.00, wrong by 0.062 at most")
+    monkeypatch.setattr(channel, "served_radius_m", lambda _: 0.0)
+    assert call(["link-budget"]) == 0
+    assert "served radius (PER 0.5): none, not even straight overhead" in capsys.readouterr().out
