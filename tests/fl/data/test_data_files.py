@@ -2,6 +2,7 @@
 
 import bz2
 import gzip
+import hashlib
 import io
 import lzma
 import pickle
@@ -15,7 +16,7 @@ import numpy as np
 import pytest
 
 from fl.data.cifar import BATCHES
-from fl.data.dataset import Dataset
+from fl.data.dataset import Dataset, Provenance, SourceFile
 from fl.data.files import md5
 from fl.data.idx import NAMES
 from fl.data.load import load
@@ -307,6 +308,10 @@ def test_npz_with_splits(tmp_path: Path) -> None:
     np.testing.assert_array_equal(dataset.train.images, NPZ["x_train"])
     np.testing.assert_array_equal(dataset.validation.labels, NPZ["y_test"][:, 0])
     assert dataset.classes == 4
+    sum_of_file = hashlib.md5((tmp_path / "mine.npz").read_bytes()).hexdigest()
+    assert dataset.provenance == Provenance(
+        str(tmp_path / "mine.npz"), False, (SourceFile("mine.npz", sum_of_file, official=False),)
+    )
 
 
 def test_npz_without_splits_holds_out_a_sixth_of_every_class(tmp_path: Path) -> None:

@@ -1,6 +1,7 @@
 """Data files that somebody has made to do harm: one line, no crash, bounded memory."""
 
 import gzip
+import os
 import struct
 import subprocess
 import sys
@@ -11,7 +12,7 @@ import numpy as np
 import pytest
 
 from fl.config import CommunityConfig
-from fl.data import idx
+from fl.data import idx, npz
 from fl.data.files import LARGEST_BYTES
 from fl.data.load import load
 from fl.errors import DataDamagedError
@@ -74,6 +75,42 @@ def test_an_archive_with_a_name_of_many_gigabytes(tmp_path: Path) -> None:
     said, peak = unpack_bomb("cifar10", tmp_path)
     assert "cifar-10-python.tar.gz" in said
     assert peak < 400
+
+
+class RunsCode:
+    """Unpickled, it makes a folder."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = str(path)
+
+    def __reduce__(self) -> tuple[object, tuple[str]]:
+        return os.mkdir, (self.path,)
+
+
+@pytest.mark.parametrize("array", ["images", "labels", "owner"])
+def test_a_pickle_in_an_npz_is_not_run(tmp_path: Path, array: str) -> None:
+    mine = {
+        "images": np.zeros((6, 2, 2), np.uint8),
+        "labels": np.arange(6) % 2,
+        array: np.array([RunsCode(tmp_path / "ran")] * 6),
+    }
+    np.savez(tmp_path / "mine.npz", allow_pickle=True, **mine)
+    with pytest.raises(DataDamagedError, match="Object arrays cannot be loaded"):
+        load("npz", data_dir=tmp_path, data_file="mine.npz")
+    assert not (tmp_path / "ran").exists()
+
+
+def test_an_npz_of_just_as_much_as_is_believed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Two members with headers of 128 bytes: 24 images of a byte, 12 labels of eight."""
+    path = tmp_path / "mine.npz"
+    np.savez(path, images=np.zeros((12, 2, 1), np.uint8), labels=np.arange(12) % 2)
+    monkeypatch.setattr(npz, "LARGEST_BYTES", 2 * 128 + 24 + 96)
+    assert npz.load("mine.npz", tmp_path).classes == 2
+    monkeypatch.setattr(npz, "LARGEST_BYTES", 2 * 128 + 24 + 95)
+    with pytest.raises(DataDamagedError, match="unpacks to 376 bytes; at most 375"):
+        npz.load("mine.npz", tmp_path)
 
 
 def test_an_npz_that_unpacks_to_too_much(tmp_path: Path) -> None:

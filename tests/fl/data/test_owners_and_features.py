@@ -58,6 +58,7 @@ def test_features_are_channels_of_one_pixel(tmp_path: Path) -> None:
         ({"features": np.full((6, 2), 1e300)}, "no finite float32"),
         ({"features": np.ones((6, 0))}, "one at least"),
         ({"features": np.ones((5, 2))}, "5 features, but 6 labels"),
+        ({"features": np.array(5.0)}, "0 features, but 6 labels"),
         ({"features": np.ones((6, 2)), "owner": np.ones(6)}, "owner is float64"),
         ({"features": np.ones((6, 2)), "owner": np.ones(4, int)}, "4 owner, but 6 labels"),
     ],
