@@ -1,9 +1,12 @@
 """Code of one's own is loaded as it stands in its files, and its digest tells it from other."""
 
 import functools
+import hashlib
 import importlib
 import json
+import os
 import sys
+import threading
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -11,8 +14,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from fl import plugin_code
 from fl.arrays import frozen
-from fl.plugin_code import checked_name, digest_of, label_of, load, register
+from fl.plugin_code import bring, checked_name, digest_of, label_of, load, passed, register
 from fl.plugins import read_only
 
 
@@ -140,6 +144,78 @@ def test_a_label_is_no_part_of_what_a_plug_in_is() -> None:
 def test_code_of_a_library_is_that_of_its_package() -> None:
     assert digest_of("json:loads") == digest_of("json:dumps") != digest_of("ast:parse")
     assert digest_of("math:sqrt") == digest_of("math:cos")
+    write(math="")  # is not what Python imports by that name
+    for name, told in {
+        "math:sqrt": f"math {sys.version}",
+        "numpy.linalg:norm": f"numpy numpy {np.__version__}",
+        "edited_nowhere:make": f"edited_nowhere {sys.version}",
+    }.items():
+        assert digest_of(name) == hashlib.sha256(told.encode()).hexdigest()
+
+
+def test_modules_that_import_each_other_and_one_that_is_named_as_ours() -> None:
+    write(edited_f="import edited_g, native", edited_g="import edited_f", native="one = 1")
+    first = digest_of("edited_f:make")
+    write(native="one = 2")
+    assert digest_of("edited_f:make") == first
+    write(edited_g="import edited_f, json")
+    assert digest_of("edited_f:make") != first
+
+
+def test_a_module_that_has_just_been_written_is_found() -> None:
+    """Python lists a folder anew where its time has changed."""
+    write(edited_h="def make(): return 1")
+    then = Path().stat()
+    assert made("edited_h:make") == 1
+    write(edited_i="def make(): return 2")
+    os.utime(".", ns=(then.st_atime_ns, then.st_mtime_ns))
+    assert made("edited_i:make") == 2
+
+
+def test_an_object_that_is_passed_has_a_name_and_a_digest(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(plugin_code, "_passed", {})
+
+    def giving(what: Any) -> Any:
+        return lambda: what
+
+    names = [register(giving(what)) for what in (1, 1, 2, threading.Lock())]
+    one, same, two, bare = map(str, names)
+    assert one == same != two
+    digest = digest_of(f"label={one}")
+    assert digest is not None
+    assert one == f"python:lambda_{digest[:8]}"
+    assert len(digest) == 64
+    assert (bare, digest_of(bare)) == ("python:lambda_2", None)  # the third that is passed
+    assert register(5) == 5
+    given = passed([f"label={two}", "json:dumps", "python:gone_1"])
+    assert given.keys() == {two}
+    plugin_code._passed.clear()
+    assert digest_of(two) is None
+    with pytest.raises(ImportError, match="pass it again"):
+        load(two)
+    bring(given)
+    assert made(f"other={two}") == 2
+
+
+def test_which_functions_are_named_by_where_they_are(monkeypatch: pytest.MonkeyPatch) -> None:
+    write(edited_j="def make(): return 1", edited_k="def make(): return 1")
+    before = load("edited_j:make")
+    write(edited_j="def make(): return 2")
+    load("edited_j:make")
+    assert register(before) == "edited_j:make"  # imported anew for who asks by name
+    sys.path.append(str(Path.cwd()))
+    ours = importlib.import_module("edited_k")
+    first = ours.make
+    assert register(first) == "edited_k:make"
+    importlib.reload(ours)
+    assert str(register(first)).startswith("python:make_")  # only a session did that
+
+    def mine() -> int:
+        return 1
+
+    mine.__module__, mine.__qualname__ = "__main__", "mine"
+    monkeypatch.setattr(sys.modules["__main__"], "mine", mine, raising=False)
+    assert str(register(mine)).startswith("python:mine_")  # of no file that another process has
 
 
 def test_a_session_that_moves_on_has_the_code_of_where_it_is(
