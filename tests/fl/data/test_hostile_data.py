@@ -7,6 +7,7 @@ import subprocess
 import sys
 import zipfile
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -20,6 +21,7 @@ from fl.errors import DataDamagedError
 BOMB = r"""
 import sys
 from pathlib import Path
+from typing import Any
 from fl.data.load import load
 from fl.errors import DataDamagedError
 try:
@@ -89,7 +91,7 @@ class RunsCode:
 
 @pytest.mark.parametrize("array", ["images", "labels", "owner"])
 def test_a_pickle_in_an_npz_is_not_run(tmp_path: Path, array: str) -> None:
-    mine = {
+    mine: dict[str, Any] = {
         "images": np.zeros((6, 2, 2), np.uint8),
         "labels": np.arange(6) % 2,
         array: np.array([RunsCode(tmp_path / "ran")] * 6),
