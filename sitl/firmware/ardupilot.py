@@ -198,7 +198,7 @@ def airframe_parameters(options: LaunchOptions, plant: Plant) -> dict[str, float
         "FS_GCS_ENABLE": 0,
         "BATT_MONITOR": 0,  # JSON carries no battery: the mission's own reserve watches it
         "ANGLE_MAX": 100 * min(limits.tilt_deg, 80.0),
-        "WPNAV_SPEED": min(100 * options.cruise_mps, 2000),
+        "WPNAV_SPEED": 100 * options.cruise_mps,
         "WP_SPD": options.cruise_mps,
         "WPNAV_ACCEL": min(100 * limits.acceleration_mps2, 500),
         "WPNAV_JERK": min(limits.acceleration_mps2 / max(limits.smoothing_s, 0.1), 20),

@@ -24,10 +24,11 @@ class Paced:
     near_m, traffic, waited_for = 0.0, "off", False
 
     def __init__(self, *, costs_s: float = 0.0, due_s: float = math.inf) -> None:
-        self.now_s, self.costs_s, self.due_s = 1000.0, costs_s, due_s
+        self.now_s, self.costs_s, self.due_s = 0.0, costs_s, due_s
         self.t_ns, self.end_ns = 0, math.inf
         self.seen: list[tuple[float, int]] = []  # wall time (ms) and simulated time (ms) of looks
         self.slept_ms: list[float] = []
+        self.greeted = 0
         self.aircraft: Any = SimpleNamespace(
             frame=LocalFrame(HOME), pos_ned_m=np.zeros(3), vel_ned_mps=np.zeros(3), dt_ns=4 * MS
         )
@@ -45,8 +46,11 @@ class Paced:
         self.now_s += self.costs_s
 
     def outgoing(self, now: float) -> list[Any]:
-        self.seen.append((round((now - 1000.0) * 1e3, 3), self.t_ns // MS))
+        self.seen.append((round(now * 1e3, 3), self.t_ns // MS))
         return []
+
+    def greet(self) -> None:
+        self.greeted += 1
 
     def due(self) -> float:
         return self.now_s + self.due_s
@@ -94,6 +98,8 @@ def test_telemetry_is_on_time_and_a_slow_machine_does_not_rush_later(
     assert Paced(due_s=0.005).looks(monkeypatch, 4, speed=4.0) == [
         (0, 0), (0, 20), (0, 40), (0, 60)
     ]  # fmt: skip
+    late = Paced(due_s=-0.005).looks(monkeypatch, 3, speed=4.0)  # a step at least
+    assert [t_ms for _, t_ms in late] == [0, 20, 40]
     slow = Paced(costs_s=0.02)
     speeds = [4.0]
 
@@ -112,6 +118,8 @@ def test_flat_out_time_runs_for_50_ms_of_wall_time(monkeypatch: pytest.MonkeyPat
     inside = Paced(costs_s=0.02)
     assert inside.looks(monkeypatch, 3) == [(0, 0), (61, 300), (122, 600)]
     assert inside.slept_ms[:2] == [1, 1]
+    even = Paced(costs_s=0.025)
+    assert even.looks(monkeypatch, 2) == [(0, 0), (51, 200)]
     outside = Paced(costs_s=0.001)
     link = UdpLink("udpin://127.0.0.1:0")
     assert outside.looks(monkeypatch, 3, link) == [(0, 0), (11, 1000), (22, 2000)]
@@ -119,6 +127,10 @@ def test_flat_out_time_runs_for_50_ms_of_wall_time(monkeypatch: pytest.MonkeyPat
     ends.end_ns, ends.due_s = 300 * MS, 0.0
     assert ends.looks(monkeypatch, 4) == [(0, 0), (3, 300), (3, 300), (3, 300)]
     assert ends.slept_ms[0] == 0  # nobody waits for a pause where time stands still
+    joins, raw = Paced(costs_s=0.02), RawLink()
+    raw.attach(lambda _: None)
+    joins.looks(monkeypatch, 4, raw)
+    assert joins.greeted == 1
 
 
 def test_ordered_time_stands_still_at_the_instant_and_while_a_pilot_does(
@@ -134,6 +146,12 @@ def test_ordered_time_stands_still_at_the_instant_and_while_a_pilot_does(
             assert paced.t_ns == 0
             await simulation.run_to(250 * MS)
             assert paced.t_ns == 250 * MS
+            for_ever = asyncio.create_task(simulation.run_to(math.inf))  # as long as one is piloted
+            for _ in range(5):
+                await asyncio.sleep(0)
+            assert paced.t_ns == 250 * MS
+            for_ever.cancel()
+            await asyncio.wait((for_ever,))
             simulation.piloted.add(cast(Vehicle, paced))
             await simulation.run_to(600 * MS)
             assert paced.t_ns == 600 * MS

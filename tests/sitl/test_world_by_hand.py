@@ -175,7 +175,7 @@ def test_what_comes_from_a_reboot_begins_at_rest() -> None:
     two = Even((0.0, 100.0), (0.0, 0.0, -10.0), (4.0, -4.0, 2.0))
     world = World({"one": one, "two": two})
     run(world, 1.0)
-    two.aircraft = two.another(two.aircraft.frame, (0.0, -90.0, -10.0), (0.0, 0.0, 0.0))
+    two.aircraft = two.another(two.aircraft.frame, (0.0, -110.0, -10.0), (0.0, 0.0, 0.0))
     two.t_ns = 0
     run(world, 2.0)
     (least,) = world.least

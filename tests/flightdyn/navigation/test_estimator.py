@@ -308,6 +308,16 @@ def test_ten_seconds_without_gnss_are_bridged(seed: int) -> None:
     assert velocity < 0.25
 
 
+def test_gnss_is_lost_a_second_and_a_half_after_what_was_believed_last() -> None:
+    aircraft = make(sensors=SensorsConfig())
+    run(aircraft, 0.5)
+    aircraft.inject(GnssOff(duration_s=10.0))
+    assert isinstance(aircraft.navigation, InertialNavigation)
+    fused_ns = aircraft.navigation.estimator.fused_ns
+    assert run(aircraft, 3.0, until=lambda: aircraft.why_not_ready == "no GNSS")
+    assert aircraft.t_ns - fused_ns["gnss position"] == 1_500_000_000
+
+
 def test_a_jump_of_fifty_metres_is_not_believed() -> None:
     aircraft = cruise()
     aircraft.inject(GnssJump(north_m=30.0, east_m=-40.0, duration_s=10.0))

@@ -1,5 +1,6 @@
 """What firmwares are started with for our aircraft: arguments, ports, streams and parameters."""
 
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -8,10 +9,11 @@ from firmware_stand_ins import plant, px4_stand_in, script
 from sitl_mavsdk import HOME
 
 from flightdyn.config import AircraftConfig
+from native.errors import FirmwareSilentError
 from sitl.autopilot.parameters import parameters_of
 from sitl.config import FirmwareConfig, VehicleConfig
 from sitl.firmware.ardupilot import airframe_parameters as of_copter
-from sitl.firmware.ardupilot import ardupilot_launch
+from sitl.firmware.ardupilot import ardupilot_launch, check_arducopter
 from sitl.firmware.launch import LaunchOptions
 from sitl.firmware.px4 import airframe_parameters as of_px4
 from sitl.firmware.px4 import px4_launch
@@ -179,6 +181,7 @@ def test_arducopter_is_started_where_it_stands_and_with_its_ports(tmp_path: Path
     launch = ardupilot_launch(LaunchOptions(config, 14_550, 5501, 10.0), plant())
     port = launch.bridge.port
     launch.bridge.close()
+    assert port >= 1024
     home = f"{HOME.lat_deg:.9f},{HOME.lon_deg:.9f},{HOME.alt_msl_m:.3f},123.46"
     assert launch.argv == (
         binary, "--model", "JSON:127.0.0.1", "--sim-port-out", str(port), "--home", home,
@@ -190,3 +193,12 @@ def test_arducopter_is_started_where_it_stands_and_with_its_ports(tmp_path: Path
     lines = text.splitlines()
     assert {"FRAME_CLASS 1", "ANGLE_MAX 3000", "MINE 0.333333333", "SIM_RATE_HZ 250"} <= {*lines}
     assert [line for line in lines if line.startswith("ANGLE_MAX")] == ["ANGLE_MAX 3000"]
+
+
+def test_arducopter_is_known_by_what_it_says_of_itself(tmp_path: Path) -> None:
+    binary = tmp_path / "arducopter"
+    for content, known in ((b"\x7fELF ArduCopter V4.6", True), (b"\x7fELF ArduPlane V4", False)):
+        binary.write_bytes(content)
+        binary.chmod(0o755)
+        with nullcontext() if known else pytest.raises(FirmwareSilentError, match="not ArduCopter"):
+            check_arducopter(binary)

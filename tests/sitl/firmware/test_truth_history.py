@@ -69,3 +69,28 @@ def test_only_the_newest_is_kept(monkeypatch: pytest.MonkeyPatch) -> None:
     gone = past.at(70 * INTERVAL_NS).kinematics
     climb = -float(oldest.vel_ned_mps[2])
     assert gone.alt_rel_m == pytest.approx(heights[76] - 6 * 0.02 * climb)
+
+
+def test_attitudes_are_the_nearer_ones_and_batteries_each_fifth() -> None:
+    """Of the two intervals about it; of each fifth the newest before it."""
+    aircraft = plant()
+    link = flown(aircraft, 0.9, 0.5, 0.8, 0.7)
+    past, batteries = TruthHistory(aircraft, link.truths), [aircraft.battery]
+    for number in range(1, 25):
+        for _ in range(aircraft.interval):
+            link.hil_tick()
+        past.keep_battery()
+        if number % 5 == 0:
+            batteries.append(aircraft.battery)
+    assert len(set(batteries)) == 5
+    turned = [past.at(n * INTERVAL_NS).kinematics for n in range(25)]
+    for n in range(5, 24):
+        for share, nearer in ((0.25, n), (0.5, n), (0.55, n + 1), (0.9, n + 1)):
+            moment = past.at(n * INTERVAL_NS + round(share * INTERVAL_NS))
+            for name in ("q_frd_to_ned", "omega_frd_radps"):
+                told, kept = (getattr(k, name) for k in (moment.kinematics, turned[nearer]))
+                np.testing.assert_array_equal(told, kept)
+            assert moment.battery == batteries[nearer // 5]
+    aircraft.exchange_battery()
+    past.keep_battery(exchanged=True)
+    assert past.newest.battery == aircraft.battery != batteries[-1]
