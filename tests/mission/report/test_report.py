@@ -13,10 +13,12 @@ from typing import Any
 import numpy as np
 import pytest
 from described import charts, rows
+from made_up_logs import write_ulog
+from one_world import head_on
 from synthetic_flight import AREA, devices, fly
 
 from mission.analysis.compare import compare_run
-from mission.analysis.load import load_run
+from mission.analysis.load import LoadedRun, load_run
 from mission.base.errors import InputError
 from mission.log.writer import FlightLog
 from mission.report import page as report_page
@@ -149,38 +151,66 @@ def test_times_conditions_and_versions_stand_at_the_end() -> None:
     assert told({"wall_s": 3.0}, {})["total_s"] == 0
 
 
-def test_tiles_are_percent_kilometres_and_sums(tmp_path: Path) -> None:
-    def tiles(**other: Any) -> list[tuple[str, str]]:
-        loaded = load_run(tmp_path)
-        rounds = tuple(
-            replace(
-                record,
-                scheduled=4 + k,
-                delivered=2 + k,
-                accuracy={"digits": 0.25 * (k + 1), "colour-shapes": 0.5 - 0.1 * k},
-            )
-            for k, record in enumerate(loaded.data.rounds)
-        )
-        changed = replace(loaded, data=replace(loaded.data, rounds=rounds))
-        made = compare_run(changed)
-        total = replace(made.total, **other)
-        with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(report_page, "compare_run", lambda _: replace(made, total=total))
-            text = report_html(changed)
-        return re.findall(r'<div class="tile"><b>(.*?)</b><span>(.*?)</span>', text)
+def tiles(loaded: LoadedRun, **other: Any) -> list[tuple[str, str]]:
+    """The tiles of a run with other numbers of the whole flight."""
+    made = compare_run(loaded)
+    changed = replace(made, total=replace(made.total, **other))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(report_page, "compare_run", lambda _: changed)
+        return tiles_of(report_html(loaded))
 
+
+def tiles_of(page: str) -> list[tuple[str, str]]:
+    return re.findall(r'<div class="tile"><b>(.*?)</b><span>(.*?)</span>', page)
+
+
+MEASURED = {
+    "flown_path_m": 12_345_000.0, "straight_rms_m": 1.234, "tracking_rms_m": 3.456,
+    "height_tracking_max_m": 4.567, "battery_remaining": 0.876, "corner_cut_max_m": 2.345,
+    "slots": 7, "slots_missed": 2,
+}  # fmt: skip
+UNMEASURED = {name: math.nan for name in MEASURED if not name.startswith("slots")}
+
+
+def test_tiles_are_percent_kilometres_and_sums(tmp_path: Path) -> None:
     fly(tmp_path, rounds=2)
-    measured = {"flown_path_m": 12_345_000.0, "straight_rms_m": 1.234}
-    assert tiles(**measured, battery_remaining=0.876, corner_cut_max_m=2.345) == [
+    loaded = load_run(tmp_path)
+    rounds = tuple(
+        replace(
+            record, scheduled=4 + k, delivered=2 + k,
+            accuracy={"digits": 0.25 * (k + 1), "colour-shapes": 0.5 - 0.1 * k},
+        )
+        for k, record in enumerate(loaded.data.rounds)
+    )  # fmt: skip
+    loaded = replace(loaded, data=replace(loaded.data, rounds=rounds))
+    learnt = [
         *(("2", "rounds"), ("50.0 %", "accuracy digits"), ("40.0 %", "accuracy colour-shapes")),
         ("5 / 9", "updates delivered"),
-        *(("12345.00 km", "flown in rounds"), ("1.23 m", "cross-track rms on straights")),
-        *(("88 %", "battery left"), ("2.35 m", "deepest corner cut")),
     ]
-    nothing = dict.fromkeys(("flown_path_m", "straight_rms_m", "corner_cut_max_m"), math.nan)
-    assert tiles(**nothing, battery_remaining=math.nan) == [
-        *(("2", "rounds"), ("50.0 %", "accuracy digits"), ("40.0 %", "accuracy colour-shapes")),
-        ("5 / 9", "updates delivered"),
+    last = [("88 %", "battery left"), ("2.35 m", "deepest corner cut")]
+    straight = ("1.23 m", "cross-track rms on straights")
+    assert tiles(loaded, **MEASURED) == [
+        *(*learnt, ("12345.00 km", "flown in rounds"), straight, *last),
+    ]  # fmt: skip
+    assert tiles(loaded, **UNMEASURED) == learnt
+    planned = load_run(write_ulog(tmp_path / "a.ulg"))
+    along = ("12345.00 km", "flown along the plan")
+    assert tiles(planned, **MEASURED) == [("5 / 7", "places reached"), along, straight, *last]
+
+
+def test_tiles_of_flights_that_are_told_and_of_two_together(tmp_path: Path) -> None:
+    folder = head_on(tmp_path)
+    alone = load_run(folder / "vehicle-1" / "flight-0001.mcap")
+    assert tiles(alone, **MEASURED) == [
+        *(("12345.00 km", "flown"), ("3.46 m", "off its setpoint, rms")),
+        *(("4.57 m", "height off, max"), ("88 %", "battery left")),
+        ("2.35 m", "deepest corner cut"),
+    ]
+    assert tiles(alone, **UNMEASURED) == []
+    page = write_report(folder).read_text(encoding="utf-8")
+    assert tiles_of(page) == [
+        *(("2", "vehicles"), ("3.00 m", "nearest: vehicle-1 and vehicle-2")),
+        ("20.0 s", "when they were nearest"),
     ]
 
 
