@@ -166,7 +166,7 @@ def tiles_of(page: str) -> list[tuple[str, str]]:
 
 MEASURED = {
     "flown_path_m": 12_345_000.0, "straight_rms_m": 1.234, "tracking_rms_m": 3.456,
-    "height_tracking_max_m": 4.567, "battery_remaining": 0.876, "corner_cut_max_m": 2.345,
+    "height_tracking_max_m": 4.567, "battery_remaining": 0.991, "corner_cut_max_m": 2.345,
     "slots": 7, "slots_missed": 2,
 }  # fmt: skip
 UNMEASURED = {name: math.nan for name in MEASURED if not name.startswith("slots")}
@@ -187,7 +187,7 @@ def test_tiles_are_percent_kilometres_and_sums(tmp_path: Path) -> None:
         *(("2", "rounds"), ("50.0 %", "accuracy digits"), ("40.0 %", "accuracy colour-shapes")),
         ("5 / 9", "updates delivered"),
     ]
-    last = [("88 %", "battery left"), ("2.35 m", "deepest corner cut")]
+    last = [("99 %", "battery left"), ("2.35 m", "deepest corner cut")]
     straight = ("1.23 m", "cross-track rms on straights")
     assert tiles(loaded, **MEASURED) == [
         *(*learnt, ("12345.00 km", "flown in rounds"), straight, *last),
@@ -203,7 +203,7 @@ def test_tiles_of_flights_that_are_told_and_of_two_together(tmp_path: Path) -> N
     alone = load_run(folder / "vehicle-1" / "flight-0001.mcap")
     assert tiles(alone, **MEASURED) == [
         *(("12345.00 km", "flown"), ("3.46 m", "off its setpoint, rms")),
-        *(("4.57 m", "height off, max"), ("88 %", "battery left")),
+        *(("4.57 m", "height off, max"), ("99 %", "battery left")),
         ("2.35 m", "deepest corner cut"),
     ]
     assert tiles(alone, **UNMEASURED) == []

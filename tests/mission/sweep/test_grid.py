@@ -1,6 +1,7 @@
 """Which runs a sweep consists of, and what it refuses."""
 
 import errno
+import hashlib
 import json
 from pathlib import Path
 from typing import Any
@@ -8,10 +9,20 @@ from typing import Any
 import pytest
 
 from mission.base.errors import InputError
+from mission.base.run_folder import RunFolder
+from mission.cli import call
 from mission.config.loading import builtin_config, load_config
 from mission.scenario.scenario import build_scenario
 from mission.scenario.strategies import CustomStrategy
-from mission.sweep.folder import Missing, SweepFolder, SweepState, points_of, read_manifest
+from mission.sweep.execute.engine import EngineChoice
+from mission.sweep.folder import (
+    Missing,
+    SweepFolder,
+    SweepState,
+    points_of,
+    read_manifest,
+    rounds_in,
+)
 from mission.sweep.grid import Axis, Grid, Point, make_grid, parse_axis
 from mission.sweep.results import RunResult
 
@@ -284,3 +295,53 @@ def test_what_all_runs_have_is_set_together_with_what_one_has(tmp_path: Path) ->
         common={"area.no_fly_file": one, "mission.flight": "none"},
     )
     assert [len(run.config.area.no_fly) for run in found.runs] == [1, 1]
+
+
+@pytest.mark.parametrize(("length", "cut"), [(94, False), (95, True), (140, True)])
+def test_names_of_folders_have_a_hundred_characters_and_a_hash_at_most(
+    length: int, cut: bool
+) -> None:
+    whole = "x" * length + "-seed1"
+    digest = hashlib.sha256(whole.encode()).hexdigest()
+    name = Point("x" * length, 1, ()).name
+    assert name == (f"{whole[:100]}-{digest[:8]}" if cut else whole)
+    assert len(name) == (109 if cut else 100)
+
+
+def test_the_command_flies_three_seeds_of_all_strategies_with_pictures_and_a_page(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    asked: list[tuple[Grid, Path, dict[str, Any]]] = []
+
+    def sweep(grid: Grid, path: Path, **more: Any) -> int:
+        asked.append((grid, path, more))
+        return 3
+
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("mission.sweep.sweep.sweep", sweep)
+    assert call(["sweep", "quickstart"]) == 3
+    assert call(
+        ["sweep", "quickstart", "--strategies", "cov, ideal", "--seeds", "1", "--rounds", "7",
+         "--jobs", "1", "--out", "here", "--no-run-figures", "--no-report", "--json"],
+    ) == 3  # fmt: skip
+    (first, path, usual), (second, here, other) = asked
+    assert first.seeds == (1, 2, 3)
+    assert first.strategies == ("cov", "no_cov", "barycenter", "rectangular", "ideal")
+    assert path == Path("runs/sweep-quickstart")
+    assert (usual["engine"], usual["data_dir"]) == (EngineChoice(), None)
+    assert usual["run_figures"] is True
+    assert usual["page"] is not None
+    assert (usual["console"].quiet, usual["console"].width) == (False, 160)
+    assert (second.seeds, second.strategies, here) == ((1,), ("cov", "ideal"), Path("here"))
+    assert {run.config.mission.rounds for run in second.runs} == {7}
+    assert (other["engine"].jobs, other["run_figures"], other["page"]) == (1, False, None)
+    assert other["console"].quiet
+    assert capsys.readouterr().out == ""
+
+
+def test_rounds_are_the_lines_below_the_head(tmp_path: Path) -> None:
+    kept = RunFolder(tmp_path)
+    assert rounds_in(kept) == 0
+    for text, rounds in (("", 0), ("head\n", 0), ("head\n1\n", 1), ("head\n1\n2\n3", 2)):
+        kept.rounds.write_text(text)
+        assert rounds_in(kept) == rounds
