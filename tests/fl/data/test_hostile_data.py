@@ -21,7 +21,6 @@ from fl.errors import DataDamagedError
 BOMB = r"""
 import sys
 from pathlib import Path
-from typing import Any
 from fl.data.load import load
 from fl.errors import DataDamagedError
 try:

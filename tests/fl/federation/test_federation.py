@@ -1,7 +1,9 @@
 """Rounds of a federation against the specification, retold with loops and plain torch modules."""
 
+import io
 import itertools
 import math
+import os
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import replace
 from pathlib import Path
@@ -411,6 +413,32 @@ def test_a_resumed_federation_goes_on_to_the_bit(algorithm: str) -> None:
 
 def damaged(saved: bytes) -> list[bytes]:
     return [b"", saved[:50], saved[: len(saved) // 2], saved[:-1], b"{}\n", b"[1]\n" + saved]
+
+
+class RunsCode:
+    """Unpickled, it makes the folder `ran`."""
+
+    def __reduce__(self) -> tuple[object, tuple[str]]:
+        return os.mkdir, ("ran",)
+
+
+def test_nothing_of_a_checkpoint_is_pickled(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    federation = build(FAST, DIGITS)
+    state = fed.init(federation)
+    code = np.array([RunsCode()])
+    (one,) = state.communities
+    wrong = replace(state, communities=(replace(one, algorithm={"t": code}),))
+    with pytest.raises(ValueError, match="allow_pickle=False"):
+        to_bytes(federation, wrong)
+    pickled = io.BytesIO()
+    np.lib.format.write_array(pickled, code, allow_pickle=True)
+    header = to_bytes(federation, state).partition(b"\n")[0]
+    with pytest.raises(CheckpointError, match=r"damaged: .*allow_pickle=False"):
+        from_bytes(federation, header + b"\n" + pickled.getvalue())
+    assert not Path("ran").exists()
 
 
 def test_foreign_or_damaged_checkpoints_are_refused() -> None:
