@@ -312,7 +312,9 @@ def test_conflicts_are_mended(own: dict[str, Any], words: str) -> None:
     assert too_near(problem, free) is not None
     made = planned(problem)
     assert re.search(words, made.mended), made.mended
-    assert re.search(r"come within \d+\.\d m of each other .* value changes by", made.mended)
+    said = re.search(r"come within \d+\.\d m of each other .* by ([+-]\d+\.\d\d) %$", made.mended)
+    assert said is not None
+    assert float(said[1]) == pytest.approx(100.0 * (made.value / free.value - 1.0), abs=0.006)
     assert made.value >= 0.4 * free.value
 
 

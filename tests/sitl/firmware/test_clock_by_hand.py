@@ -148,6 +148,17 @@ def test_time_is_half_a_second_ahead_of_what_was_heard_at_most(wall: Wall) -> No
     assert not clock.look()
 
 
+def test_a_battery_is_exchanged_for_a_fresh_one() -> None:
+    bridge = Asks()
+    bridge.plant.vehicle.drive((0.9,) * 4)
+    for _ in range(100):
+        bridge.plant.step()
+    clock = shared(bridge)
+    assert bridge.plant.battery.remaining < 1.0
+    clock.exchange_battery()
+    assert bridge.plant.battery.remaining == 1.0
+
+
 def test_a_firmware_that_starts_anew_has_ended_for_good() -> None:
     bridge = Asks()
     clock = shared(bridge)
@@ -164,6 +175,7 @@ def test_another_firmware_is_awaited_where_somebody_else_starts_it(wall: Wall) -
     seat = Bridged(3, lambda: cast(Bridge, next(waiting)), near_m=2.0, say=said.append)
     made[0].calls = False
     assert not seat.look()
+    assert seat.moving  # time is to go on for one that nobody flies
     assert (made[0].rests, seat.port) == (0, 4560)
     for _ in range(3):
         seat.plant.clock.tick += 5
