@@ -397,3 +397,37 @@ def test_ends_of_intervals_stop_where_the_quantity_does() -> None:
     )
     ((bar,),) = tables(described(less), "x", "high")
     assert (bar["x"], bar["high"]) == pytest.approx((-100.0, -92.0 + half), abs=1e-3)
+
+
+def test_curves_are_drawn_of_fourteen_groups_and_apart_from_eight() -> None:
+    assert len(pictures_of(by_setting(2, 7))) == len(pictures_of(state().results)) == 6
+    assert pictures_of(by_setting(3, 5)) == ()
+    (seven, *_), (eight, *_) = (pictures_of(by_setting(*of)) for of in ((1, 7), (2, 4)))
+    assert (seven.apart, len(seven.order)) == ((), 7)
+    assert eight.apart == tuple(f"extra_gain_db = {k}.0" for k in range(4))
+    assert eight.order == ("s0", "s1")
+    only = pictures_of(by_setting(8, 1))[0]
+    assert (only.apart, len(only.order)) == ((), 8)
+
+
+def test_bands_end_at_nothing_and_at_all() -> None:
+    def run(strategy: str, seed: int, share: float) -> RunResult:
+        row: Row = {"round": 1, "accuracy_a": share, "participation": share, "cov_a": 100 * share}
+        summary: Row = {"final_accuracy_a": share, "simulated_s": 0.0}
+        return RunResult(Point(strategy, seed, ()), summary, (row,), {})
+
+    low, high = (0.0, 0.02, 0.1), (1.0, 0.98, 0.9)
+    runs = [run(name, k, of[k]) for name, of in (("x", low), ("y", high)) for k in range(3)]
+    half = 4.302653 * 28.0**0.5 / 3.0**0.5
+    pictures = pictures_of(runs)
+    panels = {panel.column: (one, panel) for one in pictures for panel in one.panels}
+    for column, most in (("accuracy_a", 100.0), ("participation", 100.0), ("cov_a", 96.0 + half)):
+        picture, panel = panels[column]
+        bands = {
+            name: (of.mean.tolist(), of.low.tolist(), of.high.tolist())
+            for name, of in picture.curves(panel).items()
+        }
+        assert bands == {
+            "x": tuple(pytest.approx([v], abs=1e-4) for v in (4.0, 0.0, 4.0 + half)),
+            "y": tuple(pytest.approx([v], abs=1e-4) for v in (96.0, 96.0 - half, most)),
+        }
