@@ -198,6 +198,9 @@ def test_damaged_tables_are_named(tables: Path) -> None:
         read_sweep(tables)
     (tables / "rounds.csv").write_text(whole)
     runs = (tables / "runs.csv").read_text()
+    (tables / "runs.csv").write_text(runs.replace("cov-steps=2", '"cov"-steps=2'))
+    with pytest.raises(InputError, match=r"runs.csv: cannot read the table: .*expected after"):
+        read_sweep(tables)
     (tables / "runs.csv").write_text(runs.replace("cov-steps=2", "cov-steps=5"))
     with pytest.raises(InputError, match=r"steps=5-extra_gain_db=-7.0-seed1: no run of this sweep"):
         read_sweep(tables)
