@@ -127,7 +127,7 @@ def test_who_may_have_borrowed_an_address_is_sent_to_for_seconds_only(
 
     near, far = ("127.0.0.1", 1), ("192.0.2.7", 1)
     monkeypatch.setattr(link, "_socket", Net())
-    clock = iter([0.0, 9.0, 11.0, 59.0, 61.0])
+    clock = iter([0.0, 9.99, 10.0, 59.99, 60.0])
     monkeypatch.setattr("sitl.links.time.monotonic", lambda: next(clock))
     spoken += [(b"x", near), (b"x", far)]
     told = []

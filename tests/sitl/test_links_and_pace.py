@@ -19,7 +19,7 @@ from sitl_mavsdk import HOME, Recorder, make_vehicle, until
 from flightdyn.frames import LocalFrame
 from native.errors import InputError, LinkLostError
 from sitl.autopilot.codec.orders import MissionItem
-from sitl.links import FORGET_S, RawLink, UdpLink, _packed, network_link
+from sitl.links import FORGET_S, RawLink, TcpLink, UdpLink, _packed, network_link
 from sitl.pace import Runs, Simulation
 from sitl.vehicle import Vehicle
 
@@ -69,6 +69,61 @@ def test_datagrams_hold_whole_frames() -> None:
     assert b"".join(datagrams) == b"".join(frames)
     assert all(len(datagram) % 250 == 0 and len(datagram) <= 1400 for datagram in datagrams)
     assert _packed([]) == []
+    ends = [bytes(700), bytes(700), bytes(1), bytes(1399), bytes(2), bytes(1500), bytes(1)]
+    assert [len(datagram) for datagram in _packed(ends)] == [1400, 1400, 2, 1500, 1]
+
+
+@pytest.mark.parametrize(
+    ("url", "kind"),
+    [("udpin://127.0.0.1:0", UdpLink), ("udpin://0.0.0.0:65535", UdpLink),
+     ("udpout://localhost:1", UdpLink), ("udpout://10.0.0.1:65535", UdpLink),
+     ("tcpin://127.0.0.1:0", TcpLink), ("tcpout://10.0.0.1:5760", TcpLink),
+     ("tcp://10.0.0.1:65535", TcpLink)],
+)  # fmt: skip
+def test_addresses_at_the_ends_of_what_is_allowed(url: str, kind: type) -> None:
+    link = network_link(url)
+    assert type(link) is kind
+    assert (link.url, link.newcomers()) == (url, False)
+    with pytest.raises(LinkLostError, match="not open"):
+        link.receive() if kind is UdpLink else link.port
+    for wrong in (url.rpartition(":")[0] + ":65536", url.replace("://", ":/")):
+        with pytest.raises(InputError, match="no address of a link"):
+            network_link(wrong)
+
+
+def test_a_link_within_the_process_hands_on_both_ways() -> None:
+    async def run() -> None:
+        wakes, sent, link = list[int](), list[bytes](), RawLink()
+        link.feed(b"early")
+        link.send([b"to nobody"])
+        link.open(lambda: wakes.append(len(wakes)))
+        assert not link.newcomers()
+        link.attach(sent.append)
+        assert (link.newcomers(), link.newcomers()) == (True, False)
+        link.feed(b"one")
+        link.feed(b"two")
+        await asyncio.sleep(0)
+        assert wakes == [0, 1, 2]
+        assert link.receive() == [(None, b"early"), (None, b"one"), (None, b"two")]
+        assert link.receive() == []
+        link.send([b"a", b"b"], None)
+        link.send([])
+        assert sent == [b"ab"]
+        for number in range(4097):
+            link.feed(bytes([number % 256]))
+        await asyncio.sleep(0)
+        left = link.receive()
+        assert (len(left), left[0]) == (4096, (None, b"\x01"))  # the oldest is lost
+        link.detach()
+        link.send([b"c"])
+        link.close()
+        woken = len(wakes)
+        link.feed(b"late")
+        await asyncio.sleep(0)
+        assert sent == [b"ab"]
+        assert len(wakes) == woken == 3 + 4097
+
+    asyncio.run(run())
 
 
 def test_udp_answers_everybody_who_speaks_and_survives_their_leaving() -> None:

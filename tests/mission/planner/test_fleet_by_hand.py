@@ -117,3 +117,13 @@ def test_parts_serve_what_the_others_leave() -> None:
     assert np.flatnonzero(served(again)).tolist() == [0, 1]
     assert best_of([parts, whole, whole], 2) == [whole, parts]
     assert best_of([parts, whole], 1) == [whole]
+
+
+def test_aircraft_hear_alike_at_one_altitude_only() -> None:
+    """A search of all together then promises each what the best of them is."""
+    one, other = alone(drawn())
+    alike = team_of([one, other])
+    assert alike.one_radio
+    for case in alike.joint:
+        np.testing.assert_array_equal(case.relaxation.promise[:, 0], alike.promise.max(axis=0))
+    assert not team_of([one, other.at(one.channel.altitude_m + 40.0)]).one_radio
