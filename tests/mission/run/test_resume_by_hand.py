@@ -97,6 +97,9 @@ def test_what_is_no_checkpoint_any_more(run: Path) -> None:
         json.dumps({k: v for k, v in whole.items() if k != "data_dir"}): "not what aerofed run",
         json.dumps(edited): "its checksum differs, so it was changed or cut short",
         json.dumps({k: v for k, v in whole.items() if k != "sha256"}): "its checksum differs",
+        json.dumps({k: whole[k] for k in ("format", "config_sha256", "data_dir", "libraries")}): (
+            "its checksum differs"
+        ),
         # What has no seal is of an older format, which is said.
         json.dumps({**edited, "format": 4}): "its checkpoint is of format 4",
     }.items():
