@@ -157,7 +157,10 @@ def tiles(loaded: LoadedRun, **other: Any) -> list[tuple[str, str]]:
     changed = replace(made, total=replace(made.total, **other))
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(report_page, "compare_run", lambda _: changed)
-        return tiles_of(report_html(loaded))
+        patch.setattr(report_page, "card", lambda *_, **__: None)
+        patch.setattr(report_page, "page", lambda _, *, tiles, **__: tiles)
+        found: Any = report_html(loaded)  # the tiles alone: pictures take a second
+        return list(found)
 
 
 def tiles_of(page: str) -> list[tuple[str, str]]:
@@ -212,6 +215,31 @@ def test_tiles_of_flights_that_are_told_and_of_two_together(tmp_path: Path) -> N
         *(("2", "vehicles"), ("3.00 m", "nearest: vehicle-1 and vehicle-2")),
         ("20.0 s", "when they were nearest"),
     ]
+
+
+def test_the_film_of_a_flight_lasts_as_long_as_its_rounds_or_as_the_flight(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class SeenError(Exception):
+        """What the film was asked for; the rest of a page takes a second."""
+
+    def seen(_: object, spans_s: object) -> None:
+        raise SeenError(spans_s)
+
+    def spans(path: Path) -> Any:
+        with pytest.raises(SeenError) as found:
+            report_html(load_run(path))
+        return found.value.args[0]
+
+    monkeypatch.setattr(report_page, "film", seen)
+    (two := tmp_path / "two").mkdir()
+    fly(two, rounds=2)
+    assert spans(two) == {1: pytest.approx((15.4, 71.5)), 2: pytest.approx((71.5, 115.9))}
+    (one := tmp_path / "one").mkdir()
+    last_s = fly(one, rounds=1).samples[-1].t_ns / 1e9
+    assert spans(one) == {0: (0.0, last_s)}
+    log = head_on(tmp_path) / "vehicle-1" / "flight-0001.mcap"
+    assert spans(log) == {0: pytest.approx((0.0, 49.9), abs=0.2)}
 
 
 def test_it_shows_the_wind_and_what_the_estimator_refused(page: str) -> None:
