@@ -199,3 +199,12 @@ EXPORTED double queued(int64_t count, double *bound, int64_t room)
     }
     return closed;
 }
+
+/* How many devices would be at one stop if an edge of these (size,) were merged; those beyond are none. */
+EXPORTED int64_t merged_run(int64_t size, int64_t all, const int64_t *edges, int64_t edge)
+{
+    static Node node;
+    node.size = size;
+    for (int64_t i = 0; i < all; i++) node.edge[i] = (int8_t)edges[i];
+    return run_with(&node, edge);
+}

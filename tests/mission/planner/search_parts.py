@@ -166,3 +166,15 @@ def queued(bounds: Floats, room: int) -> tuple[Floats, float]:
         ctypes.c_int64(len(found)), ctypes.c_void_p(found.ctypes.data), ctypes.c_int64(room)
     )
     return found, closed
+
+
+def merged_run(edges: list[int], size: int, edge: int) -> int:
+    """How many devices would be at one stop if an edge of the first `size` were merged."""
+    kinds = np.array(edges, dtype=np.int64)
+    parts = _parts()
+    parts.merged_run.restype = ctypes.c_int64
+    found: int = parts.merged_run(
+        ctypes.c_int64(size), ctypes.c_int64(len(kinds)), ctypes.c_void_p(kinds.ctypes.data),
+        ctypes.c_int64(edge),
+    )  # fmt: skip
+    return found

@@ -11,6 +11,7 @@ from search_parts import (
     conjugate,
     hopeless,
     limit_of_step,
+    merged_run,
     newton_step,
     order_bound,
     queued,
@@ -287,3 +288,17 @@ def test_open_nodes_are_taken_by_their_bounds_as_far_as_there_is_room():
     taken, closed = queued(np.array([3.0, 1.0, 4.0, 1.5, 9.0, 2.6]), 4)
     assert taken.tolist() == [4.0, 3.0, 1.5, 1.0, -1.0, -1.0]
     assert closed == 9.0
+
+
+@pytest.mark.parametrize(
+    ("edges", "size", "edge", "devices"),
+    [
+        # 0 undecided, 1 merged, 2 barred: of the edge before each device.
+        ([0, 1, 0, 1, 1, 2, 0], 7, 2, 5), ([0, 1, 0, 1, 1, 2, 0], 7, 5, 4),
+        ([0, 1, 0, 1, 1, 2, 0], 7, 6, 2), ([0, 1, 0, 1, 1, 2, 0], 7, 0, 2),  # at the start itself
+        ([1, 1, 0, 1], 4, 2, 4), ([0, 0, 0, 0], 4, 2, 2),
+        ([0, 0, 0, 1], 3, 2, 2), ([1, 1, 0, 1], 3, 2, 3),  # what lies beyond is of another node
+    ],
+)  # fmt: skip
+def test_a_merged_edge_joins_the_runs_about_it(edges, size, edge, devices):
+    assert merged_run(edges, size, edge) == devices
