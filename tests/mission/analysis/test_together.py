@@ -165,8 +165,12 @@ def test_a_log_that_cannot_be_read_makes_it_unknown(
     assert call(asked) == 6
     told = f"aerofed: {other}: separation_min_m = not known: must be at least 2.99; damaged at byte"
     assert capsys.readouterr().err.startswith(told)
-    assert call([*asked, "--json"]) == 6
-    (its,) = json.loads(capsys.readouterr().out)["unread"]
+    assert call([*asked, "--json", "--junit", str(tmp_path / "v.xml")]) == 6
+    said = capsys.readouterr()
+    assert said.err.startswith(f"left out: {other}: damaged at byte")
+    lasted_s = [float(suite.get("time", "nan")) for suite in ET.parse(tmp_path / "v.xml").getroot()]
+    assert lasted_s[:4] == [49.9, 49.9, 49.7, 0.0]  # two flights, a pair, and what is unread
+    (its,) = json.loads(said.out)["unread"]
     assert its["unread"] == str(other)
     assert its["why"].startswith("damaged at byte")
     assert not its["limits_met"]
