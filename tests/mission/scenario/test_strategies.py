@@ -56,6 +56,12 @@ def test_stretch_closes_after_a_lap_and_goes_on() -> None:
     np.testing.assert_allclose(stretch(SQUARE, 1600.0, 800.0, 9), first)
 
 
+def test_a_stretch_has_the_corner_where_a_lap_ends() -> None:
+    """40 m before the first corner, and 150 m behind it in 3 legs."""
+    points = stretch(SQUARE, 1560.0, 190.0, 5)
+    np.testing.assert_allclose(points, [[0, 40], [0, 0], [50, 0], [100, 0], [150, 0]])
+
+
 def test_stretch_longer_than_a_lap() -> None:
     points = stretch(SQUARE, 0.0, 2000.0, 21)
     assert np.linalg.norm(np.diff(points, axis=0), axis=1).sum() == pytest.approx(2000.0)
