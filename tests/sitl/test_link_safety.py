@@ -14,7 +14,7 @@ from sitl_desk import Desk
 
 from native.errors import InputError
 from sitl.autopilot.codec.wire import Seal, key_of
-from sitl.links import MOST_PEERS, UdpLink
+from sitl.links import MOST_PEERS, UdpLink, network_link
 from sitl.pace import Simulation
 
 KEY = hashlib.sha256(b"a pass phrase").digest()
@@ -36,8 +36,10 @@ def opened(url: str) -> UdpLink:
 
 def test_a_called_link_lies_on_the_interface_of_its_peer(station: socket.socket) -> None:
     async def run() -> None:
-        link = opened(f"udpout://127.0.0.1:{station.getsockname()[1]}")
+        link = network_link(f"udpout://127.0.0.1:{station.getsockname()[1]}")
+        link.open(lambda: None)
         assert link._opened().getsockname()[0] == "127.0.0.1"
+        assert link.port >= 1024  # any that is free
         link.close()
 
     asyncio.run(run())

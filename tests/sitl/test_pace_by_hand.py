@@ -100,6 +100,7 @@ def test_telemetry_is_on_time_and_a_slow_machine_does_not_rush_later(
     ]  # fmt: skip
     late = Paced(due_s=-0.005).looks(monkeypatch, 3, speed=4.0)  # a step at least
     assert [t_ms for _, t_ms in late] == [0, 20, 40]
+    assert Paced(costs_s=0.025).looks(monkeypatch, 2, speed=4.0) == [(0, 0), (50, 40)]
     slow = Paced(costs_s=0.02)
     speeds = [4.0]
 
