@@ -80,6 +80,7 @@ def test_a_plan_is_met_at_its_speed_and_hovered_for_so_long() -> None:
     longer = flyer.wait_until(20 * S, flight)
     assert (flyer.t_ns, longer.t_ns[-1]) == (20 * S, 20 * S)
     assert longer.passages == flight.passages
+    assert heard.seen[-1][2] == [0.0, 0.0, 0.0]
     assert longer.true_ned_m[-1] == pytest.approx([20.0, 42.0, -60.0], abs=1e-3)
     asyncio.run(flyer.climb(80.0))
     asyncio.run(flyer.go_to(np.array([10.0, 31.0])))
