@@ -31,7 +31,7 @@ def test_frames_of_both_versions_are_told_apart() -> None:
     ]  # fmt: skip
 
 
-@pytest.mark.parametrize("frame", [NEW, OLD, SIGNED])
+@pytest.mark.parametrize("frame", [NEW, OLD, SIGNED], ids=["2", "1", "signed"])
 def test_what_is_no_whole_frame_ends_a_datagram(frame: bytes) -> None:
     whole = list(packets(frame))
     assert len(whole) == 1
