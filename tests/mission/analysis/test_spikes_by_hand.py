@@ -170,6 +170,9 @@ def test_a_leg_ends_where_the_next_one_begins() -> None:
     assert (unknown.item, unknown.length_m) == (6, 40.0)
     (_, short) = legs(replace(of, leg=np.where(T_S < 59.75, 1, 2)))
     assert (short.start_s, short.end_s, short.speed_mean_mps) == (59.75, 60.0, 1.0)
+    # Its speed is that over ground.
+    climbs = replace(of.truth, pos_m=of.truth.pos_m + np.outer(T_S, [0.0, 0.0, 2.0]))
+    assert [leg.speed_mean_mps for leg in legs(replace(of, truth=climbs))] == [1.0, 1.0]
     assert legs(replace(of, seqs=of.seqs[:0])) == ()
     assert [leg.item for leg in legs(replace(of, seqs=np.array([0, -1, -1, 6, 7])))] == [None, 6]
 
